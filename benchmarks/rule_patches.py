@@ -209,17 +209,6 @@ RULES: tuple[Rule, ...] = (
         ((FITTING, "            or is_structure(box, entry.points, voxels, owned)\n", ""),),
     ),
     Rule(
-        "structure: goes on below",
-        17,
-        (
-            (
-                FITTING,
-                "if entry.plane is not None and rests is not None and continues_below(entry.points, *rests, self._voxels):",
-                "if False:",
-            ),
-        ),
-    ),
-    Rule(
         "structure: plane beside its top",
         8,
         ((FITTING, "if self._planes.is_extended_by_plane(entry.box):", "if False:"),),

@@ -15,16 +15,17 @@ from cuboid.scene.saving import SceneState
 PAGE = Path(__file__).resolve().parent / "scene-state.md"
 HEAD = """# The state in a scene file
 
-The tables `parts` and `arrays` of [a scene file](scene.md#the-file) hold all that the tracker needs to go on, but for
-the points of the map. Each row of `parts` is one of the records below. Its `key` is its path, in which N is a number:
-`tracker/map/store/objects/17` is object 17. Its `fields` are a MessagePack map by name of the field.
+The tables `parts` and `arrays` of [a scene file](scene.md#the-file) hold the state from which the tracker continues,
+except for the points of the map. Each row of `parts` is one of the records below. Its `key` is a path, in which N is a
+number: `tracker/map/store/objects/17` is object 17. Its `fields` are a MessagePack map from the name of a field to its
+value.
 
-- An array is a list: its form (JSON: type, shape, and strides where it is not in C order) and its bytes.
+- An array is a list of its form (JSON: type, shape, and strides if it is not in C order) and its bytes.
 - An array of more than 512 bytes is a row of `arrays`; the field holds the `path` of that row.
-- A value that has fields itself, such as a `Box`, is a map of them.
-- A record within a record is a row of its own. Where there are many, the field lists their numbers.
+- A value with fields of its own, such as a `Box`, is a map of its fields.
+- A record in a record is a row of its own. A field with several records lists their numbers.
 
-`python docs/make_scene_state.py` makes this page from the classes themselves.
+`python docs/make_scene_state.py` makes this page from the classes.
 """
 
 
@@ -56,11 +57,11 @@ def markdown() -> str:
     """Return the page."""
     parts = [HEAD]
     for key, cls in records(SceneState):
-        layout, told, hints = layout_of(cls), attributes_of(cls), get_type_hints(cls)
+        layout, described, hints = layout_of(cls), attributes_of(cls), get_type_hints(cls)
         lines = [f"## `{key}`", "", (inspect.getdoc(cls) or "").partition("\n\n")[0].replace("\n", " "), ""]
         lines += ["| field | type | what |", "|---|---|---|"]
         for name in layout.names:
-            kind, what = told.get(name, (getattr(hints[name], "__name__", str(hints[name])), ""))
+            kind, what = described.get(name, (getattr(hints[name], "__name__", str(hints[name])), ""))
             if name in layout.one:
                 kind = f"row `{key}/{name}`"
             elif name in layout.many:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Generator
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from slow_files import SLOW_FILES
 # The same examples in every run; the first one of a kernel also compiles it, which no deadline allows for.
 settings.register_profile("cuboid", deadline=None, derandomize=True)
 settings.load_profile("cuboid")
+
+# A shell starts jobs in the background with Ctrl-C ignored; commands under test would inherit that and never end.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

@@ -53,7 +53,7 @@ def test_a_good_run_has_no_warnings() -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"frames_lost": 30}, "the camera was lost in 30 of 100 frames; move slower"),
+        ({"frames_lost": 30}, "the camera was lost in 30 of 100 frames; move the camera more slowly"),
         ({"frames_lost": 30, "every": 3}, "the camera was lost in 30 of 100 frames; read all frames with --every 1"),
         ({"frames_without_pose": 40}, "40 of 100 frames have no camera pose and were not used; --bridge"),
         ({"depth_fraction": 0.06}, "depth has few readings: 6 % of the pixels (median)"),
@@ -61,18 +61,21 @@ def test_a_good_run_has_no_warnings() -> None:
         ({"pose_fit": _fit(given=0.1, scaled=0.9, depth_factor=10.0)}, "run again with --depth-scale 100"),
         (
             {"pose_fit": _fit(given=0.3, converted=0.9)},
-            "the given poses are inverted (world to camera): read so, 90 % of the depth fits other frames, 30 % "
-            "as it is; run again with --pose-convention inverse",
+            "the given poses are inverted (world to camera): with this convention, 90 % of the depth agrees with other "
+            "frames, instead of 30 %; run again with --pose-convention inverse",
         ),
         (
             {"pose_fit": _fit(given=None, converted=0.9, convention=("wxyz", "mm"))},
-            "quaternions with w first and in millimetres: read so, 90 % of the depth fits other frames, 0 % as it is; "
-            "run again with --pose-convention wxyz,mm",
+            "quaternions with w first and in millimetres: with this convention, 90 % of the depth agrees with "
+            "other frames, instead of 0 %; run again with --pose-convention wxyz,mm",
         ),
-        ({"pose_fit": _fit(given=0.7, shifted=0.95, shift=3)}, "the given poses come 3 frames late: moved by as many"),
+        (
+            {"pose_fit": _fit(given=0.7, shifted=0.95, shift=3)},
+            "the given poses are 3 frames too late: with corrected times",
+        ),
         (
             {"pose_fit": _fit(given=0.7, shifted=0.95, shift=-2)},
-            "the given poses come 2 frames early: moved",
+            "the given poses are 2 frames too early",
         ),
         (
             {"pose_fit": _fit(given=0.5, moves=False)},
@@ -93,11 +96,11 @@ def test_each_fault_alone_gives_its_line_and_what_helps(change: dict, expected: 
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({}, "no object found: 400 boxes in 98 frames, none confirmed; look at 'cuboid render DIR --show planes'"),
-        ({"proposals": 0}, "no object found: no frame had a box of its own; look at 'cuboid render DIR --show heat'"),
+        ({}, "no object found: 400 3D proposals in 98 frames, none confirmed; check 'cuboid render DIR --show planes'"),
+        ({"proposals": 0}, "no object found: no frame had a 3D proposal; check 'cuboid render DIR --show heat'"),
         (
             {"frames_used": 4},
-            "no object found in 4 frames: a thing must be seen clearly about three times; record more",
+            "no object found in 4 frames: an object must be seen clearly about three times; record more",
         ),
         ({"frames_used": 4, "every": 9}, "--every 1 reads all"),
         ({"up_known": False}, "no object found, and up is not known: no floor or table was seen"),

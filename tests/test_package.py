@@ -37,6 +37,22 @@ def test_type_checkers_see_the_same_names() -> None:
     assert exported() == set(PUBLIC)
 
 
+def returned_types() -> set[str]:
+    """Return the classes of ours that stand in the return types of the queries of a map."""
+    queries = Path(cuboid.__file__).parent / "outputs" / "queries.py"
+    names, ours = set(), set()
+    for node in ast.walk(ast.parse(queries.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cuboid"):
+            ours |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and node.returns is not None:
+            names |= {part.id for part in ast.walk(node.returns) if isinstance(part, ast.Name)}
+    return names & ours
+
+
+def test_what_a_query_returns_is_public() -> None:
+    assert {"ObjectMesh", "Relation", "Wall"} <= returned_types() <= {*PUBLIC, "Float32Array", "Float64Array"}
+
+
 def test_another_name_is_not() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         _ = cuboid.nothing

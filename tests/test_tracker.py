@@ -231,7 +231,7 @@ def test_an_object_that_proves_not_to_be_there_is_retired_and_its_label_not_used
     follow(tracker, (frame_of(left, poses[k % 40], 20 + k) for k in range(240)))
     assert gone not in {o.label for o in tracker.objects}
     new = upright((0.45, 0.25), (0.1, 0.1, 0.1))
-    follow(tracker, (frame_of([*left, new], poses[k % 40], 260 + k) for k in range(60)))
+    follow(tracker, (frame_of([*left, new], poses[k % 40], 260 + k) for k in range(100)))
     assert matched(tracker, [new])[0][1] > 0.5
     assert matched(tracker, [new])[0][0] == 3
 

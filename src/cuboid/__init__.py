@@ -4,8 +4,8 @@ Open      open_recording, open_camera, open_results; Recording, LiveCamera, Fram
           Intrinsics, DepthCamera
 Track     Tracker, TrackerConfig, Proposals, ProposalSource, Detections, Detector, DriftCorrection; track_recording,
           RecordingLike, TrackerLike, Progress, RunOutcome, RunReport, Timing, LimitReached, IntoScene
-Results   Results, MapQueries, ObjectTable, TrackedObject, Box, PointCloud, MapPoints, SupportPlane, FrameResult,
-          Sighting, Proposal3D, FrameRecord, TrackRow
+Results   Results, MapQueries, ObjectTable, TrackedObject, Box, PointCloud, ObjectMesh, MapPoints, SupportPlane, Wall,
+          Relation, Branch, TextMatch, FrameResult, Sighting, ObjectEvent, Proposal3D, FrameRecord, TrackRow
 Scenes    Scene, SceneTracker, SceneObject, SceneRecording, ScenePast, SceneChange, Source
 Errors    CuboidError, InputError, ConfigError, FrameError, OutputError, MissingExtraError
 
@@ -40,11 +40,14 @@ if TYPE_CHECKING:
     from cuboid.core.frame import SkippedFrame as SkippedFrame
     from cuboid.core.results import FrameResult as FrameResult
     from cuboid.core.results import MapPoints as MapPoints
+    from cuboid.core.results import ObjectEvent as ObjectEvent
     from cuboid.core.results import Proposal3D as Proposal3D
+    from cuboid.core.results import Relation as Relation
     from cuboid.core.results import SceneChange as SceneChange
     from cuboid.core.results import Sighting as Sighting
     from cuboid.core.results import SupportPlane as SupportPlane
     from cuboid.core.results import TrackedObject as TrackedObject
+    from cuboid.core.results import Wall as Wall
     from cuboid.detection.types import Detections as Detections
     from cuboid.detection.types import Detector as Detector
     from cuboid.geometry.box import Box as Box
@@ -66,6 +69,7 @@ if TYPE_CHECKING:
     from cuboid.readers import Recording as Recording
     from cuboid.readers.depth_camera import DepthCamera as DepthCamera
     from cuboid.recordings.opening import open_recording as open_recording
+    from cuboid.relations import Branch as Branch
     from cuboid.scene import Scene as Scene
     from cuboid.scene import SceneObject as SceneObject
     from cuboid.scene import ScenePast as ScenePast
@@ -73,6 +77,8 @@ if TYPE_CHECKING:
     from cuboid.scene import SceneTracker as SceneTracker
     from cuboid.scene import Source as Source
     from cuboid.scene.running import IntoScene as IntoScene
+    from cuboid.shapes import ObjectMesh as ObjectMesh
+    from cuboid.text_search import TextMatch as TextMatch
     from cuboid.tracking.tracker import Tracker as Tracker
     from cuboid.tracking.types import Progress as Progress
     from cuboid.tracking.types import RecordingLike as RecordingLike
@@ -109,9 +115,15 @@ _MODULES = {
         "SupportPlane",
         "FrameResult",
         "Sighting",
+        "ObjectEvent",
         "Proposal3D",
         "SceneChange",
+        "Relation",
+        "Wall",
     ),
+    "cuboid.relations.tree": ("Branch",),
+    "cuboid.text_search.embeddings": ("TextMatch",),
+    "cuboid.shapes.mesh": ("ObjectMesh",),
     "cuboid.geometry.box": ("Box",),
     "cuboid.scene": ("Scene", "SceneTracker", "SceneObject", "SceneRecording", "ScenePast", "Source"),
     "cuboid.core.errors": ("InputError", "ConfigError", "FrameError", "OutputError", "MissingExtraError"),

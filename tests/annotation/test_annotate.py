@@ -260,7 +260,7 @@ def test_where_nothing_can_be_written_it_is_said_at_once(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert call(recording.path, "--output", tmp_path / "no" / "such.json") == 2
-    assert "name another file with --output" in capsys.readouterr().err
+    assert "choose another file with --output" in capsys.readouterr().err
     assert call(recording.path, "--output", tmp_path / "drawn.txt") == 2
     assert "must end with .json" in capsys.readouterr().err
 

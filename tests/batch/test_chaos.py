@@ -108,6 +108,6 @@ def test_a_second_batch_says_that_it_waits(tmp_path: Path) -> None:
         second = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=surroundings())
         assert second.stderr is not None
         line = second.stderr.readline()
-        assert line == f"cuboid: {tmp_path / 'store'}: another batch works on this store; waiting for its end\n"
+        assert line == f"cuboid: {tmp_path / 'store'}: another batch is working on this store; waiting until it ends\n"
     out, _ = second.communicate(timeout=LIMIT_S)
     assert (second.returncode, out.split(";")[0]) == (0, "1 done")

@@ -116,7 +116,7 @@ def test_the_command_writes_a_camera_that_the_readers_take(
     output = tmp_path / "camera.json"
     words = ["calibrate", str(recording.path), "--intrinsics", start, "--output", str(output)]
     assert main(words) == 0
-    assert "left as it is" in capsys.readouterr().out
+    assert "is unchanged" in capsys.readouterr().out
     found = open_recording(recording.path, intrinsics=output)
     assert found.intrinsics.fx == pytest.approx(truth.fx, rel=0.01)
     assert found.depth_units_per_metre == pytest.approx(5000)
@@ -134,7 +134,7 @@ def test_estimated_poses_and_unknown_intrinsics(
         (bare / name).symlink_to(recording.path / name)
     words = ["calibrate", str(bare), "--output", str(tmp_path / "c.json"), "--depth-scale", "5000", "--limit", "45"]
     assert main([*words, "--json", str(tmp_path / "figures.json")]) == 0
-    assert "poses that were estimated do not tell them" in capsys.readouterr().out
+    assert "estimated poses do not determine them" in capsys.readouterr().out
     found = json.loads((tmp_path / "c.json").read_text())
     figures = json.loads((tmp_path / "figures.json").read_text())
     assert figures["after"]["fx"] == pytest.approx(found["fx"], abs=1e-3)
@@ -148,8 +148,8 @@ def test_estimated_poses_and_unknown_intrinsics(
 def test_mistakes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = str(write_recording(tmp_path / "recording", 4))
     for words, says in (
-        (["--output", str(tmp_path / "camera.txt")], "is to be a .json file"),
-        (["--output", str(tmp_path / "no" / "camera.json")], "there is no folder"),
+        (["--output", str(tmp_path / "camera.txt")], "must be a .json file"),
+        (["--output", str(tmp_path / "no" / "camera.json")], "does not exist"),
         (["--output", str(tmp_path / "a.json")], "pairs of"),
         (["--output", str(tmp_path / "a.json"), "--intrinsics", str(tmp_path / "none.json")], "cannot be read"),
     ):

@@ -99,16 +99,16 @@ def test_depth_that_clearly_lies_beside_color_is_registered_unless_the_user_says
     folder, _ = deregistered
     assert main(["track", str(folder), "--output", str(tmp_path / "a")]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "warning: depth lay 1" in said
-    assert "--register off leaves depth as it is" in said
+    assert "warning: depth was displaced from color by 1" in said
+    assert "--register off leaves depth unchanged" in said
     config = json.loads((tmp_path / "a" / "run.json").read_text())["config"]
     assert config["depth_camera"]["fx"] == pytest.approx(DEPTH.fx, rel=0.01)
     assert np.shape(config["T_color_depth"]) == (4, 4)
     assert main(["report", str(tmp_path / "a"), "--force"]) == 0  # opens the recording as it was tracked
     assert main(["track", str(folder), "--register", "off", "--output", str(tmp_path / "b")]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "depth lies beside color, by about 1" in said
-    assert "--register on finds and mends it" in said
+    assert "depth is displaced from color by about 1" in said
+    assert "use --register on" in said
 
 
 @pytest.mark.parametrize("named", ["color", "depth"])
@@ -127,7 +127,7 @@ def test_no_word_where_depth_is_registered(registered, capsys, tmp_path):
     assert same is recording
     assert registration_warning(recording.read, recording.intrinsics, range(FRAMES)) is None
     assert main(["slam", str(folder), "--register", "--output", str(tmp_path / "out")]) == 0
-    assert "depth does not clearly lie beside color" in " ".join(capsys.readouterr().out.split())
+    assert "depth is not clearly displaced from color" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(

@@ -65,9 +65,12 @@ def test_ctrl_c_ends_with_a_whole_result(tmp_path: Path, silent: bool) -> None:
     ("words", "part"),
     [
         ((), "name a RECORDING, or a live camera with --camera"),
-        (("r", "--camera", "oak"), "a run has one source: the recording r, or --camera oak"),
-        (("r", "--record", "k"), "--record keeps the frames of --camera"),
-        (("--camera", "oak", "--depth-scale", "1000"), "--depth-scale is for recordings; a camera knows that itself"),
+        (("r", "--camera", "oak"), "a run has one source: either the recording r or --camera oak"),
+        (("r", "--record", "k"), "--record stores the frames of --camera"),
+        (
+            ("--camera", "oak", "--depth-scale", "1000"),
+            "--depth-scale is for recordings only; a camera provides this value",
+        ),
         (("--camera", "webcam"), "unknown camera 'webcam'; there are: oak, orbbec, realsense, record3d, ros2"),
     ],
 )

@@ -114,7 +114,7 @@ def test_version(call: Call) -> None:
         (("track", "r", "--output", "o", "--limit", "x"), "whole number of at least 1, got 'x'"),
         (("track", "r", "--output", "o", "--intrinsics", "1,2,3"), "expected FX,FY,CX,CY in pixels"),
         (("track", "r", "--output", "o", "--intrinsics", "1,nan,3,4"), "FX, FY > 0"),
-        (("track", "r", "--output", "o", "--depth-scale", "-1"), "depth units a metre"),
+        (("track", "r", "--output", "o", "--depth-scale", "-1"), "depth units per metre"),
         (("track", "r", "--output", "o", "--set", "voxel_m"), "expected NAME=VALUE"),
         (("track", "r", "--output", "o", "--out", "o"), "unrecognized arguments: --out"),
         (("track", "no-such-folder", "--output", "o"), "no-such-folder does not exist"),

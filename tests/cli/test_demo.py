@@ -55,5 +55,5 @@ def test_a_folder_that_is_no_demo_is_left_alone(tmp_path: Path) -> None:
     done = demo("--output", tmp_path, "--frames", "12")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert "not made by a demo" in done.stderr
+    assert "no demo has made it" in done.stderr
     assert (tmp_path / "recording" / "mine.txt").read_text() == "x"

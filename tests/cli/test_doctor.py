@@ -55,14 +55,29 @@ def test_a_missing_extra_is_no_fault_and_says_how_to_get_it(
 ) -> None:
     without(monkeypatch, "onnxruntime")
     assert main(["doctor"]) == 0
-    assert lines_of(capsys)["onnxruntime"] == ("missing", f"is not installed: {how_to_install('onnx')}")
+    assert lines_of(capsys)["extra onnx"] == ("missing", f"needs onnxruntime: {how_to_install('onnx')}")
 
 
-def test_each_package_of_each_extra_is_listed_once() -> None:
+def test_an_extra_that_is_there_in_part_names_what_it_needs(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without(monkeypatch, "trimesh")
+    assert main(["doctor"]) == 0
+    lines = lines_of(capsys)
+    for extra in ("synth", "shapes"):  # a package of two extras
+        state, detail = lines[f"extra {extra}"]
+        assert state == "missing"
+        assert "trimesh" in detail
+        assert detail.endswith(how_to_install(extra))
+
+
+def test_each_extra_is_one_line_with_its_packages(capsys: pytest.CaptureFixture[str]) -> None:
     project = Path(__file__).resolve().parents[2] / "pyproject.toml"
     extras = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["optional-dependencies"]
-    wanted = {canonicalize_name(Requirement(item).name) for name in extras if name != "dev" for item in extras[name]}
-    listed = [canonicalize_name(distribution) for distribution, _, extra in doctor.PACKAGES if extra]
-    assert sorted(listed) == sorted(wanted)
-    names = [distribution for distribution, *_ in doctor.PACKAGES]
-    assert len(names) == len(set(names))
+    wanted = {
+        name: [canonicalize_name(Requirement(item).name) for item in extras[name]] for name in extras if name != "dev"
+    }
+    assert {name: [package for package, _ in packages] for name, packages in doctor.EXTRAS.items()} == wanted
+    assert main(["doctor"]) == 0
+    shown = [line.split()[2] for line in capsys.readouterr().out.splitlines() if line.split()[1] == "extra"]
+    assert shown == list(doctor.EXTRAS)

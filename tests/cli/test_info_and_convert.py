@@ -26,10 +26,10 @@ def test_info_says_what_was_recognised_and_what_will_be_skipped(tmp_path, capsys
     for said in (
         "plain",
         "40 of 64 x 48 pixels",
-        "no times of its own: 30 Hz",
+        "the recording has no times: 30 Hz assumed",
         "fx 60.00 fy 61.00 cx 31.50 cy 23.50 (camera.json)",
-        "1000 units a metre",
-        "depth as aligned to color",
+        "1000 units per metre",
+        "depth taken as aligned to color",
         "38 of 40 frames, camera to world",
         "frame 7: depth image depth/000007.png is empty",
         "frame 38 and 1 more like it: poses.txt has no line for frame number 38",
@@ -50,7 +50,7 @@ def test_info_on_real_recordings(data_dir, capsys):
     assert main(["info", str(data_dir / "containers" / "azure-kinect")]) == 0
     out = capsys.readouterr().out
     assert "azure-kinect" in out
-    assert "registered to color from 640 x 576, fx 504.61, 32 mm beside" in out
+    assert "registered to color from 640 x 576, fx 504.61, 32 mm away" in out
 
 
 @pytest.mark.parametrize("form", ["plain", "tum", "mcap"])
@@ -109,7 +109,7 @@ def test_depth_of_its_own_camera_is_written_registered(tmp_path):
 def test_a_range_without_frames_is_refused(tmp_path, capsys):
     made = make_plain(tmp_path)
     assert main(["convert", str(made.path), "--output", str(tmp_path / "out"), "--first", "9"]) == 2
-    assert "has 5 frames, none from 9 to 4" in capsys.readouterr().err
+    assert "has 5 frames, none of them from 9 to 4" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

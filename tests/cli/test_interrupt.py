@@ -52,7 +52,7 @@ def test_what_is_done_is_written_and_marked(tmp_path: Path, number: signal.Signa
     out, err = process.communicate(timeout=20)
     assert process.returncode == status, err
     assert "Traceback" not in err
-    assert "not complete" in err
+    assert "incomplete" in err
     run = read_run(tmp_path / "out" / "run.json")
     assert not run.complete
     assert 5 <= run.frames_used < 200

@@ -69,7 +69,7 @@ def test_changes_are_told(path, tmp_path, capsys):
 
 
 def test_objects_are_merged_and_forgotten(path, capsys):
-    assert "#1 and #2 are #1" in said(capsys, "merge", path, 1, 2)
+    assert "#1 and #2 are now #1" in said(capsys, "merge", path, 1, 2)
     assert "merged into 1" in said(capsys, "list", path, "--all")
     assert "#1 is forgotten" in said(capsys, "forget", path, 1)
     assert "no object" in said(capsys, "list", path)
@@ -77,14 +77,14 @@ def test_objects_are_merged_and_forgotten(path, capsys):
 
 
 def test_files_are_checked_and_compacted(path, tmp_path, capsys):
-    assert "the scene is whole" in said(capsys, "check", path)
+    assert "no damage found" in said(capsys, "check", path)
     assert "became" in said(capsys, "compact", path)
     data = bytearray(path.read_bytes())
     data[8192:20000] = bytes(11808)
     path.write_bytes(bytes(data))
-    assert "the scene is whole" not in said(capsys, "check", path, status=2)
-    assert "what can be read is in" in said(capsys, "check", path, "--rescue", tmp_path / "new.cuboid")
-    assert "the scene is whole" in said(capsys, "check", tmp_path / "new.cuboid")
+    assert "no damage found" not in said(capsys, "check", path, status=2)
+    assert "the readable part is in" in said(capsys, "check", path, "--rescue", tmp_path / "new.cuboid")
+    assert "no damage found" in said(capsys, "check", tmp_path / "new.cuboid")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 from made_maps import box_of, grid, map_of, shell
 
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.objects.continuation import continues, continues_below, is_structure
+from cuboid.objects.continuation import continues, is_structure
 
 FLOOR = grid((-0.6, 0.6), (-0.6, 0.6), (-0.01, 0.0))
 THING, OTHER = 3, 8
@@ -77,18 +77,3 @@ def test_an_object_has_as_many_rows_as_are_asked_for_or_not() -> None:
     assert not voxels.stored.has_rows(THING, count + 1)
     assert voxels.stored.has_rows(OTHER, 0)
     assert not voxels.stored.has_rows(OTHER, 1)
-
-
-def test_the_side_of_a_shelf_that_is_higher_than_its_board_is_no_thing_on_the_board() -> None:
-    board, side = grid((0.02, 0.6), (0.0, 0.35), (0.58, 0.6)), grid((0.0, 0.02), (0.0, 0.35), (0.0, 0.58))
-    lip = grid((0.0, 0.02), (0.0, 0.35), (0.6, 0.62))
-    voxels = map_of((board, 0), (side, 0), (lip, THING))
-    assert continues_below(lip.astype(np.float32), UP, -0.6, voxels)
-
-
-def test_what_stands_on_a_board_does_not_carry_it_whatever_is_on_the_next_one_below() -> None:
-    board, front = grid((0.0, 0.6), (0.0, 0.35), (0.58, 0.6)), grid((0.0, 0.6), (0.0, 0.01), (0.5, 0.6))
-    book = grid((0.1, 0.3), (0.0, 0.15), (0.6, 0.62))
-    below = shell((0.1, 0.3), (0.0, 0.15), (0.3, 0.57))
-    voxels = map_of((board, 0), (front, 0), (book, THING), (below, OTHER))
-    assert not continues_below(book.astype(np.float32), UP, -0.6, voxels)

@@ -103,20 +103,6 @@ def test_a_label_has_its_box_fitted_anew_when_more_was_seen_and_from_one_place_w
     assert entry.fitted == 11
 
 
-def test_what_carries_the_plane_that_it_lies_on_loses_its_label_at_the_second_fit() -> None:
-    lip, side = grid((0.3, 0.35), (0.2, 0.5), (0.01, 0.05)), grid((0.3, 0.35), (0.2, 0.5), (-0.3, 0.0))
-    fitting, entry = seen(lip, side)
-    entry.state, entry.log_odds = State.CONFIRMED, 9.0
-    fitting.fit(entry)
-    assert entry.supports_plane
-    assert entry.state is State.CONFIRMED
-    fitting.fit(entry)
-    assert entry.state is State.RETIRED
-    alone, book = seen(lip)
-    alone.fit(book)
-    assert not book.supports_plane
-
-
 @pytest.mark.parametrize(
     ("above", "top_m", "state"),
     [

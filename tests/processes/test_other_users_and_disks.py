@@ -63,6 +63,18 @@ def test_another_user_tracks_what_root_recorded(place: Path, theirs: Path) -> No
     assert contents(recording) == before
 
 
+def test_a_home_that_cannot_be_searched_is_passed_over(place: Path, theirs: Path) -> None:
+    home = place / "closed"
+    home.mkdir(mode=0o700)
+    own = {**surroundings(home), "TMPDIR": str(theirs)}
+    done = run(as_nobody(command("doctor")), env=own)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"{theirs}/cuboid-kernels-65534" in done.stdout
+    listed = run(as_nobody(command("scene", "list", theirs / "none.cuboid")), env=own)
+    assert (listed.returncode, listed.stderr.count("\n")) == (2, 1)
+    assert "there is no such scene file" in listed.stderr
+
+
 def test_another_user_spoils_nothing_of_roots(place: Path, theirs: Path) -> None:
     recording, own = write_recording(place / "recording", 12), surroundings(theirs)
     out = place / "out"

@@ -118,6 +118,8 @@ def test_the_page_follows_a_run_to_its_end(watched: Watched) -> None:
             assert place is not None
             assert 0 <= place["x"] < place["x"] + place["width"] <= 390
         assert page.locator("#objects .object").is_visible()
+        assert page.locator("#scale").is_visible()
+        assert not page.locator("#notice").is_visible()  # it would cover the scale bar
         page.set_viewport_size(VIEWPORT)
         run.end()
         page.wait_for_selector("body[data-ended]")

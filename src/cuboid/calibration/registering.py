@@ -220,8 +220,8 @@ def registration_warning(read: Callable[[int], Frame], intrinsics: Intrinsics, f
     if found is None or not is_off(found, intrinsics):
         return None
     return (
-        f"depth lies beside color, by about {found.off_px:.0f} px: they are not registered; --register on finds and "
-        "mends it, or name the depth camera in camera.json"
+        f"depth is displaced from color by about {found.off_px:.0f} px: it is not registered; use --register on, or "
+        "describe the depth camera in camera.json"
     )
 
 

@@ -1,4 +1,4 @@
-"""`cuboid annotate`: draw rectangles into some frames of a recording, by which results of it can be judged."""
+"""`cuboid annotate`: draw rectangles into some frames of a recording, as a truth for its results."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ NAME = "keyframes.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     add_reading(parser, thinned=False, tracked=False)
     add_output(
         parser,
         type=Path,
         metavar="FILE",
-        help=f"file of the keyframes, new or to be continued (default: {NAME} in the recording)",
+        help=f"file of the keyframes; an existing file is continued (default: {NAME} in the recording)",
     )
     parser.add_argument(
         "--every",
         type=positive,
         metavar="N",
-        help=f"suggest each N-th frame (default: so many that about {SUGGESTED} are suggested)",
+        help=f"suggest every N-th frame (default: about {SUGGESTED} frames in all)",
     )
     add_page(parser)
 
@@ -61,5 +61,5 @@ def _path(output: Path | None, recording: Recording) -> Path:
     if path.suffix != ".json":
         raise OutputError(f"{path}: the name of a file of keyframes must end with .json")
     if not os.access(path.parent, os.W_OK):
-        raise OutputError(f"{path}: cannot be written there; name another file with --output")
+        raise OutputError(f"{path}: its folder is missing or not writable; choose another file with --output")
     return path

@@ -14,10 +14,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cuboid import __version__
 from cuboid.cli.progress import LINE_EVERY_S
-from cuboid.cli.recording import add_reading_options, add_tracking, config_from, reading_from
+from cuboid.cli.recording import add_reading_options, add_relations, add_tracking, config_from, reading_from
 from cuboid.cli.results import add_output, add_results, give
+from cuboid.cli.text_model import add_embedding, embedding_model
 from cuboid.cli.workers import add_workers, workers_from
-from cuboid.core.errors import one_line, printable
+from cuboid.core.errors import counted, one_line, printable
 
 if TYPE_CHECKING:
     from cuboid.batch.batch import Plan
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class BatchProgress:
-    """A bar on a terminal, elsewhere a line now and then; a context manager."""
+    """A progress bar on a terminal, else a line from time to time; a context manager."""
 
     def __init__(self, planned: Plan, dashboard: str) -> None:
         self._planned = planned
@@ -51,7 +52,9 @@ class BatchProgress:
         known = f"{self._planned.done} done before" + (
             f", {self._planned.failed} failed before" if self._planned.failed else ""
         )
-        self._say(f"cuboid: {len(self._planned.tasks)} recordings to track, {known}; dashboard {self._dashboard}")
+        self._say(
+            f"cuboid: {counted(len(self._planned.tasks), 'recording')} to track, {known}; dashboard {self._dashboard}"
+        )
         for source, reason in self._planned.broken.items():
             self._say(f"cuboid: {source.name}: {reason}")
         self._bar.start()
@@ -69,7 +72,7 @@ class BatchProgress:
         self._objects += one.objects
         if one.reason is not None:
             self._say(f"cuboid: {one.head.recording}: {one.state}: {one.reason}")
-        self._bar.update(self._task, advance=1, state=f"{self._objects} objects")
+        self._bar.update(self._task, advance=1, state=counted(self._objects, "object"))
         self._line()
 
     def count(self, state: str) -> int:
@@ -89,8 +92,9 @@ class BatchProgress:
         states = ", ".join(f"{count} {state}" for state, count in sorted(self._states.items())) or "nothing to do"
         broken = f", {len(self._planned.broken)} not listed" if self._planned.broken else ""
         before = f"; {self._planned.done} done before" if self._planned.done else ""
-        found = f"{self._frames} frames, {self._objects} objects in {time.monotonic() - self._begun_s:.1f} s"
-        return printable(f"{states}{broken}{before}; {found}; store {store}")
+        found = f"{counted(self._frames, 'frame')}, {counted(self._objects, 'object')}"
+        seconds = time.monotonic() - self._begun_s
+        return printable(f"{states}{broken}{before}; {found} in {seconds:.1f} s; store {store}")
 
     def _line(self) -> None:
         now_s = time.monotonic()
@@ -99,7 +103,9 @@ class BatchProgress:
         self._last_s = now_s
         done, total = self._states.total(), len(self._planned.tasks)
         left_s = (now_s - self._begun_s) / done * (total - done)
-        self._say(f"cuboid: {done} of {total} recordings, {self._objects} objects, about {duration(left_s)} left")
+        self._say(
+            f"cuboid: {done} of {total} recordings, {counted(self._objects, 'object')}, about {duration(left_s)} left"
+        )
 
     def _say(self, line: str) -> None:
         if self._console.is_terminal:
@@ -123,21 +129,27 @@ NAMED = 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     parser.add_argument(
         "sources",
         nargs="+",
         metavar="SOURCE",
-        help="a recording, a folder of recordings, a glob in quotes, a .txt with one a line, or a URL",
+        help="a recording, a folder of recordings, a glob in quotes, a .txt file with a recording per line, or a URL",
     )
     results = parser.add_argument_group("results")
     add_output(results, required=True, metavar="STORE", help="folder or URL of the store")
-    results.add_argument("--tables-only", action="store_true", help="keep the tables alone, no folder a recording")
-    results.add_argument("--retry", action="store_true", help="try again what failed or was set aside")
     results.add_argument(
-        "--tag", metavar="NAME", help="name this version, as in 1.0+NAME: it is done anew, and compared"
+        "--tables-only", action="store_true", help="store the tables only, without a result folder per recording"
     )
-    results.add_argument("--dry-run", action="store_true", help="say what would be done, and do nothing")
+    add_relations(results)
+    results.add_argument("--retry", action="store_true", help="also retry recordings that failed or were set aside")
+    results.add_argument(
+        "--tag",
+        metavar="NAME",
+        help="name of this version, as in 1.0+NAME: all recordings are tracked again, and the versions can be compared",
+    )
+    add_embedding(results)
+    results.add_argument("--dry-run", action="store_true", help="print what would be tracked, and track nothing")
     add_results(results)
     add_workers(parser)
     add_reading_options(parser)
@@ -145,7 +157,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Track what is not done yet."""
+    """Track the recordings that are not done yet."""
     from cuboid.core.extras import need_cluster
 
     need_cluster("cuboid batch")
@@ -160,13 +172,15 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.store.schema import DONE
 
     version = f"{__version__}+{args.tag}" if args.tag else __version__
+    embedding_model(args)  # what does not fit is told before workers are started
     order = Order(args.output, settings_from(args), args.tables_only, args.retry, version)
     sources = expand(args.sources)
     place = Place(order.store)  # a mistake in its name is told before workers are started
 
     def waiting() -> None:
         print(
-            one_line(f"cuboid: {order.store}: another batch works on this store; waiting for its end"), file=sys.stderr
+            one_line(f"cuboid: {order.store}: another batch is working on this store; waiting until it ends"),
+            file=sys.stderr,
         )
 
     with workers_from(args).connected() as client, nullcontext() if args.dry_run else claimed(place, waiting):
@@ -179,7 +193,8 @@ def run(args: argparse.Namespace) -> int:
                 carry_out(client, planned, order, shown.ended)
             except KeyboardInterrupt:
                 print(
-                    "cuboid: interrupted; what is done is kept, and the same call goes on from there", file=sys.stderr
+                    "cuboid: interrupted; finished recordings are kept, and the same call continues with the others",
+                    file=sys.stderr,
                 )
                 return 130
     if planned.tasks:
@@ -196,7 +211,7 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
     from cuboid.core.errors import InputError
 
     if isinstance(args.intrinsics, Path):
-        raise InputError("--intrinsics: a batch takes FX,FY,CX,CY; a camera.json belongs beside each recording")
+        raise InputError("--intrinsics: a batch takes FX,FY,CX,CY only; put a camera.json into each recording instead")
     return {
         "reading": reading_from(args),
         "tracker": config_from(args).to_dict(),
@@ -209,6 +224,8 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
         # only where asked for: the settings are part of what a run in the store is known by
         **({"detector": args.detector} if args.detector else {}),
         **({"detector_every": args.detector_every} if args.detector_every else {}),
+        **({"relations": True} if args.relations else {}),
+        **({"text_model": args.text_model} if args.text_model else {}),
     }
 
 
@@ -231,4 +248,6 @@ def _print_plan(planned: Plan) -> None:
         print(f"and {len(planned.tasks) - NAMED} more")
     for source, reason in planned.broken.items():
         print(f"cannot be listed: {source.name}: {reason}")
-    print(f"{len(planned.tasks)} to do, {planned.done} done, {planned.failed} failed before (--retry tries them again)")
+    print(
+        f"{len(planned.tasks)} to do, {planned.done} done, {planned.failed} failed before (--retry tracks them again)"
+    )

@@ -1,4 +1,4 @@
-"""`cuboid bench`: what a frame costs on this machine, stage by stage."""
+"""`cuboid bench`: measure the time of a frame on this machine, stage by stage."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TAIL = {"median": "median", "99th percentile": "p99", "worst": "worst"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     add_recording(parser, default_threads=1)
     add_results(parser)
 
@@ -130,7 +130,7 @@ def _print(measured: dict[str, Any], outcome: RunOutcome) -> None:
         markup=False,
     )
     out.print(timings_table(outcome.report.milliseconds))
-    out.print(f"{measured['frames_per_second']:.1f} frames/s, {measured['peak_memory_mb']:.0f} MB at most")
+    out.print(f"{measured['frames_per_second']:.1f} frames/s, {measured['peak_memory_mb']:.0f} MB at peak")
     for line in _tail_lines(measured):
         out.print(line)
     drift = measured["over_time"]

@@ -1,4 +1,4 @@
-"""`cuboid calibrate`: the intrinsics of a recording, found in the recording itself."""
+"""`cuboid calibrate`: estimate the intrinsics of a recording from its frames."""
 
 from __future__ import annotations
 
@@ -21,30 +21,28 @@ UNKNOWN_FOCAL_FRACTION = 0.83
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     results = parser.add_argument_group("results")
-    add_output(
-        results, type=Path, required=True, metavar="FILE", help="the camera.json to write; --intrinsics takes it"
-    )
+    add_output(results, type=Path, required=True, metavar="FILE", help="the camera.json to write, for --intrinsics")
     add_results(results)
     reading = add_reading(parser, tracked=False)
     reading.add_argument(
         "--poses",
         choices=("given", "auto", "corrected", "estimated"),
-        help="the recording's own poses (given, auto), or poses estimated along (default: its own where it has them)",
+        help="poses of the recording (given, auto), or estimated ones (default: given if the recording has them)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate, write, and say how sure it is."""
+    """Calibrate, write, and print the result with its errors."""
     from cuboid.core.errors import OutputError
     from cuboid.core.threads import limit_threads
 
     limit_threads(1)
     if args.output.suffix != ".json":
-        raise OutputError(f"{args.output}: is to be a .json file")
+        raise OutputError(f"{args.output}: must be a .json file")
     if not args.output.parent.is_dir():
-        raise OutputError(f"{args.output}: there is no folder {args.output.parent}")
+        raise OutputError(f"{args.output}: the folder {args.output.parent} does not exist")
     if args.output.exists() and not args.force:
         raise OutputError(f"{args.output}: exists; --force replaces it")
     from cuboid.calibration import calibrate_recording
@@ -122,16 +120,19 @@ def _print(found: CalibrationResult, recording: Recording, output: Path) -> None
     units = recording.depth_units_per_metre
     scale = found.depth_scale
     table.add_row(
-        "depth units a metre", f"{units:g}", f"{units / scale:.6g}", _error(found.depth_scale_error * units / scale, 0)
+        "depth units per metre",
+        f"{units:g}",
+        f"{units / scale:.6g}",
+        _error(found.depth_scale_error * units / scale, 0),
     )
     out.print(table)
     poses = (
-        f"; poses of a pair are off by {1000 * found.pose_error_m:.1f} mm and "
+        f"; the poses of a pair have an error of {1000 * found.pose_error_m:.1f} mm and "
         f"{math.degrees(found.pose_error_rad):.2f} degrees"
     )
     out.print(
-        f"{found.pairs} pairs of {found.frames} frames: their depths differ by {1000 * found.gap_after_m:.1f} mm "
-        f"(median), before by {1000 * found.gap_before_m:.1f} mm{'' if math.isnan(found.pose_error_m) else poses}"
+        f"{found.pairs} pairs of {found.frames} frames: median difference of depths {1000 * found.gap_after_m:.1f} mm, "
+        f"before {1000 * found.gap_before_m:.1f} mm{'' if math.isnan(found.pose_error_m) else poses}"
     )
     out.print(_depth_line(found), markup=False)
     out.print(f"written: {output}", markup=False)
@@ -143,8 +144,8 @@ def _error(value: float, digits: int) -> str:
 
 def _depth_line(found: CalibrationResult) -> str:
     if found.depth_scale_error != found.depth_scale_error:
-        return "optical centre and depth scale are as before: poses that were estimated do not tell them"
-    seen = f"a metre of depth is {found.measured_depth_scale:.4f} +- {found.depth_scale_error:.4f} m"
+        return "optical centre and depth scale are unchanged: estimated poses do not determine them"
+    seen = f"one metre of depth measures {found.measured_depth_scale:.4f} +- {found.depth_scale_error:.4f} m"
     if found.depth_scale == 1.0:
-        return f"{seen}: not clearly off, left as it is"
-    return f"{seen}, unless the poses are wrong by that; the depth scale is changed"
+        return f"{seen}: no clear error, the depth scale is unchanged"
+    return f"{seen}: the depth scale is changed (the scale of the poses is taken as right)"

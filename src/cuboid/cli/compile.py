@@ -1,4 +1,4 @@
-"""`cuboid compile`: compiles the kernels ahead of the first run."""
+"""`cuboid compile`: compile the kernels ahead of the first run."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ EXAMPLE = "cuboid compile"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     from cuboid.cli.results import add_results
 
     add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compile, and say where the kernels are kept."""
+    """Compile, and print the folder of the kernels."""
     from cuboid.cli.progress import counting
     from cuboid.cli.results import give
     from cuboid.core.threads import limit_threads
@@ -33,6 +33,6 @@ def run(args: argparse.Namespace) -> int:
     there = sum(kernel.cached for kernel in KERNELS.values())
     folder, seconds = str(cache_folder()), compiling_s()
     document = {"compiled": done, "seconds": seconds, "cached": there, "kernels": len(KERNELS), "folder": folder}
-    line = f"{done} kernels compiled in {seconds:.0f} s; {there} of {len(KERNELS)} are in {folder}"
+    line = f"{done} kernels compiled in {seconds:.0f} s; {there} of {len(KERNELS)} kernels are in {folder}"
     give(args, document, lambda: print(line))
     return 0

@@ -1,4 +1,4 @@
-"""`cuboid convert`: any readable recording in another form."""
+"""`cuboid convert`: convert a recording to another format."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ SHOWN = 8
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     results = parser.add_argument_group("results")
     add_output(results, type=Path, required=True, metavar="DIR", help="folder of the new recording")
     add_results(results)
-    results.add_argument("--to", choices=FORMS, default="plain", help="its form (default: plain)")
-    cut = parser.add_argument_group("cutting")
+    results.add_argument("--to", choices=FORMS, default="plain", help="format of the new recording (default: plain)")
+    cut = parser.add_argument_group("frames")
     cut.add_argument("--first", type=_number, default=0, metavar="N", help="first frame, counted from 0")
     cut.add_argument("--last", type=_number, metavar="N", help="last frame")
-    cut.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
+    cut.add_argument("--every", type=positive, default=1, metavar="N", help="use every N-th frame")
     add_reading(parser, thinned=False, tracked=False)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Convert, and say what was left out."""
+    """Convert, and print the frames that were left out."""
     from cuboid.cli.progress import counting
     from cuboid.core.errors import InputError, OutputError
     from cuboid.core.threads import limit_threads
@@ -39,11 +39,11 @@ def run(args: argparse.Namespace) -> int:
     limit_threads(1)
     recording = open_from(args)
     if real_path(args.output) == recording.path.resolve():
-        raise OutputError(f"{args.output}: is the recording itself; name another output folder")
+        raise OutputError(f"{args.output}: is the recording itself; choose another output folder")
     last = len(recording) - 1 if args.last is None else args.last
     frames = range(args.first, min(last + 1, len(recording)), args.every)
     if not frames:
-        raise InputError(f"{recording.path}: has {len(recording)} frames, none from {args.first} to {last}")
+        raise InputError(f"{recording.path}: has {len(recording)} frames, none of them from {args.first} to {last}")
     with counting("converting") as shown:
         skipped = convert_recording(recording, args.output, args.to, frames, force=args.force, progress=shown)
     document = {

@@ -1,4 +1,4 @@
-"""`cuboid demo`: a recording made here, tracked, and compared with what is known of it."""
+"""`cuboid demo`: make a recording, track it, and compare the result with the known truth."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ RECORDING, RESULTS = "recording", "results"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     add_output(
         parser,
         type=Path,
         default=Path("cuboid-demo"),
         metavar="DIR",
-        help="folder of recording and results; an earlier demo there is replaced (default: %(default)s)",
+        help="folder of the recording and the results; an earlier demo in it is replaced (default: %(default)s)",
     )
-    parser.add_argument("--frames", type=positive, metavar="N", help="length of the recording")
-    parser.add_argument("--no-video", action="store_true", help="leave out labelled.mp4")
+    parser.add_argument("--frames", type=positive, metavar="N", help="number of frames")
+    parser.add_argument("--no-video", action="store_true", help="do not write labelled.mp4")
     add_results(parser)
     add_threads(parser, default=min(2, cores()))
 
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
     give(args, {**outcome_document(outcome, results), "evaluation": found.to_dict()}, show)
     if not outcome.report.complete:
-        print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
+        print("cuboid: interrupted; the results are marked as incomplete", file=sys.stderr)
         return interruption.status
     return 0
 
@@ -73,7 +73,7 @@ def _make(path: Path, frames: int | None, threads: int) -> None:
     from cuboid.synthetic.truth import TRUTH
 
     if path.exists() and not (path / TRUTH).is_file():
-        raise OutputError(f"{path}: exists and was not made by a demo; name another --output")
+        raise OutputError(f"{path}: exists, and no demo has made it; choose another --output")
     with counting("making a recording") as count:
         scene = demo_scene() if frames is None else demo_scene(frames)
         render_recording(scene, path, workers=threads, force=True, progress=count)

@@ -1,4 +1,4 @@
-"""`cuboid doctor`: whether all is here that a run needs."""
+"""`cuboid doctor`: check what a run needs."""
 
 from __future__ import annotations
 
@@ -13,47 +13,50 @@ from pathlib import Path
 
 from cuboid import __version__
 from cuboid.cli.results import add_results, give
-from cuboid.core.extras import NOT_INSTALLED, how_to_install
+from cuboid.core.extras import how_to_install
 from cuboid.core.threads import cores
 
 EXAMPLE = "cuboid doctor"
 
-# Distribution, module (none where importing it writes to the terminal), and the extra that brings it; a run is
-# impossible without those that no extra brings.
+# Packages that each run needs: distribution, and module ("" where importing it writes to the terminal).
 PACKAGES = (
-    ("numpy", "numpy", ""),
-    ("msgspec", "msgspec", ""),
-    ("scipy", "scipy", ""),
-    ("numba", "numba", ""),
-    ("opencv-contrib-python-headless", "cv2", ""),
-    ("rich", "rich", ""),
-    ("av", "av", ""),
-    ("trimesh", "trimesh", "synth"),
-    ("embreex", "embreex", "synth"),
-    ("argcomplete", "argcomplete", ""),
-    ("rosbags", "rosbags", "ros"),
-    ("openexr", "OpenEXR", "phone"),
-    ("pyrealsense2", "pyrealsense2", "realsense"),
-    ("depthai", "", "oak"),
-    ("cyclonedds", "cyclonedds", "ros2"),
-    ("foxglove-sdk", "foxglove", "foxglove"),
-    ("onnxruntime", "onnxruntime", "onnx"),
-    ("rerun-sdk", "rerun", "rerun"),
-    ("matplotlib", "matplotlib", "plot"),
-    ("scikit-image", "skimage", "shapes"),
-    ("coacd", "coacd", "shapes"),
-    ("usd-core", "pxr", "usd"),
-    ("pyliblzfse", "liblzfse", "phone"),
-    ("fsspec", "fsspec", "remote"),
-    ("aiohttp", "aiohttp", "remote"),
-    ("s3fs", "s3fs", "remote"),
-    ("gcsfs", "", "remote"),
-    ("distributed", "distributed", "cluster"),
-    ("pyarrow", "pyarrow", "cluster"),
-    ("duckdb", "duckdb", "cluster"),
-    ("starlette", "starlette", "cluster"),
-    ("uvicorn", "uvicorn", "cluster"),
+    ("numpy", "numpy"),
+    ("msgspec", "msgspec"),
+    ("scipy", "scipy"),
+    ("numba", "numba"),
+    ("opencv-contrib-python-headless", "cv2"),
+    ("rich", "rich"),
+    ("av", "av"),
+    ("argcomplete", "argcomplete"),
 )
+# The packages of each extra; a package may belong to several.
+EXTRAS = {
+    "synth": (("trimesh", "trimesh"), ("embreex", "embreex")),
+    "ros": (("rosbags", "rosbags"),),
+    "ros2": (("cyclonedds", "cyclonedds"), ("rosbags", "rosbags")),
+    "foxglove": (("foxglove-sdk", "foxglove"),),
+    "realsense": (("pyrealsense2", "pyrealsense2"),),
+    "oak": (("depthai", ""),),
+    "phone": (("openexr", "OpenEXR"), ("pyliblzfse", "liblzfse")),
+    "remote": (("fsspec", "fsspec"), ("aiohttp", "aiohttp"), ("s3fs", "s3fs"), ("gcsfs", "")),
+    "onnx": (("onnxruntime", "onnxruntime"),),
+    "names": (("onnxruntime", "onnxruntime"), ("tokenizers", "tokenizers")),
+    "plot": (("matplotlib", "matplotlib"),),
+    "rerun": (("rerun-sdk", "rerun"),),
+    "shapes": (("scikit-image", "skimage"), ("trimesh", "trimesh"), ("coacd", "coacd")),
+    "usd": (("usd-core", "pxr"),),
+    "serve": (("starlette", "starlette"), ("uvicorn", "uvicorn"), ("websockets", "websockets")),
+    "mcp": (("mcp", "mcp"),),
+    "cluster": (
+        ("distributed", "distributed"),
+        ("pyarrow", "pyarrow"),
+        ("duckdb", "duckdb"),
+        ("fsspec", "fsspec"),
+        ("s3fs", "s3fs"),
+        ("starlette", "starlette"),
+        ("uvicorn", "uvicorn"),
+    ),
+}
 
 OK, MISSING, BAD = "ok", "missing", "BAD"
 
@@ -66,7 +69,7 @@ class Check:
     ----------
     name : str
     state : str
-        `OK`; `MISSING`: a package of an extra, which only some features need; `BAD`: a run will fail.
+        `OK`; `MISSING`: an extra, which only some features need; `BAD`: a run will fail.
     detail : str
     """
 
@@ -100,15 +103,35 @@ def _system() -> Iterator[Check]:
 
 
 def _packages() -> Iterator[Check]:
-    for distribution, module, extra in PACKAGES:
+    for distribution, module in PACKAGES:
         try:
-            if module:
-                import_module(module)
-            yield Check(distribution, OK, metadata.version(distribution))
-        except ImportError as error:  # metadata.PackageNotFoundError is one
-            detail = f"{NOT_INSTALLED}: {how_to_install(extra)}" if extra else f"cannot be imported: {error}"
-            yield Check(distribution, MISSING if extra else BAD, detail)
+            yield Check(distribution, OK, _version(distribution, module))
+        except ImportError as error:
+            yield Check(distribution, BAD, f"cannot be imported: {error}")
     yield _opencv_parts()
+    for extra, packages in EXTRAS.items():
+        yield _extra(extra, packages)
+
+
+def _extra(extra: str, packages: tuple[tuple[str, str], ...]) -> Check:
+    """Look for all packages of an extra."""
+    versions, missing = [], []
+    for distribution, module in packages:
+        try:
+            versions.append(f"{distribution} {_version(distribution, module)}")
+        except ImportError:
+            missing.append(distribution)
+    name = f"extra {extra}"
+    if missing:
+        return Check(name, MISSING, f"needs {', '.join(missing)}: {how_to_install(extra)}")
+    return Check(name, OK, ", ".join(versions))
+
+
+def _version(distribution: str, module: str) -> str:
+    """Return the version of a package; raises ImportError where it is not installed, or does not load."""
+    if module:
+        import_module(module)
+    return metadata.version(distribution)  # its PackageNotFoundError is an ImportError
 
 
 def _opencv_parts() -> Check:

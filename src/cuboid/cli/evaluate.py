@@ -1,4 +1,4 @@
-"""`cuboid evaluate`: how good a result is, where the truth is known."""
+"""`cuboid evaluate`: compare a result with the truth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EXAMPLE = "cuboid evaluate DIR truth.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     from cuboid.cli.evaluate_store import add_store
 
     parser.add_argument(
@@ -31,33 +31,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="?",
         metavar="RESULT",
-        help="what 'cuboid track' left behind, or a CSV with the boxes of any other tracker",
+        help="results of 'cuboid track', or a CSV file with the boxes of another tracker",
     )
     parser.add_argument(
         "truth",
         type=Path,
         nargs="?",
         metavar="TRUTH",
-        help="a truth file, the folder of a made recording, keyframes with rectangles that a person drew, or, where "
-        "RESULT is a scene, the folder of made visits",
+        help="a truth file, the folder of a recording of 'cuboid synth', keyframes with rectangles drawn by a person, "
+        "or, if RESULT is a scene, the folder of made visits",
     )
     parser.add_argument(
         "--cloud",
         type=Path,
         metavar="PLY",
-        help="a labelled cloud, with which the heat of the map is compared",
+        help="a labelled point cloud to compare the heat of the map with",
     )
     parser.add_argument(
         "--trajectory",
         type=Path,
         metavar="FILE",
-        help="true camera poses, by which the result is aligned with the truth's world "
-        "(default: true_trajectory.txt beside TRUTH, where the result's poses were estimated)",
+        help="true camera poses, which align the result with the world of the truth "
+        "(default: true_trajectory.txt beside TRUTH, if the poses of the result were estimated)",
     )
     drawn = parser.add_argument_group("against keyframes")
-    drawn.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
+    drawn.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
     drawn.add_argument(
-        "--pictures", type=Path, metavar="DIR", help="draw each keyframe with what was found, missed and false into it"
+        "--pictures",
+        type=Path,
+        metavar="DIR",
+        help="draw each keyframe with its found, missed and false rectangles into DIR",
     )
     add_store(parser)
     add_results(parser)
@@ -73,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     limit_threads(1)
     if args.store is not None or args.truths is not None:
         if args.store is None or args.truths is None or args.result is not None:
-            raise InputError("a whole store is judged by --store STORE --truth DIR, without RESULT and TRUTH")
+            raise InputError("to evaluate a store, give --store STORE --truth DIR, without RESULT and TRUTH")
         from cuboid.cli.evaluate_store import run as judge_store
 
         return judge_store(args)
@@ -91,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for name in ("recording", "pictures"):
         if getattr(args, name) is not None:
-            raise InputError(f"--{name} goes with keyframes; {args.truth} is another truth")
+            raise InputError(f"--{name} is for keyframes only; {args.truth} is another kind of truth")
     found = evaluate(args.result, args.truth, cloud=args.cloud, trajectory=args.trajectory)
     give(args, found.to_dict(), lambda: print_evaluation(found))
     return 0
@@ -107,7 +110,7 @@ def print_evaluation(found: Evaluation) -> None:
     out.print(_map_table(found))
     out.print(_map_line(found), markup=False)
     if found.identity is None:
-        out.print("labels over time: the truth does not say what is visible in which frame")
+        out.print("labels over time: not judged, since the truth has no visibility per frame")
     else:
         out.print(_identity_table(found.identity))
         out.print(_identity_lines(found.identity), markup=False)
@@ -126,7 +129,7 @@ def print_evaluation(found: Evaluation) -> None:
 
 
 def print_visits(found: VisitsQuality) -> None:
-    """Print how labels were kept and changes told over visits."""
+    """Print the kept labels and the reported changes over visits."""
     from cuboid.cli.tables import console
 
     out = console()
@@ -137,7 +140,7 @@ def print_visits(found: VisitsQuality) -> None:
 
 
 def print_comparison(found: Evaluation) -> None:
-    """Print in short how a result compares with the truth: each object, its label, its box."""
+    """Print a short comparison with the truth: each object, its label, its box."""
     from cuboid.cli.tables import console
 
     out = console()
@@ -164,10 +167,12 @@ def _length(value_cm: float | None) -> str:
 def _map_table(found: Evaluation) -> Table:
     from cuboid.cli.tables import new_table
 
-    table = new_table("map", "precision", "recall", "F1", "AP", "found", "wrong", "mean IoU", "centre off", "size off")
+    table = new_table(
+        "map, IoU", "precision", "recall", "F1", "AP", "found", "wrong", "mean IoU", "centre off", "size off"
+    )
     for at in found.map.at:
         table.add_row(
-            f"IoU {at.threshold:.2f}",
+            f"{at.threshold:.2f}",
             *map(_score, (at.precision, at.recall, at.f1, at.ap)),
             f"{at.found} of {at.found + at.missed}",
             str(at.wrong),
@@ -184,9 +189,9 @@ def _map_line(found: Evaluation) -> str:
         f"fragments: {quality.fragments}, merges: {quality.merges}, false alarms: {quality.false_alarms}"
     )
     if quality.wrong_labels:
-        line += f" (labels that fit no object: {', '.join(map(str, quality.wrong_labels))})"
+        line += f" (labels without an object: {', '.join(map(str, quality.wrong_labels))})"
     if proposals is not None:
-        line += f"\n{_score(proposals.per_frame, 2)} boxes a frame before matching: " + "; ".join(
+        line += f"\n{_score(proposals.per_frame, 2)} boxes per frame before matching: " + "; ".join(
             f"precision {_score(at.precision)}, recall {_score(at.recall)} at IoU {at.threshold:.2f}"
             for at in proposals.at
         )
@@ -196,10 +201,10 @@ def _map_line(found: Evaluation) -> str:
 def _identity_table(identity: Identity) -> Table:
     from cuboid.cli.tables import new_table
 
-    table = new_table("over time", "IDF1", "IDP", "IDR", "MOTA", "MOTP", "switches", "fragm.", "missed", "wrong")
+    table = new_table("over time, IoU", "IDF1", "IDP", "IDR", "MOTA", "MOTP", "switches", "fragm.", "missed", "wrong")
     for at in identity.at:
         table.add_row(
-            f"IoU {at.threshold:.2f}",
+            f"{at.threshold:.2f}",
             *map(_score, (at.idf1, at.id_precision, at.id_recall, at.mota, at.motp)),
             *map(str, (at.switches, at.fragmentations, at.misses, at.false_positives)),
         )
@@ -211,7 +216,7 @@ def _identity_lines(identity: Identity) -> str:
     return (
         f"HOTA {score.hota:.3f}, DetA {score.det_a:.3f}, AssA {score.ass_a:.3f}, LocA {score.loc_a:.3f}\n"
         f"label purity {_score(identity.label_purity)}, consistency {_score(identity.label_consistency)}, "
-        f"{_score(identity.labels_per_object, 2)} labels an object, "
+        f"{_score(identity.labels_per_object, 2)} labels per object, "
         f"first label after {_score(identity.median_frames_to_first_label, 0)} frames (median)"
     )
 
@@ -220,7 +225,7 @@ def _reidentification_table(identity: Identity) -> Table:
     from cuboid.cli.tables import new_table
 
     curve = [at for at in identity.reidentification if at.reappearances] or identity.reidentification[:1]
-    table = new_table("back after an absence of", *(f">= {at.absence_frames} frames" for at in curve))
+    table = new_table("absent before for", *(f">= {at.absence_frames} frames" for at in curve))
     table.add_row("reappearances", *(str(at.reappearances) for at in curve))
     table.add_row("found again", *(str(at.found) for at in curve))
     table.add_row("with the old label", *(str(at.same_label) for at in curve))
@@ -257,7 +262,7 @@ def _heat_line(heat: HeatQuality) -> str:
 def _relations_table(relations: Sequence[RelationsAt]) -> Table:
     from cuboid.cli.tables import new_table
 
-    table = new_table("relation", "precision", "recall", "right", "found", "true", "of objects not found")
+    table = new_table("relation", "precision", "recall", "right", "found", "true", "objects not found")
     for at in relations:
         counts = map(str, (at.right, at.found, at.true, at.lost))
         table.add_row(at.kind, _score(at.precision), _score(at.recall), *counts)

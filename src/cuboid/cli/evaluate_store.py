@@ -1,4 +1,4 @@
-"""`cuboid evaluate --store`: the figures of a whole dataset, and what changed between two versions."""
+"""`cuboid evaluate --store`: the figures of a whole dataset, and the changes between two versions."""
 
 from __future__ import annotations
 
@@ -26,10 +26,14 @@ def add_store(parser: argparse.ArgumentParser) -> None:
     from cuboid.cli.workers import add_workers
 
     whole = parser.add_argument_group("a whole store")
-    whole.add_argument("--store", metavar="STORE", help="judge what 'cuboid batch' wrote, instead of RESULT")
-    whole.add_argument("--truth", dest="truths", metavar="DIR", help="holds NAME/truth.json or NAME.json a recording")
-    whole.add_argument("--of", metavar="VERSION", help="judge the runs of this version (default: the newest)")
-    whole.add_argument("--against", metavar="VERSION", help="compare with the runs of this version, scene by scene")
+    whole.add_argument("--store", metavar="STORE", help="evaluate this store of 'cuboid batch' instead of RESULT")
+    whole.add_argument(
+        "--truth", dest="truths", metavar="DIR", help="folder with NAME/truth.json or NAME.json for each recording"
+    )
+    whole.add_argument("--of", metavar="VERSION", help="evaluate the runs of this version (default: the newest)")
+    whole.add_argument(
+        "--against", metavar="VERSION", help="also compare with the runs of this version, scene by scene"
+    )
     add_workers(parser)
 
 
@@ -77,7 +81,7 @@ def _numbers(found: Judged) -> list[str]:
 
 def _print(found: Judged, means: dict[str, Interval]) -> None:
     from cuboid.cli.tables import console, new_table
-    from cuboid.core.errors import printable
+    from cuboid.core.errors import counted, printable
 
     out = console()
     table = new_table("scene", *SHOWN)
@@ -90,7 +94,7 @@ def _print(found: Judged, means: dict[str, Interval]) -> None:
     for name, reason in (*found.refused.items(), *found.not_done.items()):
         out.print(printable(f"{name}: {reason}"), markup=False)
     if found.without_truth:
-        out.print(f"{len(found.without_truth)} recordings without a truth", markup=False)
+        out.print(f"{counted(len(found.without_truth), 'recording')} without a truth", markup=False)
 
 
 def _print_change(
@@ -100,7 +104,9 @@ def _print_change(
     from cuboid.core.errors import printable
 
     out = console()
-    table = new_table("figure", "before", "after", "change", "95 % from", "to", "sure", "scenes up", "down", "same")
+    table = new_table(
+        "figure", "before", "after", "change", "95 % from", "to", "significant", "scenes up", "down", "same"
+    )
     for name, digits in SHOWN.items():
         if name in paired:
             one = paired[name]
@@ -113,7 +119,7 @@ def _print_change(
     for delta, scene in sorted(lost)[:NAMED]:
         out.print(printable(f"{scene}: HOTA {delta:+.3f}"), markup=False)
     for scene in sorted(before.keys() ^ after.keys()):
-        out.print(printable(f"{scene}: only in one of the two"), markup=False)
+        out.print(printable(f"{scene}: only in one of the two versions"), markup=False)
 
 
 def _hota(row: dict[str, Any]) -> float:

@@ -1,4 +1,4 @@
-"""`cuboid evaluate trajectory`: how far an estimated camera path is from the true one."""
+"""`cuboid evaluate trajectory`: compare an estimated camera path with the true one."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ if TYPE_CHECKING:
 
 EXAMPLE = "cuboid evaluate trajectory DIR RECORDING"
 
-FORMS = "trajectory.txt or another file of its form (TUM), a .pose file, a folder of results, a recording with poses"
+FORMS = "trajectory.txt or another file in the TUM format, a .pose file, a result folder, or a recording with poses"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     parser.add_argument("estimate", type=Path, metavar="ESTIMATE", help=FORMS)
-    parser.add_argument("truth", type=Path, metavar="TRUTH", help="the same")
+    parser.add_argument("truth", type=Path, metavar="TRUTH", help="the true path, in one of the same forms")
     parser.add_argument(
         "--within",
         type=seconds,
         default=0.02,
         metavar="SECONDS",
-        help="poses further apart in time are no pair (default: %(default)s)",
+        help="largest time difference of two poses that are compared (default: %(default)s)",
     )
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw both paths and their distance: .png or .svg")
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE", help="draw both paths and their distance into a .png or .svg file"
+    )
     add_results(parser)
 
 

@@ -1,4 +1,4 @@
-"""`cuboid export`: finished results in the forms that other programs read."""
+"""`cuboid export`: write finished results in the formats of other programs."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ EXAMPLE = "cuboid export DIR --to coco --output labels.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.add_argument("results", type=Path, metavar="DIR", help="what 'cuboid track' left behind")
-    takes_names(parser.add_argument("--to", required=True, metavar="NAME", help="the form"), export_names)
+    """Add the arguments of the command."""
+    parser.add_argument("results", type=Path, metavar="DIR", help="results of 'cuboid track'")
+    takes_names(parser.add_argument("--to", required=True, metavar="NAME", help="the format"), export_names)
     add_output(parser, type=Path, required=True, metavar="PATH", help="the file; for ply the folder of its files")
-    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
+    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
     shapes = parser.add_argument_group("shapes: glb, obj, stl, urdf, usd")
-    shapes.add_argument("--close", action="store_true", help="let walls go down to the support, and close the foot")
-    complete = "close all holes: space that no view saw empty is solid; what is guessed is marked"
+    shapes.add_argument("--close", action="store_true", help="extend the walls to the support, and close the foot")
+    complete = "close all holes: space that no view saw as empty is solid; guessed parts are marked"
     shapes.add_argument("--complete", action="store_true", help=complete)
-    collision = "convex bodies for simulators beside each mesh (default: none; hull for urdf)"
+    collision = "add convex bodies for simulators to each mesh (default: none; hull for urdf)"
     shapes.add_argument("--collision", choices=("none", "box", "hull", "parts"), help=collision)
     add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the export, and say what it lacks."""
+    """Write the export, and print its notes."""
     from cuboid.cli.tables import console
     from cuboid.core.threads import limit_threads
 

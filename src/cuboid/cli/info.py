@@ -1,4 +1,4 @@
-"""`cuboid info`: what a recording is, before anything is done with it."""
+"""`cuboid info`: describe a recording before it is tracked."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ EXAMPLE = "cuboid info RECORDING"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     add_reading(parser, thinned=False, tracked=False)
-    parser.add_argument("--all", action="store_true", help="look at every frame, not at 24 of them")
+    parser.add_argument("--all", action="store_true", help="examine all frames instead of 24")
     add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Look, and print."""
+    """Examine, and print."""
     from cuboid.core.threads import limit_threads
     from cuboid.recordings.inspecting import inspect_recording
 
@@ -48,7 +48,7 @@ def _print(found: RecordingInfo) -> None:
 def rows(found: RecordingInfo) -> list[tuple[str, str]]:
     """Return the lines of the table."""
     fx, fy, cx, cy = found.intrinsics
-    lens = f"; distortion {', '.join(f'{v:g}' for v in found.distortion)} taken out" if found.distortion else ""
+    lens = f"; distortion {', '.join(f'{v:g}' for v in found.distortion)} is removed" if found.distortion else ""
     return [
         ("recording", found.path),
         ("format", found.format),
@@ -63,11 +63,11 @@ def rows(found: RecordingInfo) -> list[tuple[str, str]]:
 
 
 def skipped_lines(found: RecordingInfo) -> list[str]:
-    """Return the lines that say which frames will be skipped."""
-    looked = f"{found.looked_at} of {found.frames} frames looked at"
+    """Return the lines about frames that will be skipped."""
+    looked = f"{found.looked_at} of {found.frames} frames examined"
     if not found.skipped:
-        return [f"{looked}: all can be used"]
-    lines = [f"{looked}; skipped will be:"]
+        return [f"{looked}: all are usable"]
+    lines = [f"{looked}; these will be skipped:"]
     for kind in found.skipped:
         more = f" and {kind.count - 1} more like it" if kind.count > 1 else ""
         lines.append(f"  frame {kind.frame}{more}: {kind.reason}")
@@ -75,7 +75,7 @@ def skipped_lines(found: RecordingInfo) -> list[str]:
 
 
 def _time(found: RecordingInfo) -> str:
-    own = "its own times" if found.has_timestamps else "no times of its own: 30 Hz"
+    own = "times of the recording" if found.has_timestamps else "the recording has no times: 30 Hz assumed"
     if found.rate_hz is None or found.duration_s is None:
         return own
     gaps = f", {found.gaps} gap{'s' * (found.gaps != 1)}" if found.gaps else ""
@@ -83,7 +83,7 @@ def _time(found: RecordingInfo) -> str:
 
 
 def _depth(found: RecordingInfo) -> str:
-    text = f"{found.depth_units_per_metre:g} units a metre"
+    text = f"{found.depth_units_per_metre:g} units per metre"
     if found.depth_range_m is not None and found.holes is not None:
         near, far = found.depth_range_m
         text += f", {near:.2f} to {far:.2f} m, {100 * found.holes:.0f} % without a reading"
@@ -91,18 +91,22 @@ def _depth(found: RecordingInfo) -> str:
 
 
 def _registration(found: RecordingInfo) -> str:
-    off = f"; lies {found.depth_off_px:.0f} px beside color: --register" if found.depth_off_px is not None else ""
+    off = (
+        f"; displaced from color by {found.depth_off_px:.0f} px: use --register"
+        if found.depth_off_px is not None
+        else ""
+    )
     if found.depth_camera is None:
-        return f"depth as aligned to color{off}"
+        return f"depth taken as aligned to color{off}"
     camera, T = found.depth_camera["depth_camera"], found.depth_camera["T_color_depth"]
     apart_mm = 1000 * math.hypot(*(row[3] for row in T[:3]))
     size = f"{camera['width']} x {camera['height']}"
-    return f"registered to color from {size}, fx {camera['fx']:.2f}, {apart_mm:.0f} mm beside{off}"
+    return f"registered to color from {size}, fx {camera['fx']:.2f}, {apart_mm:.0f} mm away{off}"
 
 
 def _up(found: RecordingInfo) -> str:
     if found.up_world is None:
-        return "measured with the frames" if found.up_measured else "unknown: taken from the planes"
+        return "measured by the device" if found.up_measured else "unknown: it will be estimated from the planes"
     return f"{', '.join(f'{value:g}' for value in found.up_world)} in the world of the poses"
 
 

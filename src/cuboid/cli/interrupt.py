@@ -1,4 +1,4 @@
-"""Ctrl-C ends a run, it does not throw it away."""
+"""Ctrl-C ends a run; its results so far are written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 STDERR = 2
-NOTICE = b"\ncuboid: ending after this frame and writing what is done; once more drops it\n"
+NOTICE = b"\ncuboid: ending after this frame and writing the results so far; a second Ctrl-C discards them\n"
 
 
 class Interruption:

@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from cuboid.cli.results import give
-from cuboid.core.errors import InputError
+from cuboid.core.errors import InputError, counted
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -25,25 +25,25 @@ def run(args: argparse.Namespace) -> int:
 
     for name in ("cloud", "trajectory"):
         if getattr(args, name) is not None:
-            raise InputError(f"--{name} does not go with keyframes: {args.truth}")
+            raise InputError(f"--{name} cannot be used with keyframes: {args.truth}")
     found = evaluate_keyframes(args.result, args.truth, args.recording)
     drawn = 0 if args.pictures is None else _draw(args, found)
 
     def show() -> None:
         print_evaluation(found)
         if args.pictures is not None:
-            console().print(f"{_count(drawn, 'picture')} in {args.pictures}", markup=False)
+            console().print(f"{counted(drawn, 'picture')} in {args.pictures}", markup=False)
 
     give(args, found.to_dict(), show)
     return 0
 
 
 def _draw(args: argparse.Namespace, found: KeyframeEvaluation) -> int:
-    """Write the pictures; return how many they are."""
+    """Write the pictures; return their number."""
     from cuboid.evaluation.keyframe_pictures import write_pictures
 
     if isinstance(found.recording, str):
-        raise InputError(f"{args.pictures}: no pictures without the recording: {found.recording}")
+        raise InputError(f"{args.pictures}: pictures need the recording: {found.recording}")
     return write_pictures(args.pictures, found.frames, found.recording)
 
 
@@ -54,14 +54,14 @@ def print_evaluation(found: KeyframeEvaluation) -> None:
     out = console()
     at = found.at[0]
     out.print(
-        f"{found.result} against {found.keyframes}\n{_count(len(found.frames), 'keyframe')} judged, "
-        f"{_count(at.rectangles, 'rectangle')} of {_count(at.objects, 'object')} to be found",
+        f"{found.result} against {found.keyframes}\n{counted(len(found.frames), 'keyframe')} judged, "
+        f"{counted(at.rectangles, 'rectangle')} of {counted(at.objects, 'object')} to be found",
         markup=False,
     )
     if found.not_given:
-        out.print(f"not judged, as the run was not given them (--every, --limit): {_frames(found.not_given)}")
+        out.print(f"not judged, since the run did not read them (--every, --limit): {_frames(found.not_given)}")
     if found.skipped:
-        out.print(f"skipped by the run, so that all in them is missed: {_frames(found.skipped)}")
+        out.print(f"skipped by the run, so that all their rectangles count as missed: {_frames(found.skipped)}")
     out.print(_scores_table(found))
     if len(found.funnel) > 1:
         out.print(_funnel_table(found))
@@ -74,13 +74,14 @@ def print_evaluation(found: KeyframeEvaluation) -> None:
 
 
 def print_names(names: NameQuality) -> None:
-    """Print how right the names are that a detector gave, and what was taken for what."""
+    """Print the accuracy of the names from a detector, and the confused classes."""
     from cuboid.cli.tables import console, new_table
 
     out = console()
     out.print(
-        f"names: {names.right} of {names.judged} objects of known classes right (accuracy {_score(names.accuracy)}, "
-        f"top 3 {_score(names.top3)}), {names.named} named (precision {_score(names.precision)})",
+        f"names: {names.right} of {names.judged} objects of known classes named correctly "
+        f"(accuracy {_score(names.accuracy)}, top 3 {_score(names.top3)}), {names.named} named "
+        f"(precision {_score(names.precision)})",
         markup=False,
     )
     if names.confusion:
@@ -88,10 +89,6 @@ def print_names(names: NameQuality) -> None:
         for one in names.confusion:
             table.add_row(one.true_class, one.found_class or "-", str(one.count))
         out.print(table)
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _frames(frames: tuple[int, ...]) -> str:
@@ -135,7 +132,9 @@ def _scores_table(found: KeyframeEvaluation) -> Table:
 def _funnel_table(found: KeyframeEvaluation) -> Table:
     from cuboid.cli.tables import new_table
 
-    table = new_table("where things are lost", *(f"recall at {at.threshold:.2f}" for at in found.at), "a frame")
+    table = new_table(
+        "stage where objects are lost", *(f"recall at {at.threshold:.2f}" for at in found.at), "per frame"
+    )
     for stage in found.funnel:
         cells = [f"{_score(at.recall)}  ({at.found})" for at in stage.at] or [""] * len(found.at)
         table.add_row(stage.name, *cells, "" if stage.per_frame is None else f"{stage.per_frame:.1f}")

@@ -1,4 +1,4 @@
-"""`--live`, `--rerun` and `--foxglove`: a look at a run from the browser, or from a viewer, while it goes."""
+"""`--live`, `--rerun` and `--foxglove`: show a run in the browser or in another viewer as it proceeds."""
 
 from __future__ import annotations
 
@@ -10,32 +10,51 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cuboid.cli.names import OPTIONAL
-from cuboid.cli.serving import port
+from cuboid.cli.serving import HOST, listen, port
 
 if TYPE_CHECKING:
     from cuboid.core.frame import Frame, Intrinsics
     from cuboid.core.results import FrameResult
     from cuboid.outputs import RunReport
+    from cuboid.service.process import ServedRun
     from cuboid.tracking.types import MapLike, Watch
     from cuboid.views.live import LiveView
 
 
 def add_live(parser: argparse._ActionsContainer) -> None:
     """Add `--live`, `--live-host`, `--rerun` and `--foxglove`."""
-    parser.add_argument("--live", action="store_true", help="show the run in the browser while it goes")
+    parser.add_argument("--live", action="store_true", help="show the run in the browser as it proceeds")
     parser.add_argument(
         "--live-host",
         metavar="ADDRESS",
-        help="address of this machine that shows it to others too, 0.0.0.0 for all (default: to nobody else)",
+        help="address at which other machines see the live page, 0.0.0.0 for all (default: this machine only)",
     )
     parser.add_argument(
         "--rerun",
         nargs="?",
         const=OPTIONAL["--rerun"][0],
         metavar="FILE.rrd|ADDRESS",
-        help="show the run in the rerun viewer while it goes; or write a file for it, or reach it at its address",
+        help="show the run in the rerun viewer as it proceeds; or write a file for it, or connect to its address",
     )
     add_foxglove(parser)
+
+
+def add_serve(parser: argparse._ActionsContainer) -> None:
+    """Add `--serve` and `--serve-host`."""
+    parser.add_argument(
+        "--serve",
+        nargs="?",
+        const=OPTIONAL["--serve"][0],
+        type=port,
+        metavar="PORT",
+        help="answer other programs over HTTP as the run proceeds, as 'cuboid serve' does (default port: %(const)s)",
+    )
+    parser.add_argument(
+        "--serve-host",
+        metavar="ADDRESS",
+        help="address at which other machines, with the printed token, get answers, 0.0.0.0 for all "
+        "(default: this machine only)",
+    )
 
 
 def add_foxglove(parser: argparse._ActionsContainer) -> None:
@@ -46,8 +65,8 @@ def add_foxglove(parser: argparse._ActionsContainer) -> None:
         type=address,
         const=OPTIONAL["--foxglove"][0],
         metavar="HOST:PORT",
-        help="show the run in Foxglove while it goes: serve it at this address of this machine, 0.0.0.0:8765 for all "
-        f"(default: {OPTIONAL['--foxglove'][0]}, for nobody else)",
+        help="show the run in Foxglove as it proceeds, at this address of this machine; 0.0.0.0:8765 for all machines "
+        f"(default: {OPTIONAL['--foxglove'][0]}, this machine only)",
     )
 
 
@@ -66,11 +85,34 @@ def say_foxglove(host: str, number: int) -> None:
 
 
 @contextmanager
+def served_run(args: argparse.Namespace, name: str) -> Iterator[ServedRun | None]:
+    """Answer about the run where `--serve` asks for it, and say where; gives what looks at the run."""
+    if args.serve is None:
+        if args.serve_host is not None:
+            from cuboid.core.errors import InputError
+
+            raise InputError("--serve-host says where --serve answers; give --serve too")
+        yield None
+        return
+    from cuboid.core.extras import need_serve
+
+    need_serve("cuboid track --serve")
+    from cuboid.service.process import ServedRun
+
+    address = listen(args.serve_host or HOST, args.serve, None)
+    with ServedRun(name, address.listening, address.token, address.hosts) as served:
+        print(f"cuboid: serving at {address.url}", file=sys.stderr, flush=True)
+        yield served
+
+
+@contextmanager
 def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[Watching]:
-    """Open what the arguments ask for; gives what looks at the run."""
+    """Open the views that the arguments ask for."""
     with ExitStack() as stack:
         live = stack.enter_context(live_view(args, name, intrinsics))
         looks: list[Watch] = [] if live is None else [live]
+        served = stack.enter_context(served_run(args, name))
+        looks += [] if served is None else [served]
         if args.rerun is not None:
             from cuboid.views.rerun_view import RerunView
 
@@ -86,7 +128,7 @@ def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Ite
 
 @dataclass(frozen=True, slots=True)
 class Watching:
-    """All that look at a run."""
+    """All views of a run."""
 
     live: LiveView | None
     looks: Sequence[Watch]
@@ -97,19 +139,19 @@ class Watching:
             look(frame, result, tracker)
 
     def end(self, report: RunReport) -> None:
-        """Tell that the run is over."""
+        """Report the end of the run."""
         if self.live is not None:
             self.live.end(report.complete, report.warnings)
 
 
 @contextmanager
 def live_view(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[LiveView | None]:
-    """Serve the run where `--live` asks for it, and say where; gives what looks at the run."""
+    """Serve the run if `--live` is given, and print the address; gives the view, or None."""
     if not args.live:
         if args.live_host is not None:
             from cuboid.core.errors import InputError
 
-            raise InputError("--live-host says where --live is seen; give --live too")
+            raise InputError("--live-host is an option of --live; give --live too")
         yield None
         return
     from cuboid.views.live import LiveServer, LiveView

@@ -1,4 +1,4 @@
-"""`cuboid models`: detectors that have a name, and fetching them."""
+"""`cuboid models`: list and download the known detectors."""
 
 from __future__ import annotations
 
@@ -11,14 +11,20 @@ EXAMPLE = "cuboid models fetch yolox-nano"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.add_argument("verb", nargs="?", choices=("list", "fetch"), default="list", help="(default: list)")
-    parser.add_argument("names", nargs="*", default=[], metavar="NAME", help="models to fetch")
+    """Add the arguments of the command."""
+    parser.add_argument(
+        "verb",
+        nargs="?",
+        choices=("list", "fetch"),
+        default="list",
+        help="list the models, or download some (default: list)",
+    )
+    parser.add_argument("names", nargs="*", default=[], metavar="NAME", help="models to download")
     add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """List, or fetch and then list what was fetched."""
+    """List the models, or fetch some and list them."""
     from cuboid.cli.progress import counting
     from cuboid.core.errors import InputError
     from cuboid.detection.fetching import fetch
@@ -26,9 +32,9 @@ def run(args: argparse.Namespace) -> int:
 
     unknown = next((name for name in args.names if name not in MODELS), None)
     if unknown is not None:
-        raise InputError(f"unknown model '{unknown}'; there are: {', '.join(MODELS)}")
+        raise InputError(f"unknown model '{unknown}'; known models: {', '.join(MODELS)}")
     if (args.verb == "fetch") != bool(args.names):
-        raise InputError("cuboid models: expected 'list' alone, or 'fetch' and names")
+        raise InputError("cuboid models: expected 'list' without names, or 'fetch' with names")
     if args.verb == "fetch":
         for name in args.names:
             with counting(f"{name}, bytes") as on_progress:
@@ -58,7 +64,7 @@ def _show(rows: list[dict[str, Any]]) -> None:
     from cuboid.cli.tables import console, new_table
 
     out = console()
-    table = new_table("model", "what", "license", "publisher", "MB", "kept", left=4)
+    table = new_table("model", "what", "license", "publisher", "MB", "downloaded", left=4)
     for row in rows:
         kept = "yes" if row["path"] else "no"
         size_mb = f"{row['size_bytes'] / 1e6:.1f}"

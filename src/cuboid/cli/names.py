@@ -9,6 +9,7 @@ OPTIONAL: dict[str, tuple[str, Callable[[str], bool]]] = {
     "--foxglove": ("127.0.0.1:8765", lambda word: word.rpartition(":")[2].isdigit()),
     "--json": ("-", lambda word: word == "-" or word.endswith(".json")),
     "--register": ("on", lambda word: word in ("auto", "on", "off")),
+    "--serve": ("8764", lambda word: word.isdecimal()),
     "--rerun": ("viewer", lambda word: word.endswith(".rrd") or "://" in word),
 }
 

@@ -1,4 +1,4 @@
-"""How a run goes, or compiling ahead: on a terminal as a bar, elsewhere as a line now and then."""
+"""Progress of a run or of compiling: a bar on a terminal, else a line from time to time."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rich.progress import Progress as Bar
 
 from cuboid.core import compiletime
 from cuboid.core.compiletime import working_s
+from cuboid.core.errors import counted
 from cuboid.core.results import FrameResult
 from cuboid.tracking.types import Progress
 
@@ -26,8 +27,8 @@ MIN_MEASURED_S = 5.0
 class CompileCount:
     """Counts the kernels that are compiled and those that are still to be, and estimates the time that is left.
 
-    Until all kernels of the imported modules are compiled nobody knows which of them this run needs: while fewer than
-    half are missing, no total is given.
+    It is unknown in advance which kernels of the imported modules a run needs. If fewer than half of them are
+    missing, no total is given.
     """
 
     def __init__(self) -> None:
@@ -35,7 +36,7 @@ class CompileCount:
         self._missing: set[str] = set()
 
     def text(self) -> str:
-        """Return what is compiled at the moment, such as "compiling kernels 37 of 119, about 40 s left"; else ""."""
+        """Return the state of compiling, such as "compiling kernels 37 of 119, about 40 s left"; else ""."""
         if not compiletime.compiling():
             return ""
         from cuboid.core.compiled import KERNELS
@@ -53,7 +54,7 @@ class CompileCount:
 
 
 def about_left(spent_s: float, left: float) -> str:
-    """Return in words how long the rest takes, where enough was measured to tell.
+    """Return the time that the rest takes, in words; empty until enough was measured.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def about_left(spent_s: float, left: float) -> str:
 
 @contextmanager
 def showing_compilation(show: Callable[[str], None]) -> Iterator[None]:
-    """Call `show` with how far compiling is whenever that changes, and with "" when the run goes on."""
+    """Call `show` with the state of compiling whenever it changes, and with "" when the run continues."""
     count, last = CompileCount(), ""
 
     def changed() -> None:
@@ -92,7 +93,7 @@ LINE_EVERY_S = 10.0
 
 
 class _Rate:
-    """Frames and frames a second, the first frame left out: it pays for loading the kernels."""
+    """Frames and frames per second, without the first frame, which loads the kernels."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -107,7 +108,7 @@ class _Rate:
 
 
 class TerminalProgress(Progress):
-    """A bar with frames a second and the number of objects; a context manager."""
+    """A bar with frames per second and the number of objects; a context manager."""
 
     def __init__(self, console: Console) -> None:
         self._bar = Bar(
@@ -141,7 +142,7 @@ class TerminalProgress(Progress):
     def frame(self, result: FrameResult) -> None:
         """Advance the bar."""
         rate = self._rate.tick()
-        objects = _objects(result.objects_known)
+        objects = counted(result.objects_known, "object")
         self._state = f"{rate:.0f} frames/s, {objects}" if self._rate.frames > 1 else objects
         self._bar.update(self._task, advance=1, state=self._state)
 
@@ -203,7 +204,9 @@ class LineProgress(Progress):
         """Print a line where the last one is long ago."""
         self._done += 1
         rate = self._rate.tick()
-        self._lines.print(f"{self._done}{self._of} frames, {rate:.0f} frames/s, {_objects(result.objects_known)}")
+        self._lines.print(
+            f"{self._done}{self._of} frames, {rate:.0f} frames/s, {counted(result.objects_known, 'object')}"
+        )
 
     def skipped(self, index: int, reason: str) -> None:
         """Count the frame."""
@@ -218,7 +221,7 @@ def progress() -> TerminalProgress | LineProgress:
 
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show how far some other work is; gives a function of what is done and of all."""
+    """Show the progress of other work; gives a function of the done and the total number of parts."""
     console = Console(stderr=True)
     with ExitStack() as shown:
         if not console.is_terminal:
@@ -237,7 +240,3 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
         task = bar.add_task(what, total=None, state="")
         shown.enter_context(showing_compilation(lambda text: bar.update(task, state=text, refresh=True)))
         yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _objects(count: int) -> str:
-    return f"{count} object{'' if count == 1 else 's'}"

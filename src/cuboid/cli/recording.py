@@ -17,29 +17,28 @@ if TYPE_CHECKING:
 
 
 def add_recording(parser: argparse.ArgumentParser, default_threads: int, *, required: bool = True) -> None:
-    """Add the recording, where wanted as one of several things to track, and how it is read and tracked."""
+    """Add the recording, if wanted as one of several sources, and the options for reading and tracking it."""
     add_reading(parser, required=required)
     add_threads(add_tracking(parser), default_threads)
 
 
 def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add how recordings are tracked; return the group."""
+    """Add the options for tracking; return the group."""
     tracking = parser.add_argument_group("tracking")
     tracking.add_argument(
         "--poses",
         choices=("given", "auto", "corrected", "estimated"),
-        help="camera poses: given as they are, auto (given, with a warning where they drift), corrected where they "
-        "drift, or estimated from the video (default: given where the recording has them, else estimated)",
+        help="camera poses: given (used unchanged), auto (given, with a warning if they drift), corrected (given, and "
+        "corrected where they drift), or estimated from the video (default: given if the recording has poses, else "
+        "estimated)",
     )
-    tracking.add_argument(
-        "--bridge", action="store_true", help="estimate the poses of frames between given poses that have none"
-    )
+    tracking.add_argument("--bridge", action="store_true", help="estimate the missing poses between given poses")
     tracking.add_argument(
         "--scale",
         type=int,
         choices=(1, 2, 4),
         default=1,
-        help="pixels of the recording a side that become one: faster, coarser (default: 1)",
+        help="reduce the images by this factor: faster, but coarser (default: 1)",
     )
     add_method(tracking)
     return tracking
@@ -52,12 +51,15 @@ def add_method(tracking: argparse._ActionsContainer) -> None:
     detector = tracking.add_argument(
         "--detector",
         metavar="FILE.onnx[:OPTIONS]|NAME",
-        help="names the objects: a detector's ONNX file (options: score=0.05, labels=FILE, threads=1, provider=NAME), "
-        "or a model that 'cuboid models' fetched",
+        help="2D detector that names the objects: an ONNX file (options: score=0.05, labels=FILE, threads=1, "
+        "provider=NAME), or a model that 'cuboid models' downloaded",
     )
     takes_names(detector, detector_names)
     tracking.add_argument(
-        "--detector-every", type=positive, metavar="N", help=f"it looks at each N-th frame (default: {DETECT_EVERY})"
+        "--detector-every",
+        type=positive,
+        metavar="N",
+        help=f"run the detector on every N-th frame (default: {DETECT_EVERY})",
     )
     field = tracking.add_argument(
         "--set",
@@ -66,24 +68,30 @@ def add_method(tracking: argparse._ActionsContainer) -> None:
         default=[],
         dest="settings",
         metavar="NAME=VALUE",
-        help="a field of the tracker's configuration, such as voxel_m=0.02; may be repeated; fields",
+        help="set a field of the tracker's configuration, such as voxel_m=0.02; may be repeated; fields",
     )
     takes_names(field, setting_names, ending="=")
+
+
+def add_relations(parser: argparse._ActionsContainer) -> None:
+    """Add `--relations`."""
+    relations = "also find which object is on, in, beside, under or against what, once, at the end (0.1 to 2 s)"
+    parser.add_argument("--relations", action="store_true", help=relations)
 
 
 def add_reading(
     parser: argparse.ArgumentParser, *, thinned: bool = True, required: bool = True, tracked: bool = True
 ) -> argparse._ArgumentGroup:
-    """Add the recording and how it is read; return the group of the latter.
+    """Add the recording and the options for reading it; return the group of the options.
 
     Parameters
     ----------
     parser : argparse.ArgumentParser
     thinned : bool
-        With the options to use some frames only.
+        Add the options that select frames.
     required : bool
     tracked : bool
-        Depth that clearly lies beside color is registered unless the user says otherwise; else only on demand.
+        Depth that is clearly displaced from color is registered by default; else only on demand.
     """
     parser.add_argument(
         "recording",
@@ -98,30 +106,30 @@ def add_reading(
 def add_reading_options(
     parser: argparse.ArgumentParser, *, thinned: bool = True, tracked: bool = True
 ) -> argparse._ArgumentGroup:
-    """Add how a recording is read; return the group. Parameters are those of `add_reading`."""
+    """Add the options for reading a recording; return the group. Parameters are those of `add_reading`."""
     reading = parser.add_argument_group("reading")
-    layout = reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
+    layout = reading.add_argument("--format", metavar="NAME", help="layout of the recording, if it is not recognised")
     takes_names(layout, format_names)
     reading.add_argument(
         "--intrinsics",
         type=intrinsics,
         metavar="FX,FY,CX,CY|FILE",
-        help="pinhole in pixels, or a camera.json, instead of its own",
+        help="pinhole in pixels, or a camera.json, in place of the recording's intrinsics",
     )
     reading.add_argument(
-        "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units a metre, instead of its own"
+        "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units per metre, in place of the recording's"
     )
     reading.add_argument(
         "--pose-convention",
         metavar="NAME[,NAME]",
-        help="what its poses are, where they are not as its layout says: inverse (world to camera), opengl (y up, z "
-        "backward), mm or cm, wxyz or xyzw (order of quaternions)",
+        help="convention of the poses, if it differs from that of the layout: inverse (world to camera), opengl (y up, "
+        "z backward), mm or cm, wxyz or xyzw (order of quaternions)",
     )
     reading.add_argument(
-        "--topics", metavar="color=TOPIC,depth=TOPIC", help="topics of a ROS bag, where they are not found by name"
+        "--topics", metavar="color=TOPIC,depth=TOPIC", help="topics of a ROS bag, if they are not found by their names"
     )
     if thinned:
-        reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
+        reading.add_argument("--every", type=positive, default=1, metavar="N", help="use every N-th frame")
         reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
     reading.add_argument(
         "--register",
@@ -129,7 +137,7 @@ def add_reading_options(
         choices=("auto", "on", "off"),
         const="on",
         default="auto" if tracked else "off",
-        help="register depth to color: auto where it clearly lies beside color, on, or off (default: %(default)s)",
+        help="register depth to color: auto (if depth is clearly displaced), on, or off (default: %(default)s)",
     )
     return reading
 
@@ -142,7 +150,7 @@ def open_from(args: argparse.Namespace) -> Recording:
 
 
 def reading_from(args: argparse.Namespace) -> dict[str, Any]:
-    """Return how the arguments say that recordings are read, for `cuboid.open_recording`."""
+    """Return the arguments of `cuboid.open_recording` from the command line."""
     return {
         "format": args.format if args.topics is None else f"ros-bag:{args.topics}",
         "intrinsics": args.intrinsics,
@@ -153,7 +161,7 @@ def reading_from(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def tracking_from(args: argparse.Namespace) -> dict[str, Any]:
-    """Return how the arguments say that a recording is tracked, for `cuboid.track_recording`."""
+    """Return the arguments of `cuboid.track_recording` from the command line."""
     return {
         "config": config_from(args),
         "proposals": args.proposals,
@@ -190,7 +198,7 @@ def intrinsics(text: str) -> tuple[float, float, float, float] | Path:
 
 def depth_scale(text: str) -> float:
     """Read a number of depth units a metre from the command line."""
-    return _above_zero(text, "depth units a metre")
+    return _above_zero(text, "depth units per metre")
 
 
 def seconds(text: str) -> float:

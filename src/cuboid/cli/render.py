@@ -1,4 +1,4 @@
-"""`cuboid render`: finished results as a video, drawn anew from what is in their folder."""
+"""`cuboid render`: draw finished results as a video."""
 
 from __future__ import annotations
 
@@ -20,17 +20,19 @@ DEFAULT_NAMES = {"boxes": "labelled", "heat": "heat", "depth": "depth", "proposa
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.add_argument("results", type=Path, metavar="DIR", help="what 'cuboid track' left behind")
-    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
-    add_output(parser, type=Path, metavar="FILE", help="the video (default: in DIR, named after what it shows)")
+    """Add the arguments of the command."""
+    parser.add_argument("results", type=Path, metavar="DIR", help="results of 'cuboid track'")
+    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
+    add_output(
+        parser, type=Path, metavar="FILE", help="the video (default: a file in DIR with the name of its contents)"
+    )
     parser.add_argument(
         "--show",
         choices=tuple(DEFAULT_NAMES),
         default="boxes",
-        help="labels, heat of the map, depth, each frame's own 3D proposals, or supporting planes (default: boxes)",
+        help="labelled boxes, heat of the map, depth, 3D proposals of a frame, or supporting planes (default: boxes)",
     )
-    parser.add_argument("--gif", action="store_true", help="a small GIF instead of an MP4")
+    parser.add_argument("--gif", action="store_true", help="write a small GIF instead of an MP4")
     add_results(parser)
 
 
@@ -40,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.progress import track
 
     from cuboid.cli.tables import console
-    from cuboid.core.errors import InputError
+    from cuboid.core.errors import InputError, counted
     from cuboid.core.threads import limit_threads
     from cuboid.views.redraw import drawer
     from cuboid.views.replay import Replay
@@ -59,13 +61,13 @@ def run(args: argparse.Namespace) -> int:
             drawn += 1
     if drawn == 0:
         raise InputError(f"{args.results}: no frame of {recording.path} is in its trajectory")
-    line = f"{drawn} frames drawn; video in {path}"
+    line = f"{counted(drawn, 'frame')} drawn; video in {path}"
     give(args, {"output": str(path), "frames": drawn}, lambda: console().print(line, markup=False))
     return 0
 
 
 def _path(args: argparse.Namespace) -> Path:
-    """Return the file to write; an error where its name says another format, or it exists and --force is not given."""
+    """Return the file to write; raises where its name has another format, or it exists and --force is not given."""
     from cuboid.core.errors import InputError
 
     suffix = ".gif" if args.gif else ".mp4"

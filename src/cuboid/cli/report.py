@@ -1,4 +1,4 @@
-"""`cuboid report`: the 3D page of finished results, written anew."""
+"""`cuboid report`: write the 3D page of finished results again."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ EXAMPLE = "cuboid report DIR --force"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.add_argument("results", type=Path, metavar="DIR", help="what 'cuboid track' left behind")
-    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
+    """Add the arguments of the command."""
+    parser.add_argument("results", type=Path, metavar="DIR", help="results of 'cuboid track'")
+    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
     add_output(parser, type=Path, metavar="FILE", help="the page (default: report.html in DIR)")
-    parser.add_argument("--no-pictures", action="store_true", help="leave out the objects' pictures and the recording")
+    parser.add_argument(
+        "--no-pictures", action="store_true", help="write no pictures of objects; the recording is not needed"
+    )
     add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the page."""
     from cuboid.cli.tables import console
-    from cuboid.core.errors import InputError
+    from cuboid.core.errors import InputError, counted
     from cuboid.core.threads import limit_threads
     from cuboid.outputs import Results
     from cuboid.outputs.folder import REPORT
@@ -38,6 +40,6 @@ def run(args: argparse.Namespace) -> int:
     summary = summarise(results, read)
     write_report(path, summary)
     objects = len(summary.found.objects)
-    line = f"page with {objects} objects in {path}"
+    line = f"page with {counted(objects, 'object')} in {path}"
     give(args, {"output": str(path), "objects": objects}, lambda: console().print(line, markup=False))
     return 0

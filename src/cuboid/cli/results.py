@@ -29,7 +29,7 @@ def add_results(parser: argparse._ActionsContainer) -> None:
         nargs="?",
         const=PRINTED,
         metavar="FILE.json",
-        help="print the results as JSON and nothing else; with a file, write them there and print the tables",
+        help="print the results as JSON and nothing else; with a file, write them to it and print the tables",
     )
     parser.add_argument("--force", action="store_true", help="replace files that an earlier call wrote")
 
@@ -47,7 +47,7 @@ def refuse_existing_files(args: argparse.Namespace) -> None:
             refuse_existing(Path(file), force=args.force)
     pictures: Path | None = getattr(args, "pictures", None)
     if pictures is not None and not args.force and glob(f"{escape(str(pictures))}/*"):
-        raise OutputError(f"{pictures}: the folder exists; --force replaces pictures in it")
+        raise OutputError(f"{pictures}: the folder exists; --force replaces the pictures in it")
 
 
 def refuse_existing(file: Path, *, force: bool) -> None:

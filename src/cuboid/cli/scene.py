@@ -1,4 +1,4 @@
-"""`cuboid scene`: what is in a scene file, and what people change in it."""
+"""`cuboid scene`: list, show and change the objects of a scene file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from cuboid.cli.names import scene_export_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.scene_documents import change_document, object_document
+from cuboid.cli.scene_documents import change_document, object_document, relation_document
+from cuboid.cli.text_model import add_text
 from cuboid.cli.workers import positive
 
 if TYPE_CHECKING:
@@ -25,8 +26,8 @@ EXAMPLE = "cuboid scene list kitchen.cuboid"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    verbs = parser.add_subparsers(title="what to do", dest="verb", metavar="VERB", required=True)
+    """Add the arguments of the command."""
+    verbs = parser.add_subparsers(title="verbs", dest="verb", metavar="VERB", required=True)
 
     def verb(name: str, text: str) -> argparse.ArgumentParser:
         one = verbs.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
@@ -34,35 +35,48 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add_results(one)
         return one
 
-    listing = verb("list", "list the objects that are there")
-    listing.add_argument("--all", action="store_true", help="also those that are gone, merged or forgotten")
-    showing = verb("show", "show what the scene holds, or one object and where it was seen")
+    listing = verb("list", "list the present objects")
+    listing.add_argument("--all", action="store_true", help="also list gone, merged and forgotten objects")
+    showing = verb("show", "show the recordings of the scene, or one object and its sightings")
     showing.add_argument("label", type=positive, nargs="?", metavar="LABEL", help="an object")
     showing.add_argument("--picture", type=Path, metavar="JPG", help="write the object's picture")
-    changing = verb("changes", "tell what changed since the visit before: moved, gone, new")
-    changing.add_argument("--since", metavar="DATE", help="of all recordings begun since then (default: the last one)")
-    changing.add_argument("--all", action="store_true", help="also what is unchanged, and what was not looked at")
+    finding = verb("find", "rank the objects by how well their pictures fit a text")
+    add_text(finding, required=True)
+    finding.add_argument(
+        "--limit", type=positive, default=10, metavar="N", help="print at most N objects (default: 10)"
+    )
+    changing = verb("changes", "list the changes since the previous visit: moved, gone, new")
+    changing.add_argument(
+        "--since",
+        metavar="DATE",
+        help="changes of all recordings that began since then (default: of the last recording)",
+    )
+    changing.add_argument(
+        "--all", action="store_true", help="also list unchanged objects, and objects that were not looked at"
+    )
     changing.add_argument("--pictures", type=Path, metavar="DIR", help="write pictures of before and after")
-    naming = verb("name", "give an object a name, or take it away with an empty one")
+    naming = verb("name", "give an object a name; an empty name removes it")
     naming.add_argument("label", type=positive, metavar="LABEL")
     naming.add_argument("name", metavar="NAME")
-    merging = verb("merge", "make one object of two that are one; the older label stays")
+    merging = verb("merge", "merge two labels of one object; the older label stays")
     merging.add_argument("one", type=positive, metavar="LABEL")
     merging.add_argument("two", type=positive, metavar="LABEL")
-    forgetting = verb("forget", "remove an object; its label is never given again")
+    forgetting = verb("forget", "remove an object; its label is never used again")
     forgetting.add_argument("label", type=positive, metavar="LABEL")
-    checking = verb("check", "check that the file is whole")
-    checking.add_argument("--rescue", type=Path, metavar="NEW", help="write what can be read into a new scene file")
-    exporting = verb("export", "write a recording's results for other programs, or as a result folder")
-    form = exporting.add_argument("--to", required=True, metavar="NAME", help="the form")
+    checking = verb("check", "check the file for damage")
+    checking.add_argument("--rescue", type=Path, metavar="NEW", help="write the readable part into a new scene file")
+    exporting = verb("export", "write the results of a recording for other programs, or as a result folder")
+    form = exporting.add_argument("--to", required=True, metavar="NAME", help="the format")
     takes_names(form, scene_export_names)
     add_output(exporting, type=Path, required=True, metavar="PATH", help="the file or the folder")
-    exporting.add_argument("--recording", type=positive, metavar="N", help="of the scene (default: the last one)")
-    verb("compact", "write the file anew without the room that is free in it")
+    exporting.add_argument(
+        "--recording", type=positive, metavar="N", help="number of the recording in the scene (default: the last one)"
+    )
+    verb("compact", "rewrite the file without its unused space")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do what is asked."""
+    """Run the verb."""
     from cuboid.core.errors import InputError
     from cuboid.core.threads import limit_threads
 
@@ -131,7 +145,7 @@ def _show(scene: Scene, args: argparse.Namespace) -> Answer:
     size_mb = scene.path.stat().st_size / 2**20
     table = new_table("recording", "begun (UTC)", "frames", "with a pose", "poses", "whole", "path", left=2)
     for one in scene.recordings:
-        whole = "yes" if one.complete else "broken off"
+        whole = "yes" if one.complete else "interrupted"
         poses, path = (escape(printable(text)) for text in (one.poses, one.path))
         cells = (one.begun, str(one.frames), str(one.frames_used), poses, whole, path)
         table.add_row(str(one.number), *cells)
@@ -141,7 +155,7 @@ def _show(scene: Scene, args: argparse.Namespace) -> Answer:
         "bytes": scene.path.stat().st_size,
         "recordings": [asdict(one) for one in scene.recordings],
     }
-    return document, [f"{scene.path}: {len(scene.objects)} objects, {gone} gone; {size_mb:.1f} MB", table]
+    return document, [f"{scene.path}: {len(scene.objects)} objects present, {gone} gone; {size_mb:.1f} MB", table]
 
 
 def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
@@ -165,13 +179,39 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
         )
         place = "{:.3f}, {:.3f}, {:.3f}".format(*own[-1].box.center)
         lines.append(f"  recording {number}: frames {first} to {last}, {len(own)} of them, at {place} m")
+    past = scene.relation_history(args.label)
+    for one in past:
+        to = tag_of(one.to) if isinstance(one.to, int) else one.to
+        when = f"recordings {one.first_recording} to {one.last_recording}"
+        lines.append(f"  {one.kind} {to}, {when}; score {one.score:.2f}")
     if args.picture is not None:
         picture = scene.picture(args.label)
         if picture is None:
-            raise InputError(f"{scene.path}: there is no picture of {args.label}")
+            raise InputError(f"{scene.path}: no picture of object {args.label}")
         write_whole(args.picture, picture)
         lines.append(f"picture in {args.picture}")
-    return {"object": object_document(item), "recordings": visits}, lines
+    relations = [relation_document(one) for one in past]
+    return {"object": object_document(item), "recordings": visits, "relations": relations}, lines
+
+
+def _find(scene: Scene, args: argparse.Namespace) -> Answer:
+    from rich.markup import escape
+
+    from cuboid.cli.tables import new_table
+    from cuboid.core.errors import printable
+    from cuboid.scene import SceneObject
+
+    found = scene.find(args.text, args.text_model)[: args.limit]
+    known = {item.label: item for item in scene.objects if isinstance(item, SceneObject)}
+    rows = [{**object_document(known[item.label]), "text_score": round(score, 6)} for item, score in found]
+    if not found:
+        return {"objects": rows}, ["no object"]
+    table = new_table("label", "name", "size L x W x H (cm)", "position x, y, z (m)", "text score", left=2)
+    for item, score in found:
+        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
+        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
+        table.add_row(str(item.label), escape(printable(item.name or "")), size, place, f"{score:.3f}")
+    return {"objects": rows}, [table]
 
 
 def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
@@ -185,7 +225,7 @@ def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
     document = {"changes": [change_document(one) for one in found]}
     if not found:
         return document, ["nothing changed"]
-    table = new_table("recording", "label", "name", "change", "from (m)", "to (m)", "metres", "how sure", left=4)
+    table = new_table("recording", "label", "name", "change", "from (m)", "to (m)", "metres", "confidence", left=4)
     for one in found:
         places = ("" if p is None else ", ".join(f"{value:z.2f}" for value in p) for p in (one.from_m, one.to_m))
         far = "" if one.metres is None else f"{one.metres:.2f}"
@@ -221,7 +261,7 @@ def _name(scene: Scene, args: argparse.Namespace) -> Answer:
 
 def _merge(scene: Scene, args: argparse.Namespace) -> Answer:
     kept = scene.merge(args.one, args.two)
-    return {"label": kept, "merged": [args.one, args.two]}, [f"#{args.one} and #{args.two} are #{kept}"]
+    return {"label": kept, "merged": [args.one, args.two]}, [f"#{args.one} and #{args.two} are now #{kept}"]
 
 
 def _forget(scene: Scene, args: argparse.Namespace) -> Answer:
@@ -265,11 +305,11 @@ def _check(args: argparse.Namespace) -> int:
 
     found = problems(args.scene)
     document: dict[str, Any] = {"problems": found}
-    lines: list[str | Table] = [*(found or ["the scene is whole"])]
+    lines: list[str | Table] = [*(found or ["no damage found"])]
     if args.rescue is not None:
         lost = rescue(args.scene, args.rescue)
         document |= {"rescued": str(args.rescue), "lost": lost}
-        lines += [f"what can be read is in {args.rescue}", *(f"lost: {line}" for line in lost)]
+        lines += [f"the readable part is in {args.rescue}", *(f"lost: {line}" for line in lost)]
     give(args, document, lambda: _print(lines))
     return MISTAKE if found and args.rescue is None else OK
 
@@ -277,6 +317,7 @@ def _check(args: argparse.Namespace) -> int:
 VERBS = {
     "list": _list,
     "show": _show,
+    "find": _find,
     "changes": _changes,
     "name": _name,
     "merge": _merge,

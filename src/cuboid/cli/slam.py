@@ -1,4 +1,4 @@
-"""`cuboid slam`: from a recording to the trajectory of its camera."""
+"""`cuboid slam`: estimate the trajectory of the camera of a recording."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EXAMPLE = "cuboid slam RECORDING --output DIR"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     results = parser.add_argument_group("results")
     add_output(results, type=Path, required=True, metavar="DIR", help="folder of the results")
     add_results(results)
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Estimate, and say how it went."""
+    """Estimate, and print a summary."""
     from cuboid.cli.interrupt import interruptible
 
     with interruptible() as interruption:
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     }
     give(args, document, lambda: print_outcome(outcome, args.output))
     if not outcome.report.complete:
-        print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
+        print("cuboid: interrupted; the results are marked as incomplete", file=sys.stderr)
         return interruption.status
     return 0
 
@@ -69,7 +69,7 @@ def print_outcome(outcome: SlamOutcome, output: Path) -> None:
     for line in skipped_lines(report):
         out.print(line, markup=False)
     timing = report.milliseconds.get("poses")
-    each = f", {timing.median_ms:.1f} ms a frame (p95 {timing.p95_ms:.1f}) without decoding" if timing else ""
+    each = f", {timing.median_ms:.1f} ms per frame (p95 {timing.p95_ms:.1f}) without decoding" if timing else ""
     out.print(
         f"{report.frames_used} of {report.frames_read} frames tracked, {outcome.lost} lost, "
         f"{outcome.keyframes} keyframes, {outcome.loops} loops closed by appearance; "

@@ -1,4 +1,4 @@
-"""`cuboid sql`: any question to the tables of a store, answered by DuckDB in this process."""
+"""`cuboid sql`: query the tables of a store, with DuckDB in this process."""
 
 from __future__ import annotations
 
@@ -12,18 +12,20 @@ EXAMPLE = 'cuboid sql STORE "select count(*) from objects"'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.add_argument("store", metavar="STORE", help="what 'cuboid batch' wrote: a folder or URL")
-    parser.add_argument("question", metavar="SQL", help='such as "select color, count(*) from objects group by color"')
-    parser.add_argument("--csv", action="store_true", help="print the answer as CSV, whole")
+    """Add the arguments of the command."""
+    parser.add_argument("store", metavar="STORE", help="the store of 'cuboid batch': a folder or URL")
+    parser.add_argument(
+        "question", metavar="SQL", help='a query such as "select color, count(*) from objects group by color"'
+    )
+    parser.add_argument("--csv", action="store_true", help="print the whole answer as CSV")
     add_results(parser)
     parser.add_argument(
-        "--threads", type=positive, default=cores(), metavar="N", help="threads in use (default: %(default)s)"
+        "--threads", type=positive, default=cores(), metavar="N", help="number of threads (default: %(default)s)"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask and print."""
+    """Query and print."""
     import sys
 
     from cuboid.core.extras import need_cluster
@@ -36,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     answer = Tables(args.store, args.threads).ask(args.question)
     if args.csv:
         if args.json is not None:
-            raise InputError("--csv and --json: give one of them")
+            raise InputError("--csv and --json cannot be combined")
         from pyarrow import csv
 
         sys.stdout.flush()

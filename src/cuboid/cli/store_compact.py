@@ -1,4 +1,4 @@
-"""`cuboid store compact`: gather the small files of a store into large ones."""
+"""`cuboid store compact`: merge the small files of a store into large ones."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ EXAMPLE = "cuboid store compact STORE"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.add_argument("store", metavar="STORE", help="what 'cuboid batch' wrote: a folder or URL")
+    """Add the arguments of the command."""
+    parser.add_argument("store", metavar="STORE", help="the store of 'cuboid batch': a folder or URL")
     add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Gather and tidy."""
+    """Merge files and remove leftovers."""
     from dataclasses import asdict
 
     from cuboid.core.extras import need_cluster
@@ -32,6 +32,6 @@ def run(args: argparse.Namespace) -> int:
     done = compact(place)
     left = tidy(place)
     write_summary(args.store)
-    line = f"{done.runs} runs gathered: {done.files_before} files became {done.files_after}; {left} leftovers removed"
+    line = f"{done.runs} runs merged: {done.files_before} files became {done.files_after}; {left} leftovers removed"
     give(args, {**asdict(done), "removed": left}, lambda: print(line))
     return 0

@@ -1,4 +1,4 @@
-"""`cuboid synth`: a recording with exact truth, from a seed."""
+"""`cuboid synth`: make a recording with an exact truth from a seed."""
 
 from __future__ import annotations
 
@@ -26,51 +26,55 @@ POSE_NOISES = ("none", "drift", "jumps")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     add_output(parser, type=Path, required=True, metavar="DIR", help="folder of the recording")
     add_results(parser)
     scene = parser.add_argument_group("scene")
-    scene.add_argument("--kind", choices=KINDS, default="table", help="what stands where (default: table)")
-    scene.add_argument("--seed", type=_seed, default=1, metavar="N", help="same seed, same bytes (default: 1)")
+    scene.add_argument("--kind", choices=KINDS, default="table", help="kind of scene (default: table)")
+    scene.add_argument(
+        "--seed", type=_seed, default=1, metavar="N", help="seed: the same seed gives the same bytes (default: 1)"
+    )
     scene.add_argument(
         "--visits",
         type=positive,
         metavar="N",
-        help="several recordings of the place, between which things move, go and come (visit-1, visit-2, ... in DIR)",
+        help="make N recordings of the place (visit-1, visit-2, ... in DIR); objects move, go and come between them",
     )
-    scene.add_argument("--meshes", type=Path, metavar="DIR", help="own objects: .obj, .glb, .ply files")
+    scene.add_argument("--meshes", type=Path, metavar="DIR", help="use these objects: .obj, .glb, .ply files")
     camera = parser.add_argument_group("camera")
-    camera.add_argument("--frames", type=positive, metavar="N", help="length (default: what suits the kind)")
-    camera.add_argument("--motion", choices=CAMERAS, help="how it is carried (default: drawn from the seed)")
+    camera.add_argument("--frames", type=positive, metavar="N", help="number of frames (default: depends on the kind)")
+    camera.add_argument("--motion", choices=CAMERAS, help="camera path (default: chosen by the seed)")
     camera.add_argument(
-        "--size", type=_size, default=(640, 480), metavar="WxH", help="of the images (default: 640x480)"
+        "--size", type=_size, default=(640, 480), metavar="WxH", help="size of the images (default: 640x480)"
     )
-    camera.add_argument("--sensor", choices=SENSORS, default=SENSORS[0], help=f"default: {SENSORS[0]}")
-    faulty = parser.add_argument_group("what goes wrong")
+    camera.add_argument(
+        "--sensor", choices=SENSORS, default=SENSORS[0], help=f"noise model of the depth sensor (default: {SENSORS[0]})"
+    )
+    faulty = parser.add_argument_group("faults")
     faulty.add_argument(
         "--pose-noise",
         choices=POSE_NOISES,
         default="none",
-        help="of the poses that are written (default: none)",
+        help="noise of the written poses (default: none)",
     )
     faulty.add_argument(
         "--faults",
         type=lambda text: tuple(text.split(",")),
         default=(),
         metavar="NAME,...",
-        help="break frames: all, or names such as truncated-depth",
+        help="damage some frames: all, or names of faults such as truncated-depth",
     )
     parser.add_argument(
         "--workers",
         type=positive,
         default=min(4, cores()),
         metavar="N",
-        help="processes that render (default: %(default)s)",
+        help="number of processes for rendering (default: %(default)s)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the scene, render it, say what is in it."""
+    """Make the scene, render it, print its contents."""
     limit_threads(1)
     from cuboid.cli.progress import counting
     from cuboid.cli.tables import console
@@ -92,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
-    """Make several recordings of one place, and say what happens between them."""
+    """Make several recordings of one place, and print the changes between them."""
     from cuboid.cli.progress import counting
     from cuboid.cli.tables import console
     from cuboid.synthetic import make_visits, render_visits
@@ -105,7 +109,9 @@ def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
         for visit in told["visits"]:
             kinds = [change["change"] for change in visit["changes"]]
             what = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("unchanged", "moved", "gone", "new"))
-            console().print(f"{visit['recording']}: {what if kinds else 'the first'}; in {args.output}", markup=False)
+            console().print(
+                f"{visit['recording']}: {what if kinds else 'the first visit'}; in {args.output}", markup=False
+            )
 
     give(args, {"output": str(args.output), "visits": told["visits"]}, show)
     return 0

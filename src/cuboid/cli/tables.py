@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -10,12 +11,15 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from cuboid.core.errors import printable
+from cuboid.core.errors import counted, printable
 from cuboid.core.results import TrackedObject
 from cuboid.outputs import RunReport, Timing
 
 # A pipe has no width: tables take what they need, and no cell is cut.
 WIDE = 200
+
+# A table that is too wide shortens its texts to no fewer characters than this.
+TEXT_KEPT = 12
 
 # This many kinds of skipped frames are shown; run.json has every frame.
 KINDS_SHOWN = 8
@@ -25,12 +29,28 @@ class _Console(Console):
     """A console to which names with escape codes in them do nothing."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as usual; of texts all but line breaks that is not printable is escaped."""
+        """Print as usual; escape what is not printable in texts; wrap the headings of a table that is too wide."""
+        for item in objects:
+            if (
+                isinstance(item, Table)
+                and self.measure(item, options=self.options.update(width=WIDE)).maximum > self.width
+            ):
+                _wrap_headings(item)
         super().print(*(_lines(item) if isinstance(item, str) else item for item in objects), **options)
 
     def on_broken_pipe(self) -> None:
         """Let the command end as for any other output: Rich would exit with status 1."""
         raise BrokenPipeError
+
+
+def _wrap_headings(table: Table) -> None:
+    """Break the headings of a table into lines as wide as the cells below; numbers are never cut."""
+    for column in table.columns:
+        cells = max((len(str(cell)) for cell in column.cells), default=1)
+        words = textwrap.wrap(str(column.header), max(cells, 1), break_long_words=False)
+        column.header = "\n".join(words)
+        widest = max(cells, *map(len, words), 1)
+        column.min_width = widest if column.justify == "right" else min(widest, TEXT_KEPT)
 
 
 def _lines(text: str) -> str:
@@ -45,7 +65,7 @@ def console() -> Console:
 
 def new_table(*columns: str, left: int = 1) -> Table:
     """Return an empty table; the first `left` columns are text, the others numbers."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, header_style="bold")
     for i, column in enumerate(columns):
         table.add_column(column, justify="left" if i < left else "right", no_wrap=True)
     return table
@@ -73,7 +93,7 @@ def timings_table(milliseconds: Mapping[str, Timing]) -> Table:
 
 
 def skipped_lines(report: RunReport) -> list[str]:
-    """Return the lines that say which frames were skipped, and why."""
+    """Return the lines about skipped frames, with their reasons."""
     if not report.skipped:
         return []
     kinds = report.skipped_kinds()
@@ -87,8 +107,8 @@ def skipped_lines(report: RunReport) -> list[str]:
 
 
 def limit_lines(report: RunReport) -> list[str]:
-    """Return the lines that say what frames had too much of."""
+    """Return the lines about limits that frames exceeded."""
     return [
-        f"{limit.frames} frames had more than {limit.most} {what}: {limit.left_out} of them were left out"
+        f"{counted(limit.frames, 'frame')} had more than {limit.most} {what}: {limit.left_out} of them were left out"
         for what, limit in report.limits.items()
     ]

@@ -1,4 +1,4 @@
-"""`cuboid track`: from a recording to its objects, with a label for life."""
+"""`cuboid track`: track the objects of a recording or of a live camera."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.live import add_live, watching
+from cuboid.cli.live import add_live, add_serve, watching
 from cuboid.cli.names import camera_names
 from cuboid.cli.parser import takes_names
-from cuboid.cli.recording import add_recording, megabytes, open_from, seconds, tracking_from
+from cuboid.cli.recording import add_recording, add_relations, megabytes, open_from, seconds, tracking_from
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.core.errors import InputError
+from cuboid.cli.text_model import add_embedding, embedding_model
+from cuboid.core.errors import InputError, counted
 from cuboid.core.limits import MEMORY_MB
 from cuboid.core.threads import cores
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from cuboid.cli.interrupt import Interruption
     from cuboid.readers import Recording
     from cuboid.scene.running import IntoScene
+    from cuboid.text_search import TextModel
     from cuboid.tracking.types import RunOutcome
 
 # The options that say how a recording is read, with their defaults.
@@ -41,9 +43,9 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     camera = parser.add_argument_group("live camera, instead of RECORDING; Ctrl-C ends it")
     live = camera.add_argument("--camera", metavar="NAME[:OPTION=VALUE,...]", help="one of")
     takes_names(live, camera_names)
-    camera.add_argument("--record", type=Path, metavar="DIR", help="also keep its frames, as a recording")
+    camera.add_argument("--record", type=Path, metavar="DIR", help="also store the frames, as a recording")
     camera.add_argument(
-        "--record-as", choices=("plain", "mcap"), default="plain", help="what they are kept as (default: plain)"
+        "--record-as", choices=("plain", "mcap"), default="plain", help="format of the stored frames (default: plain)"
     )
 
 
@@ -54,20 +56,20 @@ def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[
     Raises
     ------
     InputError
-        The arguments name neither, or both, or what the other one has.
+        The arguments name neither source, or both, or an option of the other source.
     """
     if args.camera is None:
         if args.recording is None:
             raise InputError("name a RECORDING, or a live camera with --camera")
         if args.record is not None:
-            raise InputError("--record keeps the frames of --camera; a recording is written anew by 'cuboid convert'")
+            raise InputError("--record stores the frames of --camera; use 'cuboid convert' to copy a recording")
         yield open_from(args)
         return
     if args.recording is not None:
-        raise InputError(f"a run has one source: the recording {args.recording}, or --camera {args.camera}")
+        raise InputError(f"a run has one source: either the recording {args.recording} or --camera {args.camera}")
     for name, default in OF_RECORDINGS.items():
         if getattr(args, name) != default:
-            raise InputError(f"--{name.replace('_', '-')} is for recordings; a camera knows that itself")
+            raise InputError(f"--{name.replace('_', '-')} is for recordings only; a camera provides this value")
     from cuboid.cameras import open_camera
 
     with open_camera(args.camera, record=args.record, form=args.record_as) as camera:
@@ -76,13 +78,13 @@ def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
-    """Add the scene and how the recording goes into it."""
+    """Add the scene and the options for adding the recording to it."""
     scene = parser.add_argument_group("scene")
-    scene.add_argument("--scene", type=Path, metavar="FILE", help="scene that the recording goes into (NAME.cuboid)")
+    scene.add_argument("--scene", type=Path, metavar="FILE", help="add the recording to this scene (NAME.cuboid)")
     scene.add_argument("--same-world", action="store_true", help="the recording's poses are in the scene's world")
-    scene.add_argument("--resume", action="store_true", help="go on with the run that was broken off in the scene")
+    scene.add_argument("--resume", action="store_true", help="continue the interrupted run in the scene")
     scene.add_argument(
-        "--commit-every", type=seconds, metavar="SECONDS", help="how often what is new is saved (default: 1)"
+        "--commit-every", type=seconds, metavar="SECONDS", help="interval between two saves of the scene (default: 1)"
     )
 
 
@@ -94,11 +96,11 @@ def scene_from(args: argparse.Namespace) -> IntoScene | None:
                 raise InputError(f"--{name.replace('_', '-')} needs --scene")
         return None
     if args.resume and args.video:
-        raise InputError("--video cannot go on with --resume; 'cuboid render' draws it from the results afterwards")
+        raise InputError("--video and --resume cannot be combined; 'cuboid render' draws the video from the results")
     if args.resume and args.camera is not None:
-        raise InputError("--resume needs a recording: what a live camera saw is gone")
+        raise InputError("--resume needs a recording: the frames of a live camera are not available any more")
     if args.bridge:
-        raise InputError("--bridge does not go with --scene")
+        raise InputError("--bridge and --scene cannot be combined")
     from cuboid.scene.running import IntoScene
     from cuboid.scene.session import COMMIT_EVERY_S
 
@@ -110,27 +112,34 @@ EXAMPLE = "cuboid track RECORDING --output DIR"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     results = parser.add_argument_group("results")
     add_output(results, type=Path, required=True, metavar="DIR", help="folder of the results")
     add_results(results)
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
-    shapes = "also keep views of the objects, for their meshes where the recording is gone later"
+    shapes = "also store views of the objects, for meshes after the recording is deleted"
     results.add_argument("--shapes", action="store_true", help=shapes)
+    add_relations(results)
+    add_embedding(results)
     add_live(results)
+    add_serve(results)
     add_scene(parser)
-    memory = "beyond this much, parts of the map that are out of view are put aside, in the scene or a temporary file"
-    memory += f" (default: {MEMORY_MB:g})"
+    memory = (
+        "memory of the process; beyond it, parts of the map that are out of view move to the scene or to a temporary "
+    )
+    memory += f"file (default: {MEMORY_MB:g})"
     results.add_argument("--memory", type=megabytes, default=MEMORY_MB, metavar="MB", help=memory)
     add_camera(parser)
     add_recording(parser, default_threads=min(2, cores()), required=False)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Track, and say what was found."""
+    """Track, and print the objects."""
     from cuboid.cli.interrupt import interruptible
 
-    into = scene_from(args)
+    into, text_model = scene_from(args), embedding_model(args)
+    if text_model is not None and args.camera is not None and not args.shapes:
+        raise InputError("--text-model of a live camera needs --shapes, which keeps the views that it embeds")
     with interruptible() as interruption:
         from cuboid.cli.progress import progress
         from cuboid.pipeline.run import track_recording
@@ -144,6 +153,7 @@ def run(args: argparse.Namespace) -> int:
                     args.output,
                     video=args.video,
                     shapes=args.shapes,
+                    relations=args.relations,
                     force=args.force,
                     progress=shown,
                     stop=interruption if args.camera is None else never,
@@ -153,20 +163,33 @@ def run(args: argparse.Namespace) -> int:
                     memory_mb=args.memory,
                 )
                 looks.end(outcome.report)
+        if text_model is not None:
+            embed(args.output, text_model, into)
     give(args, outcome_document(outcome, args.output), lambda: print_outcome(outcome, args.output))
     if not outcome.report.complete:
-        print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
+        print("cuboid: interrupted; the results are marked as incomplete", file=sys.stderr)
         return interruption.status
     return 0
 
 
+def embed(output: Path, model: TextModel, into: IntoScene | None) -> None:
+    """Embed the objects of a run, and keep their vectors beside its results and in the scene that it went into."""
+    from cuboid.outputs import Results
+    from cuboid.scene import Scene
+
+    found = Results(output).embed(model)
+    if into is not None:
+        with Scene.open(into.path) as scene:
+            scene.keep_vectors(found)
+
+
 def never() -> bool:
-    """Return False: a camera is ended by its own, after which the results are whole."""
+    """Return False: a camera ends its own run, and the results are then complete."""
     return False
 
 
 def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:
-    """Return the results of a run, ready for JSON: what `objects.json` and `run.json` say of them."""
+    """Return the results of a run, ready for JSON: the contents of `objects.json` and `run.json`."""
     from cuboid.outputs.objects import object_to_json
 
     objects = sorted(outcome.objects, key=lambda item: item.label)
@@ -193,13 +216,13 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
     for line in [*skipped_lines(report), *limit_lines(report)]:
         out.print(line, markup=False)
     if report.frames_dropped:
-        out.print(f"{report.frames_dropped} frames of the camera were dropped: they came faster than they were tracked")
-    frame_ms = f", {report.milliseconds['frame'].median_ms:.1f} ms a frame" if report.frames_used else ""
+        out.print(f"{counted(report.frames_dropped, 'frame')} of the camera dropped: the tracker was too slow for them")
+    frame_ms = f", {report.milliseconds['frame'].median_ms:.1f} ms per frame" if report.frames_used else ""
     out.print(
         f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s{frame_ms}; results in {output}",
         markup=False,
     )
     if compiling_s() >= 1.0:
-        out.print(f"compiling kernels took {compiling_s():.0f} s more; the next run loads them")
+        out.print(f"compiling kernels took {compiling_s():.0f} s in addition; the next run loads them")
     video = f", and {output / VIDEO}" if (output / VIDEO).is_file() else ""
     out.print(f"open {output / REPORT} in a browser{video}", markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Options that say over how many threads and workers a command spreads its work."""
+"""Options for the number of threads and workers of a command."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def add_threads(parser: argparse._ActionsContainer, default: int) -> None:
         type=positive,
         default=default,
         metavar="N",
-        help="threads in use: 1 is the tracker alone, with 2 the next frames are decoded meanwhile, "
-        "more go to the libraries (default: %(default)s)",
+        help="number of threads: with 1, the tracker decodes its frames itself; with 2, a second thread decodes ahead; "
+        "the libraries use more (default: %(default)s)",
     )
 
 
@@ -33,9 +33,9 @@ def positive(text: str) -> int:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Add who does the work."""
+    """Add the options for workers."""
     work = parser.add_argument_group("workers")
-    work.add_argument("--workers", type=positive, metavar="N", help="workers on this machine (default: one a core)")
+    work.add_argument("--workers", type=positive, metavar="N", help="workers on this machine (default: one per core)")
     work.add_argument("--scheduler", metavar="ADDRESS", help="use the workers of this Dask scheduler, tcp://HOST:PORT")
     work.add_argument(
         "--memory-limit", default="4GiB", metavar="SIZE", help="memory of a worker on this machine (default: 4GiB)"
@@ -45,12 +45,12 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         type=positive,
         default=3,
         metavar="N",
-        help="set aside a recording that has killed its worker so often (default: 3)",
+        help="set a recording aside after it has killed this many workers (default: 3)",
     )
 
 
 def workers_from(args: argparse.Namespace) -> Workers:
-    """Return who does the work, as the arguments say."""
+    """Return the workers that the arguments name."""
     from dask.utils import parse_bytes
 
     from cuboid.batch.cluster import Workers

@@ -62,3 +62,8 @@ def one_line(message: str) -> str:
         return line
     half = LONGEST_MESSAGE // 2 - 2
     return f"{line[:half]} ... {line[-half:]}"
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, in the plural where it is not 1."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from cuboid.core.frame import Float64Array
-from cuboid.core.working import WorkingImage
+from cuboid.core.frame import Float64Array, UInt8Array
+from cuboid.core.working import WorkingImage, without
 from cuboid.geometry.se3 import inverse
 
 
@@ -32,6 +32,10 @@ class Observation:
         Whether the camera has moved beyond the pose error since the last frame from a new viewpoint.
     viewpoint_angle_rad : float
         Change of the viewing angle since the frame before: baseline over median depth; infinite for the first frame.
+    moving : (h, w) uint8 or None
+        1 where a reading moves; None where none does.
+    still : WorkingImage
+        The thinned frame without what moves.
     """
 
     frame: int
@@ -42,6 +46,11 @@ class Observation:
     keyframe: int
     new_viewpoint: bool
     viewpoint_angle_rad: float
+    moving: UInt8Array | None = None
+    still: WorkingImage = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "still", without(self.image, self.moving))
 
     @property
     def T_camera_world(self) -> Float64Array:

@@ -24,23 +24,24 @@ from cuboid.core.values import (
     RelationKind,
 )
 from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import transform
 
 # The rectangle of a record in its frame's image.
 RECTANGLE = column("rectangle in the color image", kind=Pixel, digits=PIXEL, parts=("x0", "y0", "x1", "y1"))
 # Kinds of relations between objects and surfaces.
 RELATIONS: tuple[RelationKind, ...] = get_args(RelationKind)
-# Names that results tell beside the first.
+# Number of further class names in results.
 NEXT_NAMES = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal3D:
-    """One 3D proposal of a frame, as that frame alone gave it.
+    """A 3D proposal of a frame, from this frame alone.
 
     Attributes
     ----------
     label : int
-        The object's label; 0 while the object that it belongs to is not confirmed.
+        Label of its object; 0 while the object is not confirmed.
     box : Box
         In the world.
     score : float
@@ -49,7 +50,7 @@ class Proposal3D:
         Rectangle in the frame's image, pixels, end exclusive.
     """
 
-    label: LabelOrNone = field(metadata=column("of the object; 0: none"))
+    label: LabelOrNone = field(metadata=column("label of the object; 0: none"))
     box: Box
     score: Fraction = field(metadata=column("mean heat of the points, 0 to 1"))
     rect_xyxy: Float64Array = field(metadata=RECTANGLE)
@@ -62,25 +63,27 @@ class Proposal3D:
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """A confirmed object that is seen in a frame.
+    """A sighting: a confirmed object that a frame shows.
 
     Attributes
     ----------
     label : int
     box : Box
-        The object's box in the world as the map has it after the frame.
+        Box of the object in the map after the frame, in the world.
     iou : float or None
-        3D IoU of the frame's own proposal with that box; None where the frame has no proposal of its own.
+        3D IoU of the frame's 3D proposal with that box; None if the frame has no proposal of the object.
     visible : float
-        Fraction of the object's near side that is seen, 0..1.
+        Visible fraction of the object's near side, 0..1.
     rect_xyxy : (4,) float64
         Rectangle in the frame's image, pixels, end exclusive, clipped to the image.
     """
 
-    label: Label = field(metadata=column("of the object, 1 or more"))
+    label: Label = field(metadata=column("label of the object, 1 or more"))
     box: Box
-    iou: Fraction | None = field(metadata=column("of the frame's own proposal with the object's box; null without one"))
-    visible: Fraction = field(metadata=column("fraction of the object that is seen, 0 to 1"))
+    iou: Fraction | None = field(
+        metadata=column("3D IoU of the frame's proposal with the box of the object; null without a proposal")
+    )
+    visible: Fraction = field(metadata=column("visible fraction of the object, 0 to 1"))
     rect_xyxy: Float64Array = field(metadata=RECTANGLE)
 
     def __repr__(self) -> str:
@@ -89,29 +92,34 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True)
 class ObjectEvent:
-    """A change of an object while the camera watched.
+    """A change of an object while the camera runs.
 
     Attributes
     ----------
     event : {"appeared", "moved", "gone", "back"}
-        "appeared": it stands where nothing stood. "moved": it stands elsewhere. "gone": its place is empty. "back": it
-        was gone, and is there again.
+        "appeared": the object stands at a place that was empty. "moved": it stands at another place. "gone": its place
+        is empty. "back": it was gone, and stands there again.
     label : int
     from_m, to_m : (3,) float64 or None
-        Middle of its box before and after, in the world; None where it was not, or is not, there.
+        Centre of its box before and after, in the world; None if the object was, or is, not in the scene.
     score : float
-        How sure it is that this is the object, 0..1.
+        Confidence that it is the same object, 0..1.
     """
 
-    event: EventName = field(metadata=column("what happened"))
-    label: Label = field(metadata=column("of the object, 1 or more"))
+    event: EventName = field(metadata=column("kind of the event"))
+    label: Label = field(metadata=column("label of the object, 1 or more"))
     from_m: Float64Array | None = field(
-        metadata=column("middle of its box before", kind=Metres | None, parts=("from_x", "from_y", "from_z"))
+        metadata=column("centre of its box before", kind=Metres | None, parts=("from_x", "from_y", "from_z"))
     )
     to_m: Float64Array | None = field(
-        metadata=column("middle of its box after", kind=Metres | None, parts=("to_x", "to_y", "to_z"))
+        metadata=column("centre of its box after", kind=Metres | None, parts=("to_x", "to_y", "to_z"))
     )
-    score: Fraction = field(metadata=column("how sure it is that this is the object, 0 to 1"))
+    score: Fraction = field(metadata=column("confidence that it is the same object, 0 to 1"))
+
+    def moved(self, T_new_old: Float64Array) -> Self:
+        """Return it in another world, by a rigid motion (4, 4)."""
+        from_m, to_m = (None if at is None else transform(T_new_old, at) for at in (self.from_m, self.to_m))
+        return replace(self, from_m=from_m, to_m=to_m)
 
     def __repr__(self) -> str:
         places = " to ".join(
@@ -133,17 +141,21 @@ class FrameResult:
     sightings : tuple of Sighting
         Confirmed objects seen in this frame, by label.
     proposals : tuple of Proposal3D
-        The frame's own boxes, but those larger than an object may be.
+        3D proposals of the frame, without those larger than `max_size_m`.
     objects_known : int
-        Confirmed objects in the map, seen now or not.
+        Number of confirmed objects in the map, visible or not.
     heat : (H, W) float32
-        2D heat after depth's correction, 0..1, for views.
+        2D heat after the correction by depth, 0..1, for views.
     milliseconds : dict of str to float
         Time of each stage, in the order of work.
     left_out : mapping of str to int
-        How many proposals, clusters (segments) and candidates were more than a frame may bring, see `core.limits`.
+        Numbers of proposals, clusters (segments) and candidates beyond the limits of a frame, see `core.limits`.
     size : (int, int) or None
-        Width and height of the frame, pixels; None is the heat's.
+        Width and height of the frame, pixels; None: the size of the heat.
+    events : tuple of ObjectEvent
+        Events of objects at this frame.
+    agents : tuple of Box
+        Where something moves that is no object: people, hands, doors.
     """
 
     index: int
@@ -156,6 +168,8 @@ class FrameResult:
     milliseconds: dict[str, float]
     left_out: Mapping[str, int] = field(default_factory=dict)
     size: tuple[int, int] | None = None
+    events: tuple[ObjectEvent, ...] = ()
+    agents: tuple[Box, ...] = ()
 
     def __repr__(self) -> str:
         labels = ", ".join(f"#{seen.label}" for seen in self.sightings) or "nothing"
@@ -175,11 +189,11 @@ class Relation:
     Attributes
     ----------
     kind : {"on", "in", "beside", "under", "against", "supports"}
-        Of `RELATIONS`: the object is on, in, beside, under or against the other, or supports it.
+        The object is on, in, beside, under or against the other one, or supports it.
     to : int or str
         Label of the other object; "plane:k" for the supporting plane k, "wall:k" for the wall k.
     score : float
-        Probability, 0..1; `cuboid.relations` says of what.
+        Probability that the relation holds, 0..1; see `cuboid.relations`.
     """
 
     kind: RelationKind
@@ -205,35 +219,35 @@ class TrackedObject:
     heat : float
         Mean heat of its points, 0..1.
     first_frame, last_frame, frames_seen : int
-        Frames of the recording.
+        First and last frame that saw it, and the number of frames that saw it.
     points : int
-        Points of the map that belong to it: of a tracker those that decide, of results those of `map.ply`.
+        Number of its points: in a tracker, those used for its box; in results, those of `map.ply`.
     mean_color : (3,) float64
         RGB, 0..255.
     plane : int or None
-        Index into the tracker's planes.
+        Index of its supporting plane; None if unknown.
     merged_labels : tuple of int
-        Younger labels that turned out to be this object.
+        Younger labels that were merged into this one.
     name : str or None
-        Name that a user gave it, else that of its class by a detector; None where there is none.
+        Name given by a user, else class from a detector; None without one.
     name_score : float or None
-        Probability of the class, 0..1; None where the name is a user's, or there is none.
+        Probability of the class, 0..1; None for a user's name, or without a name.
     names : tuple of (str, float)
-        The next likely classes, at most three, with their probabilities.
+        The next most likely classes, at most three, with their probabilities.
     kind : str
-        "volume"; of things that depth does not read, "flat" on a plane, or else "box".
+        "volume"; for objects without depth readings "flat" (on a plane) or "box".
     relations : tuple of Relation
-        Relations to other objects and to surfaces; empty where nobody asked for them.
+        Relations to other objects and to surfaces; empty if they were not requested.
     """
 
-    label: Label = field(metadata=column("of the object, 1 or more"))
+    label: Label = field(metadata=column("label of the object, 1 or more"))
     box: Box
     score: Fraction = field(metadata=column("confidence that it is an object, 0 to 1"))
     heat: Fraction = field(metadata=column("mean heat of its points, 0 to 1"))
     first_frame: FrameNumber = field(metadata=column("first frame that saw it, from 0"))
     last_frame: FrameNumber = field(metadata=column("last frame that saw it, from 0"))
-    frames_seen: Count = field(metadata=column("frames that saw it"))
-    points: Count = field(metadata=column("points of the map that belong to it"))
+    frames_seen: Count = field(metadata=column("number of frames that saw it"))
+    points: Count = field(metadata=column("number of its points in the map"))
     mean_color: Float64Array = field(
         metadata=column(
             "mean color of its points: red, green, blue, 0 to 255",
@@ -243,13 +257,13 @@ class TrackedObject:
             stored=False,
         )
     )
-    plane: Count | None = field(metadata=column("index into planes: what it stands on", stored=False))
+    plane: Count | None = field(metadata=column("index of its supporting plane in planes", stored=False))
     merged_labels: tuple[Label, ...] = field(
-        default=(), metadata=column("younger labels that turned out to be this object")
+        default=(), metadata=column("younger labels that were merged into this one")
     )
     name: str | None = field(
         default=None,
-        metadata=column("a user's name, else its class by a detector; left out where there is none", stored=False),
+        metadata=column("name given by a user, else class from a detector", stored=False),
     )
     name_score: float | None = None
     names: tuple[tuple[str, float], ...] = ()
@@ -257,7 +271,7 @@ class TrackedObject:
     relations: tuple[Relation, ...] = ()
 
     def with_given_name(self, name: str) -> Self:
-        """Return it with a name that a user gave: the class that a detector saw is then the first of the next ones."""
+        """Return it with a name given by a user; the class from a detector becomes the first of `names`."""
         seen = () if self.name is None or self.name_score is None else ((self.name, self.name_score),)
         return replace(self, name=name, name_score=None, names=(*seen, *self.names)[:NEXT_NAMES])
 
@@ -269,7 +283,7 @@ class TrackedObject:
 
 
 def tag_of(label: int, name: str | None = None) -> str:
-    """Return a label as it is shown everywhere: with its name, where there is one."""
+    """Return a label as all outputs show it, with its name if there is one."""
     return f"#{label} {name}" if name else f"#{label}"
 
 
@@ -288,7 +302,7 @@ class SupportPlane:
     offset : float
         Metres.
     extent : (N, 3) float64
-        Outline of what was seen of it, a polygon on the plane, in the world.
+        Outline of the seen part, a polygon on the plane, in the world.
     """
 
     normal: Float64Array
@@ -310,7 +324,7 @@ class Wall:
     offset : float
         Metres.
     extent : (4, 3) float64
-        Corners of the upright rectangle around what was seen of it, in the world.
+        Corners of the upright rectangle around the seen part, in the world.
     """
 
     normal: Float64Array
@@ -334,7 +348,7 @@ class MapPoints:
     heat : (N,) float32
         0..1.
     label : (N,) int32
-        0 where the point belongs to no confirmed object.
+        Label of the confirmed object; 0: none.
     """
 
     xyz: Float32Array
@@ -346,7 +360,7 @@ class MapPoints:
         return f"MapPoints({len(self.xyz)} points)"
 
     def counted(self, objects: Iterable[TrackedObject]) -> tuple[TrackedObject, ...]:
-        """Return objects with the number of points that each has here."""
+        """Return the objects with their numbers of points in this map."""
         known = tuple(objects)
         counts = np.bincount(self.label, minlength=1 + max((item.label for item in known), default=0))
         return tuple(replace(item, points=int(counts[item.label])) for item in known)
@@ -362,17 +376,17 @@ class SceneChange:
         The visit.
     label : int
     name : str or None
-        Name that a user gave it; None where there is none.
+        Name given by a user; None without one.
     change : str
-        "unchanged", "moved", "gone", "new", "found" (it stands where nothing was seen before) or "not looked at".
+        "unchanged", "moved", "gone", "new", "found" (at a place that was not seen before) or "not looked at".
     box : Box
-        As known last; turned as it last stood.
+        Its last known box, at its last orientation.
     from_m, to_m : (3,) float64 or None
-        Where its middle was, and is.
+        Centre of its box before and after, in the world.
     metres : float or None
-        How far it was moved.
+        Distance of the move.
     sure : float
-        How sure it is that what was moved is the same, 0..1.
+        Confidence that the moved object is the same one, 0..1.
     before, after : bytes or None
         Its pictures, JPEG.
     """

@@ -76,3 +76,10 @@ def filled(image: WorkingImage) -> WorkingImage:
     depth = np.empty_like(image.depth_m)
     fill_depth(image.depth_m, image.color, COLOR_LEVELS, HOLE_M, image.camera.fx, depth)
     return replace(image, depth_m=depth)
+
+
+def without(image: WorkingImage, left_out: UInt8Array | None) -> WorkingImage:
+    """Return an image without the readings that are marked (h, w); the image itself where that is None."""
+    if left_out is None:
+        return image
+    return replace(image, depth_m=np.where(left_out, np.float32(0.0), image.depth_m))

@@ -51,4 +51,4 @@ def _classes(item: TrackedObject) -> str:
     return f"{score},{quoted(next_names)}"
 
 
-EXPORTS.register("csv")(Export(".csv", "a spreadsheet: a row an object", write))
+EXPORTS.register("csv")(Export(".csv", "spreadsheets: one row per object", write))

@@ -75,7 +75,7 @@ def boxes_ply(objects: tuple[TrackedObject, ...]) -> bytes:
 EXPORTS.register("ply")(
     Export(
         "",
-        "MeshLab, CloudCompare, Blender: the points of each object apart, all boxes as a mesh",
+        "MeshLab, CloudCompare, Blender: one file per object with its points, and all boxes as a mesh",
         write,
         r"object_\d{3,}\.ply|boxes\.ply",
     )

@@ -47,7 +47,7 @@ def stl_bytes(corners_m: Float64Array) -> bytes:
 EXPORTS.register("stl")(
     Export(
         "",
-        "3D printers and CAD: the surface of each object in a file, millimetres",
+        "3D printers and CAD: one file per object with its surface, in millimetres",
         write,
         r"object_\d{3,}\w*\.stl|scene\.stl",
         extra=EXTRA,

@@ -2,7 +2,7 @@
 
 - ``object_003_cup.urdf``: the object alone, the origin in the middle of its foot, to be put anywhere and pushed
 - ``scene.urdf``: all objects fixed where they stand, and their supports
-- ``object_003_cup.obj``: what is seen; ``object_003_cup_collision_0.obj``: what is hit
+- ``object_003_cup.obj``: the visual mesh; ``object_003_cup_collision_0.obj``: a collision mesh
 
 A mass is guessed from the volume of the collision bodies, `DENSITY_KG_M3`.
 """
@@ -139,7 +139,7 @@ def _save(robot: Xml.Element, path: Path) -> None:
 EXPORTS.register("urdf")(
     Export(
         "",
-        "PyBullet, MuJoCo, ROS: a body an object with what is seen and what is hit, and the scene",
+        "PyBullet, MuJoCo, ROS: one body per object, with visual and collision meshes, and the whole scene",
         write,
         r"(object_\d{3,}\w*|plane_\d+|scene)\.(urdf|obj)",
         extra=EXTRA,

@@ -22,17 +22,18 @@ Coefficient = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
 
 Coefficients = Annotated[
-    tuple[Coefficient, ...], Meta(max_length=8, description="of the lens: k1, k2, p1, p2[, k3[, k4, k5, k6]]")
+    tuple[Coefficient, ...],
+    Meta(max_length=8, description="coefficients of the lens: k1, k2, p1, p2[, k3[, k4, k5, k6]]"),
 ]
 MatrixLine = tuple[Pixel, Pixel, Pixel, Pixel]
 Matrix = Annotated[
     tuple[MatrixLine, MatrixLine, MatrixLine, MatrixLine],
-    Meta(description="4x4, depth camera to color camera, metres; comes with depth_camera"),
+    Meta(description="4x4, depth camera to color camera, metres; required with depth_camera"),
 ]
 
 
 class DepthCameraEntry(Entry, frozen=True, forbid_unknown_fields=True):
-    """The camera that took the depth images, where these are not aligned to color."""
+    """The camera of the depth images, if depth is not aligned to color."""
 
     fx: FocalLength
     fy: FocalLength
@@ -51,16 +52,20 @@ class CameraDocument(Entry, frozen=True, forbid_unknown_fields=True):
 
     fx: FocalLength
     fy: FocalLength
-    cx: Annotated[Pixel, Meta(description="the centre of the top-left pixel is 0, 0")]
+    cx: Annotated[Pixel, Meta(description="pixels; the centre of the top-left pixel is 0, 0")]
     cy: Pixel
     width: ImageSide
     height: ImageSide
-    depth_units_per_metre: Annotated[DepthUnits | None, Meta(description="1000 for millimetres")] = None
+    depth_units_per_metre: Annotated[
+        DepthUnits | None, Meta(description="units of the depth images per metre; 1000 for millimetres")
+    ] = None
     distortion: Coefficients = ()
-    depth_camera: Annotated[DepthCameraEntry | None, Meta(description="where depth is not aligned to color")] = None
+    depth_camera: Annotated[
+        DepthCameraEntry | None, Meta(description="separate depth camera, if depth is not aligned to color")
+    ] = None
     T_color_depth: Matrix | None = None
     up_world: Annotated[
-        Direction | None, Meta(description="unit vector away from the earth's pull, in the world of the poses")
+        Direction | None, Meta(description="up (opposite to gravity), a unit vector in the world of the poses")
     ] = None
 
     def __post_init__(self) -> None:
@@ -71,14 +76,14 @@ class CameraDocument(Entry, frozen=True, forbid_unknown_fields=True):
 
 
 def refuse_no_lens(distortion: tuple[float, ...]) -> None:
-    """Raise ValueError unless there are as many coefficients as a model of a lens has."""
+    """Raise ValueError unless the number of coefficients fits a lens model."""
     if len(distortion) not in COEFFICIENTS:
         counts = ", ".join(map(str, COEFFICIENTS[1:]))
         raise ValueError(f"distortion must have {counts} numbers k1, k2, p1, p2, k3, ..., got {len(distortion)}")
 
 
 def refuse_half_a_camera(camera: DepthCameraEntry | None, matrix: tuple[MatrixLine, ...] | None) -> None:
-    """Raise ValueError unless a depth camera comes with where it is, and that is beside the color camera."""
+    """Raise ValueError unless a depth camera comes with its pose, which is near the color camera."""
     if (camera is None) != (matrix is None):
         there, lacking = ("T_color_depth", "depth_camera") if camera is None else ("depth_camera", "T_color_depth")
         raise ValueError(f"'{there}' without '{lacking}': they belong together")

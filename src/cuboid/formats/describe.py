@@ -1,4 +1,4 @@
-"""The descriptions of the formats in the words of others: JSON Schema, and tables for people."""
+"""The descriptions of the formats as JSON Schemas and as tables of a page."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def schema_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
 
 
 def markdown() -> str:
-    """Return a page that tells what each file must be like."""
+    """Return a page that describes each file."""
     parts = [HEAD]
     for name, kind in DOCUMENTS.items():
         found = msgspec.json.schema(kind)
@@ -62,21 +62,22 @@ def markdown() -> str:
 
 HEAD = """# File formats
 
-Made by `python docs/make_formats.py` from the descriptions that the program itself reads files by. JSON Schemas are
-made of the same: [camera](schemas/camera.schema.json), [objects](schemas/objects.schema.json),
-[run](schemas/run.schema.json), [truth](schemas/truth.schema.json), [keyframes](schemas/keyframes.schema.json),
-[visits](schemas/visits.schema.json). A file that differs is refused, in one line that names the field.
+The program validates files by the descriptions on this page; `python docs/make_formats.py` makes the page from the
+code. The same descriptions as JSON Schemas: [camera](schemas/camera.schema.json),
+[objects](schemas/objects.schema.json), [run](schemas/run.schema.json), [truth](schemas/truth.schema.json),
+[keyframes](schemas/keyframes.schema.json), [visits](schemas/visits.schema.json). A file that does not match is refused
+with a message of one line that names the field.
 
-Numbers are finite. JSON documents have at most 64 MB; fields that are not named here are left alone, but for
-`camera.json`, where they are refused. Text files are UTF-8, their lines at most 10,000 characters. `map.ply` is
-a binary little-endian PLY of one element `vertex` with float `x y z`, uchar `red green blue`, float `heat` (0 to 1) and
+Numbers are finite. JSON documents have at most 64 MB. Fields that are not listed here are ignored, except in
+`camera.json`, where they are refused. Text files are UTF-8, with lines of at most 10,000 characters. `map.ply` is a
+binary little-endian PLY with one element `vertex`: float `x y z`, uchar `red green blue`, float `heat` (0 to 1) and
 int `label` (0: none), in this order.
 
-Images are PNG or JPEG of at most 64 megapixels and 256 MB. What is no regular file (a device, a FIFO) is not opened."""
+Images are PNG or JPEG, with at most 64 megapixels and 256 MB. Only regular files are opened, no devices or FIFOs."""
 
 
 def _parts_of(schema: dict[str, Any], name: str) -> Iterator[str]:
-    """Yield the names of the parts of a document, each once, in the order in which they are met."""
+    """Yield the names of the parts of a document, each once, in their order."""
     seen: dict[str, None] = {}
 
     def walk(value: Any) -> None:

@@ -17,19 +17,19 @@ Number = Annotated[int, Meta(ge=0, le=2**63 - 1)] | Annotated[float, Meta(ge=0.0
 
 
 class DrawnObjectEntry(Entry, frozen=True):
-    """An object that a person drew."""
+    """An object that a person has drawn."""
 
-    id: Annotated[Label, Meta(description="its own")]
-    name: Annotated[Name | None, Meta(description="for people")] = None
-    group: Annotated[bool, Meta(description="several things that may as well be one")] = False
+    id: Annotated[Label, Meta(description="identity of the object")]
+    name: Annotated[Name | None, Meta(description="name of the object")] = None
+    group: Annotated[bool, Meta(description="true for several objects that may also count as one")] = False
 
 
 class DrawnEntry(Entry, frozen=True):
-    """Where a thing is in a frame."""
+    """The rectangle of an object in a frame."""
 
-    id: Annotated[Label, Meta(description="of its object")]
+    id: Annotated[Label, Meta(description="identity of the object")]
     rect: Rect
-    visible: Annotated[Fraction, Meta(description="fraction of it that is seen")] = 1.0
+    visible: Annotated[Fraction, Meta(description="visible fraction of the object")] = 1.0
     group: bool = False
 
     def __post_init__(self) -> None:
@@ -37,11 +37,11 @@ class DrawnEntry(Entry, frozen=True):
 
 
 class KeyframeEntry(Entry, frozen=True):
-    """A frame that was drawn on."""
+    """A frame with rectangles."""
 
     frame: FrameNumber
     boxes: list[DrawnEntry]
-    ignore: Annotated[list[Rect] | None, Meta(description="where finding something counts neither way")] = None
+    ignore: Annotated[list[Rect] | None, Meta(description="rectangles in which results are not judged")] = None
     number: Annotated[Number | None, Meta(description="the number in the name of the frame's file")] = None
 
     def __post_init__(self) -> None:
@@ -57,13 +57,13 @@ class KeyframeEntry(Entry, frozen=True):
 
 
 class KeyframesDocument(Entry, frozen=True):
-    """Rectangles that a person drew: `keyframes.json`."""
+    """Rectangles that a person has drawn: `keyframes.json`."""
 
     format: Literal["cuboid-keyframes"]
     version: Literal[1]
     objects: list[DrawnObjectEntry]
     frames: list[KeyframeEntry]
-    name: Annotated[Name | None, Meta(description="for people; the file's name unless given")] = None
+    name: Annotated[Name | None, Meta(description="name of the truth; default: the name of the file")] = None
 
     def __post_init__(self) -> None:
         refuse_twice("object id", [item.id for item in self.objects])

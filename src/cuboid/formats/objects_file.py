@@ -47,7 +47,7 @@ class PlaneEntry(Entry, frozen=True):
 
     normal: Annotated[Direction, Meta(description="unit vector, up")]
     offset: Metres
-    extent: Annotated[list[Point], Meta(description="outline of what was seen of it, metres")]
+    extent: Annotated[list[Point], Meta(description="outline of the seen part, metres")]
 
     def __post_init__(self) -> None:
         refuse_no_unit("normal", self.normal)
@@ -65,19 +65,21 @@ def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
         (one.name, Annotated[one.plain_kind, Meta(description=one.what)], one) for one in columns_of(TrackedObject)
     )
     yield label[:2]
-    yield "center", Annotated[Point, Meta(description="of its box in the world, metres")]
-    yield "size", Annotated[Sides, Meta(description="length, width, height along the box's axes, metres")]
+    yield "center", Annotated[Point, Meta(description="centre of its box in the world, metres")]
+    yield "size", Annotated[Sides, Meta(description="length, width and height along the axes of the box, metres")]
     yield (
         "rotation",
-        Annotated[Rotation, Meta(description="rows of a matrix whose columns are the box's axes in the world")],
+        Annotated[
+            Rotation, Meta(description="rotation matrix by rows; its columns are the axes of the box in the world")
+        ],
     )
     for name, kind, one in others:
         yield (name, kind | UnsetType, UNSET) if one.optional else (name, kind)
     for name, kind, what in (
-        ("name_score", _Score, "probability of its class; absent with a user's name"),
-        ("names", _Names, "the next likely classes, at most 3, with their probabilities"),
-        ("kind", _Kind, "of what depth does not read, flat on a plane or a box; absent for volumes"),
-        ("relations", _Relations, "to other objects and surfaces; absent where nobody asked for them"),
+        ("name_score", _Score, "probability of the class; absent for a user's name"),
+        ("names", _Names, "the next most likely classes, at most 3, with their probabilities"),
+        ("kind", _Kind, "`flat` (on a plane) or `box` for objects without depth readings; absent for volumes"),
+        ("relations", _Relations, "relations to other objects and surfaces; absent if they were not requested"),
     ):
         yield name, Annotated[kind, Meta(description=what)], UNSET
 
@@ -99,11 +101,11 @@ class ObjectsDocument(Entry, frozen=True):
 
     format: Literal["cuboid-objects"]
     version: Literal[1]
-    up: Annotated[Direction | None, Meta(description="up in the world; null where it is unknown")]
-    intrinsics: Annotated[IntrinsicsEntry, Meta(description="of the recording's color image at its full size")]
+    up: Annotated[Direction | None, Meta(description="up in the world; null if unknown")]
+    intrinsics: Annotated[IntrinsicsEntry, Meta(description="intrinsics of the recording's color images at full size")]
     planes: list[PlaneEntry]
     objects: list[ObjectEntry]
-    walls: Annotated[tuple[WallEntry, ...], Meta(description="that objects are against")] = ()
+    walls: Annotated[tuple[WallEntry, ...], Meta(description="walls that objects are against")] = ()
 
     def __post_init__(self) -> None:
         if self.up is not None:

@@ -18,17 +18,22 @@ class RelationEntry(Entry, frozen=True):
     """A relation of an object to another one or to a surface."""
 
     to: Annotated[Label | Surface, Meta(description=_TO)]
-    kind: Annotated[RelationKind, Meta(description="what the object is to the other")] = msgspec.field(name="is")
-    score: Annotated[Fraction, Meta(description="probability that it holds, 0 to 1")]
+    kind: Annotated[RelationKind, Meta(description="kind of the relation of the object to the other one")] = (
+        msgspec.field(name="is")
+    )
+    score: Annotated[Fraction, Meta(description="probability of the relation, 0 to 1")]
 
 
 class WallEntry(Entry, frozen=True):
     """A wall: normal . p + offset = 0 in the world."""
 
-    normal: Annotated[Direction, Meta(description="level unit vector to the side from which it was seen")]
+    normal: Annotated[
+        Direction, Meta(description="horizontal unit vector, towards the side from which the wall was seen")
+    ]
     offset: Metres
     extent: Annotated[
-        tuple[Point, Point, Point, Point], Meta(description="upright rectangle around what was seen of it, metres")
+        tuple[Point, Point, Point, Point],
+        Meta(description="corners of the upright rectangle around the seen part, metres"),
     ]
 
     def __post_init__(self) -> None:
@@ -46,18 +51,20 @@ class PlaneOfTruth(Entry, frozen=True):
 
 
 class RelationOfTruth(Entry, frozen=True):
-    """A relation that holds, or of which it is open whether it does."""
+    """A relation that holds, or an open one, which is not judged."""
 
     subject: Annotated[Label, Meta(description="id of the object")] = msgspec.field(name="from")
-    kind: Annotated[RelationKind, Meta(description="what the object is to the other")] = msgspec.field(name="is")
+    kind: Annotated[RelationKind, Meta(description="kind of the relation of the object to the other one")] = (
+        msgspec.field(name="is")
+    )
     to: Annotated[Label | Surface, Meta(description="id of the other object, or plane:k, or wall:k, counted from 0")]
-    judged: Annotated[bool, Meta(description="false where finding it counts neither way")] = True
+    judged: Annotated[bool, Meta(description="false: results for it are not judged")] = True
 
 
 def refuse_unknown(
     relations: Iterable[tuple[int | str, str]], labels: Collection[int], planes: int, walls: int
 ) -> None:
-    """Raise ValueError where a relation is to an object or a surface that is not there.
+    """Raise ValueError where a relation names an object or a surface that does not exist.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from cuboid.formats.table_validation import Row
 
 
 class BoxEntry(Row, frozen=True):
-    """An object seen in a frame, as any tracker can say it; the columns may stand in any order, others among them."""
+    """A box of an object in a frame, from any tracker. The columns have any order; others are ignored."""
 
     frame: FrameNumber
     label: Label
@@ -44,13 +44,13 @@ class BoxEntry(Row, frozen=True):
 
 
 class OwnBoxEntry(BoxEntry, frozen=True):
-    """A frame's own box before matching, with the label it was given, or 0."""
+    """A 3D proposal of a frame, with the label of its object, or 0."""
 
     label: LabelOrNone
 
 
 class RectEntry(Row, frozen=True):
-    """A rectangle seen in a frame, as any tracker can say it; the columns may stand in any order, others among them."""
+    """A rectangle of an object in a frame, from any tracker. The columns have any order; others are ignored."""
 
     frame: FrameNumber
     label: Label
@@ -61,13 +61,13 @@ class RectEntry(Row, frozen=True):
 
 
 class OwnRectEntry(RectEntry, frozen=True):
-    """A frame's own rectangle before matching, with the label it was given, or 0."""
+    """A rectangle of a 3D proposal of a frame, with the label of its object, or 0."""
 
     label: LabelOrNone
 
 
 def _line_of(record: type) -> Any:
-    """Return the kind of a line with a frame and a record that was seen in it: its label, its box, then the rest."""
+    """Return the kind of a line with a frame and a record: its label, its box, then the other fields."""
     label, *others = ((name, one.kind) for one in columns_of(record) for name in one.names)
     box = [(name, kind) for name, kind in get_type_hints(BoxEntry, include_extras=True).items() if name not in _SEEN_IN]
     return msgspec.defstruct(
@@ -76,7 +76,7 @@ def _line_of(record: type) -> Any:
 
 
 def _event_line() -> Any:
-    """Return the kind of a line with an event and the frame that told it."""
+    """Return the kind of a line with an event and the frame that reported it."""
     columns = [(name, one.kind) for one in columns_of(ObjectEvent) for name in one.names]
     return msgspec.defstruct(
         "_Event", [("frame", FrameNumber), ("timestamp", Seconds), *columns], bases=(Row,), frozen=True
@@ -90,21 +90,21 @@ _Event: Any = _event_line()
 
 
 class TrackEntry(_Track, frozen=True):  # type: ignore[misc, call-arg]
-    """A confirmed object seen in a frame: `tracks.csv`."""
+    """A sighting of a confirmed object in a frame: `tracks.csv`."""
 
     def __post_init__(self) -> None:
         _refuse_line(self)
 
 
 class ProposalEntry(_Proposal, frozen=True):  # type: ignore[misc, call-arg]
-    """A 3D proposal of a frame, as that frame alone gave it: `proposals.csv`."""
+    """A 3D proposal of a frame, from this frame alone: `proposals.csv`."""
 
     def __post_init__(self) -> None:
         _refuse_line(self)
 
 
 class EventEntry(_Event, frozen=True):  # type: ignore[misc, call-arg]
-    """A change of an object while the camera watched: `events.csv`."""
+    """A change of an object while the camera runs: `events.csv`."""
 
     def __post_init__(self) -> None:
         for name in ("from", "to"):
@@ -113,13 +113,13 @@ class EventEntry(_Event, frozen=True):  # type: ignore[misc, call-arg]
 
 
 class ProposalLabel(Row, frozen=True):
-    """The label alone of a line of `proposals.csv`."""
+    """Only the label of a line of `proposals.csv`."""
 
     label: LabelOrNone
 
 
 class PoseEntry(Row, frozen=True):
-    """A camera pose (camera to world) and its time, the TUM form: `trajectory.txt`."""
+    """A camera pose (camera to world) and its time, in the TUM format: `trajectory.txt`."""
 
     timestamp: Seconds
     tx: Metres
@@ -135,7 +135,7 @@ class PoseEntry(Row, frozen=True):
 
 
 class RectangleEntry(Row, frozen=True):
-    """A 2D proposal in a file of `--proposals precomputed`; what is no finite box is left out later."""
+    """A 2D proposal in a file of `--proposals precomputed`; boxes that are not finite are left out later."""
 
     x0: float
     y0: float

@@ -1,4 +1,4 @@
-"""`run.json`: how a run went."""
+"""`run.json`: the report of a run."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class FramesEntry(Entry, frozen=True):
     used: Annotated[int, Meta(ge=0, le=MAX_FRAMES)]
     skipped: list[SkippedEntry]
     dropped: Annotated[
-        int, Meta(ge=0, le=MAX_FRAMES, description="that a live camera gave and nobody took in time, without numbers")
+        int, Meta(ge=0, le=MAX_FRAMES, description="frames of a live camera that were dropped; they have no numbers")
     ] = 0
 
     def __post_init__(self) -> None:
@@ -62,21 +62,22 @@ class Timing(Entry, frozen=True):
 
 
 class LimitReached(Entry, frozen=True):
-    """Counts of items beyond the limits of a frame, which were left out, the least likely first."""
+    """Numbers of items beyond a limit per frame; the least likely items are left out."""
 
-    most: Annotated[int, Meta(ge=1, le=1_000_000, description="a frame, at most")]
-    frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES, description="that had more")]
-    left_out: Annotated[int, Meta(ge=1, le=2**53, description="in all of them")]
+    most: Annotated[int, Meta(ge=1, le=1_000_000, description="the limit per frame")]
+    frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES, description="number of frames with more items")]
+    left_out: Annotated[int, Meta(ge=1, le=2**53, description="items left out in all frames")]
 
 
 class ConfigEntry(Entry, frozen=True):
-    """The effective settings that readers of results need; others are for people."""
+    """The settings that readers of results need; others are information."""
 
-    every: Annotated[int, Meta(ge=1, le=LAST_FRAME, description="each n-th frame was used")] = 1
+    every: Annotated[int, Meta(ge=1, le=LAST_FRAME, description="every n-th frame was used")] = 1
     distortion: Annotated[
-        tuple[Distortion, ...], Meta(max_length=8, description="of the lens, as it was taken out of the images")
+        tuple[Distortion, ...],
+        Meta(max_length=8, description="coefficients of the lens distortion that was removed from the images"),
     ] = ()
-    depth_units_per_metre: Annotated[DepthUnits | None, Meta(description="of the depth images")] = None
+    depth_units_per_metre: Annotated[DepthUnits | None, Meta(description="units of the depth images per metre")] = None
     depth_camera: DepthCameraEntry | None = None
     T_color_depth: Matrix | None = None
 
@@ -86,28 +87,28 @@ class ConfigEntry(Entry, frozen=True):
 
 
 class RunDocument(Entry, frozen=True):
-    """How a run went: `run.json`."""
+    """The report of a run: `run.json`."""
 
-    version: Annotated[Name, Meta(description="of the program")]
-    complete: Annotated[bool, Meta(description="false where the run was interrupted")]
-    recording: Annotated[str, Meta(max_length=5000, description="where it lies")]
-    format: Annotated[Name, Meta(description="name of its layout")]
+    version: Annotated[Name, Meta(description="version of the program")]
+    complete: Annotated[bool, Meta(description="false if the run was interrupted")]
+    recording: Annotated[str, Meta(max_length=5000, description="path or URL of the recording")]
+    format: Annotated[Name, Meta(description="layout of the recording")]
     poses: Literal["given", "corrected", "estimated"]
     threads: Annotated[int, Meta(ge=1, le=100_000)]
     config: Annotated[
         dict[str, Setting | list[Setting | list[Setting]] | dict[str, Setting | list[Setting]]],
-        Meta(description="the effective settings, among them `every`, `distortion`, `depth_units_per_metre`"),
+        Meta(description="the settings in use, among them `every`, `distortion`, `depth_units_per_metre`"),
     ]
     frames: FramesEntry
     milliseconds: Annotated[
-        dict[Name, Timing], Meta(description="'frame' is a whole used frame, then the stages in the order of work")
+        dict[Name, Timing], Meta(description="'frame' is the whole work on a frame; the stages follow in their order")
     ]
-    seconds: Annotated[Amount, Meta(description="the whole run")]
+    seconds: Annotated[Amount, Meta(description="duration of the whole run")]
     peak_memory_mb: Amount
-    warnings: Annotated[tuple[Text, ...], Meta(description="what is likely to be wrong with the input")] = ()
+    warnings: Annotated[tuple[Text, ...], Meta(description="likely faults of the input")] = ()
     limits: Annotated[
         dict[Name, LimitReached],
-        Meta(description="'proposals', 'clusters', 'candidates': those of which a frame had too many; mostly empty"),
+        Meta(description="'proposals', 'clusters', 'candidates': limits that some frames exceeded; mostly empty"),
     ] = {}  # noqa: RUF012  # msgspec copies it
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Truth files: which objects there are, where they are judged, and which of them each frame shows."""
+"""Truth files: the objects, the judged region, and the visible objects of each frame."""
 
 from __future__ import annotations
 
@@ -36,29 +36,31 @@ FrameCount = Annotated[int, Meta(ge=0, le=MAX_FRAMES)]
 Move = tuple[FrameNumber, Metres, Metres, Metres, QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPart]
 Moves = Annotated[
     list[Move],
-    Meta(description="where its box is from a frame on, until the next one: frame, centre, quaternion (w first)"),
+    Meta(description="poses of its box: frame from which it holds, centre, quaternion (w first)"),
 ]
 PositiveSide = Annotated[float, Meta(gt=0.0, le=FARTHEST_M, description="metres")]
 
 
 class BoxOfTruth(Entry, frozen=True):
-    """A place where finding something counts neither way."""
+    """A place in which results are not judged."""
 
     center: Point
     size: tuple[PositiveSide, PositiveSide, PositiveSide]
-    rotation: Annotated[Rotation, Meta(description="rows of a matrix whose columns are the box's axes in the world")]
+    rotation: Annotated[
+        Rotation, Meta(description="rotation matrix by rows; its columns are the axes of the box in the world")
+    ]
 
     def __post_init__(self) -> None:
         refuse_no_rotation(self.rotation)
 
 
 class ObjectOfTruth(BoxOfTruth, frozen=True, kw_only=True):
-    """An object that is there."""
+    """A true object."""
 
-    id: Annotated[Label, Meta(description="its own")]
-    name: Annotated[Name | None, Meta(description="for people")] = None
-    judged: Annotated[bool, Meta(description="false where finding it counts neither way")] = True
-    round: Annotated[bool, Meta(description="looks alike from all sides of its third axis")] = False
+    id: Annotated[Label, Meta(description="identity of the object")]
+    name: Annotated[Name | None, Meta(description="name")] = None
+    judged: Annotated[bool, Meta(description="false: results for it are not judged")] = True
+    round: Annotated[bool, Meta(description="symmetric about its third axis")] = False
     moves: Moves | None = None
 
     def __post_init__(self) -> None:
@@ -67,27 +69,27 @@ class ObjectOfTruth(BoxOfTruth, frozen=True, kw_only=True):
 
 
 class AgentOfTruth(Entry, frozen=True):
-    """A rigid part of a person: no object, wherever it is."""
+    """A rigid part of a person, which is never an object."""
 
     size: tuple[PositiveSide, PositiveSide, PositiveSide]
     moves: Moves
-    name: Annotated[Name | None, Meta(description="for people")] = None
+    name: Annotated[Name | None, Meta(description="name")] = None
 
     def __post_init__(self) -> None:
         _refuse_moves(self.moves)
 
 
 class EventOfTruth(Entry, frozen=True):
-    """What happens to an object while the camera runs."""
+    """A change of an object while the camera runs."""
 
     event: EventName
-    id: Annotated[Label, Meta(description="of the object")]
-    begin: Annotated[FrameNumber, Meta(description="frame in which it leaves its place")]
-    end: Annotated[FrameNumber, Meta(description="frame in which it is at rest again, or out of the scene")]
-    begun_at: Annotated[Point | None, Meta(description="middle of its box before, metres; null: not in the scene")] = (
+    id: Annotated[Label, Meta(description="identity of the object")]
+    begin: Annotated[FrameNumber, Meta(description="frame in which the object leaves its place")]
+    end: Annotated[FrameNumber, Meta(description="frame in which it is at rest again, or has left the scene")]
+    begun_at: Annotated[Point | None, Meta(description="centre of its box before, metres; null: not in the scene")] = (
         msgspec.field(default=None, name="from")
     )
-    to: Annotated[Point | None, Meta(description="middle of its box after, metres; null: not in the scene")] = None
+    to: Annotated[Point | None, Meta(description="centre of its box after, metres; null: not in the scene")] = None
 
     def __post_init__(self) -> None:
         if self.end < self.begin:
@@ -95,12 +97,12 @@ class EventOfTruth(Entry, frozen=True):
 
 
 class RegionOfTruth(Entry, frozen=True):
-    """The part of the world that the truth speaks about: a prism over a polygon on a plane."""
+    """The judged part of the world: a prism over a polygon on a plane."""
 
-    normal: Annotated[Point, Meta(description="of the plane normal . p + offset = 0")]
+    normal: Annotated[Point, Meta(description="normal of the plane normal . p + offset = 0")]
     offset: Metres
     polygon: Annotated[list[Point], Meta(min_length=3, max_length=10_000, description="corners in order, metres")]
-    hmin: Annotated[Metres, Meta(description="from here along the normal")]
+    hmin: Annotated[Metres, Meta(description="least height above the plane, along the normal, metres")]
     hmax: Metres
 
     def __post_init__(self) -> None:
@@ -112,7 +114,7 @@ class VisibilityOfTruth(Entry, frozen=True):
     """The visible fraction of each object in each frame."""
 
     frames: FrameCount
-    objects: Annotated[dict[str, list[Run]], Meta(description="by id: [fraction, how many frames in a row], ...")]
+    objects: Annotated[dict[str, list[Run]], Meta(description="by id: [fraction, number of consecutive frames], ...")]
 
 
 class TruthDocument(Entry, frozen=True):
@@ -121,18 +123,18 @@ class TruthDocument(Entry, frozen=True):
     format: Literal["cuboid-truth"]
     version: Literal[1]
     objects: list[ObjectOfTruth]
-    name: Annotated[Name | None, Meta(description="for people; the file's name unless given")] = None
-    frames: Annotated[FrameCount | None, Meta(description="length of the recording")] = None
+    name: Annotated[Name | None, Meta(description="name of the truth; default: the name of the file")] = None
+    frames: Annotated[FrameCount | None, Meta(description="number of frames of the recording")] = None
     judged_region: Annotated[RegionOfTruth | None, Meta(description="null: everything is judged")] = None
     ignore: list[BoxOfTruth] | None = None
     visibility: VisibilityOfTruth | None = None
-    events: Annotated[list[EventOfTruth] | None, Meta(description="in the order in which they end")] = None
-    agents: Annotated[list[AgentOfTruth] | None, Meta(description="people, in rigid parts")] = None
+    events: Annotated[list[EventOfTruth] | None, Meta(description="events in the order of their ends")] = None
+    agents: Annotated[list[AgentOfTruth] | None, Meta(description="rigid parts of people")] = None
     relations: Annotated[
-        list[RelationOfTruth] | None, Meta(description="of the objects; null: relations are not judged")
+        list[RelationOfTruth] | None, Meta(description="relations of the objects; null: relations are not judged")
     ] = None
-    planes: Annotated[tuple[PlaneOfTruth, ...], Meta(description="level surfaces that relations name")] = ()
-    walls: Annotated[tuple[PlaneOfTruth, ...], Meta(description="walls that relations name")] = ()
+    planes: Annotated[tuple[PlaneOfTruth, ...], Meta(description="level surfaces in relations")] = ()
+    walls: Annotated[tuple[PlaneOfTruth, ...], Meta(description="walls in relations")] = ()
 
     def __post_init__(self) -> None:
         refuse_twice("object id", [item.id for item in self.objects])
@@ -148,7 +150,7 @@ class TruthDocument(Entry, frozen=True):
 
 
 def _refuse_moves(moves: list[Move]) -> None:
-    """Raise ValueError where frames do not increase, or a turn is none."""
+    """Raise ValueError where frames do not increase, or a quaternion is not one."""
     for k, (frame, _, _, _, *turn) in enumerate(moves):
         refuse_no_quaternion(*turn)
         if k and frame <= moves[k - 1][0]:

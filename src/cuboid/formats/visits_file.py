@@ -11,26 +11,28 @@ from cuboid.core.values import Count, Entry, Label, Name, Point, Side, refuse_tw
 
 
 class ChangeOfThing(Entry, frozen=True):
-    """The true change of an object between the visit before and this one."""
+    """The true change of an object between the previous visit and this one."""
 
-    id: Annotated[Label, Meta(description="the same in the truth of all visits")]
+    id: Annotated[Label, Meta(description="identity of the object, the same in all visits")]
     change: Literal["unchanged", "moved", "gone", "new"]
-    judged: Annotated[bool, Meta(description="false: finding it counts neither way")]
-    metres: Annotated[Side, Meta(description="how far it was moved, metres")]
-    empty_frames: Annotated[Count, Meta(description="frames that show the place where it stood")]
-    seen_frames: Annotated[Count, Meta(description="frames that show it where it stands")]
-    name: Annotated[Name | None, Meta(description="for people")] = None
-    begun_at: Annotated[Point | None, Meta(description="where it stood, metres")] = msgspec.field(
+    judged: Annotated[bool, Meta(description="false: results for it are not judged")]
+    metres: Annotated[Side, Meta(description="distance of the move, metres")]
+    empty_frames: Annotated[Count, Meta(description="number of frames that show its old place")]
+    seen_frames: Annotated[Count, Meta(description="number of frames that show it at its new place")]
+    name: Annotated[Name | None, Meta(description="name")] = None
+    begun_at: Annotated[Point | None, Meta(description="centre of its box before, metres")] = msgspec.field(
         default=None, name="from"
     )
-    to: Annotated[Point | None, Meta(description="where it stands, metres")] = None
+    to: Annotated[Point | None, Meta(description="centre of its box after, metres")] = None
 
 
 class VisitEntry(Entry, frozen=True):
     """A visit."""
 
-    recording: Annotated[Name, Meta(description="name of its folder, beside the file", pattern=r"^[^/\\\x00]+$")]
-    changes: Annotated[list[ChangeOfThing], Meta(description="since the visit before; none in the first")]
+    recording: Annotated[
+        Name, Meta(description="name of the folder of the recording, beside the file", pattern=r"^[^/\\\x00]+$")
+    ]
+    changes: Annotated[list[ChangeOfThing], Meta(description="changes since the previous visit; empty for the first")]
 
     def __post_init__(self) -> None:
         refuse_twice("id", [one.id for one in self.changes])
@@ -39,9 +41,9 @@ class VisitEntry(Entry, frozen=True):
 
 
 class VisitsDocument(Entry, frozen=True):
-    """Visits of one place, and what changed between them: `visits.json`, from `cuboid synth --visits`."""
+    """Visits of one place, with the changes between them: `visits.json`, from `cuboid synth --visits`."""
 
     format: Literal["cuboid-visits"]
     version: Literal[1]
-    visits: Annotated[list[VisitEntry], Meta(description="in order of time")]
-    name: Annotated[Name | None, Meta(description="for people")] = None
+    visits: Annotated[list[VisitEntry], Meta(description="visits in the order of time")]
+    name: Annotated[Name | None, Meta(description="name")] = None

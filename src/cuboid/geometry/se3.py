@@ -299,6 +299,13 @@ def mean_motion(T_a_camera: Float64Array, T_b_camera: Float64Array) -> Float64Ar
     return compose(quat_wxyz_from_rotation(rotation), shift)
 
 
+def level_rotation(up: Float64Array) -> Float64Array:
+    """Return a rotation (3, 3) whose rows are two level axes and the unit vector `up` (3,): it turns up into +z."""
+    first = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(up, first), up])
+
+
 def skew(vector: npt.ArrayLike) -> Float64Array:
     """Return the (3, 3) matrix of the cross product with a vector (3,) from the left."""
     x, y, z = np.asarray(vector, np.float64)

@@ -28,14 +28,14 @@ CubeNumbers = npt.NDArray[np.int32]
 
 @dataclass(slots=True, eq=False)
 class Anchor(Record):
-    """A keyframe at some state of its pose; what an attribute holds is replaced, never changed.
+    """A keyframe with one of its poses; values of attributes are replaced, never changed in place.
 
     Attributes
     ----------
     number : int
     keyframe : int
     cubes : (N,) int32
-        Those in which points of it may be, ascending.
+        Cubes that may hold its points, ascending.
     T_new_old : (4, 4) float64 or None
         Pending motion of its points in the world; None where there is none.
     """
@@ -55,9 +55,9 @@ class AnchorsState(Record):
     all : dict of int to Anchor
         By number.
     now : dict of int to int
-        By keyframe, the anchor of the points that are seen from it now.
+        Current anchor of each keyframe, by its number.
     last_number : int
-        The last one given to a keyframe that had moved.
+        Number of the last anchor that a moved keyframe got.
     """
 
     all: dict[int, Anchor]

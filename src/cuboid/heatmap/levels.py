@@ -31,9 +31,9 @@ class LevelsState(Record):
     Attributes
     ----------
     first_frame : int or None
-        Of this visit.
+        First frame of this visit.
     moments : int
-        Moments at which the camera had moved since the one before.
+        Number of moments; a new one begins when the camera has moved.
     parted : (N, 2) int64
         Cubes of which each voxel has a row of its own since it was accessed, and that moment; those out of view for
         longest first.

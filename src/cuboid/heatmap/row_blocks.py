@@ -21,7 +21,7 @@ class RowBlocksState(Record):
     Attributes
     ----------
     of : dict of int to tuple of int
-        The blocks of each object, ascending, by its number.
+        Blocks of each object, ascending, by the number of the object.
     """
 
     of: dict[int, tuple[int, ...]]

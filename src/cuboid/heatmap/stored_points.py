@@ -30,16 +30,16 @@ SPARE_MB = 8.0
 
 @dataclass(frozen=True, slots=True)
 class StoredPointsState(Record):
-    """State of `StoredPoints`, but for the rows: these are saved block by block.
+    """State of `StoredPoints`, except for the rows, which are saved block by block.
 
     Attributes
     ----------
     visit : int
-        Visits of the place before this one.
+        Number of earlier visits of the place.
     most_hits : int
-        As how many sightings those of earlier visits count, at most.
+        Maximum weight of the sightings of earlier visits, in sightings.
     carving_passes : int
-        Frames that have carved free space.
+        Number of frames that have carved free space.
     owned_blocks : RowBlocksState
     """
 
@@ -452,6 +452,14 @@ class StoredPoints:
         self.owner[rows] = kept
         self.cubes.changed[rows >> BLOCK_BITS] = True
         self.owned_blocks.transfer(gone, kept)
+
+    def remove(self, number: int) -> None:
+        """Remove all rows of an object: there is nothing where it was."""
+        rows = self.rows_of(number)
+        p, blocks = self.points, rows >> BLOCK_BITS
+        p.weight[rows], p.hits[rows], p.passes[rows] = 0.0, 0, 0
+        np.add.at(self.cubes.dead, self.cubes.cube_of[blocks], 1)
+        self.cubes.changed[blocks] = True
 
     def release(self, numbers: Sequence[int]) -> None:
         """Let objects have no rows: these are no one's, and no votes hold them."""

@@ -18,7 +18,7 @@ from cuboid.heatmap.fine_points import FinePoints
 from cuboid.heatmap.kernels import claims as kernel_claims
 from cuboid.heatmap.kernels import lookup, owners
 from cuboid.heatmap.kernels import voxels as kernel
-from cuboid.heatmap.kernels.cubes import BLOCK_ROWS
+from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS
 from cuboid.heatmap.levels import Levels, LevelsState
 from cuboid.heatmap.moving_points import MovingPoints
 from cuboid.heatmap.stored_points import Rows, StoredPoints, StoredPointsState
@@ -52,7 +52,7 @@ class PixelVoxels:
 
 @dataclass(frozen=True, slots=True)
 class VoxelMapState(Record):
-    """State of a `VoxelMap`, but for its rows: these are saved block by block.
+    """State of a `VoxelMap`, except for its rows, which are saved block by block.
 
     Attributes
     ----------
@@ -60,11 +60,11 @@ class VoxelMapState(Record):
     anchors : AnchorsState
     levels : LevelsState
     waiting : int
-        Frames since the last carving pass.
+        Number of frames since the last carving pass.
     next_look : int
-        The cube that the next one begins with.
+        First cube of the next carving pass.
     next_fine_look : int
-        The fine cube that it begins with.
+        First fine cube of the next carving pass.
     """
 
     stored: StoredPointsState
@@ -264,6 +264,12 @@ class VoxelMap:
         pairs = kernel_claims.vote_owners(*frame, p.hits, MAX_VOTES, p.owner, p.confidence, p.mark)
         pairs = np.unique(pairs)
         self.stored.owned_blocks.add(pairs >> 32, pairs & 0xFFFFFFFF)
+
+    def claim(self, rows: Rows, number: int) -> None:
+        """Let an object have rows (N,) that are no one's: as many votes as there can be say so."""
+        rows = np.unique(rows[self.stored.owner[rows] == 0])
+        self.stored.owner[rows], self.stored.points.confidence[rows] = number, MAX_VOTES
+        self.stored.owned_blocks.add_rows(self.stored.owner[rows], rows >> BLOCK_BITS)
 
     def look_up(self, slots: npt.NDArray[np.int32]) -> PixelVoxels:
         """Return what the map knows of the voxel (h, w) of each pixel, -1 none."""

@@ -36,7 +36,7 @@ class AffinityState(Record):
     pairs : (N, 2) int64
         Numbers of two objects, the lower one first.
     log_odds : (N,) float64
-        That they are one.
+        Log-odds that the two are one object.
     """
 
     pairs: npt.NDArray[np.int64]

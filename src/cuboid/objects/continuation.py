@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.boxes.kernels.extents import beyond_sides
-from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.frame import Float32Array, UInt8Array
 from cuboid.core.limits import SAMPLE_POINTS
-from cuboid.core.tolerances import DRIFT_M, MIN_READINGS
+from cuboid.core.tolerances import DRIFT_M
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 
@@ -17,9 +17,6 @@ SIDE_VOXELS = 2.0
 BEYOND_VOXELS = SIDE_VOXELS + np.arange(3)
 # A side goes on when this fraction of its points has surface beyond it.
 GOES_ON_FRACTION = 0.5
-# An object above a plane goes on below it when there is a surface of no object beneath this fraction of its points, at
-# this many depths of a voxel each: fewer may be noise.
-BELOW_FRACTION, MIN_DEPTH_VOXELS = 0.2, 3
 
 
 def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Array) -> tuple[bool, int]:
@@ -54,28 +51,3 @@ def is_structure(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8A
     """Tell whether an object is a part of structure: its top goes on, or more than one of its sides does."""
     top, sides = continues(box, points, voxels, owned)
     return top or sides > 1
-
-
-def continues_below(points: Float32Array, normal: Float64Array, offset: float, voxels: VoxelMap) -> bool:
-    """Tell whether what lies above a plane continues below it: then it supports the plane, and does not stand on it.
-
-    Beneath what stands on a board, or a table, is air, or something that nobody has seen. The side of a shelf that is a
-    little higher than its board goes on below.
-
-    Parameters
-    ----------
-    points : (N, 3) float32
-        World, metres.
-    normal : (3,) float64
-        Of the plane, unit, up.
-    offset : float
-        The plane is normal.p + offset = 0.
-    voxels : VoxelMap
-    """
-    points = points[:: 1 + len(points) // (SAMPLE_POINTS // 4)].astype(np.float64)
-    ground = points - np.outer(points @ normal + offset, normal)
-    # Nearer points may be the edge of the plane, and the plane hides the space right beneath it.
-    below_m = DRIFT_M + (np.arange(2 * MIN_READINGS) + 0.5) * voxels.voxel_m
-    owner = voxels.owner_at((ground - below_m[:, None, None] * normal).reshape(-1, 3))
-    seen = np.count_nonzero(owner.reshape(len(below_m), -1) == 0, axis=0)
-    return bool(np.count_nonzero(seen >= MIN_DEPTH_VOXELS) / len(seen) >= BELOW_FRACTION)

@@ -25,7 +25,7 @@ class State(Enum):
 
 @dataclass(slots=True, eq=False)
 class MapObject(Record):
-    """An object of the map, with a label or not yet.
+    """An object of the map, confirmed (with a label) or not.
 
     What an attribute holds is replaced, never changed: arrays, dicts and lists too.
 
@@ -39,11 +39,11 @@ class MapObject(Record):
     label : int
         0 until confirmed.
     keyframe : int
-        That most of its points are anchored to; -1 where a frame has shown its place since: it is unknown then.
+        Keyframe to which most of its points are anchored; -1 (unknown) after a frame has fused new points.
     plane : int or None
-        Identity of the plane that it stands on.
+        Identity of its supporting plane.
     points : (N, 3) float32
-        Its voxels' places in the world, as of the last fit.
+        Positions of its voxels in the world at the last fit.
     colors : (N, 3) uint8
         Their colors.
     heat : float
@@ -55,25 +55,27 @@ class MapObject(Record):
     frames_seen : int
         Frames that saw it.
     sightings : int
-        Frames whose own proposals it matched.
+        Number of frames whose proposals it matched.
     log_odds : float
-        That it is an object: the evidence of its sightings so far.
+        Evidence that it is an object, from its sightings so far.
     outline : (4, KINDS) float64
-        What bounded it in its sightings, by side and kind; see `kernels.outlines.outlines`.
+        Kinds of its boundary in its sightings, by side and kind; see `kernels.outlines.outlines`.
     supports : dict of int to int
-        Pixels of it seen above each plane, by the plane's identity.
+        Number of its pixels seen above each plane, by the identity of the plane.
     merged_labels : list of int
         Labels of objects that were merged into it.
     fitted : int
-        Sightings at the last fit of its box.
+        Number of sightings at the last fit of its box.
     supports_plane : bool
-        Whether it was found to support its plane, as furniture does, at the last fit.
+        Whether it supported its plane at the last fit, as furniture does.
     holder : int
-        Number of the object that it is attached to, since nothing supported it from below at the last fit; 0 none.
+        Number of the object that it is attached to, if nothing supported it from below at the last fit; 0: none.
     name_log_odds : dict of str to float
-        Evidence of a detector on its class, by name; see `naming`. Empty without a detector.
+        Evidence for each class from a detector, by name; see `naming`. Empty without a detector.
     views : (V, 4) float64
-        Directions from which a detector looked at it, unit vectors, and how often from each.
+        Directions from which a detector saw it (unit vectors), with the number of times for each.
+    moved : bool
+        Whether it was seen to move by itself.
     taken_by : MapObject or None
         The one that it turned out to be a part of.
     """
@@ -100,6 +102,7 @@ class MapObject(Record):
     holder: int = 0
     name_log_odds: dict[str, float] = field(default_factory=dict, metadata=ADDED)
     views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)), metadata=ADDED)
+    moved: bool = field(default_factory=bool, metadata=ADDED)
     taken_by: MapObject | None = field(default=None, metadata=TRANSIENT)
 
     @property

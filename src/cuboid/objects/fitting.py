@@ -17,7 +17,7 @@ from cuboid.core.tolerances import DRIFT_M, MIN_READINGS, SIGMAS
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
-from cuboid.objects.continuation import continues_below, is_structure
+from cuboid.objects.continuation import is_structure
 from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import CLEAR, ends_above
 from cuboid.objects.store import ObjectStore
@@ -115,7 +115,7 @@ class Fitting:
         entry.holder = 0 if rests is None else find_holder(entry, *rests, near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
-        supports_plane = self._supports_plane(entry, rests)
+        supports_plane = self._supports_plane(entry)
         # A thinner or flatter object may be the noise of a surface.
         structure = (
             supports_plane
@@ -135,14 +135,12 @@ class Fitting:
             self._store.retire(entry)
         entry.supports_plane = supports_plane
 
-    def _supports_plane(self, entry: MapObject, rests: tuple[Float64Array, float] | None) -> bool:
-        """Tell whether an object goes on below its plane, or up to a plane that lies on it.
+    def _supports_plane(self, entry: MapObject) -> bool:
+        """Tell whether an object reaches up to a plane that lies on it.
 
         One that was seen to end above may be as high as the board that it stands beneath; the side of a shelf is as
         high as the plane itself, which goes on from there.
         """
-        if entry.plane is not None and rests is not None and continues_below(entry.points, *rests, self._voxels):
-            return True
         if self._planes.is_extended_by_plane(entry.box):
             return True
         return self._planes.has_plane_on_top(entry.box) and not ends_above(entry.outline)

@@ -54,7 +54,7 @@ NEW_SIDE_RAD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class ObjectMapState(Record):
-    """State of an `ObjectMap`: that of its store."""
+    """State of an `ObjectMap`: the state of its store."""
 
     store: ObjectStoreState
 
@@ -117,6 +117,7 @@ class ObjectMap:
         objects: Sequence[MapObject],
         voxels: PixelVoxels,
         candidate: UInt8Array,
+        touched: npt.NDArray[np.bool_],
     ) -> Association:
         """Update the map of objects with a frame.
 
@@ -131,6 +132,8 @@ class ObjectMap:
         voxels : PixelVoxels
         candidate : (h, w) uint8
             Pixels off every supporting plane.
+        touched : (n,) bool
+            Segments that something moves at: their outlines tell nothing.
 
         Returns
         -------
@@ -140,7 +143,7 @@ class ObjectMap:
             entry.keyframe = -1  # the points that this frame fused are anchored to another one now
         found = associate(frame_segments, pack(boxes), objects, self.store.boxes_of(objects), voxels)
         novelty = min(1.0, max(MIN_NOVELTY, seen.viewpoint_angle_rad / NEW_SIDE_RAD))
-        number_of = self._update_objects(seen, frame_segments, boxes, found)
+        number_of = self._update_objects(seen, frame_segments, boxes, found, touched)
         self._voxels.vote_owners(
             frame_segments.claim, number_of, *self._allowed_transfers(number_of, found), candidate, voxels.slots
         )
@@ -148,22 +151,28 @@ class ObjectMap:
         self._add_overlaps(objects, novelty)
         self._add_attachments(objects, novelty)
         self._penalise_missed(found)
-        touched = [o.number for o in objects] + [int(n) for n in number_of if n]
-        self._fitting.fit_grown(touched, seen.eye, seen.new_viewpoint)
+        changed = [o.number for o in objects] + [int(n) for n in number_of if n]
+        self._fitting.fit_grown(changed, seen.eye, seen.new_viewpoint)
         self._retire_removed(found)
-        self._merge(touched, seen.eye)
-        self._retire_unlikely(touched)
+        self._merge(changed, seen.eye)
+        self._retire_unlikely(changed)
         return found
 
     def _update_objects(
-        self, seen: Observation, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
+        self,
+        seen: Observation,
+        frame_segments: FrameSegments,
+        boxes: Sequence[Box],
+        found: Association,
+        touched: npt.NDArray[np.bool_],
     ) -> npt.NDArray[np.int32]:
         """Update the matched objects and begin candidates; return the object each segment votes for, 0 for none."""
         number_of = np.zeros(len(frame_segments.segments), np.int32)
         match, part = found.match.tolist(), found.part.tolist()
         partner = {j: i for i, j in enumerate(match) if j >= 0}
         outlines = np.array([c.outline for c in frame_segments.segments]).reshape(-1, 4, KINDS)
-        evidence = log_odds_of(outlines, np.array([c.read for c in frame_segments.segments])).tolist()
+        evidence = log_odds_of(outlines, np.array([c.read for c in frame_segments.segments]))
+        evidence = np.where(touched, 0.0, evidence).tolist()
         for i, segment in enumerate(frame_segments.segments):
             if match[i] >= 0:
                 entry = found.objects[match[i]]
@@ -246,12 +255,15 @@ class ObjectMap:
     def _add_attachments(self, objects: Sequence[MapObject], novelty: float) -> None:
         """Add evidence that objects without support from below are parts of what they are attached to."""
         for entry in objects:
+            if entry.moved:
+                continue
             if entry.holder and entry.holder in self.store and self.store[entry.holder].state is not State.RETIRED:
                 self.store.affinity.add_attachment(entry.number, entry.holder, novelty)
 
     def _add_overlaps(self, objects: Sequence[MapObject], novelty: float) -> None:
         """Add evidence that objects which overlap in space are one: solids do not interpenetrate."""
-        entries = [o for o in objects if len(o.points)]
+        # What was seen to move by itself is no part of what it lies in now.
+        entries = [o for o in objects if len(o.points) and not o.moved]
         labelled = [o for o in entries if o.confirmed]
         if not labelled:
             return
@@ -343,15 +355,32 @@ class ObjectMap:
             [o for o in entries if -o.log_odds >= (CERTAIN_LOG_ODDS if o.confirmed else CERTAIN_LOG_ODDS / 2.0)]
         )
 
-    def record_seen(self, frame: int, seen: Sequence[MapObject]) -> None:
-        """Record that a frame shows these objects; confirm the candidates among them that meet all criteria."""
+    def record_seen(self, frame: int, seen: Sequence[MapObject], restless: frozenset[int]) -> list[MapObject]:
+        """Record that a frame shows these objects; confirm the candidates among them that meet all criteria.
+
+        Parameters
+        ----------
+        frame : int
+        seen : sequence of MapObject
+        restless : frozenset of int
+            Numbers of those that have not rested for long enough to get a label.
+
+        Returns
+        -------
+        list of MapObject
+            Those that got a label.
+        """
+        confirmed = []
         for entry in seen:
             if (
                 entry.state is State.CANDIDATE
+                and entry.number not in restless
                 and entry.log_odds >= CERTAIN_LOG_ODDS
                 and is_confirmable(entry, self.store, self._planes, self._config)
             ):
                 self.store.confirm(entry)
+                confirmed.append(entry)
         for entry in seen:
             entry.frames_seen += 1
             entry.last_frame = frame
+        return confirmed

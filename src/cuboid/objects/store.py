@@ -36,14 +36,14 @@ class ObjectStoreState(Record):
     Attributes
     ----------
     objects : dict of int to MapObject
-        By number; those that are retired and have a label too.
+        The objects by number, with the retired ones that have a label.
     next_number : int
-        That of the next object.
+        Number of the next object.
     next_label : int
-        That of the next object that is confirmed.
+        Label of the next confirmed object.
     affinity : AffinityState
     boxes : (capacity, 15) float64
-        A row a number: centre, size, rotation; NaN where no object lives.
+        A row per number: centre, size, rotation; NaN without a living object.
     """
 
     objects: dict[int, MapObject]
@@ -183,11 +183,11 @@ class ObjectStore:
         self._next_label += 1
         return self._next_label - 1
 
-    def take_label(self, entry: MapObject, label: int) -> None:
+    def take_label(self, entry: MapObject, label: int, merged_labels: Iterable[int], first_frame: int) -> None:
         """Let a labelled object have the label that it had as a thing that depth did not read; the older one stays."""
         older, younger = sorted((entry.label, label))
-        entry.merged_labels = sorted({*entry.merged_labels, younger})
-        entry.label = older
+        entry.merged_labels = sorted({*entry.merged_labels, *merged_labels, younger})
+        entry.label, entry.first_frame = older, min(entry.first_frame, first_frame)
 
     def retire(self, entry: MapObject) -> None:
         """End an object's life: its label is kept and never given again, its points are no one's."""
@@ -200,6 +200,14 @@ class ObjectStore:
             self._close(entry)
             if not entry.label:
                 del self._objects[entry.number]
+
+    def set_down(self, entry: MapObject, box: Box) -> None:
+        """Let a labelled object that was retired live on with another box: it was moved, and rests again."""
+        entry.state = State.CONFIRMED
+        self._confirmed[entry.number] = entry
+        entry.plane, entry.supports, entry.supports_plane, entry.holder = None, {}, False, 0
+        entry.fitted, entry.moved = entry.sightings, True
+        self.place(entry, box)
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
         """Let a labelled object be one that was retired: it was moved, and its older label stays."""

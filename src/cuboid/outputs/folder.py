@@ -38,6 +38,7 @@ EVENTS = "events.csv"
 VIDEO = "labelled.mp4"
 REPORT = "report.html"
 VIEWS = "views.zip"
+EMBEDDINGS = "embeddings.npz"
 
 # Complete results inside an output folder whose old ones they are about to replace, and the list of their files.
 COMPLETE = ".complete"
@@ -45,7 +46,20 @@ COMPLETE = ".complete"
 YOUNG_S = 5.0
 NAMES = "names"
 
-OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, MAP, VIDEO, REPORT, VIEWS, RUN)
+OUTPUT_NAMES = (
+    OBJECTS,
+    TRACKS,
+    PROPOSALS,
+    TRAJECTORY,
+    TRAJECTORY_ONLINE,
+    EVENTS,
+    MAP,
+    VIDEO,
+    REPORT,
+    VIEWS,
+    EMBEDDINGS,
+    RUN,
+)
 
 
 @contextmanager

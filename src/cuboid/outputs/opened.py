@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,16 +13,29 @@ from cuboid.core.errors import FrameError, InputError, shown
 from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.paths import PathLike, as_path
 from cuboid.core.results import MapPoints, SupportPlane, TrackedObject, Wall
-from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY, VIEWS, finish_replacing
+from cuboid.outputs.folder import (
+    EMBEDDINGS,
+    EVENTS,
+    MAP,
+    OBJECTS,
+    PROPOSALS,
+    RUN,
+    TRACKS,
+    TRAJECTORY,
+    VIEWS,
+    finish_replacing,
+)
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.objects import ObjectsFile, read_objects
 from cuboid.outputs.ply import read_map
 from cuboid.outputs.queries import MapQueries
 from cuboid.outputs.report import RunReport, read_run
 from cuboid.outputs.rows import (
+    EventRow,
     PoseRow,
     ProposalRow,
     TrackRow,
+    read_events,
     read_proposal_labels,
     read_proposals,
     read_tracks,
@@ -33,7 +46,9 @@ from cuboid.readers.recording import Recording
 from cuboid.readers.reopen import reopen_recording
 
 if TYPE_CHECKING:
+    from cuboid.core.frame import Float32Array
     from cuboid.shapes import ObjectView
+    from cuboid.text_search import Embeddings, TextModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,7 +218,46 @@ class Results(MapQueries):
             report.depth_units_per_metre,
         )
 
-    def _views(self, item: TrackedObject) -> list[ObjectView]:
+    def embed(self, model: PathLike | TextModel | None = None) -> Embeddings:
+        """Embed pictures of the objects with an image-text model, keep the vectors beside the results, return them.
+
+        Parameters
+        ----------
+        model : path or TextModel, optional
+            As of `find`.
+
+        Raises
+        ------
+        InputError
+            There is no such model, or no pictures of the objects: the recording is not there.
+        OutputError
+            The folder cannot be written.
+        """
+        from cuboid.outputs.pending import write_whole
+        from cuboid.text_search import Embeddings, open_text_model
+
+        opened = open_text_model(model, "embed")
+        found = Embeddings(opened.identity, super().vectors(opened))
+        write_whole(self.folder / EMBEDDINGS, found.content())
+        self._embedded[opened.identity] = found.vectors
+        return found
+
+    @cached_property
+    def _embedded(self) -> dict[str, Mapping[int, Float32Array]]:
+        """The vectors of the objects by label, by identity of the model: those beside the results, and later ones."""
+        from cuboid.text_search import Embeddings
+
+        path = self.folder / EMBEDDINGS
+        kept = [Embeddings.read(path)] if path.is_file() else []
+        return {one.model: one.vectors for one in kept}
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects: those that were kept, else of pictures from the recording."""
+        if model.identity not in self._embedded:
+            self._embedded[model.identity] = super().vectors(model)
+        return self._embedded[model.identity]
+
+    def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:
         """Return the views of an object: those that the run kept, else read from the recording."""
         from cuboid.shapes.keeping import read_views
         from cuboid.shapes.views import Candidate, chosen, view_of
@@ -211,13 +265,13 @@ class Results(MapQueries):
         kept = self.folder / VIEWS
         if kept.is_file():
             poses = {frame: pose.T_world_camera for frame, pose in self.poses.items()}
-            return read_views(kept, item, self._camera, poses)
+            return read_views(kept, item, self._camera, poses, most)
         candidates = [
             Candidate(row.frame, row.box, row.visible, self.poses[row.frame].T_world_camera)
             for row in self.sightings(item.label)
         ]
         views = []
-        for one in chosen(candidates, item.box):
+        for one in chosen(candidates, item.box, most):
             try:
                 frame = self.recording.read(one.frame)
             except FrameError:
@@ -251,6 +305,14 @@ class Results(MapQueries):
         return rows
 
     @cached_property
+    def events(self) -> list[EventRow]:
+        """What happened to objects while the camera watched, by frame; none where nothing moved."""
+        path = self.folder / EVENTS
+        rows = read_events(path) if path.exists() else []
+        self._refuse_unused(EVENTS, rows)
+        return rows
+
+    @cached_property
     def proposals(self) -> list[ProposalRow]:
         """The frames' own boxes, in the order of the file."""
         rows = read_proposals(self.folder / PROPOSALS)
@@ -273,7 +335,7 @@ class Results(MapQueries):
         """The last frame of the recording that was used; -1 where none was."""
         return next(reversed(self.poses), -1)
 
-    def _refuse_unused(self, name: str, rows: list[TrackRow] | list[ProposalRow]) -> None:
+    def _refuse_unused(self, name: str, rows: list[TrackRow] | list[ProposalRow] | list[EventRow]) -> None:
         strange = {row.frame for row in rows} - self.poses.keys()
         if strange:
             raise InputError(f"{self.folder / name}: frame {min(strange)} is not among the used frames of {RUN}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,7 +14,7 @@ from cuboid.core.results import ObjectEvent, Proposal3D, Sighting, tag_of
 from cuboid.formats.rows_files import EventEntry, PoseEntry, ProposalEntry, ProposalLabel, TrackEntry
 from cuboid.formats.table_validation import header_of, read_lines, read_table
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation, rotation_from_quat_wxyz, transform
+from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
 from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers
 
 R = TypeVar("R", "TrackRow", "ProposalRow")
@@ -97,11 +97,6 @@ class EventRow(ObjectEvent):
         """Return the line without its end."""
         cells = (cell for column in columns_of(ObjectEvent) for cell in column.cells(self))
         return ",".join((str(self.frame), number(self.timestamp_s, LENGTH), *cells))
-
-    def moved(self, T_new_old: Float64Array) -> EventRow:
-        """Return it in another world, by a rigid motion (4, 4)."""
-        from_m, to_m = (None if at is None else transform(T_new_old, at) for at in (self.from_m, self.to_m))
-        return replace(self, from_m=from_m, to_m=to_m)
 
 
 @dataclass(frozen=True, slots=True)

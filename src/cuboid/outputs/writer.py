@@ -15,6 +15,7 @@ from cuboid.core.errors import OutputError
 from cuboid.core.paths import PathLike
 from cuboid.core.results import FrameResult, MapPoints
 from cuboid.outputs.folder import (
+    EVENTS,
     MAP,
     OBJECTS,
     PROPOSALS,
@@ -29,7 +30,7 @@ from cuboid.outputs.folder import (
 from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.outputs.ply import write_map
 from cuboid.outputs.report import RunReport, write_run
-from cuboid.outputs.rows import PROPOSALS_HEADER, TRACKS_HEADER, PoseRow, ProposalRow, TrackRow
+from cuboid.outputs.rows import EVENTS_HEADER, PROPOSALS_HEADER, TRACKS_HEADER, EventRow, PoseRow, ProposalRow, TrackRow
 
 if TYPE_CHECKING:
     from cuboid.shapes.keeping import ViewKeeper
@@ -113,8 +114,7 @@ class ResultWriter:
         """
         self._keep = keep or self._keep
         for name, text in texts.items():
-            with writing(self._folder.file(name), self._shown / name):
-                self._files[name].write(text)
+            self._write_rows(name, text)
 
     def add(self, result: FrameResult, pixels: int = 1) -> None:
         """Write the rows of one frame.
@@ -131,13 +131,19 @@ class ResultWriter:
         OutputError
             The disk is full.
         """
-        for name, lines in zip((TRACKS, PROPOSALS, self._online), lines_of(result, pixels), strict=True):
-            self._append(name, "".join(f"{line}\n" for line in lines))
+        for name, lines in zip((TRACKS, PROPOSALS, self._online, EVENTS), lines_of(result, pixels), strict=True):
+            if lines or name != EVENTS:
+                text = "".join(f"{line}\n" for line in lines)
+                self._write_rows(name, text)
+                self._keep(name, text)
 
-    def _append(self, name: str, text: str) -> None:
+    def _write_rows(self, name: str, text: str) -> None:
+        """Write rows of a file; there is one with events once there are any."""
         with writing(self._folder.file(name), self._shown / name):
+            if name not in self._files:
+                self._files[name] = self._open(name)
+                self._files[name].write(EVENTS_HEADER + "\n")
             self._files[name].write(text)
-        self._keep(name, text)
 
     def finish(
         self,
@@ -192,7 +198,7 @@ class RowLog:
 
     def __init__(self) -> None:
         with ExitStack() as stack:
-            self._files = [stack.enter_context(_spooled()) for _ in range(3)]
+            self._files = [stack.enter_context(_spooled()) for _ in range(4)]
             weakref.finalize(self, stack.pop_all().close)
 
     def add(self, result: FrameResult) -> None:
@@ -202,20 +208,20 @@ class RowLog:
 
     def texts(self, *, corrected: bool) -> dict[str, str]:
         """Return the rows by the name of their file; `corrected` as of `ResultWriter`."""
-        names = TRACKS, PROPOSALS, TRAJECTORY_ONLINE if corrected else TRAJECTORY
+        names = TRACKS, PROPOSALS, TRAJECTORY_ONLINE if corrected else TRAJECTORY, EVENTS
         texts = {}
         for name, file in zip(names, self._files, strict=True):
             file.seek(0)
             texts[name] = file.read()
-        return texts
+        return texts if texts[EVENTS] else {name: text for name, text in texts.items() if name != EVENTS}
 
 
 def _spooled() -> tempfile.SpooledTemporaryFile[str]:
     return tempfile.SpooledTemporaryFile(MAX_IN_MEMORY_BYTES, "w+", encoding="utf-8", newline="\n")
 
 
-def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], list[str], list[str]]:
-    """Return the lines of one frame in `tracks.csv`, `proposals.csv` and the trajectory.
+def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], list[str], list[str], list[str]]:
+    """Return the lines of one frame in `tracks.csv`, `proposals.csv`, the trajectory, and `events.csv`.
 
     Parameters
     ----------
@@ -232,7 +238,8 @@ def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], list[str]
         ProposalRow(own.label, own.box, own.score, own.rect_xyxy * pixels, frame, time_s).line()
         for own in result.proposals
     ]
-    return tracks, proposals, [PoseRow(time_s, result.T_world_camera).line()]
+    events = [EventRow(one.event, one.label, one.from_m, one.to_m, one.score, frame, time_s) for one in result.events]
+    return tracks, proposals, [PoseRow(time_s, result.T_world_camera).line()], [event.line() for event in events]
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -74,13 +74,13 @@ class AtlasState(Record):
     keyframes : dict of int to Keyframe
         By number.
     edges : tuple of Edge
-        Motions that were measured between them.
+        Measured motions between keyframes.
     loops : int
-        Places that were recognised by appearance.
+        Number of places recognised by appearance.
     joined : bool
-        Whether submaps have met since the graph was optimised last.
+        Whether submaps were joined since the last optimisation of the graph.
     work : tuple of (int, int, bool)
-        Pairs of keyframes whose edge is to be measured, and whether they are alike in appearance only.
+        Pairs of keyframes with an edge to measure; True if only their appearance is similar.
     """
 
     keyframes: dict[int, Keyframe]

@@ -101,23 +101,23 @@ class PoseEstimatorState(Record):
     ----------
     atlas : AtlasState
     anchors : dict of int to (int, (4, 4) float64)
-        By frame: the keyframe that it is anchored to, and T_keyframe_camera.
+        Keyframe and T_keyframe_camera of each frame.
     submap : int
-        The one that the camera is in.
+        Submap of the camera.
     submaps : int
-        How many were begun.
+        Number of submaps so far.
     lost : int
-        Frames since the last one that has a pose.
+        Number of frames since the last frame with a pose.
     elsewhere : bool
-        Whether frames of an unknown place may be elsewhere than in submap 0.
+        Whether frames at an unknown place may lie outside of submap 0.
     T_world_camera : (4, 4) float64
-        Of the last frame that has a pose.
+        Pose of the last frame with a pose.
     motion : (6,) float64
-        Of the camera frame, a second.
+        Motion of the camera frame per second.
     time_s : float
-        Of that frame.
+        Time of that frame.
     local : tuple of int
-        Keyframes that frames are aligned to.
+        Keyframes to which frames are aligned.
     """
 
     atlas: AtlasState

@@ -30,7 +30,7 @@ MIN_COSINE = 0.5
 
 @dataclass(slots=True)
 class Keyframe(Record):
-    """A frame that others are aligned to.
+    """A frame to which other frames are aligned.
 
     What an attribute holds is replaced, never changed.
 
@@ -41,15 +41,15 @@ class Keyframe(Record):
     frame : int
         Of the recording.
     T_world_camera : (4, 4) float64
-        As corrected so far.
+        Current, corrected pose.
     small : SmallImage
     depth_m : float
         Median depth of its points.
     appearance : Appearance
     submap : int
-        Keyframes of one submap have places in one world; 0 is that of the first frame.
+        Submap of the keyframe: its keyframes share one world; 0 is the submap of the first frame.
     given : bool
-        Its pose came with the recording, and is not corrected.
+        Whether its pose came with the recording, and is never corrected.
     """
 
     number: int

@@ -77,7 +77,7 @@ def open_recording(
         return registered.with_warning(_said(found, registered))
     if register == ON:
         views = 0 if found is None else found.views
-        return recording.with_warning(f"depth does not clearly lie beside color ({views} views); it stays as it is")
+        return recording.with_warning(f"depth is not clearly displaced from color ({views} views); it is not changed")
     return recording
 
 
@@ -85,7 +85,8 @@ def _said(found: Misregistration, registered: Recording) -> str:
     camera, K = registered.depth_camera, registered.intrinsics
     assert camera is not None
     return (
-        f"depth lay {found.off_px:.0f} px beside color and was registered: depth camera fx {camera.fx:.1f} fy "
-        f"{camera.fy:.1f} cx {camera.cx:.1f} cy {camera.cy:.1f}, {100 * camera.T_color_depth[0, 3]:.1f} cm aside; "
-        f"color camera fx {K.fx:.1f}; --register off leaves depth as it is"
+        f"depth was displaced from color by {found.off_px:.0f} px and is registered now: depth camera fx "
+        f"{camera.fx:.1f} fy {camera.fy:.1f} cx {camera.cx:.1f} cy {camera.cy:.1f}, "
+        f"{100 * camera.T_color_depth[0, 3]:.1f} cm away; color camera fx {K.fx:.1f}; "
+        "--register off leaves depth unchanged"
     )

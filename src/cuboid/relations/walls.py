@@ -41,7 +41,7 @@ def find_walls(points: MapPoints, up: Float64Array | None) -> tuple[Wall, ...]:
         return ()
     ground = np.column_stack(plane_axes(up))
     xyz = points.xyz[points.label == 0].astype(np.float64)
-    local = _thinned(np.column_stack([xyz @ ground, xyz @ up]))
+    local = thinned(np.column_stack([xyz @ ground, xyz @ up]))
     middle = local.mean(0) if len(local) else np.zeros(3)
     found: list[Wall] = []
     while len(found) < MAX_WALLS and len(local) * CELL_M**2 >= MIN_AREA_M2:
@@ -58,9 +58,12 @@ def find_walls(points: MapPoints, up: Float64Array | None) -> tuple[Wall, ...]:
     return tuple(found)
 
 
-def _thinned(local: Float64Array) -> Float64Array:
+def thinned(local: Float64Array) -> Float64Array:
+    """Return one of the points (N, 3) in each cube of `CELL_M`."""
     cells = np.floor(local / CELL_M).astype(np.int64)
-    return local[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
+    cells -= cells.min(axis=0, initial=0)
+    numbers = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0, initial=0) + 1))
+    return local[np.sort(np.unique(numbers, return_index=True)[1])]
 
 
 def _fullest(local: Float64Array) -> tuple[Float64Array, float]:

@@ -21,10 +21,10 @@ from cuboid.geometry.se3 import transform
 from cuboid.heatmap.kernels.cubes import CUBE_BITS, keys_of
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.entry import MapObject
+from cuboid.objects.similarity import LAYERS, ColorProfile, color_profile_of
 from cuboid.scene.localisation import Joined
 from cuboid.scene.packing import check_sum, deflated, inflated
 from cuboid.scene.schema import BOX
-from cuboid.scene.similarity import LAYERS, ColorProfile, color_profile_of
 from cuboid.scene.validation import DamagedError, box_of, columns_of, floats_of, read_rows
 from cuboid.surfaces.grid import CELL_M as GROUND_CELL_M
 from cuboid.surfaces.grid import cells_of

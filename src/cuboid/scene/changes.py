@@ -16,16 +16,14 @@ import numpy as np
 from cuboid.core.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject
+from cuboid.objects.similarity import CLEARER, MIN_SIMILARITY, color_profile_of, similarity
 from cuboid.scene.before import Before, Known
 from cuboid.scene.localisation import Joined
-from cuboid.scene.similarity import color_profile_of, similarity
 from cuboid.scene.standing import Standing, fraction_near, standing
 from cuboid.tracking.posed_tracker import PosedTracker
 
 # An object that lies still has half its old points within this of its new ones, metres, or its middle there.
 STILL_M, STILL_FRACTION, STILL_MIDDLE_M = 0.025, 0.5, 0.03
-# Least similarity, 0..1, of a moved object to the object before, and the factor by which it exceeds any other.
-MIN_SIMILARITY, CLEARER = 0.2, 1.5
 # An object is gone when this fraction of its old points is carved, less than that of them is seen again, and less
 # than this much of it is seen anywhere: a rim at its foot, which looks like what it stood on.
 CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3

@@ -14,10 +14,9 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cuboid.core.frame import Float32Array, Float64Array
-from cuboid.geometry.se3 import inverse, transform
+from cuboid.geometry.se3 import inverse, level_rotation, transform
 from cuboid.objects.entry import MapObject
-from cuboid.scene.changes import MIN_SIMILARITY
-from cuboid.scene.similarity import color_profile_of, similarity
+from cuboid.objects.similarity import MIN_SIMILARITY, color_profile_of, similarity
 
 # Objects of the part that are looked for, those seen most often, and known ones that each is held against.
 LOOKED_FOR, CANDIDATES = 16, 20
@@ -40,10 +39,8 @@ def find_layout(known: Sequence[MapObject], seen: Sequence[MapObject], up: Float
     seen = sorted(seen, key=lambda o: (-o.frames_seen, o.label))[:LOOKED_FOR]
     if len(known) < MIN_MET or len(seen) < MIN_MET:
         return None
-    side = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
-    side /= np.linalg.norm(side)
     level = np.eye(4)
-    level[:3, :3] = np.stack([side, np.cross(up, side), up])
+    level[:3, :3] = level_rotation(up)
     looks = [color_profile_of(o) for o in known]
     like = np.array(
         [[similarity(a, o.box, color_profile_of(s), s.box) for a, o in zip(looks, known, strict=True)] for s in seen]

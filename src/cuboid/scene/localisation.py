@@ -70,32 +70,32 @@ class ScenePosesState(Record):
     Attributes
     ----------
     config : TrackerConfig
-        As the scene was begun with: the tracker may have estimated more noise since.
+        Configuration at the beginning of the scene; the tracker may have estimated more noise since.
     estimator : PoseEstimatorState
     keyframe_poses : dict of int to (4, 4) float64
-        Pose in the world of each keyframe as the tracker knows it.
+        Pose of each keyframe in the world, as the tracker has it.
     T_world_part : dict of int to (4, 4) float64
-        Where each part of the scene stands.
+        Pose of each part of the scene in the world.
     joined : tuple of ((3,) float64, (4, 4) float64)
-        Parts that have become part of others and were not taken yet; see `Joined`.
+        Parts that were joined to others and are not processed yet; see `Joined`.
     mode : str
         `ESTIMATED`, `SAME_WORLD` or `OWN_WORLD`: the poses of this recording.
     part : int
-        That this recording belongs to, where its poses are of its own world.
+        Part of the scene to which this recording belongs, if its poses are in a world of its own.
     T_part_recording : (4, 4) float64
-        Its world's place there.
+        Pose of its world in that part.
     own : tuple of int
         Its keyframes.
     seen_as : tuple of (int, (4, 4) float64, (4, 4) float64)
-        Its frames that were recognised: part, pose in it, and pose in the recording's world.
+        Its recognised frames: part, pose in the part, and pose in the world of the recording.
     aligned : bool
-        Whether frames that agree have shown where its world lies.
+        Whether the pose of its world was found from frames that agree.
     recognised : bool
-        Whether the last frame that has a pose is in part 0.
+        Whether the last frame with a pose is in part 0.
     last_part : int
-        That of the last frame with a pose.
+        Part of the last frame with a pose.
     waited : int
-        Frames of new parts without a level surface.
+        Number of frames in new parts without a level surface.
     """
 
     config: TrackerConfig

@@ -1,4 +1,4 @@
-"""The tables of a store: each column with its type, its unit and what it says; `docs/store.md` is made of this."""
+"""The tables of a store: each column with its type, unit and meaning; `docs/store.md` is made from them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cuboid.core.records import Column as RecordColumn
 from cuboid.core.records import columns_of
 from cuboid.core.results import Sighting, TrackedObject
 
-# The table of runs tells which recordings are done: its file is written last.
+# The table of runs says which recordings are done: its file is written last.
 RUNS, RECORDINGS, OBJECTS, SIGHTINGS = "runs", "recordings", "objects", "sightings"
 
 TIME = pa.timestamp("us", tz="UTC")
@@ -25,7 +25,7 @@ DONE, FAILED, SET_ASIDE = "done", "failed", "set aside"
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column: its name (with the unit at its end), its type, and what it says."""
+    """A column: its name (with the unit at its end), its type, and its meaning."""
 
     name: str
     type: pa.DataType
@@ -35,9 +35,9 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class TableKind:
-    """A table: what a row is, its columns, the columns that its rows are sorted by within a file, and rows a group.
+    """A table: the meaning of a row, its columns, the columns by which rows are sorted in a file, and rows per group.
 
-    A group is the least that a reader takes or skips, by the least and greatest value of its columns.
+    A group is the smallest unit that a reader reads or skips, by the minimum and maximum of its columns.
     """
 
     name: str
@@ -48,7 +48,7 @@ class TableKind:
 
     @property
     def schema(self) -> pa.Schema:
-        """The Arrow schema; what each column says is in its metadata."""
+        """The Arrow schema; the metadata of a column is its meaning."""
         return pa.schema([pa.field(c.name, c.type, metadata={"what": c.what}) for c in self.columns])
 
     @property
@@ -66,23 +66,24 @@ class TableKind:
 
 
 _WHOSE = (
-    Column("run", TEXT, "of `runs`"),
+    Column("run", TEXT, "the run, a row of `runs`"),
     Column("recording", TEXT, "name of the recording"),
 )
 _BOX = (
     Column("center_x_m", REAL, "centre of its box in the world of the recording"),
     Column("center_y_m", REAL, ""),
     Column("center_z_m", REAL, ""),
-    Column("length_m", SMALL, "size of its box along the box's own axes"),
+    Column("length_m", SMALL, "length, width and height of its box along the axes of the box"),
     Column("width_m", SMALL, ""),
-    Column("height_m", SMALL, "along the normal of what it rests on"),
-    Column("qw", SMALL, "rotation from the box's axes to the world, a unit quaternion"),
+    Column("height_m", SMALL, "along the normal of its support"),
+    Column("qw", SMALL, "rotation from the axes of the box to the world, a unit quaternion"),
     Column("qx", SMALL, ""),
     Column("qy", SMALL, ""),
     Column("qz", SMALL, ""),
 )
 _SKIPPED = pa.list_(pa.struct([("frame", COUNT), ("reason", TEXT)]))
 _CLASSES = pa.list_(pa.struct([("name", TEXT), ("score", SMALL)]))
+_RELATIONS = pa.list_(pa.struct([("kind", TEXT), ("label", COUNT), ("surface", TEXT), ("score", SMALL)]))
 _STAGES = pa.list_(pa.struct([("stage", TEXT), ("median_ms", REAL), ("p95_ms", REAL)]))
 
 
@@ -116,56 +117,56 @@ TABLES = {
     for kind in (
         TableKind(
             RUNS,
-            "a recording with settings and a version, and how it went",
+            "the run of a recording with its settings and a version",
             (
-                Column("run", TEXT, "20 hexadecimal digits of the recording's files, settings, version"),
+                Column("run", TEXT, "identity: 20 hexadecimal digits, from files, settings and version"),
                 Column("recording", TEXT, "name of the recording"),
                 Column("source", TEXT, "path or URL of the recording"),
-                Column("state", TEXT, f"`{DONE}`; `{FAILED}`; `{SET_ASIDE}`: it killed its worker again and again"),
-                Column("reason", TEXT, "why it is not done, one line; null where it is"),
-                Column("version", TEXT, "of the program"),
-                Column("settings", TEXT, "JSON: what it was tracked with"),
-                Column("finished", TIME, "when"),
-                Column("results", TEXT, "folder of the result files in the store; null without them"),
+                Column("state", TEXT, f"`{DONE}`; `{FAILED}`; `{SET_ASIDE}`: it has killed too many workers"),
+                Column("reason", TEXT, "reason of a failure, one line; null for a run that is done"),
+                Column("version", TEXT, "version of the program"),
+                Column("settings", TEXT, "settings of the run, as JSON"),
+                Column("finished", TIME, "time at which the run ended"),
+                Column("results", TEXT, "folder of the result files in the store; null if there are none"),
                 Column("poses", TEXT, "`given` or `estimated`"),
-                Column("frames_read", COUNT, "frames that were asked for"),
+                Column("frames_read", COUNT, "frames that were read"),
                 Column("frames_used", COUNT, "frames that were tracked"),
-                Column("frames_lost", COUNT, "frames that could not be placed: the camera was lost"),
-                Column("skipped", _SKIPPED, "frames that were not used, and why"),
-                Column("warnings", pa.list_(TEXT), "what is likely to be wrong with the recording"),
+                Column("frames_lost", COUNT, "frames without an estimated pose: the camera was lost"),
+                Column("skipped", _SKIPPED, "frames that were not used, with reasons"),
+                Column("warnings", pa.list_(TEXT), "likely faults of the recording"),
                 Column("proposals", COUNT, "3D proposals of single frames"),
-                Column("proposals_labelled", COUNT, "of them, those that belong to an object with a label"),
+                Column("proposals_labelled", COUNT, "3D proposals that belong to an object with a label"),
                 Column("sightings", COUNT, "rows in `sightings`"),
-                Column("labels", COUNT, "labels that were given"),
+                Column("labels", COUNT, "labels given during the run"),
                 Column("objects", COUNT, "objects at the end: rows in `objects`"),
                 Column("overlapping", COUNT, "objects that overlap another by a third or more of the smaller box"),
                 Column("floating", COUNT, "objects that no plane supports and no other object touches from below"),
                 Column("brief", COUNT, "objects seen in fewer than 5 frames"),
-                Column("stages", _STAGES, "time of a frame and of each stage of it"),
-                Column("seconds", REAL, "time of the whole run on its worker"),
-                Column("peak_memory_mb", REAL, "most memory of its worker's process until then, 2**20 bytes"),
+                Column("stages", _STAGES, "time of a whole frame and of each stage"),
+                Column("seconds", REAL, "duration of the run on its worker"),
+                Column("peak_memory_mb", REAL, "peak memory of the worker's process up to then, 2**20 bytes"),
             ),
             ("recording", "run"),
         ),
         TableKind(
             RECORDINGS,
-            "a recording as it was read in a run",
+            "the recording of a run",
             (
                 *_WHOSE,
-                Column("source", TEXT, "path or URL"),
+                Column("source", TEXT, "path or URL of the recording"),
                 Column("format", TEXT, "name of its layout"),
-                Column("recorded", TIME, "its first frame where its times are a calendar's, else its newest file"),
-                Column("seconds", REAL, "from its first frame to its last"),
-                Column("frames", COUNT, "all of them, bad ones included"),
-                Column("bytes", pa.int64(), "of its files"),
-                Column("width_px", COUNT, "of its color images"),
+                Column("recorded", TIME, "date of the first frame, if its times are dates; else of the newest file"),
+                Column("seconds", REAL, "time from the first to the last frame"),
+                Column("frames", COUNT, "number of frames, unusable ones included"),
+                Column("bytes", pa.int64(), "size of its files"),
+                Column("width_px", COUNT, "width and height of the color images"),
                 Column("height_px", COUNT, ""),
                 Column("fx_px", REAL, "focal length"),
                 Column("fy_px", REAL, ""),
                 Column("cx_px", REAL, "optical centre"),
                 Column("cy_px", REAL, ""),
-                Column("has_poses", pa.bool_(), "whether it came with camera poses"),
-                Column("up_x", REAL, "up in its world, a unit vector; null where it is unknown"),
+                Column("has_poses", pa.bool_(), "whether the recording has camera poses"),
+                Column("up_x", REAL, "up in the world of the recording, a unit vector; null if unknown"),
                 Column("up_y", REAL, ""),
                 Column("up_z", REAL, ""),
             ),
@@ -182,31 +183,45 @@ TABLES = {
                 Column("middle_m", SMALL, ""),
                 Column("shortest_m", SMALL, ""),
                 *_OBJECT,
-                Column("name", TEXT, "of its class by a detector; null where it has none", added=True),
+                Column("name", TEXT, "class from a detector; null without one", added=True),
                 Column("name_score", SMALL, "probability of the class, 0 to 1", added=True),
-                Column("names", _CLASSES, "the next likely classes", added=True),
-                Column("kind", TEXT, "volume; flat or box of what depth does not read", added=True),
+                Column("names", _CLASSES, "the next most likely classes, with their probabilities", added=True),
+                Column("kind", TEXT, "`volume`; `flat` or `box` if depth has no readings of it", added=True),
+                Column(
+                    "relations", _RELATIONS, "relations to objects and surfaces; null without `--relations`", added=True
+                ),
                 Column("first_seen", TIME, "time of its first frame"),
                 Column("last_seen", TIME, "time of its last frame"),
                 Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
                 Column("green", pa.uint8(), ""),
                 Column("blue", pa.uint8(), ""),
-                Column("color", TEXT, "the color word that most of its points have"),
-                Column("colors", pa.list_(SMALL), "fraction of its points of each color word"),
-                Column("shape", pa.list_(SMALL), "distances between its points, 16 bins of the box's diagonal"),
-                Column("picture_frame", COUNT, "frame of its picture"),
-                Column("picture", pa.binary(), "its best picture, a small JPEG; null where the recording has none"),
+                Column("color", TEXT, "color word of most of its points"),
+                Column("colors", pa.list_(SMALL), "fraction of its points for each color word"),
+                Column(
+                    "shape",
+                    pa.list_(SMALL),
+                    "histogram of distances between its points, 16 bins up to the diagonal of the box",
+                ),
+                Column("picture_frame", COUNT, "frame of the picture"),
+                Column("picture", pa.binary(), "best picture of the object, a small JPEG; null if there is none"),
+                Column(
+                    "embedding",
+                    pa.list_(SMALL),
+                    "vector of an image-text model for its pictures, of length 1",
+                    added=True,
+                ),
+                Column("embedding_model", TEXT, "digits that identify the model; null if none was used", added=True),
             ),
             ("longest_m", "run", "label"),
-            group_rows=1 << 13,  # sorted by size: who looks for a size reads few of them
+            group_rows=1 << 13,  # sorted by size: a query for a size reads few groups
         ),
         TableKind(
             SIGHTINGS,
-            "an object seen in a frame",
+            "an object that a frame shows",
             (
                 *_WHOSE,
-                Column("frame", COUNT, "of the recording, from 0"),
-                Column("timestamp_s", REAL, "of the frame"),
+                Column("frame", COUNT, "number of the frame in the recording, from 0"),
+                Column("timestamp_s", REAL, "time of the frame"),
                 _LABEL,
                 *_BOX,
                 *_SIGHTING,
@@ -216,7 +231,7 @@ TABLES = {
     )
 }
 
-# Columns of `runs` that a clock or the machine decides: all others follow from the recording, settings and version.
+# Columns of `runs` that depend on the clock or the machine; all others depend on recording, settings and version.
 MEASURED = ("finished", "stages", "seconds", "peak_memory_mb")
 
 
@@ -230,7 +245,9 @@ def markdown() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-DAY = Column("day", pa.date32(), "of `recorded`, UTC: the name of the folder, `day=2026-03-01`, not in the file")
+DAY = Column(
+    "day", pa.date32(), "date of `recorded`, UTC: in the name of the folder, `day=2026-03-01`, not in the file"
+)
 
 
 def _plain(kind: pa.DataType) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.config import TrackerConfig
-from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.kernels.pixels import back_project
 from cuboid.core.limits import MAX_SEGMENTS
 from cuboid.core.observation import Observation
@@ -21,6 +22,8 @@ from cuboid.surfaces.kernels.pieces import gather_regions, judge_regions, label_
 
 # A segment of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
 MIN_PIXELS = 24
+# What is marked touches a segment where it comes so near, working pixels.
+TOUCHING_PX = 7
 # A proposal is left out when a smaller fraction of it is free of stronger ones.
 FREE_FRACTION = 0.7
 # Surfaces of one proposal that a jump in depth parts, as the inside and the outside of a mug, are one thing when each
@@ -85,6 +88,14 @@ class FrameSegments:
     contact: npt.NDArray[np.int64]
     proposal: npt.NDArray[np.int64]
     left_out: int = 0
+
+    def touched_by(self, marked: UInt8Array | None) -> npt.NDArray[np.bool_]:
+        """Tell which segments (n,) marked pixels (h, w) touch; None is none of them."""
+        touched = np.zeros(len(self.segments), bool)
+        if marked is not None:
+            around = cv2.dilate(marked, np.ones((TOUCHING_PX, TOUCHING_PX), np.uint8))
+            touched[np.unique(self.claim[(around > 0) & (self.claim >= 0)])] = True
+        return touched
 
 
 @dataclass(frozen=True, slots=True)

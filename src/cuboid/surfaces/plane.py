@@ -35,11 +35,11 @@ class Plane(WatchedRecord):
     Attributes
     ----------
     index : int
-        Its place among the planes, -1 when it is no more.
+        Index among the planes; -1 for a removed plane.
     identity : int
-        Its own for good, never given to another plane.
+        Identity of the plane, never used for another one.
     weight : float
-        Of all its points.
+        Sum of the weights of its points.
     mean : (3,) float64
         Of its points.
     scatter : (3, 3) float64
@@ -48,17 +48,17 @@ class Plane(WatchedRecord):
     offset : float
         Points p of the plane have normal.p + offset = 0.
     frames : int
-        Frames that saw it.
+        Number of frames that saw it.
     last_frame : int
-        The last of these.
+        Last frame that saw it.
     in_use : bool
-        Objects may stand on it.
+        Whether objects may stand on it.
     plan : GroundPlan
-        What it covers.
+        The area that it covers.
     taken_by : Plane or None
         The one that absorbed it.
     keyframes : (K,) int64
-        Those from which it was seen.
+        Keyframes that saw it.
     keyframe_moments : (K, 13) float64
         Weight, mean and scatter of the points seen from each of them; the plane's own moments are those of all.
     """

@@ -20,7 +20,7 @@ from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.core.state import Record, snapshot
 from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, SIGMAS
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import inverse, transform
+from cuboid.geometry.se3 import inverse, level_rotation, transform
 from cuboid.surfaces import seats
 from cuboid.surfaces.cells import MIN_CELLS, Cells
 from cuboid.surfaces.frustum_planes import FrustumPlanes, crop_planes, frustum
@@ -71,30 +71,31 @@ class LevelCells:
 
 @dataclass(frozen=True, slots=True)
 class PlaneTrackerState(Record):
-    """State of a `PlaneTracker`; planes are named by their identities.
+    """State of a `PlaneTracker`; other records refer to planes by identity.
 
     Attributes
     ----------
     vote : UpVote
     next_identity : int
-        That of the next plane.
+        Identity of the next plane.
     T_plan_world : (4, 4) float64 or None
-        None while up is unknown.
+        Pose of the world in the plan frame; None while up is unknown.
     planes : dict of int to Plane
-        In the order of their indices.
+        The planes, in the order of their indices.
     of : dict of int to int
-        By each identity ever given: the plane, or the one that absorbed it. Identities of removed planes are left out.
+        Identity of the plane for each identity ever given: the same one, or that of the plane that absorbed it.
+        Identities of removed planes are left out.
     windows : Windows
     main : int or None
-        The plane that most is known of.
+        Identity of the plane with the most evidence.
     last_update : int
-        The last frame whose cells were used.
+        Number of the last frame whose cells were used.
     as_seen : dict of int to (4,) float64
-        Normal and offset of the planes as that frame saw them, in the plan frame.
+        Normal and offset of the planes at that frame, in the plan frame, by identity.
     stale : tuple of int
-        Planes with readings that are not processed yet.
+        Planes with unprocessed readings.
     changed : tuple of int
-        Planes that were processed since duplicates were searched for.
+        Planes that were processed since the last search for duplicates.
     """
 
     vote: UpVote
@@ -185,11 +186,8 @@ class PlaneTracker:
             self.T_plan_world = None
             self._clear()
         elif self.T_plan_world is None or self._vote.changed:
-            side = np.eye(3)[int(np.argmin(np.abs(up)))]
-            first = np.cross(side, up)
-            first /= np.linalg.norm(first)
             self.T_plan_world = np.eye(4)
-            self.T_plan_world[:3, :3] = np.stack([first, np.cross(up, first), up])
+            self.T_plan_world[:3, :3] = level_rotation(up)
             self._clear()
             return True
         return self._vote.changed

@@ -16,9 +16,12 @@ from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.core.kernels import cells as cell_kernel
 from cuboid.core.kernels import patches
 from cuboid.core.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, OUTLIER_FRACTION
+from cuboid.geometry.se3 import level_rotation
 from cuboid.proposals.depth import PLANE_BOW_M, PLANES
+from cuboid.surfaces.cells import MIN_CELLS
 from cuboid.surfaces.frame_segments import GAP_M, MIN_PIXELS
 from cuboid.surfaces.kernels import standing as kernel
+from cuboid.surfaces.plane_rules import largest_level
 
 # Depth ripples by no more than this times z squared, beyond the step that parts surfaces: ten deviations of its noise.
 RIPPLE_PER_M = MIXED_PER_M
@@ -132,6 +135,8 @@ def _grow(image: DepthImage, config: TrackerConfig) -> tuple[Float64Array, Float
     planes = np.column_stack([a * camera.fx, b * camera.fy, a * camera.cx + b * camera.cy + c, -np.ones(count)])
     planes /= -np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
     own = member.ravel()
+    planes = np.vstack([planes, _areas_in_parts(cells, own, limit, config)])
+    count = len(planes)
     area_m2 = np.bincount(own[own >= 0], cells[own >= 0, cell_kernel.AREA], count).astype(np.float64)
     # Cells of twice the edge face four times as truly; those at the edges of an area may lie on what it meets there.
     wide = image.cells(config.max_depth_m, 2).reshape(-1, cell_kernel.CELL_COLUMNS)
@@ -145,6 +150,44 @@ def _grow(image: DepthImage, config: TrackerConfig) -> tuple[Float64Array, Float
         if mine.any():
             normal[p] = mean / np.linalg.norm(mean)
     return planes, normal, area_m2
+
+
+def _areas_in_parts(
+    cells: Float64Array, member: npt.NDArray[np.int16], limit: float, config: TrackerConfig
+) -> Float64Array:
+    """Return the planes (P, 4) of areas that are seen in parts only, and write their numbers to their cells.
+
+    Things and wrong readings part a board of a shelf into patches that are too small to be areas by themselves. Patches
+    that face one way at one height make one area; gaps between them are no longer than an object.
+
+    Parameters
+    ----------
+    cells : (N, CELL_COLUMNS) float64
+    member : (N,) int16
+        Area of each cell, -1 none; changed.
+    limit : float
+        A cell is flat below this residual.
+    config : TrackerConfig
+    """
+    found: list[Float64Array] = []
+    count, least_m2 = int(member.max(initial=-1)) + 1, config.min_plane_area_m2 / 2.0
+    area_m2 = cells[:, cell_kernel.AREA]
+    free = np.flatnonzero((area_m2 > 0) & (cells[:, cell_kernel.RMS] < limit) & (member < 0))
+    normals, centers = cells[:, cell_kernel.NX : cell_kernel.NZ + 1], cells[:, cell_kernel.CX : cell_kernel.CZ + 1]
+    while len(free) >= MIN_CELLS:
+        alike = normals[free] @ normals[free].T > SAME_COS
+        most = int(np.argmax(alike @ area_m2[free]))
+        same = free[alike[most]]
+        if area_m2[same].sum() < least_m2:
+            break
+        free = free[~alike[most]]
+        normal = area_m2[same] @ normals[same]
+        R = level_rotation(normal / np.linalg.norm(normal))
+        own = same[largest_level(centers[same] @ R.T, area_m2[same], np.arange(len(same)), config.max_size_m)]
+        if len(own) >= MIN_CELLS and area_m2[own].sum() >= least_m2:
+            member[own] = count + len(found)
+            found.append(np.append(R[2], -float(np.average(centers[own] @ R[2], weights=area_m2[own]))))
+    return np.array(found).reshape(-1, 4)
 
 
 def _clearness(

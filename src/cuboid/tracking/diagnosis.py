@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cuboid.core.errors import counted
 from cuboid.core.frame import Frame
 from cuboid.core.results import FrameResult
 
@@ -40,7 +41,7 @@ MEANT = {
     "xyzw": "quaternions with w last",
 }
 
-HELP = "docs/finds-nothing.md says where to look"
+HELP = "docs/finds-nothing.md lists further checks"
 
 
 @dataclass(slots=True)
@@ -115,7 +116,7 @@ def median_or_none(values: list[float]) -> float | None:
 def diagnose(facts: RunFacts) -> tuple[str, ...]:
     """Return the warnings about a run, one line each, the causes of others first; empty where nothing is wrong.
 
-    That no object was found is a warning of its own where none of the others explains it.
+    An empty result is a separate warning, if no other warning explains it.
     """
     causes = (_scale_or_poses(facts), _few_readings(facts), _lost(facts), _without_pose(facts))
     found = tuple(cause for cause in causes if cause is not None)
@@ -126,7 +127,9 @@ def _lost(facts: RunFacts) -> str | None:
     if facts.frames_lost < max(MIN_LOST, MANY_LOST * facts.frames_read):
         return None
     advice = (
-        "read all frames with --every 1" if facts.every > 1 else "move slower, with texture and depth in the picture"
+        "read all frames with --every 1"
+        if facts.every > 1
+        else "move the camera more slowly, and keep texture and depth in the picture"
     )
     return f"the camera was lost in {facts.frames_lost} of {facts.frames_read} frames; {advice}"
 
@@ -144,13 +147,13 @@ def _few_readings(facts: RunFacts) -> str | None:
     if facts.depth_fraction is None or facts.depth_fraction >= FEW_READINGS:
         return None
     return (
-        f"depth has few readings: {_percent(facts.depth_fraction)} of the pixels (median); things may be too near, "
+        f"depth has few readings: {_percent(facts.depth_fraction)} of the pixels (median); surfaces may be too near, "
         "too far, black or of glass; 'cuboid info RECORDING --all' shows the range of the depth"
     )
 
 
 def explains(fit: PoseFit) -> bool:
-    """Tell whether given poses explain the depth as well as another reading of them, or another depth scale, would."""
+    """Tell whether no other convention, time shift or depth scale explains the frames clearly better."""
     other = max(fit.converted, fit.shifted, fit.scaled)
     return other < _enough(fit) and (fit.given is None or fit.given >= UNEXPLAINED)
 
@@ -161,7 +164,7 @@ def _enough(fit: PoseFit) -> float:
 
 
 def _scale_or_poses(facts: RunFacts) -> str | None:
-    """Return that the depth scale is wrong, or the poses are; the first of them that the frames prove."""
+    """Return the line about a wrong depth scale or wrong poses, if the frames prove one."""
     fit, units = facts.pose_fit, facts.depth_units_per_metre
     if fit is not None:
         better = _better_hypothesis(fit, units)
@@ -178,41 +181,41 @@ def _scale_or_poses(facts: RunFacts) -> str | None:
 
 
 def _better_hypothesis(fit: PoseFit, units: float) -> str | None:
-    """Return the line about the reading of poses or depth that explains clearly more than the given poses do."""
+    """Return the line about a convention, time shift or depth scale that explains clearly more than the given poses."""
     best = max(fit.scaled, fit.converted, fit.shifted)
     if best < _enough(fit):
         return None
-    fits = f"{_percent(best)} of the depth fits other frames, {_percent(fit.given or 0.0)} as it is"
+    fits = f"{_percent(best)} of the depth agrees with other frames, instead of {_percent(fit.given or 0.0)}"
     if fit.scaled == best:
         return (
-            f"the depth scale of {units:g} units per metre is wrong: at {units / fit.depth_factor:g} "
+            f"the depth scale of {units:g} units per metre is wrong: with {units / fit.depth_factor:g}, "
             f"{fits}; run again with --depth-scale {units / fit.depth_factor:g}"
         )
     if fit.converted == best:
         meant, names = " and ".join(MEANT[name] for name in fit.convention), ",".join(fit.convention)
-        return f"the given poses are {meant}: read so, {fits}; run again with --pose-convention {names}"
+        return f"the given poses are {meant}: with this convention, {fits}; run again with --pose-convention {names}"
     late = "late" if fit.shift > 0 else "early"
     return (
-        f"the given poses come {abs(fit.shift)} frames {late}: moved by as many, {fits}; correct their times, or run "
-        "again with --poses estimated"
+        f"the given poses are {counted(abs(fit.shift), 'frame')} too {late}: with corrected times, {fits}; "
+        "correct the times, or run again with --poses estimated"
     )
 
 
 def _unexplained(fit: PoseFit) -> str | None:
-    """Return the line about given poses that do not explain the frames, where no other reading of them does."""
+    """Return the line about given poses that do not explain the frames in any convention."""
     if not fit.moves and (fit.given or 0.0) < EXPLAINED:
         return (
             "the given poses are all the same, but the picture changes: "
-            f"only {_percent(fit.given or 0.0)} of the depth fits other frames; run again with --poses estimated"
+            f"only {_percent(fit.given or 0.0)} of the depth agrees with other frames; run again with --poses estimated"
         )
     if fit.given is not None and fit.given < UNEXPLAINED:
         return (
-            f"the given poses do not explain the frames: only {_percent(fit.given)} of the depth fits other frames; "
-            "are they of another recording? run again with --poses estimated"
+            f"the given poses do not explain the frames: only {_percent(fit.given)} of the depth agrees with other "
+            "frames; are they of another recording? run again with --poses estimated"
         )
     if fit.jump is not None:
         return (
-            f"the given poses jump by {fit.jump.step_m:.1f} m at frame {fit.jump.frame}, which the frames do not show; "
+            f"the given poses jump by {fit.jump.step_m:.1f} m at frame {fit.jump.frame}, but the frames show no jump; "
             "track the parts one by one, or run again with --poses estimated"
         )
     return None
@@ -222,9 +225,8 @@ def _no_object(facts: RunFacts) -> str:
     """Return the line about an empty result that no other warning explains, with the most likely reason."""
     if facts.frames_used < FEW_FRAMES:
         advice = "--every 1 reads all" if facts.every > 1 else "record more"
-        return (
-            f"no object found in {facts.frames_used} frames: a thing must be seen clearly about three times; {advice}"
-        )
+        frames = counted(facts.frames_used, "frame")
+        return f"no object found in {frames}: an object must be seen clearly about three times; {advice}"
     if facts.depth_median_m is not None and facts.depth_median_m > REACH_M:
         return (
             f"no object found: the median depth is {facts.depth_median_m:.1f} m, objects are found up to "
@@ -232,14 +234,14 @@ def _no_object(facts: RunFacts) -> str:
         )
     if not facts.up_known:
         return (
-            "no object found, and up is not known: no floor or table was seen; keep the surface under the things in "
-            "the picture, or name 'up_world' in camera.json"
+            "no object found, and up is not known: no floor or table was seen; keep the surface below the objects in "
+            "the picture, or give 'up_world' in camera.json"
         )
     if not facts.proposals:
-        return f"no object found: no frame had a box of its own; look at 'cuboid render DIR --show heat'; {HELP}"
+        return f"no object found: no frame had a 3D proposal; check 'cuboid render DIR --show heat'; {HELP}"
     return (
-        f"no object found: {facts.proposals} boxes in {facts.frames_used} frames, none confirmed; "
-        f"look at 'cuboid render DIR --show planes'; {HELP}"
+        f"no object found: {facts.proposals} 3D proposals in {facts.frames_used} frames, none confirmed; "
+        f"check 'cuboid render DIR --show planes'; {HELP}"
     )
 
 

@@ -20,20 +20,22 @@ from cuboid.core.kernels.pixels import PlanesInView, assign_planes
 from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.core.observation import Observation
 from cuboid.core.results import FrameResult, MapPoints, Proposal3D, SupportPlane, TrackedObject
-from cuboid.core.state import Record
+from cuboid.core.state import ADDED, Record
 from cuboid.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
 from cuboid.detection.types import Detector
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, moved_beyond, transform
 from cuboid.heatmap.anchors import LAST_KEYFRAME
+from cuboid.heatmap.motion import Motion
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
 from cuboid.objects.association import Association, prior_of
 from cuboid.objects.entry import MapObject
+from cuboid.objects.following import Following
 from cuboid.objects.naming import chosen_name, name_scores
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
-from cuboid.objects.unread_object import Planes
+from cuboid.objects.unread_object import Planes, UnreadObject
 from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.outputs.object_table import ObjectTable
@@ -58,20 +60,20 @@ POSE_DECIMALS = 9
 
 @dataclass(frozen=True, slots=True)
 class PosedTrackerState(Record):
-    """State of a `PosedTracker`: all that it needs to go on, but for the rows of the voxel map.
+    """State of a `PosedTracker`: all that it needs to continue, except for the rows of the voxel map.
 
     Attributes
     ----------
     config : TrackerConfig
-        As it is in use.
+        The configuration in use.
     turns : int or None
-        Quarter turns by which images are rolled; None before the first frame with depth.
+        Number of quarter turns by which images are rolled; None before the first frame with depth.
     T_world_map : (4, 4) float64 or None
-        Frame of the map in the world; None before the first frame.
+        Pose of the map in the world; None before the first frame.
     count : int
-        Frames so far.
+        Number of frames so far.
     position : (3,) float64 or None
-        Where the camera was in the last one.
+        Position of the camera in the last frame.
     viewpoint : (4, 4) float64 or None
         T_world_camera of the last frame from a new viewpoint.
     due : bool
@@ -79,6 +81,8 @@ class PosedTrackerState(Record):
     planes : PlaneTrackerState
     voxels : VoxelMapState
     map : ObjectMapState
+    unread : tuple of UnreadObject
+        Things that depth does not read, as a detector saw them.
     """
 
     config: TrackerConfig
@@ -91,6 +95,7 @@ class PosedTrackerState(Record):
     planes: PlaneTrackerState
     voxels: VoxelMapState
     map: ObjectMapState
+    unread: tuple[UnreadObject, ...] = dataclasses.field(default_factory=tuple, metadata=ADDED)
 
 
 class PosedTracker(MapQueries):
@@ -121,8 +126,10 @@ class PosedTracker(MapQueries):
     NOT_SAVED = frozenset(
         {
             *("intrinsics", "_memory_mb", "_propose", "_world_boxes"),
-            # Things that depth does not read are not followed in a scene.
+            # A detector is given anew; the things that depth does not read are the field `unread`.
             "_detecting",
+            # What moves is followed within a recording.
+            *("_motion", "_following"),
         }
     )
 
@@ -150,16 +157,14 @@ class PosedTracker(MapQueries):
         self._viewpoint: Float64Array | None = None
         self._due = True
 
-    def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY, *, unread: bool = True) -> None:
-        """Let a detector look at each n-th frame; objects get names from what it sees.
+    def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
+        """Let a detector look at each n-th frame; objects get names, and what depth does not read gets labels.
 
         Parameters
         ----------
         detector : str or Detector or None
             As of `make_detector`.
         every : int
-        unread : bool
-            Whether things that the detector sees and depth does not read get labels as well.
 
         Raises
         ------
@@ -168,7 +173,7 @@ class PosedTracker(MapQueries):
         MissingExtraError
             It needs a package that is not installed.
         """
-        self._detecting.use(detector, every, unread=unread)
+        self._detecting.use(detector, every)
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
@@ -180,7 +185,13 @@ class PosedTracker(MapQueries):
         self._planes = PlaneTracker(c)
         self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
         self._map = ObjectMap(c, self._voxels, self._planes)
+        self._begin_motion()
         self._detecting.begin(self._map.store, c.max_depth_m)
+
+    def _begin_motion(self) -> None:
+        """Know nothing of what moves."""
+        self._motion = Motion(self.config.depth_noise_per_m)
+        self._following = Following(self.config, self._map.store, self._voxels, self._planes)
 
     def state(self) -> PosedTrackerState:
         """Return the state of now; see `ObjectStore.state`."""
@@ -195,6 +206,7 @@ class PosedTracker(MapQueries):
             planes=self._planes.state(),
             voxels=self._voxels.state(),
             map=self._map.state(),
+            unread=self._detecting.unread.state(),
         )
 
     @classmethod
@@ -211,6 +223,9 @@ class PosedTracker(MapQueries):
         tracker._planes = PlaneTracker.from_state(state.planes, c)
         tracker._voxels = VoxelMap.from_state(state.voxels, c.voxel_m, c.depth_noise_per_m, c.max_depth_m, memory_mb)
         tracker._map = ObjectMap.from_state(state.map, c, tracker._voxels, tracker._planes)
+        tracker._begin_motion()
+        tracker._detecting.begin(tracker._map.store, c.max_depth_m)
+        tracker._detecting.unread.restore(state.unread)
         tracker._turns, tracker._T_world_map = state.turns, state.T_world_map
         tracker._count, tracker._due = state.count, state.due
         tracker._position, tracker._viewpoint = state.position, state.viewpoint
@@ -248,6 +263,8 @@ class PosedTracker(MapQueries):
                 [dataclasses.replace(one, box=self._box_in_world(one.label, one.box)) for one in result.sightings]
             ),
             proposals=tuple([dataclasses.replace(one, box=self.in_world(one.box)) for one in result.proposals]),
+            events=tuple([one.moved(self.T_world_map) for one in result.events]),
+            agents=tuple([self.in_world(box) for box in result.agents]),
         )
 
     @property
@@ -277,18 +294,22 @@ class PosedTracker(MapQueries):
         every = self._proposals(frame, given)
         proposals = every.best(MAX_PROPOSALS)
         watch.lap("proposals")
+        time_s = frame.timestamp_s
+        seen = self._find_motion(seen, time_s)
+        watch.lap("motion")
         planes = self._find_planes(seen)
         watch.lap("planes")
-        candidate = self._candidates(solid, planes)
+        candidate = self._candidates(seen, planes)
         weighed = weigh(solid, candidate, proposals, self.config)
         heat = pixel_heat(solid, weighed)
         watch.lap("heat")
         # Deferred to the next frame: a frame from a new viewpoint has planes and boxes to update already.
         due, self._due = self._due, seen.new_viewpoint
         # On a later visit every frame may show a change: nothing is deferred.
-        refresh_map = due or self._voxels.stored.revisited
-        slots = self._voxels.fuse(image, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
+        refresh_map = due or self._voxels.stored.revisited or seen.moving is not None
+        slots = self._voxels.fuse(seen.still, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
         self._voxels.carve_free_space(image, T_camera_world, refresh_map)
+        self._following.claim(slots, seen)
         voxels = self._voxels.look_up(slots)
         watch.lap("fuse")
         in_frustum = self._map.objects_in_frustum(image, T_camera_world)
@@ -298,19 +319,22 @@ class PosedTracker(MapQueries):
         segments = segment_frame(seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self.config)
         boxes = self._boxes(segments.segments, image, seen.T_world_camera)
         watch.lap("boxes")
-        found = self._map.update(seen, segments, boxes, objects, voxels, candidate)
+        touched = segments.touched_by(seen.moving)
+        found = self._map.update(seen, segments, boxes, objects, voxels, candidate, touched)
         in_frustum = self._map.objects_in_frustum(image, T_camera_world)
         if due:
             self._refine(seen, heat, slots, in_frustum)
         watch.lap("map")
-        visible = self._visible(seen, slots, in_frustum)
-        sightings = sightings_of(visible, segments, found)
+        at = np.where(found.match >= 0, found.match, found.part)[touched].tolist()
+        self._following.note_touched([found.objects[j].number for j in at if j >= 0], time_s)
+        visible = self._visible(seen, slots, in_frustum, time_s)
+        sightings = self._following.sightings(sightings_of(visible, segments, found), seen, slots)
         own = self._frame_boxes(segments, boxes, found)
         watch.lap("matching")
         if self._detecting.is_due(self._count):
             self._detecting.look(given, self._roll, visible, seen)
             watch.lap("detector")
-        if self._detecting.follows_unread:
+        if self._detecting.is_used:
             sightings = self._detecting.sightings(sightings, seen, self._support_planes())
             watch.lap("unread")
         self._count += 1
@@ -329,6 +353,8 @@ class PosedTracker(MapQueries):
                 "candidates": left_out,
             },
             size=(camera.width, camera.height),
+            events=tuple(self._following.take_events()),
+            agents=tuple(self._following.agents),
         )
 
     def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:
@@ -349,6 +375,13 @@ class PosedTracker(MapQueries):
             viewpoint_angle_rad=self._viewpoint_angle(image, T_world_camera),
         )
 
+    def _find_motion(self, seen: Observation, time_s: float) -> Observation:
+        """Return a frame with what moves in it; objects that move are followed."""
+        moving = self._motion.find(seen.image, seen.T_world_camera, time_s)
+        if moving is not None:
+            seen = dataclasses.replace(seen, moving=moving)
+        return self._following.begin_frame(seen, time_s)
+
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
         """Move the map, its planes and its objects after a pose correction (loop closure, relocalisation).
 
@@ -366,6 +399,7 @@ class PosedTracker(MapQueries):
         self._planes.apply_correction(in_map)
         self._map.apply_correction(in_map)
         self._detecting.apply_correction(in_map)
+        self._begin_motion()
 
     def _estimate_noise(self, image: WorkingImage) -> None:
         """Estimate from the first frame how much noisier the sensor is than configured."""
@@ -403,7 +437,7 @@ class PosedTracker(MapQueries):
 
     def _find_planes(self, seen: Observation) -> PixelPlanes:
         """Track the supporting planes; return those on and beneath which pixels lie."""
-        c, planes, image, T_world_camera = self.config, self._planes, seen.image, seen.T_world_camera
+        c, planes, image, T_world_camera = self.config, self._planes, seen.still, seen.T_world_camera
         seen_by = image.depth, T_world_camera, c.depth_noise_per_m, c.max_depth_m
         if planes.vote_is_due():
             areas = find_flat_areas(image.depth, c)
@@ -430,10 +464,13 @@ class PosedTracker(MapQueries):
             planes.add_readings(view, seen.keyframe)
         return PixelPlanes(on_plane, support, view.identities)
 
-    def _candidates(self, image: WorkingImage, planes: PixelPlanes) -> UInt8Array:
-        """Return which readings may belong to an object: all within range but those on a supporting plane."""
-        within = (image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)
-        return np.asarray(within & (planes.on_plane < 0), dtype=np.uint8)
+    def _candidates(self, seen: Observation, planes: PixelPlanes) -> UInt8Array:
+        """Return which readings may belong to an object: within range, on no supporting plane, not moving."""
+        depth_m = seen.solid.depth_m
+        found = (depth_m > 0) & (depth_m <= self.config.max_depth_m) & (planes.on_plane < 0)
+        if seen.moving is not None:
+            found &= seen.moving == 0
+        return np.asarray(found, dtype=np.uint8)
 
     def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
         """Return which side of a segment lies below, above, right and left of it in the image, for any up."""
@@ -485,14 +522,16 @@ class PosedTracker(MapQueries):
             voxels.fine.refine(seen, heat, slots, numbers, far_m)
 
     def _visible(
-        self, seen: Observation, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
+        self, seen: Observation, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject], time_s: float
     ) -> list[tuple[MapObject, Visibility]]:
         """Record which objects of the map the frame shows, and return them with how they are seen."""
         objects = [o for o in in_frustum if len(o.points)]
         boxes, owner = self._map.store.boxes_of(objects), self._voxels.stored.owner
         visibilities = measure_visibility(objects, boxes, seen, slots, owner, self.config.depth_noise_per_m)
         visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
-        self._map.record_seen(seen.frame, [entry for entry, _ in visible])
+        restless = self._following.restless(time_s)
+        labelled = self._map.record_seen(seen.frame, [entry for entry, _ in visible], restless)
+        self._following.note_labels(labelled, time_s)
         return visible
 
     def _frame_boxes(
@@ -516,7 +555,7 @@ class PosedTracker(MapQueries):
         used = [plane for plane in self._planes.planes if plane.in_use]
         place = {plane.identity: k for k, plane in enumerate(used)}
         known = [self._tracked(entry, place) for entry in self._map.store.confirmed()]
-        unread = self._detecting.objects(self._support_planes(), self.T_world_map)
+        unread = self.unread_objects()
         known += unread
         return ObjectTable(sorted(known, key=lambda item: item.label) if unread else known)
 
@@ -574,10 +613,19 @@ class PosedTracker(MapQueries):
         """End an object: it is none, as somebody says, or stands there no more. Its label is never given again."""
         self._map.store.retire(entry)
 
+    def unread_objects(self) -> list[TrackedObject]:
+        """Return the objects with a label that depth does not read, by label."""
+        return self._detecting.objects(self._support_planes(), self.T_world_map)
+
+    def forget_unread(self, label: int) -> bool:
+        """Let an object that depth does not read be none, as somebody says; tell whether one had the label."""
+        return self._detecting.unread.forget(label)
+
     def begin_visit(self) -> None:
         """Expect the place at another time: things may have been moved, taken and brought."""
         self._map.begin_visit()
         self._position = self._viewpoint = self._turns = None  # the camera may be held another way
+        self._begin_motion()
         self._due = True
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:

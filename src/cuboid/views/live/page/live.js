@@ -208,6 +208,7 @@ async function main() {
     orbit.fly(state.follow && scene.pose ? orbit.behind(scene.pose) : orbit.home());
   });
   new ResizeObserver(() => {
+    showHint(canvas.clientWidth);
     tags.layout();
     redraw();
   }).observe(canvas);

@@ -105,7 +105,7 @@ function setUpScene() {
     if (object) update({ selected: object.label });
   });
   new ResizeObserver(() => {
-    find("notice").hidden = canvas.clientWidth < 560;
+    showHint(canvas.clientWidth);
     tags.layout();
     redraw();
   }).observe(canvas);

@@ -3,6 +3,8 @@
 // A click takes the nearest point of the map within so many pixels.
 const REACH_PX = 7;
 const BAR_PX = 130;
+// The hint at the mouse and the scale bar stand side by side from this width on.
+const HINT_FITS_PX = 560;
 
 /** A length as people say it: metres from one on, else centimetres, below one millimetres. */
 function lengthOf(metres, digits = 1) {
@@ -18,6 +20,11 @@ function showScale(orbit, height) {
   const metres = [5, 2, 1].map((step) => step * power).find((length) => length * pixels <= BAR_PX);
   find("scale").querySelector("i").style.width = `${(metres * pixels).toFixed(1)}px`;
   find("scale").querySelector("span").textContent = lengthOf(metres, 0);
+}
+
+/** Show the hint at the mouse where the scale bar leaves room for it. */
+function showHint(width) {
+  find("notice").hidden = width < HINT_FITS_PX;
 }
 
 /** The point of the map that a ray meets first, within so many radians of it; null where it meets none. */

@@ -1,6 +1,8 @@
-"""Similarity of two objects, over days and in other light: in size, and in colors from foot to top."""
+"""Similarity of two objects, seconds or days apart, in other light: in size, and in colors from foot to top."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -16,6 +18,9 @@ LAYERS = 3
 # and of a and b (CIE L*a*b*).
 SIZE_SIGMA, LIGHT_SIGMA, COLOR_SIGMA = 0.2, 20.0, 7.0
 
+# Least similarity, 0..1, of a moved object to the object before, and the factor by which it exceeds any other.
+MIN_SIMILARITY, CLEARER = 0.2, 1.5
+
 ColorProfile = npt.NDArray[np.float64]
 
 
@@ -24,6 +29,15 @@ def similarity(profile: ColorProfile, box: Box, other_profile: ColorProfile, oth
     sides = np.log(_sides(box) / _sides(other_box)) / SIZE_SIGMA
     off = (profile - other_profile) / np.array([LIGHT_SIGMA, COLOR_SIGMA, COLOR_SIGMA])
     return float(np.exp(-0.5 * ((sides**2).mean() + (off**2).mean())))
+
+
+def most_similar(scores: Sequence[float]) -> int | None:
+    """Return which of some objects, by its similarity, another one is; None where it is none of them clearly."""
+    if not scores:
+        return None
+    best = int(np.argmax(scores))
+    others = max((score for k, score in enumerate(scores) if k != best), default=0.0)
+    return best if scores[best] >= MIN_SIMILARITY and scores[best] >= CLEARER * others else None
 
 
 def color_profile_of(entry: MapObject) -> ColorProfile:

@@ -1,0 +1,401 @@
+"""Objects that are moved while the camera watches: they leave, are followed, rest again, or are gone and come back.
+
+An object leaves when frames see through most of it, while something moves there. Its label waits then; as long as its
+shape and color are found again from frame to frame it is followed as a rigid cluster. It rests when it has stood on
+something for a while. Where it was lost it is known again by size and color, as between two visits; what is not known
+again for a while is gone. What leaves before it has rested for two seconds was no object.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.limits import SAMPLE_POINTS
+from cuboid.core.observation import Observation
+from cuboid.core.results import ObjectEvent, Sighting
+from cuboid.core.tolerances import BIAS_M, DRIFT_M, MIN_READINGS
+from cuboid.core.values import EventName
+from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import inverse, transform
+from cuboid.heatmap.motion import REST_S, groups_of
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.objects.cluster import Cluster, Fit
+from cuboid.objects.entry import MapObject
+from cuboid.objects.kernels.leaving import count_passed
+from cuboid.objects.similarity import ColorProfile, color_profile_of, most_similar, similarity
+from cuboid.objects.store import ObjectStore
+from cuboid.objects.visibility import measure_visibility
+from cuboid.poses.pyramid import Level, levels_of
+from cuboid.surfaces.planes import PlaneTracker
+
+# An object begins to move when frames see through this fraction of what is seen of its place, and has left when they
+# see through most of it, so many frames in a row.
+STIRS, LEFT, IN_A_ROW = 0.2, 0.5, 3
+# How far an object may be from where it stirred when this is seen first, and from where it is expected, metres.
+FIRST_REACH_M, REACH_M = 0.08, 0.04
+# A followed object has moved on where so much more of it is seen there than in its last place, as a fraction.
+BETTER = 0.05
+# A reading that lies within this of a point, and noise, is the point's, metres.
+IN_PLACE_M = DRIFT_M / 2.0
+# A followed object that is not found in this many frames in a row is lost.
+LOST_FRAMES = 6
+# It rests when it has stood on something for the first time, or has not moved for two seconds; within the second it
+# has moved by less than this, metres.
+SET_DOWN_S, STILL_M = 0.4, 0.01
+# It was moved when its middle is farther from where it was than this, metres: less may be what boxes err.
+MOVED_M = 0.05
+# What left and was not known again for so long is gone, seconds: somebody who carries a thing across a table takes two.
+GONE_S = 5.0
+# An object that comes to stand is held against what waits for this long, seconds: its box and colors get better.
+KNOWN_AGAIN_S = 1.0
+# Fraction of the points of what moves that may be outliers, at each side.
+AGENT_OUTLIERS = 0.02
+# An object came while the camera watched where this fraction of its points lies in cells that were seen to move.
+CAME, CELL_M = 0.5, 0.02
+
+
+@dataclass(slots=True)
+class _Gone:
+    """An object that has left its place."""
+
+    entry: MapObject
+    profile: ColorProfile
+    from_box: Box
+    since_s: float
+    told: bool = False
+
+
+@dataclass(slots=True)
+class _Followed:
+    """An object that moves: where it was found in the last frames."""
+
+    entry: MapObject
+    profile: ColorProfile
+    cluster: Cluster
+    from_box: Box
+    points: Float32Array
+    since_s: float
+    T: Float64Array = field(default_factory=lambda: np.eye(4))
+    step: Float64Array = field(default_factory=lambda: np.eye(4))
+    score: float = 1.0
+    missed: int = 0
+    path: deque[tuple[float, Float64Array]] = field(default_factory=deque)
+
+
+class Following:
+    """Keeps the labels of objects that move while the camera watches.
+
+    Parameters
+    ----------
+    config : TrackerConfig
+    store : ObjectStore
+    voxels : VoxelMap
+    planes : PlaneTracker
+
+    Attributes
+    ----------
+    agents : list of Box
+        Where something moves in the last frame that is no object, in the world of the map.
+    """
+
+    def __init__(self, config: TrackerConfig, store: ObjectStore, voxels: VoxelMap, planes: PlaneTracker) -> None:
+        self._config, self._store, self._voxels, self._planes = config, store, voxels, planes
+        self._followed: list[_Followed] = []
+        self._gone: list[_Gone] = []
+        # When something was last seen to move, seconds.
+        self._moved_s = -np.inf
+        # Frames in a row in which each object stirred, and was left, by number.
+        self._stirs: dict[int, int] = {}
+        self._leaves: dict[int, int] = {}
+        # Objects that came to rest, and until when what stands there counts as still.
+        self._settled: list[tuple[MapObject, float]] = []
+        # When something that moves was last seen at a candidate, by number.
+        self._touched_s: dict[int, float] = {}
+        # Since when objects have a label, by number: those with a new one; and of these those that came.
+        self._labelled_s: dict[int, float] = {}
+        self._came: list[MapObject] = []
+        self._cells: dict[int, None] = {}
+        self._events: list[ObjectEvent] = []
+        self._levels: tuple[Level, ...] | None = None
+        self.agents: list[Box] = []
+
+    def take_events(self) -> list[ObjectEvent]:
+        """Return what happened since this was asked last, in the world of the map."""
+        events, self._events = self._events, []
+        return events
+
+    # --- one frame -------------------------------------------------------------------------------------------------
+
+    def begin_frame(self, seen: Observation, time_s: float) -> Observation:
+        """Follow what moves, and return the frame with what moves by that: followed objects do, settled ones do not."""
+        self._levels = None
+        self._settled = [(entry, until_s) for entry, until_s in self._settled if time_s < until_s]
+        if seen.moving is not None:
+            self._moved_s = time_s
+            self._note_cells(_points_of(seen))
+        if time_s - self._moved_s < GONE_S:
+            self._find_leaving(seen, time_s)
+        for one in list(self._followed):
+            self._follow(one, seen, time_s)
+        self._tell_gone(time_s)
+        self.agents = self._find_agents(seen)
+        if seen.moving is None and not self._followed:
+            return seen
+        return replace(seen, moving=self._moving(seen))
+
+    def _find_agents(self, seen: Observation) -> list[Box]:
+        """Return the boxes, along the axes of the map, of what moves and is no object."""
+        if seen.moving is None:
+            return []
+        moving = np.asarray(seen.moving & (seen.image.depth_m > 0), np.uint8)
+        for entry in [entry for entry, _ in self._settled] + [one.entry for one in self._followed]:
+            _mark_inside(entry.box, DRIFT_M, seen, moving, 0)
+        boxes = []
+        for group in groups_of(moving):
+            v, u = np.nonzero(group)
+            points = _places(v, u, seen)
+            low, high = np.quantile(points, [AGENT_OUTLIERS, 1.0 - AGENT_OUTLIERS], axis=0)
+            boxes.append(Box((low + high) / 2, np.maximum(high - low, BIAS_M), np.eye(3)))
+        return boxes
+
+    def _moving(self, seen: Observation) -> UInt8Array | None:
+        """Return which readings move: those of followed objects too, but not those of settled ones."""
+        depth_m = seen.image.depth_m
+        moving = np.zeros(depth_m.shape, np.uint8) if seen.moving is None else seen.moving.copy()
+        for entry, _ in self._settled:
+            _mark_inside(entry.box, BIAS_M, seen, moving, 0)
+        for one in self._followed:
+            _mark_inside(one.entry.box, 2 * BIAS_M, seen, moving, 1)
+        return moving if moving.any() else None
+
+    def _find_leaving(self, seen: Observation, time_s: float) -> None:
+        image, noise = seen.image, self._config.depth_noise_per_m
+        pinhole, T = image.camera.pinhole, np.ascontiguousarray(seen.T_camera_world)
+        for entry in self._store.confirmed():
+            points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
+            stays, passed = count_passed(points, image.depth_m, pinhole, T, IN_PLACE_M, noise)
+            enough = passed >= MIN_READINGS
+            self._count(self._stirs, entry, enough and passed >= STIRS * (stays + passed))
+            self._count(self._leaves, entry, enough and passed >= LEFT * (stays + passed))
+            if self._stirs.get(entry.number, 0):
+                self._let_go(entry, seen, time_s)
+
+    @staticmethod
+    def _count(counts: dict[int, int], entry: MapObject, more: bool) -> None:
+        if more:
+            counts[entry.number] = counts.get(entry.number, 0) + 1
+        else:
+            counts.pop(entry.number, None)
+
+    def _let_go(self, entry: MapObject, seen: Observation, time_s: float) -> None:
+        """Follow an object that stirs, where it is found again; let its label wait where it has left and is not."""
+        young = self._is_young(entry, time_s)
+        noise = self._config.depth_noise_per_m
+        cluster = Cluster(entry.points, entry.colors, seen.image, seen.T_camera_world, noise)
+        found = None if young else cluster.find(seen, self._levels_of(seen), np.eye(4), FIRST_REACH_M)
+        if found is not None and _is_elsewhere(found, cluster.fit_at(seen, np.eye(4)), entry.box):
+            profile, box = color_profile_of(entry), entry.box
+            self._remove(entry)
+            one = _Followed(entry, profile, cluster, box, entry.points, time_s)
+            self._followed.append(one)
+        elif self._leaves.get(entry.number, 0) >= IN_A_ROW:
+            self._remove(entry)
+            if not young:
+                self._gone.append(_Gone(entry, color_profile_of(entry), entry.box, time_s))
+
+    def _is_young(self, entry: MapObject, time_s: float) -> bool:
+        since_s = self._labelled_s.get(entry.number)
+        return since_s is not None and time_s - since_s < REST_S
+
+    def _remove(self, entry: MapObject) -> None:
+        for counts in (self._stirs, self._leaves):
+            counts.pop(entry.number, None)
+        self._settled = [one for one in self._settled if one[0] is not entry]
+        self._voxels.stored.remove(entry.number)
+        self._store.retire(entry)
+
+    def _levels_of(self, seen: Observation) -> tuple[Level, ...]:
+        self._levels = self._levels or levels_of(seen.image)
+        return self._levels
+
+    # --- what is followed ------------------------------------------------------------------------------------------
+
+    def _follow(self, one: _Followed, seen: Observation, time_s: float) -> None:
+        expected = one.step @ one.T
+        stays = one.cluster.fit_at(seen, one.T)
+        found = one.cluster.find(seen, self._levels_of(seen), expected, REACH_M)
+        if stays is not None and (found is None or found.balance < stays.balance + BETTER):
+            found = stays
+        if found is None:
+            one.missed += 1
+            if one.missed >= LOST_FRAMES:
+                self._followed.remove(one)
+                self._gone.append(_Gone(one.entry, one.profile, one.from_box, one.since_s))
+            return
+        one.missed = 0
+        one.step = found.T_now_start @ inverse(one.T)
+        one.T, one.score = found.T_now_start, found.score
+        one.entry.points = transform(one.T, one.points).astype(np.float32)
+        one.entry.box = one.from_box.moved(one.T)
+        one.path.append((time_s, one.entry.box.center))
+        while one.path and time_s - one.path[0][0] > REST_S:
+            one.path.popleft()
+        if self._rests(one, time_s):
+            self._settle(one, time_s)
+
+    def _rests(self, one: _Followed, time_s: float) -> bool:
+        wait_s = SET_DOWN_S if self._stands(one.entry.box) else REST_S - SET_DOWN_S
+        late = [center for at_s, center in one.path if time_s - at_s <= wait_s]
+        if time_s - one.path[0][0] < wait_s or len(late) < 2:
+            return False
+        return bool(np.linalg.norm(np.array(late) - late[-1], axis=1).max() < STILL_M)
+
+    def _stands(self, box: Box) -> bool:
+        in_use = [self._planes.in_world(plane) for plane in self._planes.planes if plane.in_use]
+        return any(abs(box.foot_m(*plane)) < DRIFT_M for plane in in_use)
+
+    def _settle(self, one: _Followed, time_s: float) -> None:
+        """Let a followed object stand where it is."""
+        self._followed.remove(one)
+        self._store.set_down(one.entry, one.entry.box)
+        self._settled.append((one.entry, time_s + REST_S + SET_DOWN_S))
+        if np.linalg.norm(one.entry.box.center - one.from_box.center) > MOVED_M:
+            self._tell("moved", one.entry, one.from_box, one.entry.box, one.score)
+
+    def claim(self, slots: npt.NDArray[np.int32], seen: Observation) -> None:
+        """Give the voxels of a frame that lie in objects that have come to rest to these."""
+        for entry, _ in self._settled:
+            inside = np.zeros(slots.shape, np.uint8)
+            _mark_inside(entry.box, BIAS_M, seen, inside, 1)
+            rows = slots[(inside > 0) & (slots >= 0)].astype(np.int64)
+            self._voxels.claim(rows, entry.number)
+
+    # --- what waits ------------------------------------------------------------------------------------------------
+
+    def _tell_gone(self, time_s: float) -> None:
+        for one in self._gone:
+            if not one.told and time_s - one.since_s >= GONE_S:
+                one.told = True
+                self._tell("gone", one.entry, one.from_box, None, 1.0)
+
+    def note_labels(self, entries: Sequence[MapObject], time_s: float) -> None:
+        """Take note of objects with a new label: those that came may be what waits; else they have appeared."""
+        self._labelled_s |= {entry.number: time_s for entry in entries}
+        self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < REST_S}
+        came = [*self._came, *(entry for entry in entries if self._has_come(entry))]
+        self._came = []
+        for entry in came:
+            if not entry.confirmed or self._know_again(entry):
+                continue
+            if time_s - self._labelled_s.get(entry.number, -KNOWN_AGAIN_S) < KNOWN_AGAIN_S:
+                self._came.append(entry)
+            else:
+                self._tell("appeared", entry, None, entry.box, entry.score)
+
+    def _know_again(self, entry: MapObject) -> bool:
+        """Let an object with a new label be one that left, where it is like that one and like no other."""
+        profile = color_profile_of(entry)
+        scores = [similarity(profile, entry.box, one.profile, one.from_box) for one in self._gone]
+        best = most_similar(scores)
+        if best is None:
+            return False
+        one = self._gone.pop(best)
+        self._store.adopt(entry, one.entry)
+        if one.told:
+            self._tell("back", entry, one.from_box, entry.box, scores[best])
+        elif np.linalg.norm(entry.box.center - one.from_box.center) > MOVED_M:
+            self._tell("moved", entry, one.from_box, entry.box, scores[best])
+        return True
+
+    def _has_come(self, entry: MapObject) -> bool:
+        if not self._cells or not len(entry.points):
+            return False
+        keys = _keys(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
+        return sum(key in self._cells for key in keys) >= CAME * len(keys)
+
+    def _note_cells(self, places: Float32Array) -> None:
+        self._cells.update(dict.fromkeys(_keys(places)))
+
+    def _tell(self, event: EventName, entry: MapObject, before: Box | None, after: Box | None, score: float) -> None:
+        from_m, to_m = (None if box is None else box.center for box in (before, after))
+        self._events.append(ObjectEvent(event, entry.label, from_m, to_m, score))
+
+    # --- candidates ------------------------------------------------------------------------------------------------
+
+    def note_touched(self, numbers: Sequence[int], time_s: float) -> None:
+        """Take note of the objects (by number) at which something moves."""
+        for number in numbers:
+            self._touched_s[number] = time_s
+
+    def restless(self, time_s: float) -> frozenset[int]:
+        """Return the objects (by number) at which something moves, or did just now."""
+        self._touched_s = {number: at_s for number, at_s in self._touched_s.items() if time_s - at_s < SET_DOWN_S}
+        return frozenset(self._touched_s)
+
+    # --- results ---------------------------------------------------------------------------------------------------
+
+    def sightings(
+        self, shown: tuple[Sighting, ...], seen: Observation, slots: npt.NDArray[np.int32]
+    ) -> tuple[Sighting, ...]:
+        """Return the sightings of a frame with those of followed objects."""
+        here = [one.entry for one in self._followed if not one.missed]
+        if not here:
+            return shown
+        boxes = np.array([np.concatenate([o.box.center, o.box.size, o.box.rotation.ravel()]) for o in here])
+        views = measure_visibility(here, boxes, seen, slots, self._voxels.stored.owner, self._config.depth_noise_per_m)
+        found = list(shown)
+        for entry, view in zip(here, views, strict=True):
+            if view.seen:
+                entry.frames_seen += 1
+                entry.last_frame = seen.frame
+                found.append(Sighting(entry.label, entry.box, None, view.visible, view.rect_xyxy))
+        return tuple(sorted(found, key=lambda one: one.label))
+
+
+def _points_of(seen: Observation) -> Float32Array:
+    """Return where what moves is, (N, 3), in the world: every third reading in both directions."""
+    assert seen.moving is not None
+    v, u = np.nonzero(seen.moving[::3, ::3] & (seen.image.depth_m[::3, ::3] > 0))
+    return _places(3 * v, 3 * u, seen)
+
+
+def _places(v: npt.NDArray[np.int64], u: npt.NDArray[np.int64], seen: Observation) -> Float32Array:
+    c, z = seen.image.camera, seen.image.depth_m[v, u]
+    points = np.stack([(u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z], 1)
+    return transform(seen.T_world_camera, points).astype(np.float32)
+
+
+def _mark_inside(box: Box, beyond_m: float, seen: Observation, marks: UInt8Array, value: int) -> None:
+    """Set the marks (h, w) of the readings that lie in a box."""
+    c, (height, width) = seen.image.camera, marks.shape
+    corners = transform(seen.T_camera_world, box.corners())
+    z = np.maximum(corners[:, 2], DRIFT_M)
+    u, v = corners[:, 0] / z * c.fx + c.cx, corners[:, 1] / z * c.fy + c.cy
+    left, right = np.clip([u.min() - 3, u.max() + 4], 0, width).astype(int)
+    top, bottom = np.clip([v.min() - 3, v.max() + 4], 0, height).astype(int)
+    if right <= left or bottom <= top:
+        return
+    rows, columns = np.nonzero(seen.image.depth_m[top:bottom, left:right] > 0)
+    rows, columns = rows + top, columns + left
+    inside = box.contains(_places(rows, columns, seen), beyond_m)
+    marks[rows[inside], columns[inside]] = value
+
+
+def _keys(points: Float32Array) -> list[int]:
+    cells = np.floor(points.astype(np.float64) / CELL_M).astype(np.int64) + (1 << 20)
+    keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+    found: list[int] = np.unique(keys).tolist()
+    return found
+
+
+def _is_elsewhere(found: Fit, there: Fit | None, box: Box) -> bool:
+    """Tell whether an object was found elsewhere, and not as well in its place."""
+    far = np.linalg.norm(transform(found.T_now_start, box.center) - box.center) > STILL_M
+    return bool(far and (there is None or found.balance >= there.balance + STIRS))
