@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import struct
 import subprocess
@@ -38,7 +39,7 @@ TOPICS = {
     "/tf": ("tf2_msgs/msg/TFMessage", Qos.RELIABLE),
     "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", Qos.RELIABLE),
 }
-FRAMES, HERTZ, FIRST_NS = 24, 5.0, 1_500_000_000_123_456_789
+FRAMES, HERTZ, FIRST_NS = 24, 2.0, 1_500_000_000_123_456_789
 STAMPS_NS = [FIRST_NS + round(k * 1e9 / HERTZ) for k in range(FRAMES)]
 
 
@@ -125,10 +126,17 @@ def ended(node: subprocess.Popen[str]) -> str:
     return said
 
 
+def documented_options() -> list[str]:
+    """Return the options of the first call on the page of the documentation."""
+    page = (REPOSITORY / "docs" / "ros2.md").read_text(encoding="utf-8")
+    (call, *_) = [line for line in page.splitlines() if line.startswith("    cuboid ros2 ")]
+    return shlex.split(call)[2:]
+
+
 def test_the_objects_of_a_bag_arrive_with_its_stamps_and_poses_of_tf(bag: Path, tmp_path: Path) -> None:
     domain = 20 + os.getpid() % 200
     output = tmp_path / "out"
-    options = ("--pose", "tf", "--sim-time", "--output", str(output), "--param", "object_frames=true")
+    options = (*documented_options(), "--sim-time", "--output", str(output), "--param", "object_frames=true")
     with running(bag, domain, *options) as (listener, node):
         listener.until(lambda: max(listener.detected(), default=0) == STAMPS_NS[-1])
         check_against_the_tracker(listener, bag)
