@@ -19,6 +19,7 @@ PACKAGES = (
         "geometry",
         "core",
         "formats",
+        "middleware",
         "readers",
         "poses",
         "detection",
@@ -32,7 +33,7 @@ PACKAGES = (
         "text_search",
         "outputs",
     ),
-    *("views", "calibration", "tracking", "scene", "pipeline", "recordings", "cameras", "exports", "synthetic"),
+    *("views", "calibration", "tracking", "scene", "pipeline", "recordings", "cameras", "ros2", "exports", "synthetic"),
     *("evaluation", "annotation", "queries", "store", "service", "batch", "cli"),
 )
 # These two know each other: a frame has a rigid pose, and geometry names the arrays that it works on.

@@ -11,9 +11,8 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
+from hand_written_types import CameraInfo, Header, Image, RegionOfInterest, Time
 from played import color_image, depth_image
-
-from cuboid.cameras.ros2_messages import CameraInfo, Header, Image, RegionOfInterest, Time
 
 WIDTH, HEIGHT = 64, 48
 

@@ -102,15 +102,23 @@ class LatestQueue(Generic[T]):
         """End at once, whatever is still there; takes no lock, so that a signal's handler may call it."""
         self._stopped.set()
 
-    def get(self) -> T | None:
-        """Return the oldest item, waiting for it; None where no one will come."""
-        with self._changed:
-            while not self._stopped.is_set():
+    def get(self, idle: Callable[[], None] = lambda: None) -> T | None:
+        """Return the oldest item, waiting for it; None where no one will come.
+
+        Parameters
+        ----------
+        idle : callable
+            Called now and then while it waits.
+        """
+        while not self._stopped.is_set():
+            with self._changed:
+                if not (self._items or self._ended):
+                    self._changed.wait(POLL_S)
                 if self._items:
                     item = self._items.popleft()
                     self._changed.notify_all()
                     return item
                 if self._ended:
                     return None
-                self._changed.wait(POLL_S)
-            return None
+            idle()
+        return None

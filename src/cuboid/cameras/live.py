@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -43,6 +43,8 @@ class LiveCamera:
         Folder in which the frames are kept; it is there when the iteration has ended.
     warnings : list of str
         What went wrong on the way, one line each.
+    idle : callable
+        Called now and then while the iteration waits for a frame.
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class LiveCamera:
         self.has_poses = driver.has_poses
         self.depth_units_per_metre = driver.depth_units_per_metre
         self.warnings: list[str] = []
+        self.idle: Callable[[], None] = lambda: None
         self._driver, self._form, self._silence_s = driver, form, silence_s
         self._prepare(Path(driver.name))
         self._queue: LatestQueue[Shot] = LatestQueue(CAPACITY, paced=driver.paced)
@@ -86,7 +89,7 @@ class LiveCamera:
     ) -> None:
         self.close()
         if self._thread is not None:
-            self._thread.join(timeout=self._silence_s)
+            self._thread.join(timeout=min(self._silence_s, SILENCE_S))
         self._driver.close()
 
     def close(self) -> None:
@@ -116,7 +119,7 @@ class LiveCamera:
                 keep = stack.enter_context(keeping(*place, self._driver.calibration.depth_camera))
             stack.callback(self._tell)
             stack.callback(self.close)
-            while (shot := self._queue.get()) is not None:
+            while (shot := self._queue.get(self.idle)) is not None:
                 frame = self._frame(index, shot)
                 if frame is not None:
                     if keep is not None:

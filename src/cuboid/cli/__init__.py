@@ -24,6 +24,7 @@ GROUPS = {
     "run": {
         "track": "track the objects of a recording and write the results",
         "slam": "estimate the camera poses of a recording from its images and write the trajectory",
+        "ros2": "track the images of a running ROS 2, and publish the objects there",
         "demo": "make a recording, track it, and compare with the truth",
     },
     "look": {

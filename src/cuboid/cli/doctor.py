@@ -34,6 +34,7 @@ EXTRAS = {
     "synth": (("trimesh", "trimesh"), ("embreex", "embreex")),
     "ros": (("rosbags", "rosbags"),),
     "ros2": (("cyclonedds", "cyclonedds"), ("rosbags", "rosbags")),
+    "foxglove": (("foxglove-sdk", "foxglove"),),
     "realsense": (("pyrealsense2", "pyrealsense2"),),
     "oak": (("depthai", ""),),
     "phone": (("openexr", "OpenEXR"), ("pyliblzfse", "liblzfse")),

@@ -1,4 +1,4 @@
-"""`--live` and `--rerun`: show a run in the browser or in the rerun viewer as it proceeds."""
+"""`--live`, `--rerun` and `--foxglove`: show a run in the browser or in another viewer as it proceeds."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def add_live(parser: argparse._ActionsContainer) -> None:
-    """Add `--live`, `--live-host` and `--rerun`."""
+    """Add `--live`, `--live-host`, `--rerun` and `--foxglove`."""
     parser.add_argument("--live", action="store_true", help="show the run in the browser as it proceeds")
     parser.add_argument(
         "--live-host",
@@ -36,6 +36,7 @@ def add_live(parser: argparse._ActionsContainer) -> None:
         metavar="FILE.rrd|ADDRESS",
         help="show the run in the rerun viewer as it proceeds; or write a file for it, or connect to its address",
     )
+    add_foxglove(parser)
 
 
 def add_serve(parser: argparse._ActionsContainer) -> None:
@@ -46,13 +47,41 @@ def add_serve(parser: argparse._ActionsContainer) -> None:
         const=OPTIONAL["--serve"][0],
         type=port,
         metavar="PORT",
-        help="answer other programs over HTTP while the run goes, as 'cuboid serve' does (default port: %(const)s)",
+        help="answer other programs over HTTP as the run proceeds, as 'cuboid serve' does (default port: %(const)s)",
     )
     parser.add_argument(
         "--serve-host",
         metavar="ADDRESS",
-        help="address of this machine that answers others too, who need the token that is printed",
+        help="address at which other machines, with the printed token, get answers, 0.0.0.0 for all "
+        "(default: this machine only)",
     )
+
+
+def add_foxglove(parser: argparse._ActionsContainer) -> None:
+    """Add `--foxglove`."""
+    parser.add_argument(
+        "--foxglove",
+        nargs="?",
+        type=address,
+        const=OPTIONAL["--foxglove"][0],
+        metavar="HOST:PORT",
+        help="show the run in Foxglove as it proceeds, at this address of this machine; 0.0.0.0:8765 for all machines "
+        f"(default: {OPTIONAL['--foxglove'][0]}, this machine only)",
+    )
+
+
+def address(text: str) -> tuple[str, int]:
+    """Read HOST:PORT from the command line."""
+    host, _, number = text.rpartition(":")
+    if not host:
+        raise argparse.ArgumentTypeError(f"expected HOST:PORT, got '{text}'")
+    return host, port(number)
+
+
+def say_foxglove(host: str, number: int) -> None:
+    """Say where Foxglove finds the run."""
+    shown = "localhost" if host == "127.0.0.1" else host
+    print(f"cuboid: Foxglove connects to ws://{shown}:{number}", file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -88,6 +117,12 @@ def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Ite
             from cuboid.views.rerun_view import RerunView
 
             looks.append(stack.enter_context(RerunView(args.rerun, name, intrinsics)))
+        if args.foxglove is not None:
+            from cuboid.views.foxglove_view import FoxgloveView
+
+            view = stack.enter_context(FoxgloveView(intrinsics, *args.foxglove))
+            say_foxglove(args.foxglove[0], view.port)
+            looks.append(view)
         yield Watching(live, looks)
 
 

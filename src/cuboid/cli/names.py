@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 # The value of each option where no word follows, and the test whether a word that follows belongs to it.
 OPTIONAL: dict[str, tuple[str, Callable[[str], bool]]] = {
+    "--foxglove": ("127.0.0.1:8765", lambda word: word.rpartition(":")[2].isdigit()),
     "--json": ("-", lambda word: word == "-" or word.endswith(".json")),
     "--register": ("on", lambda word: word in ("auto", "on", "off")),
     "--serve": ("8764", lambda word: word.isdecimal()),

@@ -40,6 +40,12 @@ def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         default=1,
         help="reduce the images by this factor: faster, but coarser (default: 1)",
     )
+    add_method(tracking)
+    return tracking
+
+
+def add_method(tracking: argparse._ActionsContainer) -> None:
+    """Add what finds and names objects, and the configuration."""
     source = tracking.add_argument("--proposals", metavar="NAME[:OPTIONS]", help="source of the 2D proposals")
     takes_names(source, proposal_names)
     detector = tracking.add_argument(
@@ -65,7 +71,6 @@ def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         help="set a field of the tracker's configuration, such as voxel_m=0.02; may be repeated; fields",
     )
     takes_names(field, setting_names, ending="=")
-    return tracking
 
 
 def add_relations(parser: argparse._ActionsContainer) -> None:

@@ -51,7 +51,7 @@ class McapWriter:
         """Write the messages of a frame."""
         bag, time_ns = self._bag, nanoseconds(frame.timestamp_s)
         if frame.T_world_camera is not None:
-            bag.publish(TRANSFORMS, bag.transform(frame.T_world_camera, time_ns), time_ns)
+            bag.publish(TRANSFORMS, bag.transforms([bag.transform(frame.T_world_camera, time_ns)]), time_ns)
         for topic in (COLOR, DEPTH):
             bag.publish(f"{topic}/camera_info", bag.camera_info(self._intrinsics, time_ns), time_ns)
         bag.publish(f"{COLOR}/image_raw", self._image(frame.color, "rgb8", time_ns), time_ns)

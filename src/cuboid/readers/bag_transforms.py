@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,7 @@ class Transforms:
             if kind in TF_TYPES and topic.endswith("_static"):
                 times = bag.times(topic)
                 for message in bag.between(topic, int(times[0]), int(times[-1]) + 1) if len(times) else ():
-                    for parent, child, _, T in _edges(message):
+                    for parent, child, _, T in edges_of(message):
                         self._fixed[child] = (parent, T)
 
     def moves(self, frame: str, time_ns: int) -> bool:
@@ -97,20 +98,10 @@ class Transforms:
             No transforms are near enough in time.
         """
         blocks = [self._block(time_ns // BLOCK_NS + k) for k in (-1, 0, 1)]
-        child, T_child_camera = "" if self._pose_topic else frame, np.eye(4)
-        moved = False
-        for _ in range(LONGEST_CHAIN):
-            found = [block[child] for block in blocks if child in block]
-            if found:
-                T_parent_child, parent, moved = _at(found, time_s, child), found[0][0], True
-            elif child in self._fixed:
-                parent, T_parent_child = self._fixed[child]
-            else:
-                break
-            T_child_camera, child = T_parent_child @ T_child_camera, parent
-        if not moved:
+        found = camera_pose(blocks, self._fixed, "" if self._pose_topic else frame, time_s)
+        if not found.moved:
             raise FrameError(f"no camera pose: the bag has no transforms of '{frame}' about {time_s:.3f} s")
-        return T_child_camera
+        return found.T_world_frame
 
     def between(self, frame: str, other: str) -> Float64Array | None:
         """Return the fixed transform T_frame_other (4, 4) of two frames; None where they have no fixed common root."""
@@ -140,11 +131,69 @@ class Transforms:
         found: dict[str, Edge] = {}
         for topic in [self._pose_topic] if self._pose_topic else self._moving:
             for message in self._bag.between(topic, start_ns, stop_ns):
-                for parent, child, time_s, T in _edges(message):
+                for parent, child, time_s, T in edges_of(message):
                     _, times_s, transforms = found.setdefault(child, (parent, [], []))
                     times_s.append(time_s)
                     transforms.append(T)
         return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundPose:
+    """Where a frame is in the tree of transforms.
+
+    Attributes
+    ----------
+    T_world_frame : (4, 4) float64
+    world : str
+        The frame at the end of the chain.
+    moved : bool
+        Whether a transform that may change is part of it.
+    """
+
+    T_world_frame: Float64Array
+    world: str
+    moved: bool
+
+
+def camera_pose(
+    moving: Sequence[Mapping[str, Edge]],
+    fixed: Mapping[str, tuple[str, Float64Array]],
+    frame: str,
+    time_s: float,
+    world: str | None = None,
+) -> FoundPose:
+    """Return where a frame is at a time.
+
+    Parameters
+    ----------
+    moving : sequence of mapping of str to Edge
+        Transforms that change, by child.
+    fixed : mapping of str to (str, (4, 4) float64)
+        Parent, and T_parent_child, by child.
+    frame : str
+    time_s : float
+    world : str, optional
+        Frame at which the chain ends; its root unless given.
+
+    Raises
+    ------
+    FrameError
+        No transforms are near enough in time.
+    """
+    child, T_child_frame, moved = frame, np.eye(4), False
+    for _ in range(LONGEST_CHAIN):
+        if child == world:
+            break
+        found = [block[child] for block in moving if child in block]
+        if found:
+            T_parent_child, parent, moved = _at(found, time_s, child), found[0][0], True
+        elif child in fixed:
+            parent, T_parent_child = fixed[child]
+        else:
+            break
+        T_child_frame, child = T_parent_child @ T_child_frame, parent
+    return FoundPose(T_child_frame, child, moved)
 
 
 def frame_name(name: str) -> str:
@@ -167,7 +216,7 @@ def matrix(translation: Any, rotation: Any) -> Float64Array | None:
     return se3.compose(values[:4] / length, values[4:])
 
 
-def _edges(message: Any) -> Iterable[tuple[str, str, float, Float64Array]]:
+def edges_of(message: Any) -> Iterable[tuple[str, str, float, Float64Array]]:
     """Give parent, child, time and T_parent_child of what a message says; the child of a lone pose is ""."""
     if message.__msgtype__ in TF_TYPES:
         for one in message.transforms:

@@ -1,0 +1,137 @@
+"""`cuboid ros2`: the images of a running ROS 2 to its objects, published there."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cuboid.cli.live import add_foxglove, say_foxglove
+from cuboid.cli.recording import add_method, config_from
+from cuboid.cli.results import add_output, add_results, give
+from cuboid.cli.workers import add_threads, positive
+from cuboid.core.tolerances import DETECT_EVERY
+
+if TYPE_CHECKING:
+    from cuboid.core.frame import Intrinsics
+    from cuboid.ros2.opening import OpenNode
+    from cuboid.ros2.session import Session
+
+EXAMPLE = "cuboid ros2 --color /camera/color/image_raw --depth /camera/aligned_depth_to_color/image_raw --pose tf"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    topics = parser.add_argument_group("topics in; Ctrl-C ends the node")
+    topics.add_argument("--color", metavar="TOPIC", help="color images (default: found by name)")
+    topics.add_argument("--depth", metavar="TOPIC", help="depth, aligned to color (default: found by name)")
+    topics.add_argument("--info", metavar="TOPIC", help="CameraInfo of color (default: camera_info beside color)")
+    topics.add_argument(
+        "--pose",
+        metavar="tf|TOPIC|estimated",
+        default="estimated",
+        help="camera poses: from tf, from a topic of PoseStamped, PoseWithCovarianceStamped or Odometry, or estimated "
+        "from the images (default: %(default)s)",
+    )
+    topics.add_argument("--world", metavar="FRAME", help="frame of the world (default: the root of tf; else map)")
+    node = parser.add_argument_group("node")
+    node.add_argument("--node", default="cuboid", metavar="NAME", help="its name (default: %(default)s)")
+    node.add_argument(
+        "--transport",
+        choices=("dds", "rclpy"),
+        help="dds needs no ROS (default: rclpy where a ROS is sourced, else dds)",
+    )
+    node.add_argument("--domain", metavar="N", help="ROS_DOMAIN_ID of dds (default: that of the environment, or 0)")
+    node.add_argument("--sim-time", action="store_true", help="take the time from /clock")
+    node.add_argument(
+        "--param",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a parameter: object_frames=true (a frame of tf an object), min_score=0.5, map_every_s=2 (send the point "
+        "map so often); may be repeated",
+    )
+    add_foxglove(node)
+    node.add_argument("--limit", type=positive, metavar="N", help="end after N frames")
+    results = parser.add_argument_group("results")
+    add_output(results, type=Path, metavar="DIR", help="folder of the results, written at the end and on request")
+    add_results(results)
+    tracking = parser.add_argument_group("tracking")
+    add_method(tracking)
+    add_threads(tracking, 1)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the node until a signal."""
+    from cuboid.cameras.driver import StreamEndedError
+    from cuboid.cli.interrupt import interruptible
+    from cuboid.ros2.opening import NodeOptions, open_node
+    from cuboid.ros2.parameters import Parameters
+
+    options = NodeOptions(
+        color=args.color,
+        depth=args.depth,
+        info=args.info,
+        pose=args.pose,
+        world=args.world,
+        node=args.node,
+        transport=args.transport,
+        domain=args.domain,
+        simulated_time=args.sim_time,
+        foxglove=args.foxglove,
+    )
+    Parameters(lambda settings: None).set_texts(args.param)  # a mistake is told before the wait for images
+
+    def make_session(intrinsics: Intrinsics, poses: str) -> Session:
+        return session_from(args, intrinsics, poses)
+
+    with interruptible() as interruption:
+        say("waiting for images")
+        try:
+            with open_node(options, make_session, interruption) as opened:
+                interruption.tell = opened.live.close
+                say_opened(args, opened)
+                opened.node.parameters.set_texts(args.param)
+                opened.node.run(args.limit)
+                end(args, opened)
+        except StreamEndedError:
+            say("ended before the first image")
+    return 0
+
+
+def session_from(args: argparse.Namespace, intrinsics: Intrinsics, poses: str) -> Session:
+    """Return the session that the arguments describe."""
+    from cuboid.ros2.session import Session
+    from cuboid.tracking.tracker import Tracker
+
+    config: Any = config_from(args)
+
+    def make_tracker() -> Tracker:
+        every = args.detector_every or DETECT_EVERY
+        return Tracker(intrinsics, config, args.proposals, poses=poses, detector=args.detector, detector_every=every)
+
+    return Session(make_tracker, args.output, force=args.force)
+
+
+def say_opened(args: argparse.Namespace, opened: OpenNode) -> None:
+    """Say what the node is connected to."""
+    say(f"node {args.node} on {opened.transport}: images of {opened.camera}, poses {args.pose}")
+    if opened.foxglove_port is not None:
+        say_foxglove(args.foxglove[0], opened.foxglove_port)
+
+
+def end(args: argparse.Namespace, opened: OpenNode) -> None:
+    """Write the results where they are wanted, and say how it went."""
+    for warning in opened.live.warnings:
+        say(f"warning: {warning}")
+    figures = opened.node.figures()
+    give(args, figures, lambda: say(", ".join(f"{name} {value}" for name, value in figures.items())))
+    saved = opened.node.finish()
+    if saved is not None:
+        say(f"results in {saved}")
+
+
+def say(line: str) -> None:
+    """Print a line for the user: standard error, since a node has no output of its own."""
+    print(f"cuboid: {line}", file=sys.stderr, flush=True)

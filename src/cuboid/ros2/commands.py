@@ -1,0 +1,119 @@
+"""What can be asked of a running node, and its answers, whatever carries them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from cuboid.core.errors import CuboidError
+from cuboid.core.results import TrackedObject
+from cuboid.outputs.queries import PointCloud
+from cuboid.ros2.parameters import Parameters
+from cuboid.ros2.session import Session
+
+
+class Command(msgspec.Struct, tag_field="command", forbid_unknown_fields=True, kw_only=True):
+    """What is asked; the answer repeats `id`."""
+
+    id: int | str | None = None
+
+
+class Save(Command, tag="save"):
+    """Write the results so far."""
+
+    folder: str = ""
+
+
+class Reset(Command, tag="reset"):
+    """Forget the map and begin anew."""
+
+
+class Name(Command, tag="name"):
+    """Give an object a name, or take it away with an empty one."""
+
+    label: int
+    name: str
+
+
+class Query(Command, tag="query"):
+    """Objects by label, part of their name, distance from a point in metres; 0 and "" mean any."""
+
+    label: int = 0
+    name: str = ""
+    near: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    within_m: float = 0.0
+
+
+class Cloud(Command, tag="cloud"):
+    """The points of an object; 0: of the map."""
+
+    label: int = 0
+
+
+class Set(Command, tag="set"):
+    """Change a parameter."""
+
+    parameter: str
+    value: bool | int | float | str
+
+
+class ListParameters(Command, tag="parameters"):
+    """The parameters and their values."""
+
+
+AnyCommand = Save | Reset | Name | Query | Cloud | Set | ListParameters
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What comes of a command.
+
+    Attributes
+    ----------
+    success : bool
+    message : str
+        What was done, or why it was not.
+    objects : tuple of TrackedObject or None
+        Of a query.
+    cloud : PointCloud or None
+    parameters : dict or None
+    """
+
+    success: bool
+    message: str
+    objects: tuple[TrackedObject, ...] | None = None
+    cloud: PointCloud | None = None
+    parameters: dict[str, Any] | None = None
+
+
+def answer(command: AnyCommand, session: Session, parameters: Parameters) -> Answer:
+    """Do what is asked; a user's mistake is an answer, too."""
+    try:
+        return _done(command, session, parameters)
+    except CuboidError as error:
+        return Answer(False, str(error))
+
+
+def _done(command: AnyCommand, session: Session, parameters: Parameters) -> Answer:
+    match command:
+        case Save():
+            return Answer(True, f"saved in {session.save(command.folder)}")
+        case Reset():
+            session.reset()
+            return Answer(True, "the map is empty")
+        case Name():
+            item = session.name(command.label, command.name)
+            return Answer(True, f"#{item.label} is called '{command.name}'" if command.name else f"#{item.label}")
+        case Query():
+            found = session.query(command.label, command.name, command.near, command.within_m)
+            return Answer(True, f"{len(found)} objects", tuple(found))
+        case Cloud():
+            cloud = session.cloud(command.label)
+            return Answer(True, f"{len(cloud)} points", cloud=cloud)
+        case Set():
+            parameters.set(command.parameter, command.value)
+        case ListParameters():
+            pass
+    return Answer(True, "", parameters=parameters.values)

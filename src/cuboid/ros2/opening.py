@@ -1,0 +1,182 @@
+"""A node made of its options."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+from cuboid.cameras.driver import StreamEndedError
+from cuboid.cameras.live import LiveCamera
+from cuboid.cameras.ros2 import TICK_S, RosCamera, domain_of
+from cuboid.cameras.ros_poses import RosPoses
+from cuboid.core.errors import InputError
+from cuboid.core.extras import require
+from cuboid.core.frame import Intrinsics
+from cuboid.formats.ros_messages import RosMessages
+from cuboid.middleware.foxglove import FoxgloveServer
+from cuboid.middleware.transport import Services, Transport
+from cuboid.poses.sources import ESTIMATED, GIVEN
+from cuboid.ros2.node import NodeClock, RosNode
+from cuboid.ros2.session import Session
+from cuboid.views.ros_stream import NODE, WORLD, RosStream
+
+FEATURE, EXTRA = "ros2", "ros2"
+DDS, RCLPY = "dds", "rclpy"
+TF = "tf"
+
+
+@dataclass(frozen=True, slots=True)
+class NodeOptions:
+    """What a node is to be.
+
+    Attributes
+    ----------
+    color, depth, info : str or None
+        Topics; found by name where they are None.
+    pose : str
+        `TF`, `ESTIMATED`, or a topic of poses.
+    world : str or None
+        Frame of the world; by `tf` its root, else `WORLD`, unless given.
+    node : str
+        Its name.
+    transport : {"dds", "rclpy"} or None
+        rclpy where it can be imported, unless given.
+    domain : str or None
+        ROS_DOMAIN_ID, of bare DDS.
+    simulated_time : bool
+        Whether the clock is the topic /clock.
+    foxglove : (str, int) or None
+        Host and port at which Foxglove is served, too.
+    """
+
+    color: str | None = None
+    depth: str | None = None
+    info: str | None = None
+    pose: str = ESTIMATED
+    world: str | None = None
+    node: str = NODE
+    transport: str | None = None
+    domain: str | None = None
+    simulated_time: bool = False
+    foxglove: tuple[str, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class OpenNode:
+    """A node that is ready to run.
+
+    Attributes
+    ----------
+    node : RosNode
+    live : LiveCamera
+        Its frames; closing it ends the node.
+    transport, camera : str
+        What carries its messages, and where its images come from, for the user.
+    foxglove_port : int or None
+    """
+
+    node: RosNode
+    live: LiveCamera
+    transport: str
+    camera: str
+    foxglove_port: int | None
+
+
+@contextmanager
+def open_node(
+    options: NodeOptions, make_session: Callable[[Intrinsics, str], Session], stopped: Callable[[], bool]
+) -> Iterator[OpenNode]:
+    """Wait for the images that the options name, and give the node; it leaves the network at the end.
+
+    Parameters
+    ----------
+    options : NodeOptions
+    make_session : callable
+        Makes the tracker's session of the pinhole and of where poses come from, as `Tracker` names it.
+    stopped : callable
+        Asked while it waits; True ends it.
+
+    Raises
+    ------
+    StreamEndedError
+        `stopped` ended the wait.
+    InputError
+        The images do not fit, or an option names what is not there.
+    MissingExtraError
+        A package is not installed.
+    """
+    messages = RosMessages(FEATURE, EXTRA)
+    with ExitStack() as stack:
+        transport = _transport(options, messages)
+        stack.callback(transport.close)
+        poses = _poses(options, transport, messages, stopped)
+        camera = RosCamera(
+            transport,
+            messages,
+            color=options.color,
+            depth=options.depth,
+            info=options.info,
+            poses=poses,
+            feature=FEATURE,
+            patient=True,
+            stopped=stopped,
+        )
+        stack.pop_all()  # the camera closes its transport from here on
+        live = stack.enter_context(LiveCamera(camera, silence_s=float("inf")))
+        session = make_session(live.intrinsics, ESTIMATED if poses is None else GIVEN)
+        foxglove = None
+        if options.foxglove is not None:
+            foxglove = FoxgloveServer(messages, *options.foxglove)
+            stack.callback(foxglove.close)
+        others = [] if foxglove is None else [foxglove]
+        stream = RosStream(
+            messages,
+            [transport, *others],
+            live.intrinsics,
+            node=options.node,
+            world=options.world or WORLD,
+            camera=camera.frame_id,
+            camera_moves=poses is None,
+            pictures=others,
+        )
+        clock = NodeClock.of(transport, messages, simulated=options.simulated_time)
+        node = RosNode(camera, live, session, stream, clock)
+        services: list[Services] = [transport, *others]
+        node.serve(messages, transport, services, options.node)
+        for carrier in services:
+            carrier.declare(node.parameters.values, node.parameters.set)
+        yield OpenNode(node, live, transport.name, camera.name, None if foxglove is None else foxglove.port)
+
+
+def _transport(options: NodeOptions, messages: RosMessages) -> Transport:
+    """Return what carries the messages: rclpy where ROS is there, else DDS."""
+    if (options.transport or (RCLPY if find_spec(RCLPY) else DDS)) == RCLPY:
+        if options.domain is not None:
+            raise InputError(f"{FEATURE}: --domain is for bare DDS; within ROS it is ROS_DOMAIN_ID")
+        from cuboid.middleware.rclpy_node import RclpyTransport
+
+        return RclpyTransport(options.node, messages)
+    require("cyclonedds", FEATURE, EXTRA)
+    from cuboid.middleware.dds import DdsTransport
+
+    return DdsTransport(domain_of(options.domain), messages)
+
+
+def _poses(
+    options: NodeOptions, transport: Transport, messages: RosMessages, stopped: Callable[[], bool]
+) -> RosPoses | None:
+    """Return where camera poses come from; None where they are estimated."""
+    if options.pose == ESTIMATED:
+        return None
+    if options.pose == TF:
+        return RosPoses(transport, messages, world=options.world)
+    if not options.pose.startswith("/"):
+        raise InputError(f"{FEATURE}: --pose is {TF}, {ESTIMATED} or a topic such as /odom, got '{options.pose}'")
+    while options.pose not in transport.topics():
+        if stopped():
+            raise StreamEndedError
+        time.sleep(TICK_S)
+    return RosPoses(transport, messages, options.pose)

@@ -1,0 +1,162 @@
+"""The tracker of a node: frames in, and save, reset, name and query between two frames."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+from cuboid.core.errors import FrameError, InputError, OutputError
+from cuboid.core.frame import Frame, SkippedFrame
+from cuboid.core.results import FrameResult, TrackedObject
+from cuboid.outputs import Results
+from cuboid.outputs.naming import checked_name, name_object
+from cuboid.outputs.queries import PointCloud
+from cuboid.tracking.saving import write_page
+from cuboid.tracking.tracker import Tracker
+
+
+class Session:
+    """A tracker that can begin anew.
+
+    Parameters
+    ----------
+    make_tracker : callable
+        Makes the tracker; called again when it is to begin anew.
+    output : Path or None
+        Folder of the results; without it nothing can be saved.
+    force : bool
+        Whether results that lie there may be replaced.
+
+    Raises
+    ------
+    OutputError
+        Results lie there and may not be replaced.
+
+    Attributes
+    ----------
+    tracker : Tracker
+    names : dict of int to str
+        Names that users gave, by label.
+    used, skipped : int
+        Frames since the start of the node.
+    """
+
+    def __init__(self, make_tracker: Callable[[], Tracker], output: Path | None, *, force: bool = False) -> None:
+        self._make = make_tracker
+        self._output, self._force = output, force
+        if output is not None and output.exists() and not force:
+            raise OutputError(f"{output}: exists; --force replaces results in it")
+        self._first: int | None = None
+        self.tracker = make_tracker()
+        self.names: dict[int, str] = {}
+        self.used = self.skipped = 0
+
+    def take(self, frame: Frame) -> FrameResult | SkippedFrame:
+        """Take in a frame; its number counts from the last `reset` on."""
+        if self._first is None:
+            self._first = frame.index
+        result = self.tracker.update(dataclasses.replace(frame, index=frame.index - self._first))
+        if isinstance(result, FrameResult):
+            self.used += 1
+        else:
+            self.skipped += 1
+        return result
+
+    def reset(self) -> None:
+        """Forget the map and the names, and begin anew with the next frame."""
+        self.tracker, self._first = self._make(), None
+        self.names.clear()
+
+    def save(self, folder: str = "") -> Path:
+        """Write the results so far; return their folder.
+
+        Parameters
+        ----------
+        folder : str
+            Name of a folder beside that of the results; that of the results where it is empty.
+
+        Raises
+        ------
+        InputError
+            There is nothing to save, the node has no output folder, or the name is none.
+        OutputError
+            The folder exists, or it cannot be written.
+        """
+        if self._output is None:
+            raise InputError("the node was started without --output: it has no folder to save in")
+        if self.tracker.poses is None:
+            raise InputError("no frame has come yet: there is nothing to save")
+        if folder in (".", "..") or Path(folder).name != folder:
+            raise InputError(f"expected the name of a folder beside {self._output}, without a path, got '{folder}'")
+        output = self._output.parent / folder if folder else self._output
+        self.tracker.save(output, force=self._force and not folder)
+        named = [item.label for item in self.tracker.objects if item.label in self.names]
+        for label in named:
+            name_object(output, label, self.names[label])
+        if named:
+            write_page(Results(output), _no_picture)
+        if not folder:
+            self._force = True  # what this run wrote, it may replace
+        return output
+
+    def name(self, label: int, name: str) -> TrackedObject:
+        """Give an object a name, or take it away with an empty one.
+
+        Raises
+        ------
+        InputError
+            No object has the label, or the name cannot be one.
+        """
+        item = self.tracker.objects.find(label)
+        name = checked_name("name", name)
+        if name:
+            self.names[item.label] = name
+        else:
+            self.names.pop(item.label, None)
+        return item
+
+    def query(
+        self, label: int = 0, name: str = "", near: tuple[float, float, float] = (0.0, 0.0, 0.0), within_m: float = 0.0
+    ) -> list[TrackedObject]:
+        """Return the objects that fit all that is asked for, by label, or nearest first where they are near a point.
+
+        Parameters
+        ----------
+        label : int
+            0: any.
+        name : str
+            Part of the name, in small or capital letters; empty: any.
+        near : (3,) float
+            A point in the world, metres.
+        within_m : float
+            Largest distance from it; 0: anywhere.
+
+        Raises
+        ------
+        InputError
+            No object has the label, or a number is none.
+        """
+        objects = list(self.tracker.near(near, within_m) if within_m else self.tracker.objects)
+        if label:
+            wanted = self.tracker.objects.find(label).label
+            objects = [item for item in objects if item.label == wanted]
+        part = name.casefold()
+        return [item for item in objects if part in (self.names.get(item.label) or item.name or "").casefold()]
+
+    def cloud(self, label: int = 0) -> PointCloud:
+        """Return the points of an object, or of the whole map where the label is 0; raises InputError for no object."""
+        if label:
+            return self.tracker.cloud(label)
+        points = self.tracker.map_points()
+        return PointCloud(points.xyz, points.rgb)
+
+    def finish(self) -> Path | None:
+        """Write the results at the end, where there is a folder for them and a frame was used."""
+        if self._output is None or not self.tracker.T_world_camera:
+            return None
+        return self.save()
+
+
+def _no_picture(index: int) -> Frame:
+    raise FrameError("a node keeps no images")
