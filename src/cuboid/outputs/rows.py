@@ -93,6 +93,23 @@ class EventRow(ObjectEvent):
     def __repr__(self) -> str:
         return f"EventRow(frame {self.frame}, {tag_of(self.label)} {self.event})"
 
+    @property
+    def metres(self) -> float | None:
+        """How far the object is from where it was; None if it was, or is, not in the scene."""
+        return None if self.from_m is None or self.to_m is None else float(np.linalg.norm(self.to_m - self.from_m))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the event ready for JSON."""
+        places = {"from": self.from_m, "to": self.to_m}
+        return {
+            "frame": self.frame,
+            "timestamp": self.timestamp_s,
+            "event": self.event,
+            "label": self.label,
+            **{name: None if at is None else at.tolist() for name, at in places.items()},
+            "score": self.score,
+        }
+
     def line(self) -> str:
         """Return the line without its end."""
         cells = (cell for column in columns_of(ObjectEvent) for cell in column.cells(self))

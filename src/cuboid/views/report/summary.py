@@ -15,6 +15,7 @@ from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.palette import color_of, hex_of, ink_on
 from cuboid.core.results import SceneChange, TrackedObject
 from cuboid.outputs import ObjectsFile, PoseRow, Results, RunReport, TrackRow
+from cuboid.outputs.rows import EventRow
 from cuboid.views.report.pictures import Picture, best_sightings, cut_pictures
 from cuboid.views.report.points import PackedPoints, pack_points
 
@@ -41,6 +42,8 @@ class Summary:
         By label; an object without one has none.
     changes : tuple of SceneChange
         Where the recording went into a scene that had others.
+    events : tuple of EventRow
+        By frame.
     """
 
     report: RunReport
@@ -51,6 +54,7 @@ class Summary:
     points: PackedPoints
     pictures: dict[int, Picture]
     changes: tuple[SceneChange, ...] = ()
+    events: tuple[EventRow, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document that the page reads, ready for JSON."""
@@ -80,6 +84,7 @@ class Summary:
             "points": self.points.to_dict(),
             "inferno": packed(inferno()),
             "changes": [_change(one) for one in self.changes],
+            "events": [_event(one) for one in self.events],
         }
 
     def named(self, named: TrackedObject) -> Summary:
@@ -144,6 +149,7 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
         points=pack_points(results.map_points()),
         pictures={} if read is None else pictures_of(results, read),
         changes=tuple(changes),
+        events=tuple(results.events),
     )
 
 
@@ -216,6 +222,11 @@ def _change(one: SceneChange) -> dict[str, Any]:
             for key, jpeg in pictures.items()
         },
     }
+
+
+def _event(one: EventRow) -> dict[str, Any]:
+    metres = None if one.metres is None else round(one.metres, PLACE_DIGITS)
+    return {"frame": one.frame, "label": one.label, "event": one.event, "metres": metres}
 
 
 def camera_document(K: Intrinsics) -> dict[str, float]:
