@@ -35,6 +35,7 @@ TRAJECTORY = "trajectory.txt"
 TRAJECTORY_ONLINE = "trajectory_online.txt"
 MAP = "map.ply"
 EVENTS = "events.csv"
+AGENTS = "agents.csv"
 VIDEO = "labelled.mp4"
 REPORT = "report.html"
 VIEWS = "views.zip"
@@ -45,7 +46,9 @@ COMPLETE = ".complete"
 YOUNG_S = 5.0
 NAMES = "names"
 
-OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, EVENTS, MAP, VIDEO, REPORT, VIEWS, RUN)
+OUTPUT_NAMES = (
+    *(OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, EVENTS, AGENTS, MAP, VIDEO, REPORT, VIEWS, RUN),
+)
 
 
 @contextmanager
