@@ -84,7 +84,7 @@ class Summary:
             "points": self.points.to_dict(),
             "inferno": packed(inferno()),
             "changes": [_change(one) for one in self.changes],
-            "events": [_event(one) for one in self.events],
+            "events": [event_document(one) for one in self.events],
         }
 
     def named(self, named: TrackedObject) -> Summary:
@@ -224,9 +224,16 @@ def _change(one: SceneChange) -> dict[str, Any]:
     }
 
 
-def _event(one: EventRow) -> dict[str, Any]:
+def event_document(one: EventRow) -> dict[str, Any]:
+    """Return what the page says of an event."""
     metres = None if one.metres is None else round(one.metres, PLACE_DIGITS)
-    return {"frame": one.frame, "label": one.label, "event": one.event, "metres": metres}
+    return {
+        **label_colors(one.label),
+        "label": one.label,
+        "frame": one.frame,
+        "event": one.event,
+        "metres": metres,
+    }
 
 
 def camera_document(K: Intrinsics) -> dict[str, float]:
