@@ -19,8 +19,9 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
-from cuboid.store.find import Filters, find
-from cuboid.store.likeness import COLOR_WORDS, SHAPE_BINS
+from cuboid.queries.filters import Filters
+from cuboid.queries.likeness import COLOR_WORDS, SHAPE_BINS
+from cuboid.store.find import find
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
 from cuboid.store.schema import DONE, OBJECTS, RUNS, TABLES, TIME

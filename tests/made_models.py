@@ -21,7 +21,7 @@ def made_model(
     side: int | str = SIDE,
     kind: int = TensorProto.FLOAT,
     names: Sequence[str] = (),
-    others: Mapping[str, tuple[int, tuple[int, ...]]] | None = None,
+    others: Mapping[str, tuple[int, tuple[int | str, ...]]] | None = None,
     metadata: Mapping[str, str] | None = None,
 ) -> Path:
     """Write a model whose outputs are given, plus the same tiny share of its inputs.

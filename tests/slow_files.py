@@ -74,7 +74,13 @@ SLOW_FILES = frozenset(
         "scene/test_pace.py",
         "scene/test_parts.py",
         "scene/test_saving.py",
+        "scene/test_relation_history.py",
         "scene/test_scene.py",
+        "service/test_client_of_the_docs.py",
+        "service/test_mcp.py",
+        "service/test_place_by_text.py",
+        "service/test_serve_place.py",
+        "service/test_served_run.py",
         "scene/test_unread.py",
         "scene/test_validation.py",
         "scene/test_viewing.py",
@@ -111,6 +117,7 @@ SLOW_FILES = frozenset(
         "views/test_report.py",
         "views/test_report_page.py",
         "views/test_serving.py",
+        "views/test_tree_page.py",
         "views/test_view.py",
     }
 )

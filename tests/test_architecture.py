@@ -29,10 +29,11 @@ PACKAGES = (
         "objects",
         "shapes",
         "relations",
+        "text_search",
         "outputs",
     ),
     *("views", "calibration", "tracking", "scene", "pipeline", "recordings", "cameras", "exports", "synthetic"),
-    *("evaluation", "annotation", "store", "batch", "cli"),
+    *("evaluation", "annotation", "queries", "store", "service", "batch", "cli"),
 )
 # These two know each other: a frame has a rigid pose, and geometry names the arrays that it works on.
 GROUND = {"geometry", "core"}

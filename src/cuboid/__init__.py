@@ -5,7 +5,7 @@ Open      open_recording, open_camera, open_results; Recording, LiveCamera, Fram
 Track     Tracker, TrackerConfig, Proposals, ProposalSource, Detections, Detector, DriftCorrection; track_recording,
           RecordingLike, TrackerLike, Progress, RunOutcome, RunReport, Timing, LimitReached, IntoScene
 Results   Results, MapQueries, ObjectTable, TrackedObject, Box, PointCloud, ObjectMesh, MapPoints, SupportPlane, Wall,
-          Relation, FrameResult, Sighting, Proposal3D, FrameRecord, TrackRow
+          Relation, Branch, TextMatch, FrameResult, Sighting, ObjectEvent, Proposal3D, FrameRecord, TrackRow
 Scenes    Scene, SceneTracker, SceneObject, SceneRecording, ScenePast, SceneChange, Source
 Errors    CuboidError, InputError, ConfigError, FrameError, OutputError, MissingExtraError
 
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from cuboid.core.frame import SkippedFrame as SkippedFrame
     from cuboid.core.results import FrameResult as FrameResult
     from cuboid.core.results import MapPoints as MapPoints
+    from cuboid.core.results import ObjectEvent as ObjectEvent
     from cuboid.core.results import Proposal3D as Proposal3D
     from cuboid.core.results import Relation as Relation
     from cuboid.core.results import SceneChange as SceneChange
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from cuboid.readers import Recording as Recording
     from cuboid.readers.depth_camera import DepthCamera as DepthCamera
     from cuboid.recordings.opening import open_recording as open_recording
+    from cuboid.relations import Branch as Branch
     from cuboid.scene import Scene as Scene
     from cuboid.scene import SceneObject as SceneObject
     from cuboid.scene import ScenePast as ScenePast
@@ -76,6 +78,7 @@ if TYPE_CHECKING:
     from cuboid.scene import Source as Source
     from cuboid.scene.running import IntoScene as IntoScene
     from cuboid.shapes import ObjectMesh as ObjectMesh
+    from cuboid.text_search import TextMatch as TextMatch
     from cuboid.tracking.tracker import Tracker as Tracker
     from cuboid.tracking.types import Progress as Progress
     from cuboid.tracking.types import RecordingLike as RecordingLike
@@ -112,11 +115,14 @@ _MODULES = {
         "SupportPlane",
         "FrameResult",
         "Sighting",
+        "ObjectEvent",
         "Proposal3D",
         "SceneChange",
         "Relation",
         "Wall",
     ),
+    "cuboid.relations.tree": ("Branch",),
+    "cuboid.text_search.embeddings": ("TextMatch",),
     "cuboid.shapes.mesh": ("ObjectMesh",),
     "cuboid.geometry.box": ("Box",),
     "cuboid.scene": ("Scene", "SceneTracker", "SceneObject", "SceneRecording", "ScenePast", "Source"),

@@ -9,8 +9,9 @@ import fsspec
 import pytest
 
 from batches import content, recordings, run, states
+from cuboid.queries.filters import Filters
 from cuboid.store.compact import compact
-from cuboid.store.find import Filters, find
+from cuboid.store.find import find
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -17,6 +20,8 @@ from cuboid.cli.batch import add_arguments, settings_from
 from cuboid.core.frame import Frame
 from cuboid.core.results import FrameResult
 from fakes import FakeTracker
+from made_shapes import finished, frames, write_frames
+from made_text_models import made_text_model
 
 
 @pytest.fixture
@@ -80,3 +85,36 @@ def test_what_killed_tasks_left_goes_after_a_day(
     assert not old.exists()
     assert young.exists()
     assert (folder / task.head.run / "report.html").is_file()
+
+
+def test_vectors_of_an_image_text_model_stand_in_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("tokenizers")
+    source = Source("made", str(tmp_path / "made"))
+    write_frames(tmp_path / "made", frames())
+    model = made_text_model(tmp_path / "model")
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    words = [source.url, "--output", "unused", "--text-model", str(model)]
+    settings = settings_from(parser.parse_args(words))
+    assert "text_model" not in settings_from(parser.parse_args(words[:-2]))
+    store = str(tmp_path / "store")
+
+    def made(recording: object, output: Path, **_: object) -> None:
+        """Results whose objects are known: what tracking finds is another test's."""
+        finished(output, tmp_path / "again")
+
+    monkeypatch.setattr(cuboid.pipeline.run, "track_recording", lambda *given, **options: made(*given, **options))
+    monkeypatch.setattr("cuboid.outputs.pending.new_folder", plain_folder)
+    track(Task(source, head_of(source, settings, "1"), settings, store, tables_only=False))
+    assert main(["find", store, "--text", "red", "--text-model", str(model), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["objects"]
+    assert [row["label"] for row in rows] == [2, 1]
+    assert list(tmp_path.glob("store/results/made/*/embeddings.npz"))
+
+
+@contextmanager
+def plain_folder(path: Path, **_: object) -> Iterator[Path]:
+    """The folder itself, which the results make."""
+    yield path

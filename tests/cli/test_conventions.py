@@ -80,7 +80,7 @@ def test_json_prints_and_json_with_a_file_writes(
 
 
 # Serve until Ctrl-C, or print a script: these have no results.
-WITHOUT_RESULTS = {"annotate", "view", "serve", "completion"}
+WITHOUT_RESULTS = {"annotate", "view", "mcp", "serve", "completion"}
 
 
 def parsers_of(name: str) -> list[argparse.ArgumentParser]:

@@ -11,10 +11,12 @@ from onnx import TensorProto
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.detection import Detections, make_detector
+from cuboid.detection.session import Session
 from cuboid.detection.vocabulary import COCO
 from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.readers import open_recording
 from made_models import SIDE, made_model
+from made_text_models import made_text_model
 
 CAMERA = Intrinsics(600.0, 600.0, 319.5, 239.5, 640, 480)
 THREE = {"names": "{0: 'cup', 1: 'book', 2: 'tv'}"}
@@ -225,9 +227,9 @@ def test_unknown_layouts_are_refused_with_what_was_seen(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"outputs depth \(1, 3, 8, 8\) are of no known kind"):
         make_detector(str(path))
     text = made_model(
-        tmp_path / "t.onnx", np.zeros((1, 7, 2100), np.float32), others={"input_ids": (TensorProto.INT64, (1, 16))}
+        tmp_path / "t.onnx", np.zeros((1, 7, 2100), np.float32), others={"time": (TensorProto.INT64, (1, 16))}
     )
-    with pytest.raises(InputError, match=r"its inputs are images \(1, 3, 320, 320\), input_ids \(1, 16\)"):
+    with pytest.raises(InputError, match=r"its inputs are images \(1, 3, 320, 320\), time \(1, 16\)"):
         make_detector(str(text))
     with pytest.raises(InputError, match="unknown detector 'nothing'; there are: yolox-nano"):
         make_detector("nothing")
@@ -249,3 +251,86 @@ def test_a_real_yolox_knows_the_monitors_on_a_real_desk(data_dir: Path) -> None:
     iou = rect_iou_matrix(monitors, found.boxes_xyxy.astype(np.float64))
     assert (iou.max(axis=1) > 0.7).all()
     assert [found.names[k] for k in found.scores[iou.argmax(axis=1)].argmax(axis=1)] == ["tv", "tv"]
+
+
+def test_fastsam_finds_anything_and_names_nothing(tmp_path: Path) -> None:
+    table = np.zeros((1, 4 + 1 + 2, 2100), np.float32)
+    table[0, :, 5] = [60, 90, 20, 40, 0.8, 1.0, 0.0]
+    prototypes = np.full((1, 2, SIDE // 4, SIDE // 4), -1.0, np.float32)
+    prototypes[0, 0, :, :15] = 1.0
+    found = look(made_model(tmp_path / "m.onnx", table, prototypes, metadata={"names": "{0: 'object'}"}))
+    assert found.boxes_xyxy.tolist() == [BOOK]
+    assert found.names == ("",)
+    assert found.scores.tolist() == [[pytest.approx(0.8)]]
+    assert found.masks is not None
+    assert found.masks[0][:, :18].all()
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_masks_of_anything_at_a_grid_of_points_or_without(tmp_path: Path, asked: bool) -> None:
+    """As SAM's everything, and as EfficientSAM, which takes points and gives three masks for each."""
+    logits = np.full((1, 3, 80, 80), -1.0, np.float32)
+    # Stretched, the book is 12.5..17.5 by 10..23.3 pixels of masks of a quarter of the input's size.
+    logits[0, 1, 10:23, 13:17] = 1.0
+    logits[0, 2] = 1.0
+    scores = np.array([[0.9, 0.8, 0.01]], np.float32)  # the first is empty, the last not believed
+    others: dict[str, Any] = {}
+    names = ["masks", "scores"]
+    if asked:
+        logits = np.stack([np.full_like(logits, 1.0), logits], axis=2)
+        scores = np.stack([np.full_like(scores, 0.005), scores], axis=2)
+        names = ["output_masks", "iou_predictions"]
+        points = {"batched_point_coords": (TensorProto.FLOAT, (1, "q", "p", 2))}
+        others = points | {"batched_point_labels": (TensorProto.FLOAT, (1, "q", "p"))}
+    found = look(made_model(tmp_path / "m.onnx", logits, scores, names=names, others=others))
+    assert len(found) == 1
+    assert found.names == ("",)
+    assert found.scores.tolist() == [[pytest.approx(0.8)]]
+    assert rect_iou_matrix(found.boxes_xyxy.astype(float), np.array([BOOK], float))[0, 0] > 0.7
+    assert found.masks is not None
+    assert found.masks[0].mean() > 0.9
+
+
+def test_points_cover_the_input(tmp_path: Path) -> None:
+    """The model answers with a mask around its last point, and says whether all are inside."""
+    path = tmp_path / "m.onnx"
+    masks, scores = np.full((1, 9, 8, 8), -1.0, np.float32), np.full((1, 9), 0.5, np.float32)
+    others: dict[str, Any] = {
+        "batched_point_coords": (TensorProto.FLOAT, (1, 9, 2, 2)),
+        "batched_point_labels": (TensorProto.FLOAT, (1, 9, 2)),
+    }
+    session = Session(made_model(path, masks, scores, names=["masks", "scores"], others=others), "test")
+    place, kind = session._points(240, 320).values()
+    assert place.shape == (1, 9, 2, 2)
+    assert (kind[0, :, 0] == 1).all()
+    assert (kind[0, :, 1] == -1).all()
+    x, y = place[0, :, 0].T
+    np.testing.assert_allclose(sorted({*x}), (320 / 6, 160, 320 * 5 / 6))
+    np.testing.assert_allclose(sorted({*y}), (40, 120, 200))
+
+
+@pytest.mark.parametrize("two", [False, True])
+def test_owl_looks_for_the_texts_in_a_file(tmp_path: Path, two: bool) -> None:
+    pytest.importorskip("tokenizers")
+    folder = made_text_model(tmp_path / "texts")  # its tokenizer
+    (folder / "look.txt").write_text("a mug\nred green blue\n")
+    boxes, logits = np.zeros((1, 300, 4), np.float32), np.full((1, 300, 2), -9.0, np.float32)
+    if two:  # the image lies at the upper left of a square
+        x0, y0, x1, y1 = (value / 640 for value in BOOK)
+        boxes[0, 7] = [(x0 + x1) / 2, (y0 + y1) / 2, x1 - x0, y1 - y0]
+    else:
+        boxes[0, 7] = stretched()
+    logits[0, 7, 1] = logit(0.8)
+    kind: dict[str, Any] = dict.fromkeys(("input_ids", "attention_mask"), (TensorProto.INT64, (2, 16)))
+    more = [np.zeros((1, 300), np.float32)] if two else []
+    names = ["pred_boxes", "logits", *(["objectness_logits"] if two else [])]
+    path = made_model(folder / "owl.onnx", boxes, logits, *more, names=names, others=kind, side="side")
+    found = look(path, f":labels={folder / 'look.txt'},size={SIDE}")
+    assert found.boxes_xyxy.tolist() == [BOOK]
+    assert found.names == ("a mug", "red green blue")
+    assert found.scores.tolist() == [pytest.approx([0.0001234, 0.8], abs=1e-6)]
+    with pytest.raises(InputError, match="looks for texts: name a file of them, one a line, with labels=FILE"):
+        look(path, f":size={SIDE}")
+    (folder / "tokenizer.json").unlink()
+    with pytest.raises(InputError, match=r"has no tokenizer\.json"):
+        look(path, f":labels={folder / 'look.txt'},size={SIDE}")

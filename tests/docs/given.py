@@ -13,6 +13,7 @@ import numpy as np
 
 from cuboid.cli import main
 from made_models import made_model
+from made_text_models import made_text_model
 
 # Length and size of all that is made here, and of what `cuboid synth` and `cuboid demo` make when a page runs them.
 FRAMES, SIZE = "24", "160x120"
@@ -62,6 +63,7 @@ class Given:
             **dict.fromkeys(RECORDINGS, self._recording),
             **dict.fromkeys(("DIR", "RESULT", "results"), self._results),
             "MODEL.onnx": self._model,
+            "MODEL": self._text_model,
             "TRUTH": self._truth,
             "truth.json": self._truth,
             "RECORDING/keyframes.json": self._keyframes,
@@ -108,6 +110,9 @@ class Given:
 
     def _model(self, path: Path) -> None:
         made_model(path, np.zeros((1, 84, 2100), np.float32))
+
+    def _text_model(self, path: Path) -> None:
+        made_text_model(path)
 
     def _results(self, path: Path) -> None:
         call("track", self.made("RECORDING"), "--output", path)

@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -23,8 +24,9 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
 from cuboid.outputs import Results, TrackRow, read_map
+from cuboid.outputs.objects import write_objects
 
-OWN = ("coco", "csv", "json", "kitti", "mcap", "ply")
+OWN = ("coco", "csv", "graphml", "json", "kitti", "mcap", "ply")
 SUFFIXES = {name: form.suffix for name, form in EXPORTS.items()}
 
 
@@ -324,3 +326,31 @@ def test_csv_has_a_row_an_object(run: Results, tmp_path: Path) -> None:
     assert (rows[0]["plane"], rows[1]["plane"], rows[0]["merged_labels"]) == ("0", "", "3")
     assert (rows[0]["first_frame"], rows[0]["last_frame"]) == ("0", "3")
     assert int(rows[1]["last_frame"]) < FRAMES
+
+
+def test_graphml_has_objects_surfaces_and_what_is_on_what(run: Results, tmp_path: Path) -> None:
+    assert export(run, "graphml", tmp_path / "g.graphml") == []
+    space = {"g": "http://graphml.graphdrawing.org/xmlns"}
+    root = ElementTree.parse(tmp_path / "g.graphml").getroot()
+    keys = {key.get("id"): (key.get("attr.name"), key.get("attr.type")) for key in root.findall("g:key", space)}
+    nodes = {
+        node.get("id"): {keys[one.get("key")][0]: one.text for one in node}
+        for node in root.iterfind(".//g:node", space)
+    }
+    assert set(nodes) == {"object:1", "object:2", "plane:0"}
+    assert [float(str(nodes["object:1"][name])) for name in ("length_m", "width_m", "height_m")] == [0.2, 0.12, 0.1]
+    assert nodes["plane:0"]["kind"] == "plane"
+    edges = {
+        (edge.get("source"), edge[0].text, edge.get("target")): float(str(edge[1].text))
+        for edge in root.iterfind(".//g:edge", space)
+    }
+    assert {one for one in edges if one[1] == "on"} == {(f"object:{k}", "on", "plane:0") for k in (1, 2)}
+    assert all(end in nodes for source, _, target in edges for end in (source, target))
+    assert all(0.5 <= score <= 1.0 for score in edges.values())
+
+
+def test_json_has_relations_that_were_saved(run: Results, tmp_path: Path) -> None:
+    write_objects(run.folder / "objects.json", run.found.with_relations(run.map_points()))
+    export(Results(run.folder), "json", tmp_path / "j.json")
+    one, *_ = load(tmp_path / "j.json")["features"]
+    assert {"to": "plane:0", "is": "on"}.items() <= one["properties"]["relations"][0].items()

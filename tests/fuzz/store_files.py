@@ -75,7 +75,8 @@ def of_columns(rng: random.Random, content: bytes) -> bytes:
 
 def ask(folder: Path) -> None:
     """Ask for objects, in each way."""
-    from cuboid.store.find import Filters, find
+    from cuboid.queries.filters import Filters
+    from cuboid.store.find import find
     from cuboid.store.page import found_page
     from cuboid.store.query import Tables
 

@@ -8,12 +8,16 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
+import pytest
 from made_scene import CAMERA, THINGS, Shown
 
 from cuboid import FrameResult, Tracker
+from cuboid.core.errors import InputError
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.detection.types import Detections
 from cuboid.outputs import open_results
+from cuboid.scene import Scene, SceneObject, Source
+from cuboid.scene.checking import problems
 
 # Of the made scene: the number of the second thing in what its rays hit, and its middle.
 DARK, PLACE = 3, THINGS[1].center
@@ -148,3 +152,119 @@ def test_a_correction_of_the_poses_moves_it() -> None:
     tracker.apply_correction({1: T})
     (after,) = (item.box.center for item in tracker.objects if item.kind != "volume")
     np.testing.assert_allclose(after - before, (0.3, 0.0, 0.0), atol=1e-6)
+
+
+def into_scene(path: Path, shown: Shown, frames: list[Frame], *, detected: Collection[int] = ALL) -> set[int]:
+    """Let a recording go into a scene, with a detector; return the labels that its last frame shows."""
+    source = Source("/made", "made", "given", len(frames), CAMERA, {"every": 1})
+    with Scene.open(path) as scene:
+        tracker = scene.tracker(CAMERA, proposals=others_of(shown), source=source)  # type: ignore[arg-type]
+        tracker.use_detector(detector_of(shown, detected), 1)
+        for frame in frames:
+            last = tracker.update(frame)
+        return {one.label for one in last.sightings}
+
+
+def unread_of(path: Path) -> list[SceneObject]:
+    with Scene.open(path) as scene:
+        return [item for item in scene.all_objects if item.kind != "volume"]
+
+
+def test_in_a_scene_it_keeps_its_label_from_one_recording_to_the_next(tmp_path: Path) -> None:
+    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
+    first = into_scene(path, shown, dark(shown))
+    (item,) = unread_of(path)
+    assert item.label in first
+    assert (item.kind, item.name, item.state, item.points) == ("box", "tv", "present", 0)
+    assert np.linalg.norm(item.box.center - PLACE) < 0.08
+    assert item.last_seen == (1, 29)
+    again = Shown(frames=20, begin=0.5)
+    second = into_scene(path, again, dark(again))
+    assert item.label in second
+    (later,) = unread_of(path)
+    assert (later.label, later.state, later.last_seen) == (item.label, "present", (2, 19))
+    with Scene.open(path) as scene:
+        history = scene.history(item.label)
+        assert {past.recording for past in history} == {1, 2}
+        scene.write_results(tmp_path / "results", 2)
+    assert [one.kind for one in open_results(tmp_path / "results").objects if one.label == item.label] == ["box"]
+    assert problems(path) == []
+
+
+def test_a_scene_without_a_detector_leaves_it_as_it_was(tmp_path: Path) -> None:
+    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
+    into_scene(path, shown, dark(shown))
+    (item,) = unread_of(path)
+    with Scene.open(path) as scene:
+        tracker = scene.tracker(CAMERA, proposals=others_of(shown))  # type: ignore[arg-type]
+        for frame in dark(shown):
+            tracker.update(frame)
+        assert item.label not in {one.label for one in tracker.objects}  # this recording has not seen it
+    (later,) = unread_of(path)
+    assert (later.label, later.state, later.last_seen) == (item.label, "present", (1, 29))
+
+
+def test_in_a_scene_it_ends_when_it_is_not_there_any_more(tmp_path: Path) -> None:
+    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
+    into_scene(path, shown, dark(shown))
+    again = Shown(frames=60)
+    into_scene(path, again, dark(again), detected=())
+    (item,) = unread_of(path)
+    assert item.state == "gone"
+    assert problems(path) == []
+
+
+def test_in_a_scene_its_label_stays_when_depth_comes(tmp_path: Path) -> None:
+    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
+    into_scene(path, shown, dark(shown))
+    (item,) = unread_of(path)
+    again = Shown(frames=40)
+    source = Source("/again", "made", "given", 40, CAMERA, {"every": 1})
+    with Scene.open(path) as scene:
+        tracker = scene.tracker(CAMERA, proposals=again.proposals, source=source)
+        tracker.use_detector(detector_of(again), 1)
+        for frame in again.frames:
+            tracker.update(frame)
+    assert unread_of(path) == []
+    with Scene.open(path) as scene:
+        near = [one for one in scene.objects if np.linalg.norm(one.box.center - PLACE) < 0.1]
+        assert [(one.label, one.kind) for one in near] == [(item.label, "volume")]
+        assert item.label not in {one.label for one in scene.changes() if one.change == "new"}
+    assert problems(path) == []
+
+
+def test_people_forget_and_name_it_and_cannot_merge_it(tmp_path: Path) -> None:
+    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
+    into_scene(path, shown, dark(shown))
+    (item,) = unread_of(path)
+    with Scene.open(path) as scene:
+        scene.name(item.label, "my screen")
+        volume = next(one.label for one in scene.objects if one.kind == "volume")
+        with pytest.raises(InputError, match="has no points: only objects with depth readings can be merged"):
+            scene.merge(volume, item.label)
+    (named,) = unread_of(path)
+    assert (named.name, named.names[0][0]) == ("my screen", "tv")
+    with Scene.open(path) as scene:
+        scene.forget(item.label)
+        assert item.label not in {one.label for one in scene.objects}
+    again = Shown(frames=20)
+    assert item.label not in into_scene(path, again, dark(again), detected=())
+
+
+def test_a_run_that_was_broken_off_goes_on_with_it(tmp_path: Path) -> None:
+    """After each commit the state has all of it: the same labels as in one go, box for box."""
+    whole, broken, shown = tmp_path / "whole.cuboid", tmp_path / "broken.cuboid", Shown(frames=30)
+    into_scene(whole, shown, dark(shown))
+    source = Source("/made", "made", "given", 30, CAMERA, {"every": 1})
+    for part, resume in ((dark(shown)[:7], False), (dark(shown)[7:], True)):
+        with Scene.open(broken) as scene:
+            options = {"proposals": others_of(shown), "source": source, "resume": resume}
+            tracker = scene.tracker(CAMERA, **options)  # type: ignore[arg-type]
+            tracker.use_detector(detector_of(shown), 1)
+            for frame in part:
+                tracker.update(frame)
+            tracker.close(complete=resume)
+    (one,), (other,) = unread_of(whole), unread_of(broken)
+    assert (one.label, one.score, one.frames_seen) == (other.label, other.score, other.frames_seen)
+    np.testing.assert_array_equal(one.box.center, other.box.center)
+    np.testing.assert_array_equal(one.box.size, other.box.size)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from cuboid.store.likeness import COLOR_WORDS, SHAPE_BINS
+from cuboid.queries.likeness import COLOR_WORDS, SHAPE_BINS
 from cuboid.store.place import Place
 from cuboid.store.rows import day_of
 from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES

@@ -14,8 +14,9 @@ from made_stores import put_run, thing
 
 from cuboid.cli import main
 from cuboid.core.errors import InputError
+from cuboid.queries.filters import Filters
 from cuboid.store.compact import compact
-from cuboid.store.find import Filters, find
+from cuboid.store.find import find
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
 from cuboid.store.schema import OBJECTS, RUNS, SIGHTINGS

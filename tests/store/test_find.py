@@ -82,6 +82,28 @@ def test_by_the_name_of_a_class(
     assert "new#1 cup" in capsys.readouterr().out
 
 
+def test_by_what_things_are_on_in_and_beside(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    def relation(kind: str, to: int | str) -> dict[str, Any]:
+        ends = {"label": to, "surface": None} if isinstance(to, int) else {"label": None, "surface": to}
+        return {"kind": kind, **ends, "score": 0.9}
+
+    place, on_table = Place(str(tmp_path)), relation("on", "plane:1")
+    tray = thing(1, name="Tray", relations=[on_table, relation("supports", 2)])
+    cup = thing(2, name="cup", relations=[relation("on", 1), relation("beside", 3)], center_x_m=0.1)
+    jar = thing(3, name="jar", relations=[relation("in", 1), relation("beside", 2)], center_x_m=0.2)
+    put_run(place, 1, [tray, cup, jar], recording="kitchen")
+    put_run(place, 2, [thing(1, name="tray"), thing(2, relations=[on_table])], recording="office")
+    store = place.url
+    assert found(capsys, store, "--on", "tray") == ["kitchen#2"], "names in any case"
+    assert found(capsys, store, "--on", "#1") == ["kitchen#2"]
+    assert found(capsys, store, "--in", "TRAY") == ["kitchen#3"]
+    assert found(capsys, store, "--beside", "cup", "--in", "1") == ["kitchen#3"]
+    assert set(found(capsys, store, "--on", "plane:1")) == {"kitchen#1", "office#2"}
+    assert found(capsys, store, "--on", "lamp") == []
+    assert set(found(capsys, store, "--near-object", "jar", "--within", "15cm")) == {"kitchen#2"}
+    assert set(found(capsys, store, "--near-object", "3", "--within", "25cm")) == {"kitchen#1", "kitchen#2"}
+
+
 def test_the_nearest_and_the_most_alike_come_first(capsys: pytest.CaptureFixture[str], store: str) -> None:
     assert found(capsys, store, "--near", "1,0,0", "--within", "0.5m") == ["kitchen-1#2", "kitchen-2#1"]
     assert found(capsys, store, "--near", "0,3,0") == ["office/chair#6"], "of the newest run, not of the one before"

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from functools import partial
 from http.server import ThreadingHTTPServer
 from pathlib import Path
 
@@ -26,11 +27,13 @@ from cuboid.core.errors import InputError, OutputError
 from cuboid.core.frame import UInt8Array
 from cuboid.outputs import Results
 from cuboid.readers import open_recording
+from cuboid.text_search import Embeddings, TextModel
 from cuboid.views.replay import Replay
 from cuboid.views.report import summarise, write_report
 from cuboid.views.report.server import Viewer, make_server
 from cuboid.views.serving import HOST
 from made_results import FRAMES, HEIGHT, SKIPPED, WIDTH, write_results
+from made_text_models import made_text_model
 
 STRIP_PX = 24
 
@@ -319,3 +322,46 @@ def test_without_its_given_name_an_object_has_its_class_again(own_results: Path)
         thread.join()
     found = Results(own_results).found.objects[1]
     assert (found.name, found.name_score) == ("bottle", 0.87)
+
+
+def test_a_text_ranks_the_list(own_results: Path, tmp_path: Path) -> None:
+    pytest.importorskip("tokenizers")
+    model = TextModel(made_text_model(tmp_path / "model"))
+    vectors = {k: model.query(text).vector for k, text in ((1, "red"), (2, "green"), (3, "blue"))}
+    (own_results / "embeddings.npz").write_bytes(Embeddings(model.identity, vectors).content())
+    results, replay = Results(own_results), Replay(own_results)
+    viewer = Viewer(own_results, replay, replay.recording, find=partial(results.find, model=model))
+    with make_server(viewer) as server, browser() as launched:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        status, said = post(server, "/text", {"text": "blue"})
+        assert (status, json.loads(said)["objects"][0]) == (200, [3, pytest.approx(1.0, abs=1e-3)])
+        assert post(server, "/text", {"text": " "})[0] == 422
+        assert post(server, "/text", {"no": 1})[0] == 400
+        watched = Watched(launched)
+        page = watched.page
+        watched.open(f"http://localhost:{server.server_port}/")
+
+        def rows() -> list[str]:
+            found: list[str] = page.evaluate(
+                "[...document.querySelectorAll('.object')].map((row) => row.dataset.label)"
+            )
+            return found
+
+        assert rows() == ["1", "2", "3"]
+        page.fill("#search", "a blue mug")
+        page.keyboard.press("Enter")
+        page.wait_for_function("document.getElementById('last-column').textContent === 'fit'")
+        assert rows()[0] == "3"
+        assert page.locator(".object:visible").count() == 3
+        assert float(page.locator(".object .seen-count").first.inner_text()) > 0.9
+        page.click('.object[data-label="3"]')
+        assert page.inner_text("#card .chip") == "#3"
+        page.fill("#search", "#2")  # a search again
+        assert page.inner_text("#last-column") == "frames"
+        assert rows() == ["1", "2", "3"]
+        assert page.locator(".object:visible").count() == 1
+        assert watched.complaints == []
+        page.close()
+        server.shutdown()
+        thread.join()

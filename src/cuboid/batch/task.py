@@ -204,18 +204,19 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     options = dict(task.settings)
     recording = open_recording(path, **options.pop("reading"))
     config = TrackerConfig.from_dict(options.pop("tracker"))
+    text_model = options.pop("text_model", None)
     local = None if task.tables_only else place.local
     folder = scratch if local is None else local / _name(task)
     # A folder in the store is there when it is whole. Dask asks again for what a worker had done that then died.
     if folder.is_dir():
         results = Results(folder)
-        tables = _tables(task, recording, results, pictures_of(results, recording.read))
+        tables = _tables(task, recording, results, pictures_of(results, recording.read), text_model)
     else:
         with new_folder(folder, force=False, replaces="") as working:
             track_recording(recording, working, config=config, threads=1, force=True, page=False, **options)
             results = Results(working)  # what the page reads of them the tables need not read again
             pictures = pictures_of(results, recording.read) if task.tables_only else write_page(results, recording.read)
-            tables = _tables(task, recording, results, pictures)
+            tables = _tables(task, recording, results, pictures, text_model)
             _refuse_changed(task)
     if local is None and not task.tables_only:
         place.put_folder(folder, _name(task), last=RUN)
@@ -230,9 +231,12 @@ def _name(task: Task) -> str:
     return f"{RESULTS}/{task.head.recording}/{task.head.run}"
 
 
-def _tables(task: Task, recording: Recording, results: Results, pictures: Mapping[int, Picture]) -> dict[str, pa.Table]:
+def _tables(
+    task: Task, recording: Recording, results: Results, pictures: Mapping[int, Picture], text_model: str | None
+) -> dict[str, pa.Table]:
     read_as = ReadAs(recording.format, len(recording), recording.intrinsics, recording.has_poses)
-    return tables_of(task.head, results, read_as, pictures, None if task.tables_only else _name(task))
+    embeddings = None if text_model is None else results.embed(text_model)
+    return tables_of(task.head, results, read_as, pictures, None if task.tables_only else _name(task), embeddings)
 
 
 def _refuse_changed(task: Task) -> None:

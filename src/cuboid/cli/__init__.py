@@ -42,11 +42,14 @@ GROUPS = {
         "doctor": "check packages, compiled kernels, extras and threads",
         "compile": "compile all kernels that tracking uses, ahead of the first run",
     },
+    "ask": {
+        "find": "find objects in a scene, results or a store by size, place, time, color, or what they are on",
+        "serve": "serve a scene, results or a store: pages and a read-only API over HTTP",
+        "mcp": "serve a scene or results to assistants, over the Model Context Protocol",
+    },
     "many recordings": {
         "batch": "track many recordings into one store of objects",
-        "find": "find objects in a store by size, place, time, color or similarity",
         "sql": "query the tables of a store in SQL",
-        "serve": "serve the pages of a store, and a read-only API of its tables",
         "store compact": "merge the small files of a store into large ones, and remove the leftovers of killed tasks",
     },
     "make": {

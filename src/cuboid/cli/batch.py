@@ -14,8 +14,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cuboid import __version__
 from cuboid.cli.progress import LINE_EVERY_S
-from cuboid.cli.recording import add_reading_options, add_tracking, config_from, reading_from
+from cuboid.cli.recording import add_reading_options, add_relations, add_tracking, config_from, reading_from
 from cuboid.cli.results import add_output, add_results, give
+from cuboid.cli.text_model import add_embedding, embedding_model
 from cuboid.cli.workers import add_workers, workers_from
 from cuboid.core.errors import counted, one_line, printable
 
@@ -140,12 +141,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument(
         "--tables-only", action="store_true", help="store the tables only, without a result folder per recording"
     )
+    add_relations(results)
     results.add_argument("--retry", action="store_true", help="also retry recordings that failed or were set aside")
     results.add_argument(
         "--tag",
         metavar="NAME",
         help="name of this version, as in 1.0+NAME: all recordings are tracked again, and the versions can be compared",
     )
+    add_embedding(results)
     results.add_argument("--dry-run", action="store_true", help="print what would be tracked, and track nothing")
     add_results(results)
     add_workers(parser)
@@ -169,6 +172,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.store.schema import DONE
 
     version = f"{__version__}+{args.tag}" if args.tag else __version__
+    embedding_model(args)  # what does not fit is told before workers are started
     order = Order(args.output, settings_from(args), args.tables_only, args.retry, version)
     sources = expand(args.sources)
     place = Place(order.store)  # a mistake in its name is told before workers are started
@@ -220,6 +224,8 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
         # only where asked for: the settings are part of what a run in the store is known by
         **({"detector": args.detector} if args.detector else {}),
         **({"detector_every": args.detector_every} if args.detector_every else {}),
+        **({"relations": True} if args.relations else {}),
+        **({"text_model": args.text_model} if args.text_model else {}),
     }
 
 

@@ -39,10 +39,13 @@ EXTRAS = {
     "phone": (("openexr", "OpenEXR"), ("pyliblzfse", "liblzfse")),
     "remote": (("fsspec", "fsspec"), ("aiohttp", "aiohttp"), ("s3fs", "s3fs"), ("gcsfs", "")),
     "onnx": (("onnxruntime", "onnxruntime"),),
+    "names": (("onnxruntime", "onnxruntime"), ("tokenizers", "tokenizers")),
     "plot": (("matplotlib", "matplotlib"),),
     "rerun": (("rerun-sdk", "rerun"),),
     "shapes": (("scikit-image", "skimage"), ("trimesh", "trimesh"), ("coacd", "coacd")),
     "usd": (("usd-core", "pxr"),),
+    "serve": (("starlette", "starlette"), ("uvicorn", "uvicorn"), ("websockets", "websockets")),
+    "mcp": (("mcp", "mcp"),),
     "cluster": (
         ("distributed", "distributed"),
         ("pyarrow", "pyarrow"),

@@ -1,4 +1,4 @@
-"""`cuboid find`: find objects over all recordings of a store."""
+"""`cuboid find`: find objects in a scene, in results, or over all recordings of a store."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cuboid.cli.results import add_results, give
+from cuboid.cli.text_model import add_text, ranking_model
 from cuboid.cli.workers import positive
-from cuboid.store.filter_words import length, moment, place, sizes, thing
+from cuboid.queries.words import length, moment, place, sizes, thing
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from cuboid.queries.filters import Filters
+    from cuboid.text_search import TextModel
 
 EXAMPLE = "cuboid find STORE --size 8..14cm"
 
@@ -21,7 +25,7 @@ T = TypeVar("T")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument("store", metavar="STORE", help="the store of 'cuboid batch': a folder or URL")
+    parser.add_argument("place", metavar="SCENE|RESULTS|STORE", help="a scene file, a result folder, or a store")
     _add_filters(parser)
     shown = parser.add_argument_group("output")
     shown.add_argument("--limit", type=positive, default=50, metavar="N", help="print at most N objects (default: 50)")
@@ -31,19 +35,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Find and print."""
-    from cuboid.core.extras import need_cluster
-
-    need_cluster("cuboid find")
     from cuboid.cli.tables import console
+    from cuboid.core.threads import limit_threads
     from cuboid.outputs.pending import write_whole
-    from cuboid.store.find import Filters, find, plain
-    from cuboid.store.page import found_page
-    from cuboid.store.query import Tables
+    from cuboid.queries.filters import Filters
+    from cuboid.queries.opening import is_place
+    from cuboid.queries.parameters import text_query
+    from cuboid.queries.rows import plain
 
+    limit_threads(1)
+    model = ranking_model(args)
     filters = Filters(
         size_m=args.size,
         near=args.near,
+        near_object=args.near_object,
         within_m=args.within,
+        on=args.on,
+        inside=args.inside,
+        beside=args.beside,
         recording=args.recording,
         since=args.since,
         until=args.until,
@@ -51,11 +60,18 @@ def run(args: argparse.Namespace) -> int:
         name=args.name,
         min_score=args.min_score,
         like=args.like,
+        text=text_query(args.text, model),
         limit=args.limit,
     )
-    rows = find(Tables(args.store), filters, pictures=args.html is not None)
+    pictures = args.html is not None
+    if is_place(args.place):
+        rows = _in_place(args.place, filters, model, pictures=pictures)
+    else:
+        rows = _in_store(args.place, filters, pictures=pictures)
     if args.html is not None:
-        write_whole(args.html, found_page(rows, f"Objects of {args.store}"))
+        from cuboid.store.page import found_page
+
+        write_whole(args.html, found_page(rows, f"Objects of {args.place}"))
 
     def show() -> None:
         console().print(_table(rows) if rows else "no object found")
@@ -66,11 +82,33 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _in_store(store: str, filters: Filters, *, pictures: bool) -> list[dict[str, Any]]:
+    from cuboid.core.extras import need_cluster
+
+    need_cluster("cuboid find STORE")
+    from cuboid.store.find import find
+    from cuboid.store.query import Tables
+
+    return find(Tables(store), filters, pictures=pictures)
+
+
+def _in_place(path: str, filters: Filters, model: TextModel | None, *, pictures: bool) -> list[dict[str, Any]]:
+    from cuboid.core.extras import need_cluster
+    from cuboid.queries.opening import open_place
+    from cuboid.queries.rows import row_of
+
+    if pictures:
+        need_cluster("cuboid find --html")
+    place, title = open_place(path, model), Path(path).stem
+    found = place.find(filters)
+    return [row_of(one, title, place.picture(one.label) if pictures else None) for one in found]
+
+
 def _table(rows: list[dict[str, Any]]) -> Table:
     from cuboid.cli.tables import new_table
-    from cuboid.store.page import cells_of
+    from cuboid.queries.rows import cells_of
 
-    last = next((name for name in ("unlike", "distance_m") if name in rows[0]), None)
+    last = next((name for name in ("text_score", "unlike", "distance_m") if name in rows[0]), None)
     names = ["size L x M x S (cm)", "position x, y, z (m)", "color", "frames", "last seen (UTC)"]
     table = new_table("object", *names, *([last] if last else []))
     for row in rows:
@@ -94,6 +132,10 @@ def _add_filters(parser: argparse.ArgumentParser) -> None:
         metavar="D",
         help="largest distance from that point (default: 0.5m)",
     )
+    which.add_argument("--near-object", metavar="LABEL|NAME", help="near another object, at most --within away")
+    which.add_argument("--on", metavar="LABEL|NAME|plane:N", help="on an object or a surface")
+    which.add_argument("--in", dest="inside", metavar="LABEL|NAME", help="in an object")
+    which.add_argument("--beside", metavar="LABEL|NAME", help="beside an object")
     which.add_argument("--recording", metavar="GLOB", help="in recordings with this name, such as 'kitchen*'")
     which.add_argument(
         "--since",
@@ -105,7 +147,8 @@ def _add_filters(parser: argparse.ArgumentParser) -> None:
     which.add_argument(
         "--color", metavar="WORD", help="at least 30 %% of the object has this color: red, blue, grey, ..."
     )
-    which.add_argument("--name", metavar="NAME", help="class that a detector gave")
+    which.add_argument("--name", metavar="NAME", help="name of the object, or class that a detector gave")
+    add_text(which)
     which.add_argument("--min-score", type=float, metavar="S", help="least confidence that it is an object, 0 to 1")
     which.add_argument(
         "--like",

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cuboid.cli.names import OPTIONAL
+from cuboid.cli.serving import HOST, listen, port
 
 if TYPE_CHECKING:
     from cuboid.core.frame import Frame, Intrinsics
     from cuboid.core.results import FrameResult
     from cuboid.outputs import RunReport
+    from cuboid.service.process import ServedRun
     from cuboid.tracking.types import MapLike, Watch
     from cuboid.views.live import LiveView
 
@@ -36,12 +38,52 @@ def add_live(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def add_serve(parser: argparse._ActionsContainer) -> None:
+    """Add `--serve` and `--serve-host`."""
+    parser.add_argument(
+        "--serve",
+        nargs="?",
+        const=OPTIONAL["--serve"][0],
+        type=port,
+        metavar="PORT",
+        help="answer other programs over HTTP while the run goes, as 'cuboid serve' does (default port: %(const)s)",
+    )
+    parser.add_argument(
+        "--serve-host",
+        metavar="ADDRESS",
+        help="address of this machine that answers others too, who need the token that is printed",
+    )
+
+
+@contextmanager
+def served_run(args: argparse.Namespace, name: str) -> Iterator[ServedRun | None]:
+    """Answer about the run where `--serve` asks for it, and say where; gives what looks at the run."""
+    if args.serve is None:
+        if args.serve_host is not None:
+            from cuboid.core.errors import InputError
+
+            raise InputError("--serve-host says where --serve answers; give --serve too")
+        yield None
+        return
+    from cuboid.core.extras import need_serve
+
+    need_serve("cuboid track --serve")
+    from cuboid.service.process import ServedRun
+
+    address = listen(args.serve_host or HOST, args.serve, None)
+    with ServedRun(name, address.listening, address.token, address.hosts) as served:
+        print(f"cuboid: serving at {address.url}", file=sys.stderr, flush=True)
+        yield served
+
+
 @contextmanager
 def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[Watching]:
     """Open the views that the arguments ask for."""
     with ExitStack() as stack:
         live = stack.enter_context(live_view(args, name, intrinsics))
         looks: list[Watch] = [] if live is None else [live]
+        served = stack.enter_context(served_run(args, name))
+        looks += [] if served is None else [served]
         if args.rerun is not None:
             from cuboid.views.rerun_view import RerunView
 

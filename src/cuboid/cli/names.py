@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 OPTIONAL: dict[str, tuple[str, Callable[[str], bool]]] = {
     "--json": ("-", lambda word: word == "-" or word.endswith(".json")),
     "--register": ("on", lambda word: word in ("auto", "on", "off")),
+    "--serve": ("8764", lambda word: word.isdecimal()),
     "--rerun": ("viewer", lambda word: word.endswith(".rrd") or "://" in word),
 }
 

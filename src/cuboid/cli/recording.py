@@ -68,6 +68,12 @@ def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     return tracking
 
 
+def add_relations(parser: argparse._ActionsContainer) -> None:
+    """Add `--relations`."""
+    relations = "also find which object is on, in, beside, under or against what, once, at the end (0.1 to 2 s)"
+    parser.add_argument("--relations", action="store_true", help=relations)
+
+
 def add_reading(
     parser: argparse.ArgumentParser, *, thinned: bool = True, required: bool = True, tracked: bool = True
 ) -> argparse._ArgumentGroup:

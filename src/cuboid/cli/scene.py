@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from cuboid.cli.names import scene_export_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.scene_documents import change_document, object_document
+from cuboid.cli.scene_documents import change_document, object_document, relation_document
+from cuboid.cli.text_model import add_text
 from cuboid.cli.workers import positive
 
 if TYPE_CHECKING:
@@ -39,6 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     showing = verb("show", "show the recordings of the scene, or one object and its sightings")
     showing.add_argument("label", type=positive, nargs="?", metavar="LABEL", help="an object")
     showing.add_argument("--picture", type=Path, metavar="JPG", help="write the object's picture")
+    finding = verb("find", "rank the objects by how well their pictures fit a text")
+    add_text(finding, required=True)
+    finding.add_argument(
+        "--limit", type=positive, default=10, metavar="N", help="print at most N objects (default: 10)"
+    )
     changing = verb("changes", "list the changes since the previous visit: moved, gone, new")
     changing.add_argument(
         "--since",
@@ -173,13 +179,39 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
         )
         place = "{:.3f}, {:.3f}, {:.3f}".format(*own[-1].box.center)
         lines.append(f"  recording {number}: frames {first} to {last}, {len(own)} of them, at {place} m")
+    past = scene.relation_history(args.label)
+    for one in past:
+        to = tag_of(one.to) if isinstance(one.to, int) else one.to
+        when = f"recordings {one.first_recording} to {one.last_recording}"
+        lines.append(f"  {one.kind} {to}, {when}; score {one.score:.2f}")
     if args.picture is not None:
         picture = scene.picture(args.label)
         if picture is None:
             raise InputError(f"{scene.path}: no picture of object {args.label}")
         write_whole(args.picture, picture)
         lines.append(f"picture in {args.picture}")
-    return {"object": object_document(item), "recordings": visits}, lines
+    relations = [relation_document(one) for one in past]
+    return {"object": object_document(item), "recordings": visits, "relations": relations}, lines
+
+
+def _find(scene: Scene, args: argparse.Namespace) -> Answer:
+    from rich.markup import escape
+
+    from cuboid.cli.tables import new_table
+    from cuboid.core.errors import printable
+    from cuboid.scene import SceneObject
+
+    found = scene.find(args.text, args.text_model)[: args.limit]
+    known = {item.label: item for item in scene.objects if isinstance(item, SceneObject)}
+    rows = [{**object_document(known[item.label]), "text_score": round(score, 6)} for item, score in found]
+    if not found:
+        return {"objects": rows}, ["no object"]
+    table = new_table("label", "name", "size L x W x H (cm)", "position x, y, z (m)", "text score", left=2)
+    for item, score in found:
+        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
+        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
+        table.add_row(str(item.label), escape(printable(item.name or "")), size, place, f"{score:.3f}")
+    return {"objects": rows}, [table]
 
 
 def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
@@ -285,6 +317,7 @@ def _check(args: argparse.Namespace) -> int:
 VERBS = {
     "list": _list,
     "show": _show,
+    "find": _find,
     "changes": _changes,
     "name": _name,
     "merge": _merge,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cuboid.scene import SceneChange, SceneObject
+    from cuboid.scene import PastRelation, SceneChange, SceneObject
 
 
 def object_document(item: SceneObject) -> dict[str, Any]:
@@ -35,4 +35,17 @@ def change_document(one: SceneChange) -> dict[str, Any]:
         "to_m": None if one.to_m is None else rounded_list(one.to_m, LENGTH),
         "metres": None if one.metres is None else rounded(one.metres, LENGTH),
         "sure": rounded(one.sure, LENGTH),
+    }
+
+
+def relation_document(one: PastRelation) -> dict[str, Any]:
+    """Return a relation, and from the end of which recording to the end of which it held."""
+    from cuboid.outputs.text import LENGTH, rounded
+
+    return {
+        "is": one.kind,
+        "to": one.to,
+        "first_recording": one.first_recording,
+        "last_recording": one.last_recording,
+        "score": rounded(one.score, LENGTH),
     }

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import os
+import secrets
+import socket
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from cuboid.views.serving import PageServer
+
+
+# This machine alone.
+HOST = "127.0.0.1"
+# Where the token may be, so that it stands in no list of processes.
+TOKEN = "CUBOID_TOKEN"
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:
@@ -42,3 +52,67 @@ def port(text: str) -> int:
     if not 0 <= number <= 65535:
         raise argparse.ArgumentTypeError(f"expected a port, 0 to 65535, got '{text}'")
     return number
+
+
+def add_address(parser: argparse.ArgumentParser, default_port: int) -> None:
+    """Add where a server listens, and the secret that requests must carry."""
+    parser.add_argument(
+        "--host", default=HOST, metavar="ADDRESS", help="address to listen at (default: this machine only)"
+    )
+    ports = f"port; 0 chooses a free one (default: {default_port})"
+    parser.add_argument("--port", type=port, default=default_port, metavar="N", help=ports)
+    parser.add_argument(
+        "--token",
+        metavar="TEXT",
+        help=f"secret that each request must contain (default: ${TOKEN}, or a new one if other machines can connect)",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Where a server listens.
+
+    Attributes
+    ----------
+    listening : socket.socket
+    token : str or None
+        What requests must carry; None where only this machine can reach it, and nobody asked for one.
+    hosts : tuple of str
+        Names under which it is answered.
+    url : str
+        With the token.
+    """
+
+    listening: socket.socket
+    token: str | None
+    hosts: tuple[str, ...]
+    url: str
+
+
+def listen(host: str, number: int, token: str | None) -> Address:
+    """Listen at an address of this machine; where others can reach it, a token is needed.
+
+    Raises
+    ------
+    OutputError
+        The address cannot be used.
+    """
+    from cuboid.core.errors import OutputError
+    from cuboid.views.serving import LOCAL_NAMES
+
+    alone = host in LOCAL_NAMES or host == "::1"
+    token = token or os.environ.get(TOKEN) or (None if alone else secrets.token_urlsafe(16))
+    hosts = (*LOCAL_NAMES, "[::1]") if alone else ("*",)  # who is reached under other names has a token
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # Where the protocol is named, asyncio sends small answers at once (TCP_NODELAY); else they wait 40 ms.
+    listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((host, number))
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        raise OutputError(f"{host} port {number} cannot be used: {error.strerror}") from error
+    where = f"[{host}]" if family == socket.AF_INET6 else host
+    secret = f"?token={token}" if token else ""
+    return Address(listening, token, hosts, f"http://{where}:{listening.getsockname()[1]}/{secret}")

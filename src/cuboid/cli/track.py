@@ -9,11 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.live import add_live, watching
+from cuboid.cli.live import add_live, add_serve, watching
 from cuboid.cli.names import camera_names
 from cuboid.cli.parser import takes_names
-from cuboid.cli.recording import add_recording, megabytes, open_from, seconds, tracking_from
+from cuboid.cli.recording import add_recording, add_relations, megabytes, open_from, seconds, tracking_from
 from cuboid.cli.results import add_output, add_results, give
+from cuboid.cli.text_model import add_embedding, embedding_model
 from cuboid.core.errors import InputError, counted
 from cuboid.core.limits import MEMORY_MB
 from cuboid.core.threads import cores
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from cuboid.cli.interrupt import Interruption
     from cuboid.readers import Recording
     from cuboid.scene.running import IntoScene
+    from cuboid.text_search import TextModel
     from cuboid.tracking.types import RunOutcome
 
 # The options that say how a recording is read, with their defaults.
@@ -117,7 +119,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
     shapes = "also store views of the objects, for meshes after the recording is deleted"
     results.add_argument("--shapes", action="store_true", help=shapes)
+    add_relations(results)
+    add_embedding(results)
     add_live(results)
+    add_serve(results)
     add_scene(parser)
     memory = (
         "memory of the process; beyond it, parts of the map that are out of view move to the scene or to a temporary "
@@ -132,7 +137,9 @@ def run(args: argparse.Namespace) -> int:
     """Track, and print the objects."""
     from cuboid.cli.interrupt import interruptible
 
-    into = scene_from(args)
+    into, text_model = scene_from(args), embedding_model(args)
+    if text_model is not None and args.camera is not None and not args.shapes:
+        raise InputError("--text-model of a live camera needs --shapes, which keeps the views that it embeds")
     with interruptible() as interruption:
         from cuboid.cli.progress import progress
         from cuboid.pipeline.run import track_recording
@@ -146,6 +153,7 @@ def run(args: argparse.Namespace) -> int:
                     args.output,
                     video=args.video,
                     shapes=args.shapes,
+                    relations=args.relations,
                     force=args.force,
                     progress=shown,
                     stop=interruption if args.camera is None else never,
@@ -155,11 +163,24 @@ def run(args: argparse.Namespace) -> int:
                     memory_mb=args.memory,
                 )
                 looks.end(outcome.report)
+        if text_model is not None:
+            embed(args.output, text_model, into)
     give(args, outcome_document(outcome, args.output), lambda: print_outcome(outcome, args.output))
     if not outcome.report.complete:
         print("cuboid: interrupted; the results are marked as incomplete", file=sys.stderr)
         return interruption.status
     return 0
+
+
+def embed(output: Path, model: TextModel, into: IntoScene | None) -> None:
+    """Embed the objects of a run, and keep their vectors beside its results and in the scene that it went into."""
+    from cuboid.outputs import Results
+    from cuboid.scene import Scene
+
+    found = Results(output).embed(model)
+    if into is not None:
+        with Scene.open(into.path) as scene:
+            scene.keep_vectors(found)
 
 
 def never() -> bool:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from cuboid.cli.serving import add_page, serve
+from cuboid.cli.text_model import add_text_model, serving_model
 
 EXAMPLE = "cuboid view DIR"
 
@@ -14,24 +15,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument("results", type=Path, metavar="DIR", help="results of 'cuboid track', or a scene file")
     parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
+    add_text_model(parser)
     add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
     import tempfile
+    from functools import partial
 
     from cuboid.core.threads import limit_threads
+    from cuboid.outputs import Results
     from cuboid.views.replay import Replay
     from cuboid.views.report.server import Viewer, make_server
 
     limit_threads(1)
+    model = serving_model(args)
     with tempfile.TemporaryDirectory(prefix="cuboid-view-") as work:
         if args.results.is_file():
             from cuboid.scene.viewing import scene_viewer
 
-            viewer = scene_viewer(args.results, Path(work) / "results", args.recording)
+            viewer = scene_viewer(args.results, Path(work) / "results", args.recording, model)
         else:
             replay = Replay(args.results, args.recording)
-            viewer = Viewer(args.results, replay, replay.recording)
+            find = None if model is None else partial(Results(args.results, args.recording).find, model=model)
+            viewer = Viewer(args.results, replay, replay.recording, find=find)
         return serve(args, str(args.results), make_server(viewer, args.port))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -11,6 +12,8 @@ from cuboid.core.errors import MissingExtraError
 NOT_INSTALLED = "is not installed"
 # Modules of the extra `cluster`.
 CLUSTER = ("distributed", "pyarrow", "duckdb", "fsspec", "starlette", "uvicorn")
+# Modules of the extra `serve`.
+SERVE = ("starlette", "uvicorn", "websockets")
 
 
 def how_to_install(extra: str = "", *, pip: str = "") -> str:
@@ -82,7 +85,16 @@ def need_cluster(feature: str) -> None:
     ------
     MissingExtraError
     """
-    absent = [name for name in CLUSTER if find_spec(name) is None]
+    _need(CLUSTER, feature, "cluster")
+
+
+def need_serve(feature: str) -> None:
+    """Check the packages of the extra `serve` as `need_cluster` does."""
+    _need(SERVE, feature, "serve")
+
+
+def _need(modules: Sequence[str], feature: str, extra: str) -> None:
+    absent = [name for name in modules if find_spec(name) is None]
     if absent:
         reason = NOT_INSTALLED if len(absent) == 1 else "are not installed"
-        raise MissingExtraError(missing(f"'{feature}'", ", ".join(absent), "cluster", reason=reason))
+        raise MissingExtraError(missing(f"'{feature}'", ", ".join(absent), extra, reason=reason))

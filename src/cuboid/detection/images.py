@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -75,6 +75,9 @@ class ImageForm:
 # Mean and deviation of ImageNet, which many models normalise their images by: red, green, blue.
 IMAGENET_MEAN = (123.675, 116.28, 103.53)
 IMAGENET_DEVIATION = (58.395, 57.12, 57.375)
+# The same of CLIP, of levels 0..1 (Radford et al., "Learning transferable visual models from natural language
+# supervision", 2021).
+CLIP_MEAN, CLIP_DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 YOLO_FORM = ImageForm()
 YOLOX_FORM = ImageForm(place="corner", blue_first=True, deviation=(1.0, 1.0, 1.0))
 STRETCHED_FORM = ImageForm(place="stretched")
@@ -82,3 +85,7 @@ IMAGENET_FORM = ImageForm(place="stretched", mean=IMAGENET_MEAN, deviation=IMAGE
 NANODET_FORM = ImageForm(
     place="stretched", blue_first=True, mean=IMAGENET_MEAN[::-1], deviation=IMAGENET_DEVIATION[::-1]
 )
+OWL_FORM = ImageForm(
+    place="stretched", mean=(122.7709383, 116.7460125, 104.09373615), deviation=(68.5005327, 66.6321579, 70.32316305)
+)
+OWL_2_FORM = replace(OWL_FORM, place="corner")

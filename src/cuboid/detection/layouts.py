@@ -7,6 +7,8 @@ Each layout reads the outputs of one family of models:
 - `Distances`: NanoDet and PicoDet: distances to the sides as distributions, per cell of three or four grids;
 - `PicoDetFinal`: PicoDet with its own last steps in the model;
 - `Queries`: RF-DETR, and RT-DETR and D-FINE as Transformers exports them: a box and logits per query;
+  OWL-ViT and OWLv2 the same, a logit for each text;
+- `Masks`: SAM and its like: masks of anything, without classes;
 - `Final`: RT-DETR and D-FINE as their authors export them: labels, boxes and scores.
 """
 
@@ -239,6 +241,39 @@ class Final:
         """See `Layout`."""
         labels, boxes, scores = (outputs[k][0].astype(np.float64) for k in (self.labels, self.boxes, self.scores))
         return _of_labels(boxes, labels, scores, self.classes)
+
+
+@dataclass(frozen=True, slots=True)
+class Masks:
+    """Masks without classes, as SAM and its like give.
+
+    Logits (1, N, h, w) and scores (1, N), or logits (1, Q, M, h, w) and scores (1, Q, M): of the M masks of a query,
+    that with the best score counts. `masks`, `scores` are the places of the outputs.
+    """
+
+    masks: int
+    scores: int
+    name: str = "SAM"
+    form: ImageForm = STRETCHED_FORM
+
+    def read(self, outputs: Sequence[Any], size: tuple[int, int], least: float) -> Raw | None:
+        """See `Layout`."""
+        masks, scores = outputs[self.masks][0], outputs[self.scores][0].astype(np.float64)
+        if masks.ndim == 4:
+            best, rows = scores.argmax(axis=1), np.arange(len(scores))
+            masks, scores = masks[rows, best], scores[rows, best]
+        likely = scores >= least
+        logits, scores = masks[likely].astype(np.float32), scores[likely]
+        inside = logits > 0
+        scale = np.tile([size[1] / logits.shape[2], size[0] / logits.shape[1]], 2)
+        boxes = np.array([_around(mask) for mask in inside], np.float64).reshape(-1, 4) * scale
+        return Raw(boxes, scores[:, None], _no_coefficients(len(boxes)), logits=logits)
+
+
+def _around(mask: Any) -> list[int]:
+    """Return the rectangle around the pixels of a mask (h, w), end exclusive; an empty one has no size."""
+    columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
+    return [columns[0], rows[0], columns[-1] + 1, rows[-1] + 1] if len(columns) else [0, 0, 0, 0]
 
 
 def cells(size: tuple[int, int], strides: Sequence[int]) -> Float64Array:

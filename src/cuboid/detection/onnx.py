@@ -11,9 +11,10 @@ from cuboid.core.errors import InputError
 from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
 from cuboid.detection.boxes import MAX_BOXES, best_boxes, thin_out
 from cuboid.detection.images import Fit
-from cuboid.detection.layouts import Raw
+from cuboid.detection.layouts import Masks, Raw
 from cuboid.detection.recognition import recognise
-from cuboid.detection.session import Session
+from cuboid.detection.session import IDS, Session
+from cuboid.detection.tokens import Tokens
 from cuboid.detection.types import Detections
 from cuboid.detection.vocabulary import known_names, names_for
 
@@ -23,7 +24,11 @@ MIN_SCORE = 0.05
 # Boxes that overlap more say the same: what the YOLO family's own code uses.
 OVERLAP = 0.7
 ENDING = ".onnx"
-HOW = "FILE.onnx[:score=S,labels=FILE,threads=N,provider=NAME]"
+# A model has no larger input, pixels: it would take all memory.
+MAX_SIZE = 4096
+HOW = "FILE.onnx[:score=S,labels=FILE,threads=N,provider=NAME,size=PIXELS]"
+# The only class of models that find anything: it is none, and names nothing.
+ANYTHING = "object"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +45,15 @@ class OnnxOptions:
         Of ONNX Runtime.
     provider : str
         Of ONNX Runtime.
+    size : int or None
+        Side of the input of a model that takes any size; None for the image's own.
     """
 
     score: float = MIN_SCORE
     labels: Path | None = None
     threads: int = 1
     provider: str = "CPUExecutionProvider"
+    size: int | None = None
 
 
 class OnnxDetector:
@@ -69,9 +77,19 @@ class OnnxDetector:
 
     def __init__(self, path: Path, options: OnnxOptions | None = None, feature: str = "--detector") -> None:
         self._options = options or OnnxOptions()
-        self._session = Session(path, feature, self._options.threads, self._options.provider)
-        self._known = known_names(path, self._session.metadata, self._options.labels)
+        of = self._options
+        self._session = Session(path, feature, of.threads, of.provider, side=of.size)
+        self._known = known_names(path, self._session.metadata, of.labels)
+        if IDS in self._session.input_names:
+            self._look_for_names(path, feature)
         self._layout = recognise(self._session, len(self._known or ()))
+
+    def _look_for_names(self, path: Path, feature: str) -> None:
+        """Let a model that takes texts look for the names."""
+        if self._known is None:
+            raise InputError(f"{path}: looks for texts: name a file of them, one a line, with labels=FILE")
+        tokens = Tokens(path.parent, self._session.text_length, feature)
+        self._session.look_for([tokens.of(name) for name in self._known])
 
     @property
     def layout(self) -> str:
@@ -94,8 +112,8 @@ class OnnxDetector:
         if raw is None:
             shapes = ", ".join(str(np.shape(output)) for output in outputs)
             raise InputError(f"{self._session.path}: outputs {shapes} are of no known kind")
-        names = names_for(raw.scores.shape[1], self._known, self._session.path)
-        used = [k for k, name in enumerate(names) if name]
+        names = self._names(raw.scores.shape[1])
+        used = [k for k, name in enumerate(names) if name or len(names) == 1]
         scores = np.nan_to_num(raw.scores[:, used], nan=0.0, posinf=0.0, neginf=0.0)  # what is no number says nothing
         best = scores.max(axis=1, initial=0.0)
         kept = np.flatnonzero(best >= least)
@@ -105,6 +123,13 @@ class OnnxDetector:
         values = np.clip(scores[kept].astype(np.float32), 0.0, 1.0)
         masks = _masks(raw, kept, boxes, fit, size)
         return Detections(boxes, values, tuple(names[k] for k in used), masks)
+
+    def _names(self, count: int) -> tuple[str, ...]:
+        """Return the names of so many classes; the one class of a model that finds anything has the empty one."""
+        if isinstance(self._layout, Masks):
+            return ("",)
+        names = names_for(count, self._known, self._session.path)
+        return ("",) if names == (ANYTHING,) else names
 
 
 def onnx_detector(spec: str, feature: str = "--detector") -> OnnxDetector:
@@ -133,17 +158,18 @@ def read_options(text: str) -> OnnxOptions:
     given: dict[str, str] = {}
     for word in text.split(",") if text else []:
         name, equals, value = word.partition("=")
-        if name not in ("score", "labels", "threads", "provider") or not equals or not value or name in given:
+        if name not in ("score", "labels", "threads", "provider", "size") or not equals or not value or name in given:
             raise InputError(f"unknown option '{word}' of a detector; expected {HOW}")
         given[name] = value
     try:
         score, threads = float(given.get("score", MIN_SCORE)), int(given.get("threads", "1"))
+        size = int(given["size"]) if "size" in given else None
     except ValueError:
-        score, threads = -1.0, 0
-    if not (0.0 < score <= 1.0) or threads < 1:
-        raise InputError(f"score must lie in 0..1 and threads be 1 or more, got '{text}'")
+        score, threads, size = -1.0, 0, None
+    if not (0.0 < score <= 1.0) or threads < 1 or (size is not None and not 1 <= size <= MAX_SIZE):
+        raise InputError(f"score must lie in 0..1, threads be 1 or more and size 1 to {MAX_SIZE} pixels, got '{text}'")
     labels = Path(given["labels"]) if "labels" in given else None
-    return OnnxOptions(score, labels, threads, given.get("provider", OnnxOptions().provider))
+    return OnnxOptions(score, labels, threads, given.get("provider", OnnxOptions().provider), size)
 
 
 def _masks(

@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 
 from cuboid.core.errors import InputError
-from cuboid.detection.images import GREY, IMAGENET_FORM, NANODET_FORM, STRETCHED_FORM, YOLO_FORM
+from cuboid.detection.images import (
+    GREY,
+    IMAGENET_FORM,
+    NANODET_FORM,
+    OWL_2_FORM,
+    OWL_FORM,
+    STRETCHED_FORM,
+    YOLO_FORM,
+)
 from cuboid.detection.layouts import (
     FOUR_STRIDES,
     SIDES,
@@ -16,13 +24,14 @@ from cuboid.detection.layouts import (
     Distances,
     Final,
     Layout,
+    Masks,
     PicoDetFinal,
     Queries,
     Yolo,
     Yolox,
     count_cells,
 )
-from cuboid.detection.session import SCALE_FACTOR, STRIDE, TARGET_SIZE, Session
+from cuboid.detection.session import IDS, SCALE_FACTOR, STRIDE, TARGET_SIZE, Session
 
 # A model that takes images of any size is tried with one of this size, pixels.
 TRIED_PX = 640
@@ -32,8 +41,13 @@ TRANSFORMERS = ("pred_boxes", "logits")
 # The layouts that are recognised, for messages.
 KNOWN = (
     "(1, 4 + classes, N), (1, N, 5 + classes) or (1, N, 6), with masks also (1, k, h, w); "
-    "(1, N, classes + 32); labels, boxes, scores; dets, labels; pred_boxes, logits"
+    "(1, N, classes + 32); labels, boxes, scores; dets, labels; pred_boxes, logits; masks, scores"
 )
+# Names of the outputs of models that give masks without classes: the masks, and how good each is.
+MASK_NAMES = ("masks", "output_masks", "pred_masks")
+MASK_SCORES = ("iou_predictions", "iou_scores", "scores")
+# The output that OWLv2 has beside those of OWL-ViT.
+OWL_2 = "objectness_logits"
 
 
 def recognise(session: Session, classes: int) -> Layout:
@@ -70,6 +84,14 @@ def _by_names(session: Session, outputs: Sequence[Any], classes: int) -> Layout 
         return PicoDetFinal(classes)
     if TARGET_SIZE in session.input_names and {"labels", "boxes", "scores"} <= {*place}:
         return Final(place["labels"], place["boxes"], place["scores"], classes)
+    masks = next((place[name] for name in MASK_NAMES if name in place), None)
+    scores = next((place[name] for name in MASK_SCORES if name in place), None)
+    if masks is not None and scores is not None and len(shapes[masks]) in (4, 5):
+        return Masks(masks, scores) if shapes[masks][:-2] == shapes[scores] else None
+    if IDS in session.input_names and {*TRANSFORMERS} <= {*place}:
+        boxes, logits = (place[one] for one in TRANSFORMERS)
+        two = OWL_2 in place
+        return Queries("OWLv2" if two else "OWL-ViT", OWL_2_FORM if two else OWL_FORM, boxes, logits)
     for names, name, form in ((RF_DETR, "RF-DETR", IMAGENET_FORM), (TRANSFORMERS, "RT-DETR", STRETCHED_FORM)):
         if not {*names} <= {*place}:
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,14 @@ from cuboid.core.extras import require
 STRIDE = 32
 # Inputs beside the image that detectors have: the image size of the boxes, and how the image was scaled.
 TARGET_SIZE, SCALE_FACTOR, IMAGE_SHAPE = "orig_target_sizes", "scale_factor", "im_shape"
+# Texts to look for, as numbers of their tokens, and which of these count.
+IDS, MASK = "input_ids", "attention_mask"
+# Points that masks are asked for at, (1, queries, points a query, 2), and what each is: inside (1) or none (-1).
+POINTS, POINT_LABELS = "batched_point_coords", "batched_point_labels"
+OTHERS = (TARGET_SIZE, SCALE_FACTOR, IMAGE_SHAPE, IDS, MASK, POINTS, POINT_LABELS)
+# Points a side of the grid of them, unless the model has a number of its own: each is a mask to compute, and smaller
+# things than a sixteenth of the image are seldom ones that a camera is pointed at.
+GRID = 16
 KINDS = {
     "tensor(float)": np.float32,
     "tensor(float16)": np.float16,
@@ -36,6 +44,10 @@ class Session:
     threads : int
     provider : str
         Of ONNX Runtime, such as CPUExecutionProvider.
+    extra : str
+        The extra that brings ONNX Runtime.
+    side : int, optional
+        Of the input, where it takes any size; the image's own unless given.
 
     Raises
     ------
@@ -45,28 +57,26 @@ class Session:
         The file is not there, is no model, or takes something else than one image of three colors.
     """
 
-    def __init__(self, path: Path, feature: str, threads: int = 1, provider: str = "CPUExecutionProvider") -> None:
-        onnxruntime = require("onnxruntime", feature, "onnx")
-        if not path.is_file():
-            raise InputError(f"no model at {path}")
-        if provider not in onnxruntime.get_available_providers():
-            there = ", ".join(onnxruntime.get_available_providers())
-            raise InputError(f"ONNX Runtime has no provider '{provider}' here; there are {there}")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.inter_op_num_threads = 1
-        options.log_severity_level = 4  # errors come as exceptions
-        try:
-            self._session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
-        except Exception as error:  # ONNX Runtime has no common class of its own for what a file can have wrong
-            raise InputError(f"{path} is no ONNX model that can be run: {_line(error)}") from None
+    def __init__(
+        self,
+        path: Path,
+        feature: str,
+        threads: int = 1,
+        provider: str = "CPUExecutionProvider",
+        extra: str = "onnx",
+        side: int | None = None,
+    ) -> None:
+        self._session = start(path, feature, threads, provider, extra)
         self.path = path
         self.outputs = tuple(str(one.name) for one in self._session.get_outputs())
         inputs = self._session.get_inputs()
-        images = [one for one in inputs if len(one.shape) == 4]
-        others = [one for one in inputs if len(one.shape) != 4]
+        images = [one for one in inputs if len(one.shape) == 4 and one.name not in OTHERS]
+        others = [one for one in inputs if len(one.shape) != 4 or one.name in OTHERS]
         self._others = {one.name: one.type for one in others}
-        unknown = [name for name in self._others if name not in (TARGET_SIZE, SCALE_FACTOR, IMAGE_SHAPE)]
+        self._shapes = {one.name: one.shape for one in others}
+        self._texts: dict[str, list[list[int]]] = {}
+        self._side = side
+        unknown = [name for name in self._others if name not in OTHERS]
         if len(images) != 1 or unknown:
             seen = ", ".join(f"{one.name} {tuple(one.shape)}" for one in inputs)
             raise InputError(f"{path}: a model with one input (1, 3, height, width) expected, its inputs are {seen}")
@@ -94,12 +104,22 @@ class Session:
     @property
     def fixed_size(self) -> tuple[int, int] | None:
         """Rows and columns of its input; None where it takes any."""
-        rows, columns = self._image.shape[2:]
-        return (rows, columns) if isinstance(rows, int) and isinstance(columns, int) else None
+        rows, columns = (side if isinstance(side, int) else self._side for side in self._image.shape[2:])
+        return None if rows is None or columns is None else (rows, columns)
+
+    @property
+    def text_length(self) -> int | None:
+        """Tokens of each text that it takes; None where it takes any number."""
+        length = self._shapes[IDS][-1]
+        return length if isinstance(length, int) else None
+
+    def look_for(self, texts: Sequence[tuple[list[int], list[int]]]) -> None:
+        """Take texts to look for: the tokens of each, and which of them count; all have the same number."""
+        self._texts = {IDS: [ids for ids, _ in texts], MASK: [mask for _, mask in texts]}
 
     def size_for(self, height: int, width: int) -> tuple[int, int]:
         """Return rows and columns of the input for an image of this size."""
-        return tuple(
+        return self.fixed_size or tuple(
             side if isinstance(side, int) else -(-own // STRIDE) * STRIDE
             for side, own in zip(self._image.shape[2:], (height, width), strict=True)
         )  # type: ignore[return-value]
@@ -113,13 +133,50 @@ class Session:
             The model cannot be run.
         """
         rows, columns = pixels.shape[2:]
-        values = {TARGET_SIZE: [[columns, rows]], SCALE_FACTOR: [[1, 1]], IMAGE_SHAPE: [[rows, columns]]}
+        values: dict[str, Any] = {
+            TARGET_SIZE: [[columns, rows]],
+            SCALE_FACTOR: [[1, 1]],
+            IMAGE_SHAPE: [[rows, columns]],
+            **self._texts,
+            **(self._points(rows, columns) if POINTS in self._others else {}),
+        }
         feeds = {name: np.array(values[name], KINDS.get(kind, np.float32)) for name, kind in self._others.items()}
         try:
             outputs: list[Any] = self._session.run(None, {self._image.name: pixels, **feeds})
         except Exception as error:
             raise InputError(f"{self.path} cannot be run: {_line(error)}") from None
         return [np.asarray(output) for output in outputs]
+
+    def _points(self, rows: int, columns: int) -> dict[str, Any]:
+        """Return a grid of points over the input, a query each."""
+        queries, points = (n if isinstance(n, int) else None for n in self._shapes[POINTS][1:3])
+        side = GRID if queries is None else max(1, int(queries**0.5))
+        y, x = np.divmod(np.arange(side * side), side)
+        place = np.zeros((1, queries or side * side, points or 1, 2))
+        kind = np.full(place.shape[:3], -1)
+        place[0, : len(x), 0] = np.column_stack([(x + 0.5) / side * columns, (y + 0.5) / side * rows])
+        kind[0, : len(x), 0] = 1
+        return {POINTS: place, POINT_LABELS: kind}
+
+
+def start(
+    path: Path, feature: str, threads: int = 1, provider: str = "CPUExecutionProvider", extra: str = "onnx"
+) -> Any:
+    """Return the session of ONNX Runtime of a model; parameters and errors as of `Session`, whatever its inputs."""
+    onnxruntime = require("onnxruntime", feature, extra)
+    if not path.is_file():
+        raise InputError(f"no model at {path}")
+    if provider not in onnxruntime.get_available_providers():
+        there = ", ".join(onnxruntime.get_available_providers())
+        raise InputError(f"ONNX Runtime has no provider '{provider}' here; there are {there}")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # errors come as exceptions
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=[provider])
+    except Exception as error:  # ONNX Runtime has no common class of its own for what a file can have wrong
+        raise InputError(f"{path} is no ONNX model that can be run: {_line(error)}") from None
 
 
 def _line(error: Exception) -> str:

@@ -22,7 +22,7 @@ class Detections:
     scores : (N, C) float32
         Of each box for each class, 0..1.
     names : tuple of str
-        The vocabulary: a name for each of the C classes.
+        The vocabulary: a name for each of the C classes; the empty name is of no class: there is something.
     masks : sequence of (h, w) uint8, or None
         For each box, which of its pixels are meant (1) or not (0), cropped to the box; None without masks.
     """

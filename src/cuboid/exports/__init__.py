@@ -7,7 +7,7 @@ from typing import Any
 
 from cuboid.core.errors import InputError, OutputError
 from cuboid.core.paths import PathLike, as_path
-from cuboid.exports import coco, csv_table, glb, kitti, mcap, obj, plain_json, ply, rerun_file, stl, urdf, usd
+from cuboid.exports import coco, csv_table, glb, graphml, kitti, mcap, obj, plain_json, ply, rerun_file, stl, urdf, usd
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.reading import real_path
 from cuboid.outputs import OUTPUT_NAMES, Results
@@ -21,6 +21,7 @@ __all__ = [
     "csv_table",
     "export",
     "glb",
+    "graphml",
     "kitti",
     "mcap",
     "obj",

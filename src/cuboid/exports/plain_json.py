@@ -19,7 +19,7 @@ from cuboid.core.results import SupportPlane, TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import Results
-from cuboid.outputs.objects import name_to_json, write_json
+from cuboid.outputs.objects import name_to_json, relation_to_json, write_json
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
 
 # Digits after the point of centimetres: a hundredth of a millimetre.
@@ -68,6 +68,7 @@ def _object(item: TrackedObject, time_s: dict[int, float]) -> dict[str, Any]:
         **name_to_json(item),
         "mean_color_rgb": rounded_list(item.mean_color, 1),
         "merged_labels": list(item.merged_labels),
+        **({"relations": [relation_to_json(one) for one in item.relations]} if item.relations else {}),
     }
     return _feature(f"object-{item.label}", item.box.corners()[list(FOOTPRINT)], properties)
 

@@ -13,7 +13,7 @@ from typing import Protocol, TypedDict
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.core.frame import Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.results import NEXT_NAMES
 from cuboid.detection.types import Detections
 from cuboid.geometry.rectangles import fractions_inside, rect_iou_matrix
@@ -97,10 +97,14 @@ def name_objects(found: Detections, seen: Sequence[tuple[MapObject, float, Float
     partner = match_detections(found, rects)
     inside = fractions_inside(rects, found.boxes_xyxy.astype(np.float64)).max(axis=1, initial=0.0)
     for k, (entry, visible, _) in enumerate(seen):
-        scores = found.scores[partner == k].max(axis=0, initial=0.0)
-        likely = np.flatnonzero(scores >= LEAST_SCORE).tolist()
+        likely = likely_classes(found.names, found.scores[partner == k].max(axis=0, initial=0.0))
         if likely or inside[k] <= INSIDE_FRACTION:
-            add_evidence(entry, {found.names[c]: float(scores[c]) for c in likely}, visible, eye)
+            add_evidence(entry, likely, visible, eye)
+
+
+def likely_classes(names: Sequence[str], scores: Float32Array) -> dict[str, float]:
+    """Return the classes that a detector lists, by scores (C,); the empty name is of no class."""
+    return {names[c]: float(scores[c]) for c in np.flatnonzero(scores >= LEAST_SCORE).tolist() if names[c]}
 
 
 def add_evidence(entry: Nameable, scores: Mapping[str, float], visible: float, eye: Float64Array) -> float:

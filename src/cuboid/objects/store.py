@@ -183,11 +183,11 @@ class ObjectStore:
         self._next_label += 1
         return self._next_label - 1
 
-    def take_label(self, entry: MapObject, label: int) -> None:
+    def take_label(self, entry: MapObject, label: int, merged_labels: Iterable[int], first_frame: int) -> None:
         """Let a labelled object have the label that it had as a thing that depth did not read; the older one stays."""
         older, younger = sorted((entry.label, label))
-        entry.merged_labels = sorted({*entry.merged_labels, younger})
-        entry.label = older
+        entry.merged_labels = sorted({*entry.merged_labels, *merged_labels, younger})
+        entry.label, entry.first_frame = older, min(entry.first_frame, first_frame)
 
     def retire(self, entry: MapObject) -> None:
         """End an object's life: its label is kept and never given again, its points are no one's."""

@@ -13,6 +13,7 @@ and where the map's object is hardly read, its rectangle is that of the thing.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.geometry.se3 import transform
 from cuboid.objects.affinity import CERTAIN_LOG_ODDS, MAX_LOG_ODDS
 from cuboid.objects.entry import MapObject
-from cuboid.objects.naming import LEAST_SCORE, MISSED, SAME_IOU, add_evidence, merged_evidence, score_gain
+from cuboid.objects.naming import MISSED, SAME_IOU, add_evidence, likely_classes, merged_evidence, score_gain
 from cuboid.objects.rectangles import (
     Predicted,
     distance_of,
@@ -78,6 +79,22 @@ class UnreadMap:
         # The rectangle of each thing that the last look hit, by its number, until the frame's sightings are told.
         self._hit: dict[int, Float64Array] = {}
 
+    def state(self) -> tuple[UnreadObject, ...]:
+        """Return the things as they are now; nothing in them changes any more."""
+        return tuple([copy(one) for one in self._things])
+
+    def restore(self, things: Sequence[UnreadObject]) -> None:
+        """Go on from a state."""
+        self._things = list(things)
+        self._next_number = 1 + max((one.number for one in things), default=0)
+
+    def forget(self, label: int) -> bool:
+        """Let a thing be none, as somebody says; tell whether one had the label."""
+        left = [one for one in self._things if one.label != label]
+        found = len(left) < len(self._things)
+        self._things = left
+        return found
+
     def confirmed(self) -> list[UnreadObject]:
         """Return the things that have a label of their own and are there, by label."""
         return sorted((o for o in self._things if o.label and not o.partner and o.is_sure), key=lambda o: o.label)
@@ -128,8 +145,7 @@ class UnreadMap:
 
     def _add_hit(self, one: UnreadObject, found: Detections, k: int, seen: Observation) -> None:
         box, scores = found.boxes_xyxy[k].astype(np.float64), found.scores[k]
-        likely = {found.names[c]: float(scores[c]) for c in np.flatnonzero(scores >= LEAST_SCORE).tolist()}
-        weight = add_evidence(one, likely, 1.0, seen.eye)
+        weight = add_evidence(one, likely_classes(found.names, scores), 1.0, seen.eye)
         one.log_odds = min(MAX_LOG_ODDS, one.log_odds + weight * (HIT + score_gain(float(scores.max()))))
         one.hits, one.keyframe = one.hits + 1, seen.keyframe
         one.read += (read_fraction(box, seen) - one.read) / one.hits
@@ -190,8 +206,8 @@ class UnreadMap:
             if one.meetings[entry.number] >= MIN_MEETINGS:
                 one.partner = entry.number
                 if one.label:
-                    self._store.take_label(entry, one.label)
-                    one.label = entry.label
+                    self._store.take_label(entry, one.label, one.merged_labels, one.first_frame)
+                    one.label, one.merged_labels = entry.label, []
 
     def _merge_doubles(self, seen: Observation) -> None:
         """Make one thing of two that have the same rectangle; the older label, or else the older thing, stays."""
@@ -204,6 +220,8 @@ class UnreadMap:
                 if iou.max() >= SAME_IOU:
                     other = known[int(iou.argmax())][0]
                     other.name_log_odds = merged_evidence(other.name_log_odds, one.name_log_odds)
+                    if one.label and not one.partner:
+                        other.merged_labels = sorted({*other.merged_labels, *one.merged_labels, one.label})
                     other.log_odds, other.hits = max(other.log_odds, one.log_odds), max(other.hits, one.hits)
                     continue
             kept.append((one, view))

@@ -55,6 +55,8 @@ class UnreadObject:
         How often it showed the same as an object of the map, by the object's number.
     partner : int
         Number of the object of the map that it is; 0 none.
+    merged_labels : list of int
+        Labels of others that turned out to be it.
     name_log_odds, views :
         As of `MapObject`.
     """
@@ -74,6 +76,7 @@ class UnreadObject:
     keyframe: int = 0
     meetings: dict[int, int] = field(default_factory=dict)
     partner: int = 0
+    merged_labels: list[int] = field(default_factory=list)
     name_log_odds: dict[str, float] = field(default_factory=dict)
     views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)))
 

@@ -39,6 +39,7 @@ AGENTS = "agents.csv"
 VIDEO = "labelled.mp4"
 REPORT = "report.html"
 VIEWS = "views.zip"
+EMBEDDINGS = "embeddings.npz"
 
 # Complete results inside an output folder whose old ones they are about to replace, and the list of their files.
 COMPLETE = ".complete"
@@ -47,7 +48,19 @@ YOUNG_S = 5.0
 NAMES = "names"
 
 OUTPUT_NAMES = (
-    *(OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, EVENTS, AGENTS, MAP, VIDEO, REPORT, VIEWS, RUN),
+    OBJECTS,
+    TRACKS,
+    PROPOSALS,
+    TRAJECTORY,
+    TRAJECTORY_ONLINE,
+    EVENTS,
+    AGENTS,
+    MAP,
+    VIDEO,
+    REPORT,
+    VIEWS,
+    EMBEDDINGS,
+    RUN,
 )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from msgspec import UNSET
 
 from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.records import columns_of, plain_fields
-from cuboid.core.results import Relation, SupportPlane, TrackedObject, Wall
+from cuboid.core.results import MapPoints, Relation, SupportPlane, TrackedObject, Wall
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import FORMAT, VERSION, ObjectEntry, ObjectsDocument
 from cuboid.geometry.box import Box
@@ -41,6 +41,15 @@ class ObjectsFile:
     planes: tuple[SupportPlane, ...]
     objects: tuple[TrackedObject, ...]
     walls: tuple[Wall, ...] = ()
+
+    def with_relations(self, points: MapPoints) -> ObjectsFile:
+        """Return the same with the relations of the objects and with the walls, which are found among the points."""
+        from cuboid.relations import find_relations, find_walls
+
+        walls = find_walls(points, self.up)
+        found = find_relations(self.objects, self.planes, self.up, walls)
+        objects = tuple(replace(item, relations=found[item.label]) for item in self.objects)
+        return replace(self, objects=objects, walls=walls)
 
 
 def write_objects(path: Path, content: ObjectsFile) -> None:

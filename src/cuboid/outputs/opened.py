@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +15,7 @@ from cuboid.core.paths import PathLike, as_path
 from cuboid.core.results import MapPoints, SupportPlane, TrackedObject, Wall
 from cuboid.outputs.folder import (
     AGENTS,
+    EMBEDDINGS,
     EVENTS,
     MAP,
     OBJECTS,
@@ -48,7 +49,9 @@ from cuboid.readers.recording import Recording
 from cuboid.readers.reopen import reopen_recording
 
 if TYPE_CHECKING:
+    from cuboid.core.frame import Float32Array
     from cuboid.shapes import ObjectView
+    from cuboid.text_search import Embeddings, TextModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,7 +221,46 @@ class Results(MapQueries):
             report.depth_units_per_metre,
         )
 
-    def _views(self, item: TrackedObject) -> list[ObjectView]:
+    def embed(self, model: PathLike | TextModel | None = None) -> Embeddings:
+        """Embed pictures of the objects with an image-text model, keep the vectors beside the results, return them.
+
+        Parameters
+        ----------
+        model : path or TextModel, optional
+            As of `find`.
+
+        Raises
+        ------
+        InputError
+            There is no such model, or no pictures of the objects: the recording is not there.
+        OutputError
+            The folder cannot be written.
+        """
+        from cuboid.outputs.pending import write_whole
+        from cuboid.text_search import Embeddings, open_text_model
+
+        opened = open_text_model(model, "embed")
+        found = Embeddings(opened.identity, super().vectors(opened))
+        write_whole(self.folder / EMBEDDINGS, found.content())
+        self._embedded[opened.identity] = found.vectors
+        return found
+
+    @cached_property
+    def _embedded(self) -> dict[str, Mapping[int, Float32Array]]:
+        """The vectors of the objects by label, by identity of the model: those beside the results, and later ones."""
+        from cuboid.text_search import Embeddings
+
+        path = self.folder / EMBEDDINGS
+        kept = [Embeddings.read(path)] if path.is_file() else []
+        return {one.model: one.vectors for one in kept}
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects: those that were kept, else of pictures from the recording."""
+        if model.identity not in self._embedded:
+            self._embedded[model.identity] = super().vectors(model)
+        return self._embedded[model.identity]
+
+    def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:
         """Return the views of an object: those that the run kept, else read from the recording."""
         from cuboid.shapes.keeping import read_views
         from cuboid.shapes.views import Candidate, chosen, view_of
@@ -226,13 +268,13 @@ class Results(MapQueries):
         kept = self.folder / VIEWS
         if kept.is_file():
             poses = {frame: pose.T_world_camera for frame, pose in self.poses.items()}
-            return read_views(kept, item, self._camera, poses)
+            return read_views(kept, item, self._camera, poses, most)
         candidates = [
             Candidate(row.frame, row.box, row.visible, self.poses[row.frame].T_world_camera)
             for row in self.sightings(item.label)
         ]
         views = []
-        for one in chosen(candidates, item.box):
+        for one in chosen(candidates, item.box, most):
             try:
                 frame = self.recording.read(one.frame)
             except FrameError:

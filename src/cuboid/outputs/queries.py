@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,10 @@ from cuboid.core.results import MapPoints, Relation, SupportPlane, TrackedObject
 from cuboid.outputs.object_table import ObjectTable
 
 if TYPE_CHECKING:
+    from cuboid.core.paths import PathLike
+    from cuboid.relations import Branch
     from cuboid.shapes import ObjectMesh, ObjectView
+    from cuboid.text_search import TextMatch, TextModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +105,13 @@ class MapQueries(ABC):
             return {item.label: item.relations for item in objects}
         return find_relations(objects, self.planes, self.up, self.walls)
 
+    @property
+    def tree(self) -> tuple[Branch, ...]:
+        """The tree of the place: surfaces, what is on them, and what is on and in that; from `relations`."""
+        from cuboid.relations import place_tree
+
+        return place_tree(self.objects, self.relations, self.planes, self.up)
+
     @abstractmethod
     def map_points(self) -> MapPoints:
         """Return the global point map."""
@@ -158,8 +168,49 @@ class MapQueries(ABC):
         views = self._views(item)
         return object_mesh(item, views, self.planes, self.map_points(), close=close, complete=complete)
 
-    def _views(self, item: TrackedObject) -> list[ObjectView]:
-        """Return the views of an object; raises InputError where none are kept."""
+    def find(self, text: str, model: PathLike | TextModel | None = None) -> list[TextMatch]:
+        """Return the objects ranked by how well their pictures fit a text, the best first.
+
+        Parameters
+        ----------
+        text : str
+            Such as "something to drink from".
+        model : path or TextModel, optional
+            Folder of an image-text model; that of the environment variable ``CUBOID_TEXT_MODEL`` unless given.
+
+        Raises
+        ------
+        InputError
+            There is no such model, the text is empty, or no pictures of the objects are there.
+        MissingExtraError
+            ONNX Runtime or tokenizers is not installed.
+        """
+        from cuboid.text_search import open_text_model, ranked
+
+        opened = open_text_model(model, "find")
+        query = opened.query(text)
+        return ranked(self.objects, self.vectors(opened), query)
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the unit vectors (D,) of the objects by an image-text model, by label.
+
+        An object without views has none.
+
+        Raises
+        ------
+        InputError
+            The model cannot be run, or no pictures of the objects are there.
+        MissingExtraError
+            ONNX Runtime is not installed.
+        """
+        from cuboid.text_search import embed_views
+        from cuboid.text_search.pictures import PICTURED_VIEWS
+
+        found = {item.label: embed_views(model, self._views(item, PICTURED_VIEWS), item.box) for item in self.objects}
+        return {label: vector for label, vector in found.items() if vector is not None}
+
+    def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:
+        """Return the views of an object, at most so many; raises InputError where none are kept."""
         raise InputError(f"{type(self).__name__} keeps no views of its objects")
 
     def near(self, point: npt.ArrayLike, within_m: float) -> ObjectTable:

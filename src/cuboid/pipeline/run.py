@@ -60,6 +60,7 @@ def track_recording(
     detector: str | Detector | None = None,
     detector_every: int | None = None,
     shapes: bool = False,
+    relations: bool = False,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
@@ -111,6 +112,8 @@ def track_recording(
         It looks at each n-th used frame; 3 unless given.
     shapes : bool
         Also keep views of the objects, as of `Tracker`.
+    relations : bool
+        Also find the relations of the objects at the end, and keep them in the results and in the scene.
 
     Returns
     -------
@@ -158,10 +161,12 @@ def track_recording(
         report = _report(taken, tracker, session, settings, complete, threads, begun_s, warnings)
         points = tracker.map_points()
         found = ObjectsFile(tracker.up, taken.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
+        if relations:
+            found = found.with_relations(points)
         if writer is not None:
             writer.finish(found, points, report, tracker.corrected_trajectory(), tracker.kept_views)
         if session is not None:
-            session.finish(complete=complete)
+            session.finish(complete=complete, walls=found.walls if relations else None)
     if output is not None and page:
         write_page(Results(output), taken.read, () if into is None else into.shown_changes())
     log, known, size = tracker.log, tracker.points_known, tracker.map_bytes

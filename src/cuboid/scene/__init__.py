@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 from cuboid.core.results import SceneChange
-from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
+from cuboid.scene.answers import PastRelation, SceneObject, ScenePast, SceneRecording
 from cuboid.scene.scene import Scene
 from cuboid.scene.session import SceneTracker
 from cuboid.scene.visit import Source
 
-__all__ = ["Scene", "SceneChange", "SceneObject", "ScenePast", "SceneRecording", "SceneTracker", "Source"]
+__all__ = [
+    "PastRelation",
+    "Scene",
+    "SceneChange",
+    "SceneObject",
+    "ScenePast",
+    "SceneRecording",
+    "SceneTracker",
+    "Source",
+]

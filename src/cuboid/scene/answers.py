@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from cuboid.core.frame import Float64Array
 from cuboid.core.results import TrackedObject, tag_of
+from cuboid.core.values import RelationKind
 from cuboid.geometry.box import Box
 
 
@@ -94,3 +95,34 @@ class ScenePast:
     def __repr__(self) -> str:
         where = f"recording {self.recording}, frame {self.frame}"
         return f"ScenePast({where}, {tag_of(self.label)}: {self.box.text()}; {self.visible:.0%} visible)"
+
+
+@dataclass(frozen=True, slots=True)
+class PastRelation:
+    """A relation that an object of a scene has, or had, and when.
+
+    Attributes
+    ----------
+    label : int
+        That the object had then.
+    kind : {"on", "in", "beside", "under", "against", "supports"}
+    to : int or str
+        Label of the other object as it is now; "plane:k" for the supporting plane k of the scene, "plane" for one that
+        is no longer known, "wall" for a wall.
+    first_recording, last_recording : int
+        It held at the end of these; between them at the end of each whose relations were noted.
+    score : float
+        Probability, 0..1, at the end of the last one.
+    """
+
+    label: int
+    kind: RelationKind
+    to: int | str
+    first_recording: int
+    last_recording: int
+    score: float
+
+    def __repr__(self) -> str:
+        to = self.to if isinstance(self.to, str) else tag_of(self.to)
+        when = f"recordings {self.first_recording} to {self.last_recording}"
+        return f"PastRelation({tag_of(self.label)} {self.kind} {to}, {when}; score {self.score:.2f})"

@@ -13,7 +13,7 @@ from cuboid.core.errors import InputError, OutputError, one_line
 from cuboid.heatmap.kernels.cubes import ROW
 from cuboid.heatmap.levels import split_rows
 from cuboid.scene import before
-from cuboid.scene.database import complaining, open_damaged, open_to_read, open_to_write, transaction
+from cuboid.scene.database import complaining, has_table, open_damaged, open_to_read, open_to_write, transaction
 from cuboid.scene.packing import BlockRow, unpacked_block
 from cuboid.scene.saving import StateFile, load_blocks, load_state, load_state_without_map
 from cuboid.scene.schema import TABLES
@@ -62,7 +62,9 @@ def problems(path: Path) -> list[str]:
 def _row_problems(connection: sqlite3.Connection) -> list[str]:
     """Return what is wrong with rows, the first few of each table."""
     found: list[str] = []
-    for table in TABLES:
+    for table, kind in TABLES.items():
+        if kind.optional and not has_table(connection, table):
+            continue
         damaged: dict[str, None] = {}
         for row in connection.execute(f"SELECT {', '.join(columns_of(table))} FROM {table}"):
             try:

@@ -63,9 +63,10 @@ def forget(connection: sqlite3.Connection, path: str, label: int) -> None:
     """
     with edited(connection, path) as tracker:
         entry = next((o for o in tracker.ever_labelled() if o.label == label), None)
-        if entry is None:
+        unread = tracker.forget_unread(label)
+        if entry is None and not unread:
             raise InputError(f"{path}: no object has the label {label}")
-        if entry.confirmed:
+        if entry is not None and entry.confirmed:
             tracker.retire(entry)
     with transaction(connection):
         connection.execute("UPDATE objects SET state = 'forgotten', name = NULL WHERE label = ?", (label,))
@@ -79,6 +80,8 @@ def _living(tracker: PosedTracker, path: str, label: int) -> MapObject:
     for entry in tracker.ever_labelled():
         if entry.label == label and entry.confirmed:
             return entry
+    if any(item.label == label for item in tracker.unread_objects()):
+        raise InputError(f"{path}: {label} has no points: only objects with depth readings can be merged")
     raise InputError(f"{path}: no object that is there has the label {label}")
 
 

@@ -6,6 +6,7 @@ import sqlite3
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +19,16 @@ from cuboid.core.results import MapPoints, SceneChange, SupportPlane
 from cuboid.objects.naming import chosen_name
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
-from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
-from cuboid.scene.classes import KEY, read_classes
+from cuboid.scene.answers import PastRelation, SceneObject, ScenePast, SceneRecording
+from cuboid.scene.classes import KEY, read_classes, read_kinds
 from cuboid.scene.database import complaining, open_to_read
 from cuboid.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
 
 if TYPE_CHECKING:
+    from cuboid.core.frame import Float32Array
+    from cuboid.scene.vectors import SceneVector
+    from cuboid.text_search import TextModel
     from cuboid.tracking.posed_tracker import PosedTracker
 
 _COLUMNS = tuple(name for name in TABLES["objects"].columns if not name.endswith("_spread") and "picture" not in name)
@@ -69,6 +73,15 @@ class SceneReader(MapQueries):
             return {row[0]: (row[1], _pose(row[2:])) for row in rows}
 
     @property
+    def version(self) -> int:
+        """A number that changes when another program commits."""
+        if not self.path.exists():
+            return 0
+        with complaining(self.path):
+            number: int = self._connection().execute("PRAGMA data_version").fetchone()[0]
+            return number
+
+    @property
     def recordings(self) -> list[SceneRecording]:
         """The recordings, by number."""
         columns = columns_of("recordings", ("id", "path", "format", "poses", "begun", "complete", "frames"))
@@ -94,7 +107,10 @@ class SceneReader(MapQueries):
                 merged[merged_into].append(label)
             of_class = "scene WHERE key GLOB ? ORDER BY key"
             classes = read_classes(self._rows(("scene.key", "scene.value"), of_class, (f"{KEY}/*",)))
-            return [self._object(row, merged.get(row[0], ()), place, classes.get(row[0], [])) for row in rows]
+            kinds = read_kinds(self._connection()) if rows else {}
+            begins = self._rows(("recordings.id", "recordings.first_frame"), "recordings ORDER BY id")
+            found = [self._object(row, merged.get(row[0], ()), place, classes.get(row[0], []), begins) for row in rows]
+            return [replace(item, kind=kinds[item.label]) if item.label in kinds else item for item in found]
 
     @property
     def planes(self) -> tuple[SupportPlane, ...]:
@@ -165,6 +181,25 @@ class SceneReader(MapQueries):
         with complaining(self.path):
             return [_past_of(row) for row in self._rows(_PAST, rest, labels)]
 
+    def relation_history(self, label: int) -> list[PastRelation]:
+        """Return the relations that an object has and had, by kind and time: of recordings tracked with relations.
+
+        Raises
+        ------
+        InputError
+            No object ever had the label.
+        """
+        from cuboid.scene.relations import KEY as RELATION
+        from cuboid.scene.relations import read_relations
+
+        labels = self._labels_of(label)
+        rows = self._rows(("scene.key", "scene.value"), "scene WHERE key GLOB ? ORDER BY key", (f"{RELATION}/*",))
+        known = [item for item in self.all_objects if item.state != "merged"]
+        survivor = {old: item.label for item in known for old in item.merged_labels}
+        plane = {identity: k for k, identity in enumerate(self._plane_identities())}
+        with complaining(self.path):
+            return read_relations(rows, labels, survivor, plane)
+
     def changes(self, since: str | int | None = None) -> list[SceneChange]:
         """Return what each recording found changed, by recording and label.
 
@@ -206,6 +241,25 @@ class SceneReader(MapQueries):
         rows = self._rows(("objects.picture",), "objects WHERE label = ?", (label,))
         return rows[0][0] if rows else None
 
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects: those that were kept, else of the scene's own pictures."""
+        from cuboid.scene.vectors import is_of, read_vectors, vector_of_picture
+
+        with complaining(self.path):
+            known = read_vectors(self._connection(), model.identity) if self.path.exists() else {}
+        pictures = {item.label: self.picture(item.label) for item in self.objects}
+        found = {label: known[label] for label, jpeg in pictures.items() if is_of(known.get(label), jpeg)}
+        others = {
+            label: vector_of_picture(model, jpeg) for label, jpeg in pictures.items() if jpeg and label not in found
+        }
+        made = {label: one for label, one in others.items() if one is not None}
+        if made:
+            self._keep_made(model, made)
+        return {label: one.vector for label, one in {**found, **made}.items()}
+
+    def _keep_made(self, model: TextModel, made: Mapping[int, SceneVector]) -> None:
+        """Keep vectors that were made of pictures, where the scene can be written."""
+
     def _labels_of(self, label: int) -> list[int]:
         """Return a label and those that were merged into it."""
         known: dict[int, int | None] = dict(self._rows(("objects.label", "objects.merged_into"), "objects"))
@@ -217,7 +271,12 @@ class SceneReader(MapQueries):
         return found
 
     def _object(
-        self, row: Row, merged: Iterable[int], place: Mapping[int, int], classes: list[tuple[str, float]]
+        self,
+        row: Row,
+        merged: Iterable[int],
+        place: Mapping[int, int],
+        classes: list[tuple[str, float]],
+        begins: Sequence[Row],
     ) -> SceneObject:
         of = dict(zip(_COLUMNS, row, strict=True))
         name = of["name"]
@@ -228,17 +287,10 @@ class SceneReader(MapQueries):
             box=box_of([of[name] for name in BOX], "objects"),
             plane=None if of["plane"] is None else place.get(of["plane"]),
             mean_color=np.array((of["red"], of["green"], of["blue"])),
-            first_seen=self._place(of["first_frame"]),
-            last_seen=self._place(of["last_frame"]),
+            first_seen=_seen(begins, of["first_frame"]),
+            last_seen=_seen(begins, of["last_frame"]),
         )
         return found if name is None else found.with_given_name(name)
-
-    def _place(self, frame: int) -> tuple[int, int]:
-        """Return recording and frame of a frame by the scene's count."""
-        columns = ("recordings.id", "recordings.first_frame")
-        rows = self._rows(columns, "recordings WHERE first_frame <= ? ORDER BY id DESC LIMIT 1", (frame,))
-        number, first = rows[0] if rows else (0, 0)  # its recording was lost with a damaged file
-        return number, frame - first
 
     def _ask(self, query: str) -> list[Any]:
         if not self.path.exists():
@@ -256,6 +308,14 @@ class SceneReader(MapQueries):
         if self._read is None:
             self._read = open_to_read(self.path)
         return self._read
+
+
+def _seen(begins: Sequence[Row], frame: int) -> tuple[int, int]:
+    """Return recording and frame of a frame by the scene's count; `begins` are recordings with their first frames."""
+    for number, first in reversed(begins):
+        if first <= frame:
+            return number, frame - first
+    return 0, frame  # its recording was lost with a damaged file
 
 
 def _plane_of(row: Row) -> SupportPlane:

@@ -14,11 +14,12 @@ import numpy as np
 
 from cuboid.core.frame import Float64Array, Frame
 from cuboid.core.records import box_numbers
-from cuboid.core.results import FrameResult, Sighting, SupportPlane
+from cuboid.core.results import FrameResult, Sighting, SupportPlane, TrackedObject
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.objects.entry import MapObject, State
-from cuboid.scene.classes import write_classes
+from cuboid.objects.naming import name_scores
+from cuboid.scene.classes import read_kinds, write_classes, write_kinds
 from cuboid.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.tracking.posed_tracker import PosedTracker
 
@@ -52,6 +53,12 @@ class Rows:
         As they were; and a label of their own, or 0, of those that they took in.
     merged : list of (int, int)
         Labels that ended in others, and these.
+    unread : list of (TrackedObject, int)
+        What depth does not read, as it was, and the label of its row: its own, or one that turned out to be it.
+    kinds : dict of int to str or None
+        What kinds labels have become, None those of volumes; of the others the scene says so.
+    ended : list of int
+        Labels of what depth does not read that are there no more.
     pictures : dict of int to (float, bytes)
         How well each object is seen on its picture, and the picture.
     """
@@ -63,6 +70,9 @@ class Rows:
     objects: list[tuple[MapObject, int]] = field(default_factory=list)
     merged: list[tuple[int, int]] = field(default_factory=list)
     pictures: dict[int, tuple[float, bytes]] = field(default_factory=dict)
+    unread: list[tuple[TrackedObject, int]] = field(default_factory=list)
+    kinds: dict[int, str | None] = field(default_factory=dict)
+    ended: list[int] = field(default_factory=list)
 
     def write(self, connection: sqlite3.Connection) -> None:
         """Write them, within the caller's transaction."""
@@ -74,7 +84,11 @@ class Rows:
             connection.execute("DELETE FROM planes")
             many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*one) for one in self.planes))
         many(_UPSERT, (_object_row(entry, label) for entry, label in self.objects))
-        write_classes(connection, self.objects)
+        many(_UPSERT, (_unread_row(item, label) for item, label in self.unread))
+        of_map = {entry.label: name_scores(entry.name_log_odds) for entry, label in self.objects if not label}
+        write_classes(connection, of_map | {label: _classes_of(item) for item, label in self.unread})
+        write_kinds(connection, self.kinds)
+        many("UPDATE objects SET state = 'gone' WHERE label = ? AND state = 'present'", [(k,) for k in self.ended])
         many("UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", [(b, a) for a, b in self.merged])
         many(
             "UPDATE objects SET picture_share = ?, picture = ? WHERE label = ?",
@@ -102,8 +116,9 @@ class Records:
         self._box_of: dict[int, tuple[Box, int]] = {}
         self._written: dict[int, tuple[object, ...]] = {}
         self._merged = {k for (k,) in connection.execute("SELECT label FROM objects WHERE merged_into IS NOT NULL")}
+        self._kinds = read_kinds(connection)
         self._pixels = pixels
-        self._quality: dict[int, float] = dict(connection.execute("SELECT label, picture_share FROM objects"))
+        self._pictures = BestPictures(dict(connection.execute("SELECT label, picture_share FROM objects")))
         # Of each object that this recording has seen: its first frame, and in how many it was.
         self.seen: dict[int, tuple[int, int]] = {
             label: (first, count)
@@ -123,12 +138,16 @@ class Records:
             self._rows.sightings.append((self._recording, frame.index, seen.label, box, seen.iou, seen.visible, *rect))
             first, count = self.seen.get(seen.label, (frame.index, 0))
             self.seen[seen.label] = first, count + 1
-        self._picture(frame, result.sightings)
+        picture = self._pictures.take(frame, result.sightings)
+        if picture is not None:
+            label, quality, jpeg = picture
+            self._rows.pictures[label] = quality, jpeg
 
     def take(self, tracker: PosedTracker) -> Rows:
         """Return all rows since the last time, those of the tracker's objects and planes as they now are."""
         rows, self._rows = self._rows, Rows()
         self._objects(tracker, rows)
+        self._unread(tracker, rows)
         rows.planes = list(zip(tracker.plane_identities, tracker.planes, strict=True))
         return rows
 
@@ -157,8 +176,38 @@ class Records:
                 self._merged |= {*entry.merged_labels}
                 self._written[entry.label] = now
 
-    def _picture(self, frame: Frame, sightings: Iterable[Sighting]) -> None:
-        """Keep a picture of the object that is seen most times better than on its own so far."""
+    def _unread(self, tracker: PosedTracker, rows: Rows) -> None:
+        """Take what depth does not read; what was of that and is no more has become a volume, merged, or ended."""
+        items = tracker.unread_objects()
+        now: dict[int, str | None] = {item.label: item.kind for item in items}
+        taken_in = [(item, k) for item in items for k in item.merged_labels if k not in self._merged]
+        rows.unread = [*((item, item.label) for item in items), *taken_in]
+        rows.merged += [(k, item.label) for item, k in taken_in]
+        self._merged |= {k for _, k in taken_in}
+        volumes = {label for entry in tracker.ever_labelled() for label in (entry.label, *entry.merged_labels)}
+        left = self._kinds.keys() - now.keys()
+        rows.kinds = {label: kind for label, kind in now.items() if self._kinds.get(label) != kind}
+        rows.kinds |= dict.fromkeys(sorted(left & volumes))
+        rows.ended = sorted(left - volumes - self._merged)
+        self._kinds = {k: kind for k, kind in self._kinds.items() if k not in volumes} | {
+            k: kind for k, kind in now.items() if kind is not None
+        }
+
+
+class BestPictures:
+    """Takes a picture of an object when it is seen much better than before, at most one a frame.
+
+    Parameters
+    ----------
+    quality : dict of int to float, optional
+        How well each object is seen on the picture that there is, by label.
+    """
+
+    def __init__(self, quality: dict[int, float] | None = None) -> None:
+        self._quality = {} if quality is None else quality
+
+    def take(self, frame: Frame, sightings: Iterable[Sighting]) -> tuple[int, float, bytes] | None:
+        """Return label, quality and picture of the object that is seen most times better than on its own so far."""
         best: tuple[float, Sighting, float] | None = None
         for seen in sightings:
             x0, y0, x1, y1 = seen.rect_xyxy
@@ -166,12 +215,14 @@ class Records:
             times = quality / max(self._quality.get(seen.label, 0.0), 1.0)
             if times > BETTER and (best is None or times > best[0]):
                 best = times, seen, quality
-        if best is not None:
-            _, seen, quality = best
-            picture = picture_of(frame, seen.rect_xyxy)
-            if picture:
-                self._quality[seen.label] = quality
-                self._rows.pictures[seen.label] = quality, picture
+        if best is None:
+            return None
+        _, seen, quality = best
+        picture = picture_of(frame, seen.rect_xyxy)
+        if not picture:
+            return None
+        self._quality[seen.label] = quality
+        return seen.label, quality, picture
 
 
 def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:
@@ -213,6 +264,25 @@ def _object_row(entry: MapObject, label: int = 0) -> dict[str, Any]:
         **dict(zip(("red", "green", "blue"), colors.mean(0).tolist(), strict=True)),
         **dict(zip(("red_spread", "green_spread", "blue_spread"), colors.std(0).tolist(), strict=True)),
     }
+
+
+def _unread_row(item: TrackedObject, label: int) -> dict[str, Any]:
+    """Return the row, under this label, of what depth does not read."""
+    return {
+        "label": label,
+        "state": "present",
+        "merged_into": None,
+        "plane": None,
+        **{name: value for one in DESCRIBED for name, value in zip(one.names, one.values(item), strict=True)},
+        **dict(zip(BOX, box_numbers(item.box), strict=True)),
+        **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), 0.0),
+    }
+
+
+def _classes_of(item: TrackedObject) -> list[tuple[str, float]]:
+    """Return the classes that a detector saw, the most likely first."""
+    own = [] if item.name is None or item.name_score is None else [(item.name, item.name_score)]
+    return [*own, *item.names]
 
 
 def _plane_row(identity: int, plane: SupportPlane) -> Row:

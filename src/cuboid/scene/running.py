@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.paths import PathLike
-from cuboid.core.results import SceneChange
+from cuboid.core.results import SceneChange, Wall
 from cuboid.outputs import ResultWriter
 from cuboid.poses.sources import Poses
 from cuboid.proposals.types import ProposalSource
@@ -162,6 +162,9 @@ class SceneRun:
         self.tracker.keep(SKIPPED, f"{index}\t{reason}\n")
         self.tracker.skip(index)
 
-    def finish(self, *, complete: bool) -> None:
-        """Commit all; with `complete`, the results are whole and nothing is left to go on with."""
-        self.tracker.close(complete=complete)
+    def finish(self, *, complete: bool, walls: Sequence[Wall] | None = None) -> None:
+        """Commit all; with `complete`, the results are whole and nothing is left to go on with.
+
+        With the walls of the place, the relations of the objects are noted too.
+        """
+        self.tracker.close(complete=complete, walls=walls)

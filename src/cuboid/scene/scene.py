@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cuboid.core.config import TrackerConfig
-from cuboid.core.errors import InputError
+from cuboid.core.errors import InputError, OutputError
 from cuboid.core.frame import Intrinsics
 from cuboid.core.limits import MEMORY_MB
 from cuboid.core.paths import PathLike, as_path
@@ -28,6 +28,10 @@ from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.validation import columns_of, read_rows
 from cuboid.scene.visit import Source
 from cuboid.tracking.posed_tracker import PosedTracker
+
+if TYPE_CHECKING:
+    from cuboid.scene.vectors import SceneVector
+    from cuboid.text_search import Embeddings, TextModel
 
 
 class Scene(SceneReader):
@@ -241,6 +245,30 @@ class Scene(SceneReader):
                 write_results(self, connection, number, as_path(folder), force=force)
             finally:
                 connection.execute("COMMIT")
+
+    def keep_vectors(self, found: Embeddings) -> None:
+        """Keep vectors of objects by an image-text model, as `Results.embed` returns them, for `find`.
+
+        Raises
+        ------
+        OutputError
+            Another one writes the scene, or it cannot be written.
+        """
+        from cuboid.scene.vectors import SceneVector, write_vectors
+
+        connection = self._writing().connection
+        with complaining(self.path), transaction(connection):
+            vectors = {label: SceneVector(vector, None) for label, vector in found.vectors.items()}
+            write_vectors(connection, found.model, vectors)
+
+    def _keep_made(self, model: TextModel, made: Mapping[int, SceneVector]) -> None:
+        from cuboid.scene.vectors import write_vectors
+
+        # Whoever adds a recording meanwhile has the right to write: the vectors are made again next time.
+        with suppress(OutputError), complaining(self.path):
+            connection = self._writing().connection
+            with transaction(connection):
+                write_vectors(connection, model.identity, made)
 
     def compact(self) -> None:
         """Write the file anew without the room that is free in it."""

@@ -62,19 +62,22 @@ class Table:
         Further constraints, in SQL.
     rows_by_key : bool
         Whether the rows lie in the order of the key in the file.
+    optional : bool
+        Whether a scene has it only once something is written into it.
     """
 
     columns: dict[str, Any]
     key: str = ""
     rules: tuple[str, ...] = ()
     rows_by_key: bool = False
+    optional: bool = False
 
     def sql(self, name: str) -> str:
-        """Return the statement that makes the table."""
+        """Return the statement that makes the table, unless it is there."""
         lines = [*(_column(*one) for one in self.columns.items()), *self.rules]
         lines += [f"PRIMARY KEY ({self.key})"] if self.key else []
         kind = "STRICT, WITHOUT ROWID" if self.rows_by_key else "STRICT"
-        return f"CREATE TABLE {name} ({', '.join(lines)}) {kind};"
+        return f"CREATE TABLE {'IF NOT EXISTS ' if self.optional else ''}{name} ({', '.join(lines)}) {kind};"
 
 
 def _column(name: str, kind: Any) -> str:
@@ -217,4 +220,7 @@ TABLES = {
         (_OF_RECORDING,),
     ),
     "occupied": Table({"check_sum": CheckSum, "cells": bytes}),
+    "embeddings": Table(
+        {"label": Label, "model": Name, "picture": CheckSum | None, "vector": bytes}, "label", optional=True
+    ),
 }

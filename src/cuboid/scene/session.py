@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import sqlite3
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.core.results import FrameResult, TrackedObject
+from cuboid.core.results import FrameResult, TrackedObject, Wall
 from cuboid.core.tolerances import DETECT_EVERY
 from cuboid.detection import make_detector
 from cuboid.detection.types import Detector
@@ -114,15 +116,12 @@ class SceneTracker(KeptMap):
         return self._tracker
 
     def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
-        """Let a detector look at each n-th frame; see `Tracker`. It is asked about frames by their own numbers.
-
-        Things that depth does not read get no labels in a scene.
-        """
+        """Let a detector look at each n-th frame; see `Tracker`. It is asked about frames by their own numbers."""
         if detector is None:
             return self._tracker.use_detector(None, every)
         detect = OwnFrames(make_detector(detector))
         detect.first_frame = self._visit.first_frame
-        return self._tracker.use_detector(detect, every, unread=False)
+        return self._tracker.use_detector(detect, every)
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
@@ -202,13 +201,15 @@ class SceneTracker(KeptMap):
         if self._writing is None and self._rhythm.due():
             self._commit()
 
-    def close(self, *, complete: bool = True) -> None:
+    def close(self, *, complete: bool = True, walls: Sequence[Wall] | None = None) -> None:
         """Write all that is new and let the scene go.
 
         Parameters
         ----------
         complete : bool
             Whether the recording was taken in to its end; else it can be gone on with.
+        walls : sequence of Wall, optional
+            Walls of the place: with them the relations of all objects of the scene are noted for this recording.
 
         Raises
         ------
@@ -224,7 +225,7 @@ class SceneTracker(KeptMap):
                 self._changes.recognise(self._tracker, self._visit.first_frame + self._next_frame)
             if complete:
                 self._tracker.voxels.levels.thin_all()
-            self._commit(complete=complete, ended=True)
+            self._commit(complete=complete, ended=True, walls=walls if complete else None)
             self.finish_commit()
         finally:
             self._thread.shutdown()
@@ -236,7 +237,7 @@ class SceneTracker(KeptMap):
             self._pace.hurry()
             self._thread.shutdown()
 
-    def _commit(self, *, complete: bool = False, ended: bool = False) -> None:
+    def _commit(self, *, complete: bool = False, ended: bool = False, walls: Sequence[Wall] | None = None) -> None:
         begun_s = time.thread_time()
         state, rows = self._state.snapshot(), self._records.take(self._tracker)
         pending, self._pending = self._pending, []
@@ -245,6 +246,7 @@ class SceneTracker(KeptMap):
         visit, next_frame = self._visit, self._next_frame
         found = self._changes.find(self._tracker, self._records.seen) if ended and visit.number > 1 else []
         noted = self._before.take_noted()
+        relate = None if walls is None else self._relations(walls)
         pace = self._pace = Pace() if ended else Pace(WRITING_FRACTION, self._rhythm.wait_s, self._rhythm.cost_s)
 
         def write() -> None:
@@ -255,6 +257,8 @@ class SceneTracker(KeptMap):
                 editing.transform_rows(connection, joined)
                 write_noted(connection, noted)
                 changes.write(connection, visit.number, found)
+                if relate is not None:
+                    relate(connection)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
                 values = T_world_recording, visit.number
                 connection.execute("UPDATE recordings SET T_world_recording = ? WHERE id = ?", values)
@@ -262,6 +266,12 @@ class SceneTracker(KeptMap):
 
         self._rhythm.begin(time.thread_time() - begun_s)
         self._writing = self._thread.submit(write)
+
+    def _relations(self, walls: Sequence[Wall]) -> Callable[[sqlite3.Connection], None]:
+        """Return what writes the relations of now."""
+        from cuboid.scene.relations import relations_now, write_relations
+
+        return partial(write_relations, recording=self._visit.number, scores=relations_now(self._tracker, walls))
 
     def finish_commit(self) -> None:
         """Wait until what is being written is committed; raises OutputError where it could not be."""

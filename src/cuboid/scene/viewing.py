@@ -15,13 +15,16 @@ from cuboid.outputs import Results
 from cuboid.outputs.naming import name_object
 from cuboid.readers import Recording
 from cuboid.scene.scene import Scene
+from cuboid.text_search import TextMatch, TextModel
 from cuboid.views.replay import Replay
 from cuboid.views.report import summarise
 from cuboid.views.report.pictures import Picture
 from cuboid.views.report.server import Viewer
 
 
-def scene_viewer(path: PathLike, work: Path, recording_path: Path | None = None) -> Viewer:
+def scene_viewer(
+    path: PathLike, work: Path, recording_path: Path | None = None, model: TextModel | None = None
+) -> Viewer:
     """Return what shows a scene after its last recording.
 
     Parameters
@@ -32,6 +35,8 @@ def scene_viewer(path: PathLike, work: Path, recording_path: Path | None = None)
         A folder that is not there yet; results are written into it, and must stay while the page is shown.
     recording_path : Path, optional
         Where the last recording is now. Where it is nowhere the page has no pictures of frames.
+    model : TextModel, optional
+        What texts are understood by, which the page ranks objects by.
 
     Raises
     ------
@@ -52,11 +57,15 @@ def scene_viewer(path: PathLike, work: Path, recording_path: Path | None = None)
             scene.name(label, name)
         return name_object(work, label, name)
 
+    def find(text: str) -> list[TextMatch]:
+        with Scene.open(file) as scene:
+            return scene.find(text, model)
+
     recording = _recording(work, recording_path)
     summary = summarise(Results(work), None if recording is None else recording.without_poses().read, changes)
     pictures = {label: _picture(jpeg) for label, jpeg in kept.items() if jpeg is not None} | summary.pictures
     summary = dataclasses.replace(summary, pictures=pictures)
-    return Viewer(work, Replay(work, recording_path), recording, rename, summary)
+    return Viewer(work, Replay(work, recording_path), recording, rename, summary, None if model is None else find)
 
 
 def _recording(folder: Path, path: Path | None) -> Recording | None:

@@ -122,10 +122,12 @@ class ViewKeeper:
         self._views[label] = kept
         return kept
 
-    def views(self, item: TrackedObject, T_world_camera: Mapping[int, Float64Array]) -> list[ObjectView]:
-        """Return the views of an object with the poses of their frames as known now."""
+    def views(
+        self, item: TrackedObject, T_world_camera: Mapping[int, Float64Array], most: int | None = None
+    ) -> list[ObjectView]:
+        """Return the views of an object, at most so many, with the poses of their frames as known now."""
         kept = [view for label in (item.label, *item.merged_labels) for view in self._views.get(label, ())]
-        return opened(kept, self.camera, item.box, T_world_camera)
+        return opened(kept, self.camera, item.box, T_world_camera, most)
 
     def content(self) -> bytes:
         """Return the file `views.zip`."""
@@ -146,7 +148,11 @@ class ViewKeeper:
 
 
 def read_views(
-    path: Path, item: TrackedObject, camera: Intrinsics, T_world_camera: Mapping[int, Float64Array]
+    path: Path,
+    item: TrackedObject,
+    camera: Intrinsics,
+    T_world_camera: Mapping[int, Float64Array],
+    most: int | None = None,
 ) -> list[ObjectView]:
     """Return the views of an object in a file `views.zip`, see `ViewKeeper.views`.
 
@@ -166,18 +172,22 @@ def read_views(
                 png, jpeg = (archive.read(f"{number:06d}.{kind}") for kind in ("png", "jpg"))
                 x0, y0 = (int(value) for value in row["at"])
                 kept.append(KeptView(int(row["frame"]), box, float(row["visible"]), np.eye(4), (x0, y0), png, jpeg))
-        return opened(kept, camera, item.box, T_world_camera)
+        return opened(kept, camera, item.box, T_world_camera, most)
     except (OSError, zipfile.BadZipFile, KeyError, TypeError, ValueError, cv2.error, InputError) as error:
         raise InputError(f"{path}: expected views of objects, as 'cuboid track --shapes' keeps them: {error}") from None
 
 
 def opened(
-    kept: Sequence[KeptView], camera: Intrinsics, box: Box, T_world_camera: Mapping[int, Float64Array]
+    kept: Sequence[KeptView],
+    camera: Intrinsics,
+    box: Box,
+    T_world_camera: Mapping[int, Float64Array],
+    most: int | None = None,
 ) -> list[ObjectView]:
-    """Return those of the views to fuse, opened, with the poses of their frames."""
+    """Return those of the views to use, `most` as of `chosen`, opened, with the poses of their frames."""
     known = {view.frame: view for view in sorted(kept, key=lambda view: view.frame) if view.frame in T_world_camera}
     candidates = [Candidate(view.frame, view.box, view.visible, T_world_camera[k]) for k, view in known.items()]
-    return [known[one.frame].opened(camera, one.T_world_camera) for one in chosen(candidates, box)]
+    return [known[one.frame].opened(camera, one.T_world_camera) for one in chosen(candidates, box, most)]
 
 
 def _is_new(T_world_camera: Float64Array, views: Sequence[KeptView], box: Box, apart_rad: float) -> bool:

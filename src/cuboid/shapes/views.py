@@ -88,7 +88,7 @@ def window(box: Box, camera: Intrinsics, T_world_camera: Float64Array) -> tuple[
     return (x0, y0, x1, y1) if x0 < x1 and y0 < y1 else None
 
 
-def chosen(candidates: Sequence[Candidate], box: Box, most: int = MAX_VIEWS) -> list[Candidate]:
+def chosen(candidates: Sequence[Candidate], box: Box, most: int | None = None) -> list[Candidate]:
     """Return the frames to fuse, in their order: since the object stands where it is, from as many sides as there are.
 
     The first is the best view, each next one the farthest in direction from all before, weighed by how much it shows.
@@ -99,9 +99,10 @@ def chosen(candidates: Sequence[Candidate], box: Box, most: int = MAX_VIEWS) -> 
         By frame.
     box : Box
         Where the object stands at last.
-    most : int
-        Frames wanted.
+    most : int, optional
+        Frames wanted; `MAX_VIEWS` unless given.
     """
+    most = most or MAX_VIEWS
     here = [one for one in _since_it_stands(candidates, box) if one.visible >= MIN_VISIBLE]
     if len(here) <= most:
         return here

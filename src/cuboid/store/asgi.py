@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
-import hmac
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
 from typing import Any
-from urllib.parse import urlencode
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
-from starlette.types import ASGIApp, Receive, Scope, Send
 
 from cuboid import __version__
 from cuboid.core.errors import InputError
 from cuboid.outputs.folder import OUTPUT_NAMES
-from cuboid.store.find import find, plain
+from cuboid.queries.parameters import PARAMETERS, TEXT, filters_of, given
+from cuboid.queries.rows import plain
+from cuboid.store.find import find
 from cuboid.store.page import MORE, WORST, found_page, summary_page
-from cuboid.store.parameters import PARAMETERS, filters_of, given
 from cuboid.store.place import RESULTS, Place
 from cuboid.store.query import Tables
 from cuboid.store.summary import summarise_store
-from cuboid.views.serving import LOCAL_NAMES, headers
+from cuboid.text_search import TextModel
+from cuboid.views.guard import Guard
+from cuboid.views.serving import LOCAL_NAMES
 
-COOKIE = "cuboid-token"
 TYPES = {".html": "text/html", ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain"}
 
 PATHS = {
@@ -63,7 +62,9 @@ class Store:
                 return JSONResponse({"error": str(error)}, 400)
 
 
-def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_NAMES) -> Starlette:
+def application(
+    url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_NAMES, model: TextModel | None = None
+) -> Starlette:
     """Return the application.
 
     Parameters
@@ -74,6 +75,8 @@ def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_N
         What who asks must know; None lets everybody in who can reach it.
     hosts : tuple of str
         Names under which it is answered; ``*`` for any.
+    model : TextModel, optional
+        What texts are understood by, which objects are ranked by.
 
     Raises
     ------
@@ -98,18 +101,19 @@ def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_N
             rows: list[dict[str, Any]] = []
             fault = ""
             try:
-                rows = find(tables, filters_of(given(asked)), pictures=True)
+                rows = find(tables, filters_of(given(asked), model), pictures=True)
             except InputError as error:  # the form shows it, with the values to correct
                 fault = str(error)
             links = {"Recordings": ".", "Objects": ""}
-            page = found_page(rows, "Objects of the store", links, asked, fault)
+            names = tuple(name for name in PARAMETERS if name != TEXT or model is not None)
+            page = found_page(rows, "Objects of the store", links, asked, fault, names)
             return HTMLResponse(page, 400 if fault else 200)
 
         return await store.ask(answer)
 
     async def objects(request: Request) -> Response:
-        filters = filters_of(given(request.query_params))
-        return await store.ask(lambda tables: _rows("objects", find(tables, filters)))
+        asked = given(request.query_params)
+        return await store.ask(lambda tables: _rows("objects", find(tables, filters_of(asked, model))))
 
     async def recordings(request: Request) -> Response:
         filters = filters_of(given(request.query_params))
@@ -137,7 +141,7 @@ def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_N
             Route("/openapi.json", described),
         ],
         middleware=[
-            Middleware(_Guard, token=token),
+            Middleware(Guard, token=token),
             Middleware(TrustedHostMiddleware, allowed_hosts=list(hosts)),
         ],
         exception_handlers={InputError: _refused},
@@ -174,53 +178,6 @@ def openapi(*, secured: bool) -> dict[str, Any]:
         document["components"] = {"securitySchemes": {"token": {"type": "http", "scheme": "bearer"}}}
         document["security"] = [{"token": []}]
     return document
-
-
-class _Guard:
-    """Lets in who knows the token, answers nothing but GET, and tells browsers what the pages may do."""
-
-    def __init__(self, app: ASGIApp, token: str | None) -> None:
-        self._app, self._token = app, token
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        request = Request(scope)
-        answer: Awaitable[None] | None = None
-        if request.method not in ("GET", "HEAD"):
-            answer = PlainTextResponse("read-only", 405)(scope, receive, send)
-        elif not self._knows(request):
-            answer = PlainTextResponse("a token is needed", 401, {"WWW-Authenticate": "Bearer"})(scope, receive, send)
-        elif "token" in request.query_params:
-            answer = self._remember(request)(scope, receive, send)
-        await (answer if answer is not None else self._app(scope, receive, _with_headers(send)))
-
-    def _knows(self, request: Request) -> bool:
-        if self._token is None:
-            return True
-        bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
-        given = (bearer, request.cookies.get(COOKIE, ""), request.query_params.get("token", ""))
-        return any(hmac.compare_digest(one.encode(), self._token.encode()) for one in given)
-
-    def _remember(self, request: Request) -> Response:
-        """Let a browser keep the token, out of the address."""
-        rest = [(name, value) for name, value in request.query_params.multi_items() if name != "token"]
-        answer = RedirectResponse(request.url.path + (f"?{urlencode(rest)}" if rest else ""))
-        if self._token is not None:
-            answer.set_cookie(COOKIE, self._token, httponly=True, samesite="strict")
-        return answer
-
-
-def _with_headers(send: Send) -> Send:
-    async def sending(message: Any) -> None:
-        if message["type"] == "http.response.start":
-            message["headers"] += [
-                (name.lower().encode(), value.encode()) for name, value in headers(forms=True).items()
-            ]
-        await send(message)
-
-    return sending
 
 
 def _rows(name: str, rows: list[dict[str, Any]]) -> Response:

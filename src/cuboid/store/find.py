@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from datetime import datetime
 from typing import Any
 
 from cuboid.core.errors import InputError
-from cuboid.store.likeness import COLOR_WORDS
+from cuboid.queries.filters import LIKELY, Filters, is_surface, label_of
+from cuboid.queries.likeness import COLOR_WORDS
 from cuboid.store.query import SUPERSEDED, Tables
 from cuboid.store.schema import OBJECTS, RUNS
+from cuboid.text_search import TextQuery
 
 SIDES, CENTER = ("longest_m", "middle_m", "shortest_m"), ("center_x_m", "center_y_m", "center_z_m")
 # Columns that every answer has; and all that are shown.
@@ -21,61 +21,17 @@ NEWEST = f"run not in (select run from {SUPERSEDED})"
 # An object is of a color where this many of its points are: of two colors, both find it.
 COLORED = 0.3
 
-# An object is found by a class that is not its name where the class is likely by this.
-LIKELY = 0.2
-
 # Sizes that differ by e in every side, colors that have nothing in common, or shapes that have nothing in common, make
 # two objects equally unlike.
 _SIZE = " + ".join(f"abs(ln(greatest({side}, 1e-3) / greatest(?, 1e-3)))" for side in SIDES)
 UNLIKE = f"({_SIZE}) / 3 + list_distance(colors, ?::FLOAT[]) / sqrt(2) + list_distance(shape, ?::FLOAT[]) / sqrt(2)"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Filters:
-    """A query for objects; None matches everything.
-
-    Attributes
-    ----------
-    size_m : (float, float) or None
-        Least and greatest length of the longest side.
-    near : (float, float, float) or None
-        A place in the world, metres.
-    within_m : float
-        Greatest distance of the centre from `near`.
-    recording : str or None
-        Glob of names of recordings.
-    since, until : datetime or None
-        When it was last seen.
-    color : str or None
-        One of `COLOR_WORDS`.
-    name : str or None
-        Name of its class, or one of the next likely ones with a probability of `LIKELY` and more; in any case.
-    min_score : float or None
-    like : (str, int) or None
-        Recording and label of an object: those most like it come first.
-    limit : int
-        This many at most.
-    """
-
-    size_m: tuple[float, float] | None = None
-    near: tuple[float, float, float] | None = None
-    within_m: float = 0.5
-    recording: str | None = None
-    since: datetime | None = None
-    until: datetime | None = None
-    color: str | None = None
-    name: str | None = None
-    min_score: float | None = None
-    like: tuple[str, int] | None = None
-    limit: int = 50
-
-    def __post_init__(self) -> None:
-        if self.color is not None and self.color not in COLOR_WORDS:
-            raise InputError(f"no color is called '{self.color}'; there are {', '.join(COLOR_WORDS)}")
+# Cosine of the angle between an object's vector and another one, both of length 1; lists that lie beside nulls are
+# refused by DuckDB, arrays are not.
+FITTING = "array_inner_product(try_cast(embedding as FLOAT[{n}]), ?::FLOAT[{n}])"
 
 
 def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[dict[str, Any]]:
-    """Return objects of the newest runs as rows: the nearest, the most alike, or else the last seen come first.
+    """Return objects of the newest runs as rows: the nearest, most alike or best fitting, or the last seen come first.
 
     Parameters
     ----------
@@ -87,12 +43,14 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
     Returns
     -------
     list of dict
-        The columns `SHOWN`; with `near` also ``distance_m``, with `like` also ``unlike`` (0: the same).
+        The columns `SHOWN`; with `near` also ``distance_m``, with `like` also ``unlike`` (0: the same), with `text`
+        also ``text_score`` (the cosine of the angle between the vectors).
 
     Raises
     ------
     InputError
-        The object that others are to be like is not there, or there are several; or the store is damaged.
+        The object that others are to be like is not there, or there are several; no object has a vector of the
+        text's model; or the store is damaged.
     """
     where, values = _conditions(filters)
     extra, order = [], ["last_seen desc"]
@@ -105,6 +63,12 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
         extra, order = [*extra, f"{UNLIKE} as unlike"], ["unlike"]
         where.append("not (run = ? and label = ?)")
         values += [one["run"], one["label"]]
+    if filters.text is not None:
+        _refuse_other_model(tables, filters.text)
+        front.append(filters.text.vector.tolist())
+        extra, order = [*extra, f"{FITTING.format(n=len(filters.text.vector))} as text_score"], ["text_score desc"]
+        where.append("embedding_model = ?")
+        values.append(filters.text.model)
     chosen = ", ".join([*SHOWN, *extra, *(["picture"] if pictures else [])])
     question = (
         f"select {chosen} from {OBJECTS} where {' and '.join([*where, NEWEST])} "
@@ -146,7 +110,34 @@ def _conditions(filters: Filters) -> tuple[list[str], list[Any]]:
         add(f"(lower(name) = lower(?) or {also})", filters.name, filters.name, LIKELY)
     if filters.min_score is not None:
         add("score >= ?", filters.min_score)
+    for kind, to in filters.related():
+        add(*_relation(kind, to))
+    if filters.near_object is not None:
+        add(*_near_object(filters.near_object, filters.within_m))
     return where, values
+
+
+def _relation(kind: str, to: str) -> tuple[Any, ...]:
+    """Return the condition that an object has a relation, and the values in it."""
+    label = label_of(to)
+    if label is not None or is_surface(to):
+        end = "surface" if label is None else "label"
+        condition = f"exists (select 1 from unnest(relations) as rel(one) where one.kind = ? and one.{end} = ?)"
+        return condition, kind, to.strip() if label is None else label
+    each = f"(select run, unnest(relations) as one, label from {OBJECTS})"
+    others = f"{each} as a join {OBJECTS} as b on b.run = a.run and b.label = a.one.label"
+    named = "a.one.kind = ? and lower(b.name) = lower(?)"
+    return f"(run, label) in (select a.run, a.label from {others} where {named})", kind, to.strip()
+
+
+def _near_object(to: str, within_m: float) -> tuple[Any, ...]:
+    """Return the condition that an object is near another one of its recording, and the values in it."""
+    label = label_of(to)
+    which = "lower(b.name) = lower(?)" if label is None else "b.label = ?"
+    away = " + ".join(f"(a.center_{axis}_m - b.center_{axis}_m)**2" for axis in "xyz")
+    others = f"{OBJECTS} as a join {OBJECTS} as b on b.run = a.run and b.label <> a.label"
+    condition = f"(run, label) in (select a.run, a.label from {others} where {which} and sqrt({away}) <= ?)"
+    return condition, to.strip() if label is None else label, within_m
 
 
 def _distance(near: tuple[float, float, float]) -> str:
@@ -171,14 +162,16 @@ def _the_one(tables: Tables, recording: str, label: int) -> dict[str, Any]:
     raise InputError(f"--like: {what} in {tables.url}")
 
 
-def plain(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row ready for JSON, without its picture."""
-    kept = {name: value for name, value in row.items() if name != "picture"}
-    return {
-        name: value.isoformat()
-        if isinstance(value, datetime)
-        else round(value, 6)
-        if isinstance(value, float)
-        else value
-        for name, value in kept.items()
-    }
+def _refuse_other_model(tables: Tables, query: TextQuery) -> None:
+    """Raise InputError where no object has a vector of the length that the text's model gives."""
+    found = tables.rows(
+        f"select len(embedding) as n from {OBJECTS} where embedding_model = ? and len(embedding) > 0 limit 1",
+        [query.model],
+    )
+    if not found:
+        raise InputError(f"{tables.url}: no object has a vector of this model; 'cuboid batch --text-model' makes them")
+    if found[0]["n"] != len(query.vector):
+        raise InputError(
+            f"{tables.url}: vectors have {found[0]['n']} numbers, that of the text {len(query.vector)}: "
+            "the model's two files are not of one model"
+        )

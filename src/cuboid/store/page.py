@@ -8,7 +8,8 @@ from html import escape
 from typing import Any
 from urllib.parse import quote, urlencode
 
-from cuboid.store.parameters import PARAMETERS
+from cuboid.queries.parameters import PARAMETERS
+from cuboid.queries.rows import cells_of
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
 from cuboid.store.search_form import STYLE as FORM_STYLE
@@ -124,6 +125,7 @@ def found_page(
     links: Mapping[str, str] | None = None,
     asked: Mapping[str, str] | None = None,
     fault: str = "",
+    names: Sequence[str] = tuple(PARAMETERS),
 ) -> str:
     """Return objects that were found, with their pictures, as HTML.
 
@@ -138,9 +140,11 @@ def found_page(
         Parameters of the request, which the search form begins with; a page that is a file has no form.
     fault : str
         Why the request was refused.
+    names : sequence of str
+        Parameters that the form has a field for.
     """
-    last = next((name for name in ("unlike", "distance_m") if rows and name in rows[0]), None)
-    names = ["object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else [])]
+    last = next((name for name in ("text_score", "unlike", "distance_m") if rows and name in rows[0]), None)
+    heads = ["object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else [])]
     lines = []
     for row in rows:
         picture = base64.b64encode(row["picture"]).decode("ascii") if row.get("picture") else None
@@ -150,9 +154,9 @@ def found_page(
         similar = f"<td class=number>{_similar(row)}</td>" if asked is not None else ""
         lines.append(f"<tr><td>{escape(cells_of(row)[0])}</td><td>{shown}</td>{tail}{similar}</tr>")
     if asked is not None:
-        names.append("")
-    form = search_form("objects", tuple(PARAMETERS), asked, fault) if asked is not None else ""
-    table = _lines(names, lines, left=2) if rows else '<p class="empty">No object matches.</p>'
+        heads.append("")
+    form = search_form("objects", names, asked, fault) if asked is not None else ""
+    table = _lines(heads, lines, left=2) if rows else '<p class="empty">No object matches.</p>'
     return html(title, form if fault else f"{form}<h2>{_counted(len(rows))}</h2>{table}", links)
 
 
@@ -164,16 +168,6 @@ def _similar(row: Mapping[str, Any]) -> str:
     """Return a link to the objects most similar to one."""
     question = urlencode({"like": f"{row['recording']}#{row['label']}"})
     return f'<a href="objects?{escape(question)}">similar</a>'
-
-
-def cells_of(row: Mapping[str, Any]) -> list[str]:
-    """Return what tables show of an object: name, size, place, color, frames, when."""
-    size = " x ".join(f"{100 * row[side]:.1f}" for side in ("longest_m", "middle_m", "shortest_m"))
-    place = ", ".join(f"{row[f'center_{axis}_m']:z.2f}" for axis in "xyz")
-    seen = row["last_seen"]
-    when = "" if seen is None else f"{seen:%Y-%m-%d %H:%M:%S}"
-    name = f" {row['name']}" if row.get("name") else ""
-    return [f"{row['recording']}#{row['label']}{name}", size, place, row["color"] or "", str(row["frames_seen"]), when]
 
 
 def _table(names: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:

@@ -18,13 +18,12 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quats_wxyz_from_rotations
 from cuboid.outputs import Results, RunReport
 from cuboid.poses.sources import LOST
+from cuboid.queries.likeness import color_fractions, color_word, shape_distribution
+from cuboid.queries.sources import CALENDAR_S
 from cuboid.store.indicators import indicators
-from cuboid.store.likeness import color_fractions, color_word, shape_distribution
 from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES, values_of
+from cuboid.text_search import Embeddings
 from cuboid.views.report.pictures import Picture, encode_jpeg
-
-# Times from here on (2001) are those of a calendar; cameras that start at zero stay below for thirty years.
-CALENDAR_S = 1.0e9
 
 # A picture in a table is so wide at most: a line of a list shows it, and a million of them are three gigabytes.
 PICTURE_PX, PICTURE_QUALITY = 120, 75
@@ -101,7 +100,12 @@ def failure(head: RunHead, state: str, reason: str) -> pa.Table:
 
 
 def tables_of(
-    head: RunHead, results: Results, read_as: ReadAs, pictures: Mapping[int, Picture], folder: str | None
+    head: RunHead,
+    results: Results,
+    read_as: ReadAs,
+    pictures: Mapping[int, Picture],
+    folder: str | None,
+    embeddings: Embeddings | None = None,
 ) -> dict[str, pa.Table]:
     """Return the rows of a run that is done, by table.
 
@@ -114,13 +118,15 @@ def tables_of(
         By label.
     folder : str or None
         Where the result files are in the store.
+    embeddings : Embeddings, optional
+        Of the objects.
     """
     whose = {"run": head.run, "recording": head.recording}
     begin = recorded(head, results)
     rows = {
         RUNS: [{**head.row(DONE, None), "results": folder, **_run(results)}],
         RECORDINGS: [{**whose, **_recording(head, results, read_as, begin)}],
-        OBJECTS: [{**whose, **row} for row in _objects(results, pictures, begin)],
+        OBJECTS: [{**whose, **row, **_embedding(row, embeddings)} for row in _objects(results, pictures, begin)],
         SIGHTINGS: [{**whose, **row} for row in _sightings(results)],
     }
     return {name: TABLES[name].table(rows[name]) for name in TABLES}
@@ -223,6 +229,7 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
                 "name_score": item.name_score,
                 "names": [{"name": name, "score": score} for name, score in item.names],
                 "kind": item.kind,
+                "relations": _relations(item),
                 **values_of(item),
                 "first_seen": moment(item.first_frame),
                 "last_seen": moment(item.last_frame),
@@ -231,6 +238,17 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
             }
         )
     return rows
+
+
+def _relations(item: TrackedObject) -> list[dict[str, Any]] | None:
+    """Return the relations of an object; None where it has none, or nobody asked for them."""
+    rows = [
+        {"kind": one.kind, "label": one.to, "surface": None, "score": one.score}
+        if isinstance(one.to, int)
+        else {"kind": one.kind, "label": None, "surface": one.to, "score": one.score}
+        for one in item.relations
+    ]
+    return rows or None
 
 
 def _look(item: TrackedObject, results: Results) -> dict[str, Any]:
@@ -260,6 +278,13 @@ def _picture(picture: Picture | None) -> dict[str, Any]:
         "picture_frame": picture.frame,
         "picture": encode_jpeg(color[..., ::-1], PICTURE_QUALITY),
     }
+
+
+def _embedding(row: Mapping[str, Any], embeddings: Embeddings | None) -> dict[str, Any]:
+    vector = None if embeddings is None else embeddings.vectors.get(row["label"])
+    if embeddings is None or vector is None:
+        return {}
+    return {"embedding": vector.tolist(), "embedding_model": embeddings.model}
 
 
 def _sightings(results: Results) -> list[dict[str, Any]]:

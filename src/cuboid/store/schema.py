@@ -83,6 +83,7 @@ _BOX = (
 )
 _SKIPPED = pa.list_(pa.struct([("frame", COUNT), ("reason", TEXT)]))
 _CLASSES = pa.list_(pa.struct([("name", TEXT), ("score", SMALL)]))
+_RELATIONS = pa.list_(pa.struct([("kind", TEXT), ("label", COUNT), ("surface", TEXT), ("score", SMALL)]))
 _STAGES = pa.list_(pa.struct([("stage", TEXT), ("median_ms", REAL), ("p95_ms", REAL)]))
 
 
@@ -186,6 +187,9 @@ TABLES = {
                 Column("name_score", SMALL, "probability of the class, 0 to 1", added=True),
                 Column("names", _CLASSES, "the next most likely classes, with their probabilities", added=True),
                 Column("kind", TEXT, "`volume`; `flat` or `box` if depth has no readings of it", added=True),
+                Column(
+                    "relations", _RELATIONS, "relations to objects and surfaces; null without `--relations`", added=True
+                ),
                 Column("first_seen", TIME, "time of its first frame"),
                 Column("last_seen", TIME, "time of its last frame"),
                 Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
@@ -200,6 +204,13 @@ TABLES = {
                 ),
                 Column("picture_frame", COUNT, "frame of the picture"),
                 Column("picture", pa.binary(), "best picture of the object, a small JPEG; null if there is none"),
+                Column(
+                    "embedding",
+                    pa.list_(SMALL),
+                    "vector of an image-text model for its pictures, of length 1",
+                    added=True,
+                ),
+                Column("embedding_model", TEXT, "digits that identify the model; null if none was used", added=True),
             ),
             ("longest_m", "run", "label"),
             group_rows=1 << 13,  # sorted by size: a query for a size reads few groups

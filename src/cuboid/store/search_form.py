@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from cuboid.store.parameters import PARAMETERS, SELDOM
+from cuboid.queries.parameters import PARAMETERS, SELDOM
 
 # Beside the style of the store's pages.
 STYLE = """

@@ -28,27 +28,33 @@ class Detecting:
     ----------
     vocabulary : tuple of str
         Classes of the detector, once it has looked at a frame.
-    follows_unread : bool
-        Whether things that depth does not read get labels.
     """
 
     def __init__(self) -> None:
         self._detect: Detector | None = None
         self._every = DETECT_EVERY
-        self.follows_unread = False
         self.vocabulary: tuple[str, ...] = ()
 
-    def use(self, detector: str | Detector | None, every: int, *, unread: bool) -> None:
+    def use(self, detector: str | Detector | None, every: int) -> None:
         """Use a detector; see `PosedTracker.use_detector`."""
         if every < 1:
             raise ValueError(f"a detector looks at each n-th frame, n >= 1, got {every}")
         self._detect = None if detector is None else make_detector(detector)
         self._every = every
-        self.follows_unread = unread and self._detect is not None
+
+    @property
+    def is_used(self) -> bool:
+        """Whether there is a detector."""
+        return self._detect is not None
 
     def begin(self, store: ObjectStore, far_m: float) -> None:
         """Begin with a map of objects; things that depth does not read begin no farther away than `far_m`."""
         self._unread = UnreadMap(store, far_m)
+
+    @property
+    def unread(self) -> UnreadMap:
+        """The things that depth does not read."""
+        return self._unread
 
     def is_due(self, count: int) -> bool:
         """Tell whether the detector looks at a frame that `count` others came before."""
@@ -77,11 +83,10 @@ class Detecting:
             raise ValueError(
                 f"detections of frame {given.index} lie outside its {camera.width} x {camera.height} pixels"
             )
-        self.vocabulary = self.vocabulary or found.names
+        self.vocabulary = self.vocabulary or tuple(name for name in found.names if name)
         turned = roll.detections(found)
         name_objects(turned, [(entry, view.visible, view.rect_xyxy) for entry, view in visible], seen.eye)
-        if self.follows_unread:
-            self._unread.look(turned, visible, seen)
+        self._unread.look(turned, visible, seen)
 
     def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
         """Return the sightings of a frame with those of things that depth does not read."""
@@ -109,6 +114,7 @@ class Detecting:
                     points=0,
                     mean_color=np.zeros(3),
                     plane=None,
+                    merged_labels=tuple(one.merged_labels),
                     kind=kind,
                     **chosen_name(name_scores(one.name_log_odds)),
                 )

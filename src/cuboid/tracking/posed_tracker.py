@@ -20,7 +20,7 @@ from cuboid.core.kernels.pixels import PlanesInView, assign_planes
 from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.core.observation import Observation
 from cuboid.core.results import FrameResult, MapPoints, Proposal3D, SupportPlane, TrackedObject
-from cuboid.core.state import Record
+from cuboid.core.state import ADDED, Record
 from cuboid.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
 from cuboid.detection.types import Detector
@@ -35,7 +35,7 @@ from cuboid.objects.entry import MapObject
 from cuboid.objects.following import Following
 from cuboid.objects.naming import chosen_name, name_scores
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
-from cuboid.objects.unread_object import Planes
+from cuboid.objects.unread_object import Planes, UnreadObject
 from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.outputs.object_table import ObjectTable
@@ -81,6 +81,8 @@ class PosedTrackerState(Record):
     planes : PlaneTrackerState
     voxels : VoxelMapState
     map : ObjectMapState
+    unread : tuple of UnreadObject
+        Things that depth does not read, as a detector saw them.
     """
 
     config: TrackerConfig
@@ -93,6 +95,7 @@ class PosedTrackerState(Record):
     planes: PlaneTrackerState
     voxels: VoxelMapState
     map: ObjectMapState
+    unread: tuple[UnreadObject, ...] = dataclasses.field(default_factory=tuple, metadata=ADDED)
 
 
 class PosedTracker(MapQueries):
@@ -123,7 +126,7 @@ class PosedTracker(MapQueries):
     NOT_SAVED = frozenset(
         {
             *("intrinsics", "_memory_mb", "_propose", "_world_boxes"),
-            # Things that depth does not read are not followed in a scene.
+            # A detector is given anew; the things that depth does not read are the field `unread`.
             "_detecting",
             # What moves is followed within a recording.
             *("_motion", "_following"),
@@ -154,16 +157,14 @@ class PosedTracker(MapQueries):
         self._viewpoint: Float64Array | None = None
         self._due = True
 
-    def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY, *, unread: bool = True) -> None:
-        """Let a detector look at each n-th frame; objects get names from what it sees.
+    def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
+        """Let a detector look at each n-th frame; objects get names, and what depth does not read gets labels.
 
         Parameters
         ----------
         detector : str or Detector or None
             As of `make_detector`.
         every : int
-        unread : bool
-            Whether things that the detector sees and depth does not read get labels as well.
 
         Raises
         ------
@@ -172,7 +173,7 @@ class PosedTracker(MapQueries):
         MissingExtraError
             It needs a package that is not installed.
         """
-        self._detecting.use(detector, every, unread=unread)
+        self._detecting.use(detector, every)
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
@@ -205,6 +206,7 @@ class PosedTracker(MapQueries):
             planes=self._planes.state(),
             voxels=self._voxels.state(),
             map=self._map.state(),
+            unread=self._detecting.unread.state(),
         )
 
     @classmethod
@@ -222,6 +224,8 @@ class PosedTracker(MapQueries):
         tracker._voxels = VoxelMap.from_state(state.voxels, c.voxel_m, c.depth_noise_per_m, c.max_depth_m, memory_mb)
         tracker._map = ObjectMap.from_state(state.map, c, tracker._voxels, tracker._planes)
         tracker._begin_motion()
+        tracker._detecting.begin(tracker._map.store, c.max_depth_m)
+        tracker._detecting.unread.restore(state.unread)
         tracker._turns, tracker._T_world_map = state.turns, state.T_world_map
         tracker._count, tracker._due = state.count, state.due
         tracker._position, tracker._viewpoint = state.position, state.viewpoint
@@ -330,7 +334,7 @@ class PosedTracker(MapQueries):
         if self._detecting.is_due(self._count):
             self._detecting.look(given, self._roll, visible, seen)
             watch.lap("detector")
-        if self._detecting.follows_unread:
+        if self._detecting.is_used:
             sightings = self._detecting.sightings(sightings, seen, self._support_planes())
             watch.lap("unread")
         self._count += 1
@@ -551,7 +555,7 @@ class PosedTracker(MapQueries):
         used = [plane for plane in self._planes.planes if plane.in_use]
         place = {plane.identity: k for k, plane in enumerate(used)}
         known = [self._tracked(entry, place) for entry in self._map.store.confirmed()]
-        unread = self._detecting.objects(self._support_planes(), self.T_world_map)
+        unread = self.unread_objects()
         known += unread
         return ObjectTable(sorted(known, key=lambda item: item.label) if unread else known)
 
@@ -608,6 +612,14 @@ class PosedTracker(MapQueries):
     def retire(self, entry: MapObject) -> None:
         """End an object: it is none, as somebody says, or stands there no more. Its label is never given again."""
         self._map.store.retire(entry)
+
+    def unread_objects(self) -> list[TrackedObject]:
+        """Return the objects with a label that depth does not read, by label."""
+        return self._detecting.objects(self._support_planes(), self.T_world_map)
+
+    def forget_unread(self, label: int) -> bool:
+        """Let an object that depth does not read be none, as somebody says; tell whether one had the label."""
+        return self._detecting.unread.forget(label)
 
     def begin_visit(self) -> None:
         """Expect the place at another time: things may have been moved, taken and brought."""

@@ -37,6 +37,7 @@ def save_results(
     seconds: float,
     *,
     force: bool,
+    relations: bool,
 ) -> None:
     """Write the result folder of a tracker that was fed frame by frame; parameters as of `Tracker.save`.
 
@@ -52,6 +53,7 @@ def save_results(
     seconds : float
         Since the tracker was made.
     force : bool
+    relations : bool
     """
     corrected = tracker.corrected_trajectory()
     read = _no_frame if recording is None else recording.read
@@ -83,6 +85,8 @@ def save_results(
         )
         points = tracker.map_points()
         found = ObjectsFile(tracker.up, tracker.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
+        if relations:
+            found = found.with_relations(points)
         writer.finish(found, points, report, corrected, tracker.kept_views)
     write_page(Results(output), read)
 

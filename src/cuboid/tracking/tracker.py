@@ -308,13 +308,20 @@ class Tracker(KeptMap):
         poses = None if self._source is None else self._source.trajectory()
         return {k: T if poses is None else poses.get(k, T) for k, T in self.T_world_camera.items()}
 
-    def _views(self, item: TrackedObject) -> list[ObjectView]:
+    def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:
         """Return the views of an object that were kept."""
         if self.kept_views is None:
             raise InputError("this tracker keeps no views of its objects: make it with shapes=True")
-        return self.kept_views.views(item, self.trajectory)
+        return self.kept_views.views(item, self.trajectory, most)
 
-    def save(self, output: PathLike, *, recording: RecordingLike | None = None, force: bool = False) -> None:
+    def save(
+        self,
+        output: PathLike,
+        *,
+        recording: RecordingLike | None = None,
+        force: bool = False,
+        relations: bool = False,
+    ) -> None:
         """Write the result folder that `cuboid track` writes: objects, sightings, poses, map, report, 3D page.
 
         Parameters
@@ -325,6 +332,8 @@ class Tracker(KeptMap):
             Where the frames came from: `run.json` names it, and the 3D page gets pictures of the objects.
         force : bool
             Replace results that lie in `output`.
+        relations : bool
+            Find the relations of the objects and keep them in the results: 0.1 to 2 s.
 
         Raises
         ------
@@ -343,7 +352,8 @@ class Tracker(KeptMap):
             settings["vocabulary"] = list(self.vocabulary)
         settings["tracker"] = self.config.to_dict()
         seconds = working_s() - self._begun_s
-        save_results(self, self._rows, as_path(output), recording, settings, seconds, force=force)
+        output = as_path(output)
+        save_results(self, self._rows, output, recording, settings, seconds, force=force, relations=relations)
 
 
 def refuse_other_units(frame: Frame) -> None:

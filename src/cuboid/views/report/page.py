@@ -30,6 +30,7 @@ SCRIPTS = (
     *SHARED,
     "timeline.js",
     "naming.js",
+    "tree.js",
     "card.js",
     "changes.js",
     "run.js",

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from http import HTTPStatus
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qs
 
 from cuboid.core.errors import CuboidError, FrameError, InputError, one_line
@@ -19,6 +20,7 @@ from cuboid.outputs.folder import REPORT
 from cuboid.outputs.naming import name_object
 from cuboid.outputs.pending import write_whole
 from cuboid.readers import Recording
+from cuboid.text_search import TextMatch
 from cuboid.views.redraw import KINDS, Draw, drawer
 from cuboid.views.replay import Replay, ReplayedFrame
 from cuboid.views.report.page import page_of, renamed
@@ -28,6 +30,7 @@ from cuboid.views.serving import Answer, PageHandler, PageServer, Refusal, liste
 
 PICTURES = "/frame"
 NAMES = "/names"
+TEXT = "/text"
 PICTURE = re.compile(rf"{PICTURES}/(\d{{1,9}})\.jpg")
 
 # Encoded in 3 ms at 640x480; no block shows.
@@ -35,6 +38,8 @@ QUALITY = 90
 
 
 Rename = Callable[[int, str], TrackedObject]
+# Ranks objects by a text.
+FindByText = Callable[[str], Sequence[TextMatch]]
 
 
 class Viewer:
@@ -52,6 +57,8 @@ class Viewer:
         Keeps the name of a label, and returns the object with it; in the folder unless given.
     summary : Summary, optional
         The contents of the page; those of the folder unless given.
+    find : callable, optional
+        Ranks objects by a text; without it the page searches by name, label and size alone.
 
     Raises
     ------
@@ -66,7 +73,9 @@ class Viewer:
         recording: Recording | None,
         rename: Rename | None = None,
         summary: Summary | None = None,
+        find: FindByText | None = None,
     ) -> None:
+        self._find = find
         self._folder = folder
         self._replay = replay
         self._rename = rename or partial(_rename_in, folder)
@@ -84,7 +93,20 @@ class Viewer:
     def page(self) -> bytes:
         """The page, UTF-8."""
         pictures = {} if self._recording is None else {"pictures": PICTURES, "kinds": KINDS}
-        return page_of(self._summary, {"names": NAMES, **pictures}).encode("utf-8")
+        text = {} if self._find is None else {"text": TEXT}
+        return page_of(self._summary, {"names": NAMES, **text, **pictures}).encode("utf-8")
+
+    def fits(self, text: str) -> list[tuple[int, float]]:
+        """Return the labels of objects and how well each fits a text, the best first; none without a model.
+
+        Raises
+        ------
+        InputError
+            The text is empty, or no pictures of the objects are there.
+        """
+        with self._lock:
+            found = [] if self._find is None else self._find(text)
+        return [(item.label, round(score, 6)) for item, score in found]
 
     def rename(self, label: int, name: str) -> TrackedObject:
         """Give an object a name, or take it away with an empty one; return the object with it.
@@ -160,18 +182,22 @@ def _answer(viewer: Viewer, address: str) -> Answer | None:
 
 
 def _take(viewer: Viewer, address: str, content: bytes) -> Answer | None:
-    """Keep the name that the page sends, and answer with it in JSON; None where nothing is taken."""
-    if path_and_query(address)[0] != NAMES:
+    """Answer, in JSON, a name to keep or a text to rank objects by; None where nothing is taken."""
+    answers: dict[str, Callable[[dict[str, Any]], Any]] = {
+        NAMES: lambda sent: name_document(viewer.rename(int(sent["label"]), str(sent["name"]))),
+        TEXT: lambda sent: {"objects": viewer.fits(str(sent["text"]))},
+    }
+    answer = answers.get(path_and_query(address)[0])
+    if answer is None:
         return None
     try:
-        sent = json.loads(content)
-        named = viewer.rename(int(sent["label"]), str(sent["name"]))
+        document = answer(json.loads(content))
     except CuboidError as error:
         raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
         line = one_line(f"this page and this program do not fit: {error!r}")
         raise Refusal(HTTPStatus.BAD_REQUEST, line) from error
-    return "application/json", json.dumps(name_document(named)).encode("ascii")
+    return "application/json", json.dumps(document).encode("ascii")
 
 
 def _rename_in(folder: Path, label: int, name: str) -> TrackedObject:

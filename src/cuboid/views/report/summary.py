@@ -6,7 +6,7 @@ import base64
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -18,6 +18,9 @@ from cuboid.outputs import ObjectsFile, PoseRow, Results, RunReport, TrackRow
 from cuboid.outputs.rows import EventRow
 from cuboid.views.report.pictures import Picture, best_sightings, cut_pictures
 from cuboid.views.report.points import PackedPoints, pack_points
+
+if TYPE_CHECKING:
+    from cuboid.relations import Branch
 
 # Millimetres: what a page shows of a place.
 PLACE_DIGITS = 4
@@ -85,7 +88,18 @@ class Summary:
             "inferno": packed(inferno()),
             "changes": [_change(one) for one in self.changes],
             "events": [event_document(one) for one in self.events],
+            **self._tree(),
         }
+
+    def _tree(self) -> dict[str, Any]:
+        """Return the tree of the place; nothing where the results have no relations."""
+        relations = {item.label: item.relations for item in self.found.objects}
+        if not any(relations.values()):
+            return {}
+        from cuboid.relations import place_tree
+
+        tree = place_tree(self.found.objects, relations, self.found.planes, self.found.up)
+        return {"tree": [_branch(one) for one in tree]}
 
     def named(self, named: TrackedObject) -> Summary:
         """Return the same with an object that has another name."""
@@ -95,6 +109,7 @@ class Summary:
 
     def _object(self, item: TrackedObject, seen: list[tuple[int, int]]) -> dict[str, Any]:
         picture = self.pictures.get(item.label)
+        relations = [[one.kind, one.to, round(one.score, 2)] for one in item.relations]
         return {
             **label_colors(item.label),
             "label": item.label,
@@ -113,6 +128,7 @@ class Summary:
             "merged_labels": list(item.merged_labels),
             "spans": seen,
             "picture": None if picture is None else _picture(picture),
+            **({"relations": relations} if relations else {}),
         }
 
     def _survivor(self, label: int) -> int | None:
@@ -184,6 +200,16 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
         else:
             runs.append((row.frame, row.frame))
     return found
+
+
+def _branch(one: Branch) -> dict[str, Any]:
+    """Return a part of the tree of the place as the page reads it."""
+    return {
+        "of": one.of,
+        "kind": one.kind,
+        "height": None if one.height_m is None else round(one.height_m, 2),
+        "children": [_branch(child) for child in one.children],
+    }
 
 
 def name_document(item: TrackedObject) -> dict[str, Any]:

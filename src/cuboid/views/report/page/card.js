@@ -6,14 +6,55 @@ class Panel {
     this.chosen = chosen;
     this.moved = moved;
     this.named = named;
+    this.arranged = "label";
+    find("arranged").hidden = !data.tree;
+    for (const button of document.querySelectorAll("[data-arranged]"))
+      button.addEventListener("click", () => this.arrange(button.dataset.arranged));
+    this.fits = null; // how well each object fits the text that was asked for, by label
+    this.wished = wished;
     this.list();
-    this.search = new Search((wanted) => wished(wanted));
+    this.search = new Search((wanted) => wished(wanted), data.live && data.live.text ? (text) => this.rank(text) : null);
     find("search").hidden = !this.rows.length;
   }
 
   list() {
-    this.rows = data.objects.map((object) => objectRow(object, this.chosen));
-    find("objects").replaceChildren(...this.rows.map((row) => element("li", {}, row)));
+    this.rows = [];
+    const isTree = this.arranged === "place" && !this.fits;
+    const items = isTree ? data.tree.map((branch) => branchItem(branch, this.chosen, this.rows)) : this.items();
+    find("objects").replaceChildren(...items);
+    find("last-column").textContent = this.fits ? "fit" : "frames";
+  }
+
+  items() {
+    const { fits } = this;
+    const objects = fits ? data.objects.filter(({ label }) => fits.has(label)) : data.objects;
+    const ordered = fits ? objects.sort((a, b) => fits.get(b.label) - fits.get(a.label)) : objects;
+    this.rows = ordered.map((object) => objectRow(object, this.chosen, fits && fits.get(object.label)));
+    return this.rows.map((row) => element("li", {}, row));
+  }
+
+  /** List the objects by label, or as the tree of the place. */
+  arrange(arranged) {
+    this.arranged = arranged;
+    for (const button of document.querySelectorAll("[data-arranged]"))
+      button.setAttribute("aria-pressed", String(button.dataset.arranged === arranged));
+    this.list();
+    this.update();
+  }
+
+  /** Order the list by how well the objects fit a text, as the server tells; by label again with none. */
+  async rank(text) {
+    if (!text && !this.fits) return;
+    this.asked = text;
+    const answer = text ? await post(data.live.text, { text }) : null;
+    if (this.asked !== text) return; // something else is asked for by now
+    const found = answer && answer.ok ? (await answer.json()).objects : null;
+    this.fits = found && new Map(found);
+    this.list();
+    this.wished(found && new Set(this.fits.keys()));
+    if (!text || found) return;
+    find("none").textContent = answer ? await answer.text() : "The text could not be sent: is 'cuboid view' still running?";
+    find("none").hidden = false;
   }
 
   /** Show the new name of an object wherever its label is; its card stays, and the field in it. */
@@ -30,9 +71,11 @@ class Panel {
     for (const row of this.rows) {
       const label = Number(row.dataset.label);
       row.setAttribute("aria-pressed", String(label === selected));
-      row.parentElement.hidden = !isWanted(this.state, label);
+      row.hidden = !isWanted(this.state, label);
       row.classList.toggle("hidden-now", frame !== null && stateIn(objectOf.get(label), frames[frame]) !== "seen");
     }
+    // What bears something that is asked for stays.
+    for (const item of find("objects").querySelectorAll("li")) item.hidden = !item.querySelector(".object:not([hidden])");
     find("object-count").textContent = countOf(wanted);
     find("none").textContent = this.rows.length ? "No object is like that." : "No object was found.";
     find("none").hidden = wanted ? wanted.size > 0 : this.rows.length > 0;
@@ -92,7 +135,7 @@ class Panel {
       ["Score", this.meter(object.score, object.color), object.score.toFixed(2)],
       ["Heat", this.meter(object.heat, object.color), object.heat.toFixed(2)],
       ["Points", object.points.toLocaleString("en"), " ", swatch],
-      ["Stands on plane", plane],
+      ...(object.relations ? relationLines(object, this.chosen) : [["Stands on plane", plane]]),
     ];
     lines.unshift(...this.classes(object));
     for (const one of happened.filter(({ label }) => label === object.label))

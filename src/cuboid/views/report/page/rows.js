@@ -1,7 +1,7 @@
 // Objects as rows of a list, and which of them are asked for.
 
-/** A row of the list: picture where there is one, label with name, size, frames in which it is seen. */
-function objectRow(object, chosen) {
+/** A row of the list: picture where there is one, label with name, size, frames in which it is seen or how well it fits a text. */
+function objectRow(object, chosen, fit = null) {
   const { picture } = object;
   const shown = picture ? element("img", { class: "thumb", src: picture.address, alt: "", loading: "lazy", decoding: "async" }) : "";
   const row = element(
@@ -9,7 +9,9 @@ function objectRow(object, chosen) {
     { class: picture ? "object with-thumb" : "object", "data-label": object.label },
     shown,
     element("span", { class: "who" }, chip(object), element("span", { class: "size" }, sizeOf(object))),
-    element("span", { class: "seen-count", title: "frames in which it is seen" }, object.frames_seen.toLocaleString("en")),
+    fit === null
+      ? element("span", { class: "seen-count", title: "frames in which it is seen" }, object.frames_seen.toLocaleString("en"))
+      : element("span", { class: "seen-count", title: "how well its pictures fit the text, -1 to 1" }, fixed(fit, 3)),
   );
   row.addEventListener("click", () => chosen(object.label));
   return row;
@@ -29,17 +31,28 @@ function conditionsOf(text) {
   });
 }
 
-/** The search field above a list; `changed` is told the labels that are asked for, null for all. */
+/**
+ * The search field above a list; `changed` is told the labels that are asked for, null for all.
+ * `described` is told the text on Enter, where a server ranks by it, and "" when it is no longer asked for.
+ */
 class Search {
-  constructor(changed) {
+  constructor(changed, described = null) {
     this.field = find("search");
-    this.field.addEventListener("input", () => changed(this.wanted()));
+    const change = (wanted) => {
+      if (described) described("");
+      changed(wanted);
+    };
+    this.field.addEventListener("input", () => change(this.wanted()));
     this.field.addEventListener("keydown", (event) => {
       event.stopPropagation(); // its letters are no keys of the scene
+      if (event.key === "Enter" && described && this.field.value.trim()) described(this.field.value.trim());
       if (event.key !== "Escape") return;
       this.field.value = "";
-      changed(null);
+      change(null);
     });
+    if (!described) return;
+    this.field.placeholder = "Name, #label, > 10 cm; text and Enter";
+    this.field.title += "; Enter ranks all by how well their pictures fit the text";
   }
 
   wanted() {

@@ -1,4 +1,4 @@
-"""`cuboid serve` as a process of its own."""
+"""`cuboid serve` and `cuboid mcp --http` as processes of their own."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def served(store: str, *words: str) -> Iterator[str]:
-    """Serve a store, and give the address that the command prints; Ctrl-C ends it."""
+def served(path: str, *words: str, command: str = "serve") -> Iterator[str]:
+    """Serve a store or a place, and give the address that the command prints; Ctrl-C ends it."""
     environment = {name: value for name, value in os.environ.items() if name != "CUBOID_TOKEN"}
-    command = [sys.executable, "-m", "cuboid", "serve", store, "--port", "0", *words]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    call = [sys.executable, "-m", "cuboid", command, path, "--port", "0", *words]
+    process = subprocess.Popen(call, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         assert process.stdout is not None
         yield process.stdout.readline().split(" at ")[1].split(" (")[0].rstrip("/")

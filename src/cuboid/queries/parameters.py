@@ -1,4 +1,4 @@
-"""The parameters of a store's pages and API: their meaning, and a request's values read into filters."""
+"""The parameters of pages and APIs: their meaning, and a request's values read into filters."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from cuboid.core.errors import InputError
-from cuboid.store.filter_words import length, moment, place, thing
-from cuboid.store.find import Filters
-from cuboid.store.likeness import COLOR_WORDS
+from cuboid.queries.filters import Filters
+from cuboid.queries.likeness import COLOR_WORDS
+from cuboid.queries.words import length, moment, place, thing
+from cuboid.text_search import TextModel, TextQuery
 
 T = TypeVar("T")
 
+# Only a server with an image-text model accepts this parameter.
+TEXT = "text"
 MAX_ROWS = 1000
 MAX_SIZE_M = 1e9
 
@@ -37,6 +40,11 @@ class Parameter:
 
 # The names are those of the command line, the order is that of the form.
 PARAMETERS: dict[str, Parameter] = {
+    TEXT: Parameter(
+        {"type": "string", "example": "something to drink from"},
+        "objects ranked by how well their pictures fit a text; the server needs an image-text model",
+        "text",
+    ),
     "name": Parameter({"type": "string", "example": "cup"}, "name of the object, or a likely class of it", "name"),
     "color": Parameter({"type": "string", "enum": list(COLOR_WORDS)}, "color of 30 % of its points or more", "color"),
     "min_size": Parameter(
@@ -51,6 +59,9 @@ PARAMETERS: dict[str, Parameter] = {
         "RECORDING#LABEL: the objects most similar to it first",
         "similar to",
     ),
+    "on": Parameter({"type": "string", "example": "tray"}, "on an object, by label or name, or on plane:N", "on"),
+    "in": Parameter({"type": "string", "example": "box"}, "in an object, by label or name", "in"),
+    "beside": Parameter({"type": "string", "example": "7"}, "beside an object, by label or name", "beside"),
     "since": Parameter(
         {"type": "string", "example": "2026-03-01"}, "last seen since a date, a time, or for 7d, 12h, 30min", "since"
     ),
@@ -58,13 +69,14 @@ PARAMETERS: dict[str, Parameter] = {
     "near": Parameter(
         {"type": "string", "example": "1.5,0,0.8"}, "X,Y,Z: a place in the recordings' world, metres", "near, m"
     ),
-    "within": Parameter({"type": "string", "default": "0.5m"}, "maximum distance from that place", "within"),
+    "near_object": Parameter({"type": "string", "example": "7"}, "near an object, by label or name", "near object"),
+    "within": Parameter({"type": "string", "default": "0.5m"}, "maximum distance from that", "within"),
     "min_score": Parameter({"type": "number", "example": 0.5}, "minimum confidence, 0 to 1", "score from"),
     "limit": Parameter({"type": "integer", "default": 50, "maximum": MAX_ROWS}, "maximum number of rows", "rows"),
 }
 
 # The search form hides the fields of these until they are wanted.
-SELDOM = ("since", "until", "near", "within", "min_score", "limit")
+SELDOM = ("on", "in", "beside", "since", "until", "near", "near_object", "within", "min_score", "limit")
 
 
 def given(asked: Mapping[str, str]) -> dict[str, str]:
@@ -81,13 +93,13 @@ def given(asked: Mapping[str, str]) -> dict[str, str]:
     return {name: value.strip() for name, value in asked.items() if value.strip()}
 
 
-def filters_of(asked: Mapping[str, str]) -> Filters:
-    """Return a request's parameters, from `given`, as filters.
+def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filters:
+    """Return a request's parameters, from `given`, as filters; `model` is that of `text_query`.
 
     Raises
     ------
     InputError
-        A value cannot be understood.
+        A value cannot be understood, or there is a text and no model.
     """
 
     def read(name: str, reader: Callable[[str], T], otherwise: T) -> T:
@@ -108,8 +120,36 @@ def filters_of(asked: Mapping[str, str]) -> Filters:
         name=asked.get("name"),
         min_score=read("min_score", _number, None),
         like=read("like", thing, None),
+        on=asked.get("on"),
+        inside=asked.get("in"),
+        beside=asked.get("beside"),
+        near_object=asked.get("near_object"),
+        text=text_query(asked.get(TEXT), model),
         limit=int(min(MAX_ROWS, max(1.0, read("limit", _number, 50.0)))),
     )
+
+
+def text_query(text: str | None, model: TextModel | None) -> TextQuery | None:
+    """Return a text with its vector; None without a text.
+
+    Parameters
+    ----------
+    text : str or None
+    model : TextModel or None
+        The image-text model of the server.
+
+    Raises
+    ------
+    InputError
+        There is a text and no model, or the model cannot be run.
+    """
+    if text is None:
+        return None
+    if model is None:
+        raise InputError(
+            "text: this server has no image-text model; 'cuboid serve' and 'cuboid mcp' take one by --text-model DIR"
+        )
+    return model.query(text)
 
 
 def _number(text: str) -> float:

@@ -1,4 +1,4 @@
-"""Words of a query of a store: lengths, places, times, objects; a wrong one is a ValueError of one line."""
+"""Words of a query: lengths, places, times, objects; a wrong one is a ValueError of one line."""
 
 from __future__ import annotations
 

@@ -1,0 +1,98 @@
+"""A question for objects, the same for a store, a result folder, a scene and a running tracker."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+
+from cuboid.core.errors import InputError, shown
+from cuboid.core.values import RelationKind
+from cuboid.queries.likeness import COLOR_WORDS
+from cuboid.text_search import TextQuery
+
+# An object is found by a class that is not its name where the class is likely by this.
+LIKELY = 0.2
+SURFACE = re.compile(r"(plane|wall):\d{1,9}")
+_LABEL = re.compile(r"#?(\d{1,9})")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Filters:
+    """A query for objects; None matches everything.
+
+    Attributes
+    ----------
+    size_m : (float, float) or None
+        Least and greatest length of the longest side.
+    near : (float, float, float) or None
+        A place in the world, metres.
+    near_object : str or None
+        Another object, by label or name.
+    within_m : float
+        Greatest distance from `near` and `near_object`.
+    on, inside, beside : str or None
+        What it is on, in, or beside: label or name of an object, or "plane:k".
+    recording : str or None
+        Glob of names of recordings.
+    since, until : datetime or None
+        When it was last seen.
+    color : str or None
+        One of `COLOR_WORDS`.
+    name : str or None
+        Its name, or one of the next likely classes with a probability of `LIKELY` and more; in any case.
+    min_score : float or None
+    like : (str, int) or None
+        Recording and label of an object: those most like it come first.
+    text : TextQuery or None
+        Objects are ranked by how well their pictures fit it; those without a vector of its model are left out.
+    limit : int
+        This many at most.
+    """
+
+    size_m: tuple[float, float] | None = None
+    near: tuple[float, float, float] | None = None
+    near_object: str | None = None
+    within_m: float = 0.5
+    on: str | None = None
+    inside: str | None = None
+    beside: str | None = None
+    recording: str | None = None
+    since: datetime | None = None
+    until: datetime | None = None
+    color: str | None = None
+    name: str | None = None
+    min_score: float | None = None
+    like: tuple[str, int] | None = None
+    text: TextQuery | None = None
+    limit: int = 50
+
+    def __post_init__(self) -> None:
+        if self.color is not None and self.color not in COLOR_WORDS:
+            raise InputError(f"no color is called '{self.color}'; there are {', '.join(COLOR_WORDS)}")
+        for what in (self.on, self.inside, self.beside, self.near_object):
+            if what is not None and not what.strip():
+                raise InputError(f"expected the label or the name of an object, or plane:N, got {shown(what)}")
+
+    def related(self) -> Iterator[tuple[RelationKind, str]]:
+        """Iterate over the relations that are asked for, each with what it is to."""
+        kinds: tuple[tuple[RelationKind, str | None], ...] = (
+            ("on", self.on),
+            ("in", self.inside),
+            ("beside", self.beside),
+        )
+        for kind, to in kinds:
+            if to is not None:
+                yield kind, to
+
+
+def label_of(text: str) -> int | None:
+    """Return the label that a text is, 7 or #7; None where it is a name or a surface."""
+    found = _LABEL.fullmatch(text.strip())
+    return None if found is None else int(found[1])
+
+
+def is_surface(text: str) -> bool:
+    """Tell whether a text names a surface: plane:0, wall:1."""
+    return SURFACE.fullmatch(text.strip()) is not None

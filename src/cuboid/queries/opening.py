@@ -1,0 +1,36 @@
+"""A place that is asked, opened by its path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cuboid.outputs.folder import OBJECTS, RUN
+from cuboid.queries.place import Place
+from cuboid.queries.sources import ResultsSource, SceneSource
+from cuboid.text_search import TextModel
+
+SCENE_SUFFIX = ".cuboid"
+
+
+def is_place(path: str) -> bool:
+    """Tell whether a path is a scene file or a result folder, and not a store."""
+    place = Path(path)
+    return place.suffix == SCENE_SUFFIX or place.is_file() or any((place / name).is_file() for name in (RUN, OBJECTS))
+
+
+def open_place(path: str, model: TextModel | None = None) -> Place:
+    """Open a scene file or a result folder for queries.
+
+    Parameters
+    ----------
+    path : str
+    model : TextModel, optional
+        The image-text model that ranks objects by a text.
+
+    Raises
+    ------
+    InputError
+        It is none, or damaged.
+    """
+    place = Path(path)
+    return Place(ResultsSource(place) if place.is_dir() else SceneSource(place), model)

@@ -1,0 +1,503 @@
+"""Questions to one place and their answers: the layer below `cuboid find`, the HTTP server and the MCP server.
+
+Objects are answered from lists that are made anew when the map has changed. What takes long (relations, up, clouds,
+meshes) is found aside, from the place opened a second time: other questions do not wait for it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import datetime
+from functools import cache
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from cuboid.core.errors import InputError, shown
+from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.results import Relation, SupportPlane, TrackedObject
+from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.outputs.queries import PointCloud
+from cuboid.queries.answers import About, FoundObject, FreePlace, History, Related, State, Surface, TreeNode
+from cuboid.queries.changes import ChangeLog
+from cuboid.queries.filters import LIKELY, Filters, is_surface, label_of
+from cuboid.queries.free import free_place
+from cuboid.queries.likeness import color_fractions, color_word
+from cuboid.queries.sources import Source, vector
+from cuboid.relations import Branch, find_relations, place_tree
+from cuboid.relations.tree import number_of, plane_heights_m
+from cuboid.shapes import ObjectMesh
+from cuboid.text_search import TextModel, ranked
+
+T = TypeVar("T")
+# What takes long to find is found again, after the map has changed, when it is this many times as old as it took.
+# So it takes a tenth of the time at most, and is no older than ten times what it takes.
+REST = 10.0
+# With more objects, relations are found only around those that are asked for, in boxes nearer than this, metres: what
+# things are on, in and beside is decided by what is within `BESIDE_M` of them, and of what these are on.
+SMALL, AROUND_M = 300, 0.3
+# Sightings of a history that are answered unless others are asked for.
+SIGHTINGS = 20
+# Free height over a footprint unless another is asked for, metres: that of most things on tables.
+FREE_HEIGHT_M = 0.3
+# Filters that need more than one recording, or the columns that a store has.
+ONLY_IN_A_STORE = ("recording", "like")
+
+
+class Place:
+    """A place that is asked, from any thread: one question at a time, each to the map as it is then.
+
+    Parameters
+    ----------
+    source : Source
+    model : TextModel, optional
+        The image-text model that ranks objects by a text.
+
+    Attributes
+    ----------
+    changes : ChangeLog
+        The changes of the map since it was opened.
+    model : TextModel or None
+    """
+
+    def __init__(self, source: Source, model: TextModel | None = None) -> None:
+        self._source, self.model = source, model
+        self._lock, self._aside_lock = threading.Lock(), threading.Lock()
+        self.changes = ChangeLog()
+        self._compared: _Objects | None = None
+        self._objects: _Kept[_Objects] = _Kept(lambda: _Objects(source))
+        self._relations: _Kept[dict[int, tuple[Relation, ...]]] = _Kept(self._find_relations)
+        self._up: _Kept[Float64Array | None] = _Kept(lambda: source.aside.up)
+        self._vectors: _Kept[Mapping[int, Float32Array]] = _Kept(self._find_vectors)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Take the map as it is now, and note its changes; what asks for changes calls it now and then."""
+        with self._lock:
+            now = self._now()
+            if now is not self._compared:
+                self.changes.update(now.living)
+                self._compared = now
+
+    def about(self) -> About:
+        """Return what the place is."""
+        up = self._known_up()
+        with self._lock:
+            found = self._now().living
+            running, last = self._source.running, self.changes.last
+            title, kind = self._source.title, self._source.kind
+            return About(title, kind, len(found), None if up is None else vector(up), last, running)
+
+    def find(self, filters: Filters) -> list[FoundObject]:
+        """Return the objects that pass the filters: the best match of a text first, else the nearest, else by label.
+
+        Raises
+        ------
+        InputError
+            A named object does not exist, a filter is for stores only, or a text is given without a model or pictures.
+        MissingExtraError
+            ONNX Runtime or tokenizers is not installed.
+        """
+        for name in ONLY_IN_A_STORE:
+            if getattr(filters, name) is not None:
+                raise InputError(f"{name}: only the objects of a store are found by it")
+        asked = dict(filters.related())
+        related = bool(asked)
+        relations = self._relations_to(asked.values()) if related else {}
+        vectors = {} if filters.text is None else self._found_aside(self._vectors)
+        with self._lock:
+            now = self._now()
+            kept = now.kept(filters)
+            for kind, to in filters.related():
+                ends = self._ends(now, to)
+                kept &= np.isin(now.labels, [k for k, those in relations.items() if _holds(those, kind, ends)])
+            distances = self._distances(now, filters)
+            if distances is not None:
+                kept &= distances <= filters.within_m
+            rows = np.flatnonzero(kept)
+            if distances is not None:
+                rows = rows[np.argsort(distances[rows], kind="stable")]
+            items, fits = [now.living[k] for k in rows.tolist()], dict[int, float]()
+            away = dict(zip(now.labels[rows].tolist(), [] if distances is None else distances[rows], strict=False))
+            if filters.text is not None:
+                matches = ranked(items, vectors, filters.text)
+                items, fits = [one.item for one in matches], {one.item.label: one.score for one in matches}
+            return [
+                self._answer(
+                    now,
+                    item,
+                    away.get(item.label),
+                    relations if related else None,
+                    text_score=fits.get(item.label),
+                )
+                for item in items[: filters.limit]
+            ]
+
+    def object(self, label: int) -> FoundObject:
+        """Return one object with its relations, by its label or one that was merged into it.
+
+        Raises
+        ------
+        InputError
+            No object has, or had, the label.
+        """
+        relations = self._relations_to([str(self._item(label).label)])
+        with self._lock:
+            now = self._now()
+            item, state = now.find(label)
+            return self._answer(now, item, None, relations if state == "present" else None, state)
+
+    def last_seen(self, what: str) -> list[FoundObject]:
+        """Return where objects were seen last, those that are gone as well, the latest first.
+
+        Parameters
+        ----------
+        what : str
+            Label or name.
+        """
+        with self._lock:
+            now = self._now()
+            found = [one for one in now.all if one[1] in ("present", "gone") and _is_called(one[0], what)]
+            found.sort(key=lambda one: (one[0].last_frame, one[0].label), reverse=True)
+            return [self._answer(now, item, None, None, state) for item, state in found]
+
+    def history(self, label: int, limit: int = SIGHTINGS) -> History:
+        """Return the sightings of an object, and which relations it had when; raises as `object`."""
+        with self._lock:
+            item, _ = self._now().find(label)
+            seen = self._source.sightings(item)
+            chosen = np.unique(np.linspace(0, len(seen) - 1, min(max(limit, 1), len(seen))).round().astype(int))
+            past = self._source.past_relations(item)
+            shown = tuple(seen[k] for k in chosen.tolist())
+            return History(item.label, item.merged_labels, len(seen), shown, tuple(past))
+
+    def surfaces(self) -> list[Surface]:
+        """Return the supporting planes."""
+        up = self._known_up()
+        with self._lock:
+            planes, now = tuple(self._source.map.planes), self._now()
+            heights = plane_heights_m(planes, up)
+            return [_surface(k, plane, heights[k], now.living) for k, plane in enumerate(planes)]
+
+    def free_place(
+        self, surface: str, length_m: float, width_m: float, height_m: float = FREE_HEIGHT_M, near: str | None = None
+    ) -> FreePlace | None:
+        """Return the nearest free place on a surface for a footprint; None where there is none.
+
+        Parameters
+        ----------
+        surface : str
+            "plane:k".
+        length_m, width_m, height_m : float
+            Of what is to stand there, metres.
+        near : str, optional
+            "X,Y,Z" in the world, or label or name of an object; the middle of the surface unless given.
+
+        Raises
+        ------
+        InputError
+            There is no such surface or object, or a size is none.
+        """
+        with self._lock:
+            planes, now = self._source.map.planes, self._now()
+            if not (surface.startswith("plane:") and is_surface(surface) and number_of(surface) < len(planes)):
+                raise InputError(f"expected a surface, plane:0 to plane:{len(planes) - 1}, got {shown(surface)}")
+            plane, boxes = planes[number_of(surface)], [item.box for item in now.living]
+            return free_place(surface, plane, boxes, (length_m, width_m, height_m), self._near(now, near))
+
+    def tree(self) -> tuple[TreeNode, ...]:
+        """Return the tree of the place: surfaces, what is on them, and what is on and in that."""
+        relations, up = self._known_relations(), self._known_up()
+        with self._lock:
+            now = self._now()
+            found = place_tree(now.living, relations, self._source.map.planes, up)
+            names = {item.label: item.name for item in now.living}
+            return tuple(_node(branch, names) for branch in found)
+
+    def picture(self, label: int) -> bytes | None:
+        """Return an object's picture, JPEG; None where there is none; raises as `object`."""
+        item = self._item(label)
+        with self._aside_lock:
+            return self._source.picture(item)
+
+    def cloud(self, label: int) -> PointCloud:
+        """Return the points of an object that is there; InputError where it is not."""
+        label = self._item(label).label
+        with self._aside_lock:
+            return self._source.aside.cloud(label)
+
+    def mesh(self, label: int, *, close: bool = False, complete: bool = False) -> ObjectMesh:
+        """Return the surface of an object, as of `MapQueries.mesh`."""
+        label = self._item(label).label
+        with self._aside_lock:
+            return self._source.aside.mesh(label, close=close, complete=complete)
+
+    def _item(self, label: int) -> TrackedObject:
+        with self._lock:
+            return self._now().find(label)[0]
+
+    def _now(self) -> _Objects:
+        return self._objects.get(self._source.version())
+
+    def _known_relations(self) -> dict[int, tuple[Relation, ...]]:
+        """Return the relations; not to be called by who holds the lock."""
+        return self._found_aside(self._relations)
+
+    def _relations_to(self, what: Iterable[str]) -> Mapping[int, Sequence[Relation]]:
+        """Return the relations of what is on, in or beside some things; not to be called by who holds the lock.
+
+        In a large map those around the things alone are found, unless all are known.
+        """
+        with self._lock:
+            now, version, planes = self._now(), self._source.version(), tuple(self._source.map.planes)
+            named = [to for to in what if not is_surface(to)]
+            ends = [item for to in named for item in now.called(to, gone=True)]
+            near = now.around(ends)
+        all_known = self._relations.known(version, fresh=True)
+        if all_known or len(near) == len(now.living) or len(now.living) <= SMALL or not named:
+            return self._known_relations()
+        if any(item.relations for item in near):
+            return {item.label: item.relations for item in near}
+        return find_relations(near, planes, self._known_up(), ())
+
+    def _known_up(self) -> Float64Array | None:
+        """Return up in the world; not to be called by who holds the lock."""
+        return self._found_aside(self._up)
+
+    def _found_aside(self, kept: _Kept[T]) -> T:
+        with self._lock:
+            version = self._source.version()
+        known = kept.known(version)
+        if known:
+            return known[0]
+        with self._aside_lock:
+            return kept.get(version)
+
+    def _find_relations(self) -> dict[int, tuple[Relation, ...]]:
+        with self._lock:
+            living, planes = self._now().living, tuple(self._source.map.planes)
+        if any(item.relations for item in living):
+            return {item.label: item.relations for item in living}
+        return find_relations(living, planes, self._source.aside.up, self._source.walls())
+
+    def _find_vectors(self) -> Mapping[int, Float32Array]:
+        if self.model is None:
+            raise InputError("text: this place was opened without an image-text model")
+        return self._source.vectors(self.model)
+
+    def _ends(self, now: _Objects, to: str) -> set[int | str]:
+        """Return what a relation may be to: a surface, or the objects of a label or a name."""
+        if is_surface(to):
+            return {to.strip()}
+        return {item.label for item in now.called(to)}
+
+    def _distances(self, now: _Objects, filters: Filters) -> Float64Array | None:
+        """Return how far each object's box is from what it is to be near, metres, (N,); None where that is nothing."""
+        if filters.near is not None:
+            return now.distances_m(np.array(filters.near))
+        if filters.near_object is None:
+            return None
+        others = now.called(filters.near_object)
+        found = np.min([now.distances_m(other.box.center) for other in others], axis=0)
+        found[np.isin(now.labels, [other.label for other in others])] = np.inf
+        return np.asarray(found)
+
+    def _near(self, now: _Objects, near: str | None) -> Float64Array | None:
+        if near is None:
+            return None
+        if "," in near:
+            from cuboid.queries.words import place
+
+            try:
+                return np.array(place(near))
+            except ValueError as error:
+                raise InputError(f"near: {error}") from None
+        return np.asarray(now.called(near)[0].box.center)
+
+    def _answer(
+        self,
+        now: _Objects,
+        item: TrackedObject,
+        distance_m: float | None,
+        relations: Mapping[int, Sequence[Relation]] | None,
+        state: State = "present",
+        text_score: float | None = None,
+    ) -> FoundObject:
+        own = None if relations is None else relations.get(item.label, ())
+        w, x, y, z = (round(float(value), 6) for value in quat_wxyz_from_rotation(item.box.rotation))
+        return FoundObject(
+            label=item.label,
+            name=item.name,
+            state=state,
+            kind=item.kind,
+            classes=tuple((name, round(score, 3)) for name, score in item.names),
+            score=round(item.score, 3),
+            center_m=vector(item.box.center),
+            size_m=vector(item.box.size),
+            quat_wxyz=(w, x, y, z),
+            color=_color(item.mean_color.tobytes()),
+            plane=item.plane,
+            first_seen=self._source.first_seen(item),
+            last_seen=self._source.last_seen(item),
+            frames_seen=item.frames_seen,
+            distance_m=None if distance_m is None else round(float(distance_m), 4),
+            text_score=None if text_score is None else round(text_score, 6),
+            relations=None if own is None else tuple(_related(one, now) for one in own),
+        )
+
+
+class _Kept(Generic[T]):
+    """Something of the map, found again when the map has changed and enough time has passed."""
+
+    def __init__(self, find: Callable[[], T]) -> None:
+        self._find = find
+        self._version: object = None
+        self._value: list[T] = []
+        self._again_s = 0.0
+
+    def known(self, version: object, *, fresh: bool = False) -> list[T]:
+        """Return it in a list where it need not be found again; else an empty list.
+
+        With `fresh` that of an earlier version is none.
+        """
+        rests = not fresh and time.monotonic() < self._again_s
+        return self._value if version == self._version or rests else []
+
+    def get(self, version: object) -> T:
+        """Return it for a version of the map, or as it was for an earlier one."""
+        known = self.known(version)
+        if known:
+            return known[0]
+        begun_s = time.monotonic()
+        found = self._find()
+        self._value, self._version = [found], version
+        self._again_s = begun_s + REST * (time.monotonic() - begun_s)
+        return found
+
+
+class _Objects:
+    """The objects of a place at one moment, and arrays of those that are there."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self.all = source.objects()
+        self.living = [item for item, state in self.all if state == "present"]
+        self.labels = np.array([item.label for item in self.living], np.int64)
+        count = len(self.living)
+        self._size = np.array([item.box.size for item in self.living]).reshape(count, 3)
+        self._center = np.array([item.box.center for item in self.living]).reshape(count, 3)
+        self._rotation = np.array([item.box.rotation for item in self.living]).reshape(count, 3, 3)
+        self._score = np.array([item.score for item in self.living])
+        self._by_label = {item.label: (item, state) for item, state in self.all}
+        merged = {old: item.label for item, state in self.all if state != "merged" for old in item.merged_labels}
+        self._survivor = merged
+        self.names: Mapping[int, str | None] = {item.label: item.name for item in self.living}
+        self._called: dict[str, list[TrackedObject]] = defaultdict(list)
+        for item in self.living:
+            for name in _names_of(item):
+                self._called[name].append(item)
+
+    def find(self, label: int) -> tuple[TrackedObject, State]:
+        """Return an object by its label, or by one that was merged into it, and its state; InputError for none."""
+        found = self._by_label.get(self._survivor.get(label, label))
+        if found is None:
+            raise InputError(f"no object has the label {label}")
+        return found
+
+    def called(self, what: str, *, gone: bool = False) -> list[TrackedObject]:
+        """Return the objects that are there, or with `gone` ever were, with a label or a name.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        label = label_of(what)
+        if label is None:
+            found = self._called.get(what.strip().lower(), [])
+        else:
+            one = self._by_label.get(self._survivor.get(label, label))
+            found = [] if one is None or not (gone or one[1] == "present") else [one[0]]
+        if not found:
+            raise InputError(f"no object that is there has the label or the name {shown(what)}")
+        return found
+
+    def around(self, items: Sequence[TrackedObject]) -> list[TrackedObject]:
+        """Return the objects that are there whose boxes are near those of others, these included."""
+        near = np.zeros(len(self.living), bool)
+        for item in items:
+            near |= self.distances_m(item.box.center) <= AROUND_M + float(np.linalg.norm(item.box.size)) / 2.0
+        return [self.living[k] for k in np.flatnonzero(near)]
+
+    def kept(self, filters: Filters) -> Any:
+        """Tell which objects (N,) the filters let pass that look at each object alone."""
+        kept = np.ones(len(self.living), bool)
+        if filters.size_m is not None and len(kept):
+            longest = self._size.max(1)
+            kept &= (longest >= filters.size_m[0]) & (longest <= filters.size_m[1])
+        if filters.min_score is not None:
+            kept &= self._score >= filters.min_score
+        if filters.name is not None:
+            called = [item.label for item in self._called.get(filters.name.strip().lower(), [])]
+            kept &= np.isin(self.labels, called)
+        if filters.color is not None:
+            kept &= np.array([_color(item.mean_color.tobytes()) == filters.color for item in self.living], bool)
+        if filters.since is not None or filters.until is not None:
+            kept &= np.array([self._was_seen(item, filters.since, filters.until) for item in self.living], bool)
+        return kept
+
+    def _was_seen(self, item: TrackedObject, since: datetime | None, until: datetime | None) -> bool:
+        seen = self._source.last_seen(item).time
+        if seen is None:
+            raise InputError("since, until: the times of this recording are no calendar's")
+        moment = datetime.fromisoformat(seen)
+        return (since is None or moment >= since) and (until is None or moment < until)
+
+    def distances_m(self, point: Float64Array) -> Float64Array:
+        """Return the distance of a point (3,) from each box, metres, (N,); 0 inside."""
+        local = np.abs(np.einsum("ni,nij->nj", point - self._center, self._rotation))
+        return np.asarray(np.linalg.norm(np.maximum(local - self._size / 2.0, 0.0), axis=1))
+
+
+def _holds(relations: Sequence[Relation], kind: str, ends: set[int | str]) -> bool:
+    return any(one.kind == kind and one.to in ends for one in relations)
+
+
+def _names_of(item: TrackedObject) -> set[str]:
+    """Return the names of an object, in small letters: its own, and the classes that it may well be of."""
+    own = set() if item.name is None else {item.name.lower()}
+    return own | {name.lower() for name, score in item.names if score >= LIKELY}
+
+
+def _is_called(item: TrackedObject, what: str) -> bool:
+    label = label_of(what)
+    return what.strip().lower() in _names_of(item) if label is None else label in (item.label, *item.merged_labels)
+
+
+@cache
+def _color(mean_rgb: bytes) -> str | None:
+    """Return the word of a mean color, (3,) float64 as bytes."""
+    rgb = np.clip(np.frombuffer(mean_rgb, np.float64).round(), 0, 255).astype(np.uint8)
+    return color_word(color_fractions(rgb[None]))
+
+
+def _related(one: Relation, now: _Objects) -> Related:
+    name = now.names.get(one.to) if isinstance(one.to, int) else None
+    return Related(one.kind, one.to, name, round(one.score, 3))
+
+
+def _surface(k: int, plane: SupportPlane, height_m: float, objects: Sequence[TrackedObject]) -> Surface:
+    center = plane.extent.mean(0) if len(plane.extent) else -plane.offset * plane.normal
+    around = np.cross(plane.extent, np.roll(plane.extent, -1, axis=0)).sum(axis=0) if len(plane.extent) else np.zeros(3)
+    area = 0.5 * abs(float(around @ plane.normal))
+    labels = tuple(item.label for item in objects if item.plane == k)
+    return Surface(f"plane:{k}", vector(center), vector(plane.normal), round(height_m, 4), round(area, 4), labels)
+
+
+def _node(branch: Branch, names: Mapping[int, str | None]) -> TreeNode:
+    name = names.get(branch.of) if isinstance(branch.of, int) else None
+    height_m = None if branch.height_m is None else round(branch.height_m, 4)
+    return TreeNode(branch.of, name, branch.kind, height_m, tuple(_node(child, names) for child in branch.children))

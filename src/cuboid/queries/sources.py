@@ -1,0 +1,245 @@
+"""What is asked: a result folder, a scene file; each tells its objects, when they were seen, and their pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal, Protocol
+
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.results import TrackedObject, Wall
+from cuboid.outputs import Results
+from cuboid.outputs.folder import OBJECTS
+from cuboid.outputs.queries import MapQueries
+from cuboid.queries.answers import PastRelated, Seen, SightingAnswer, State, Vector
+from cuboid.scene import Scene, SceneObject
+from cuboid.text_search import TextModel
+
+# Times from here on (2001) are those of a calendar; cameras that start at zero stay below for thirty years.
+CALENDAR_S = 1.0e9
+
+
+class Source(Protocol):
+    """The interface of a place that is asked; calls come from one thread at a time."""
+
+    @property
+    def title(self) -> str:
+        """What people call it."""
+
+    @property
+    def kind(self) -> Literal["results", "scene", "run"]:
+        """What it is."""
+
+    @property
+    def running(self) -> bool:
+        """Whether a run goes on."""
+
+    @property
+    def map(self) -> MapQueries:
+        """The map as it is now."""
+
+    @property
+    def aside(self) -> MapQueries:
+        """The same map for what takes long, asked by another thread."""
+
+    def walls(self) -> Sequence[Wall]:
+        """Return the walls that objects may be against, where finding them is cheap enough."""
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects by an image-text model, by label."""
+
+    def version(self) -> object:
+        """Return what differs once the map has changed."""
+
+    def objects(self) -> list[tuple[TrackedObject, State]]:
+        """Return all objects that are told, those that are gone as well, by label."""
+
+    def first_seen(self, item: TrackedObject) -> Seen:
+        """Return when an object was seen first."""
+
+    def last_seen(self, item: TrackedObject) -> Seen:
+        """Return when an object was seen last."""
+
+    def picture(self, item: TrackedObject) -> bytes | None:
+        """Return an object's picture, JPEG; None where there is none."""
+
+    def sightings(self, item: TrackedObject) -> list[SightingAnswer]:
+        """Return the sightings of an object, in order."""
+
+    def past_relations(self, item: TrackedObject) -> list[PastRelated]:
+        """Return the relations that an object has and had."""
+
+
+class ResultsSource:
+    """A result folder.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    kind: Literal["results"] = "results"
+    running = False
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._open()
+
+    def _open(self) -> None:
+        self._stamp = self._read_stamp()
+        self.map, self.aside = Results(self._folder), Results(self._folder)
+        self.title = str(self._folder)
+        self._pictures: dict[int, bytes | None] = {}
+
+    def _read_stamp(self) -> object:
+        try:
+            found = (self._folder / OBJECTS).stat()
+        except OSError as error:
+            raise InputError(f"{self._folder / OBJECTS}: cannot be read: {error.strerror}") from None
+        return found.st_mtime_ns, found.st_size
+
+    def version(self) -> object:
+        """Return what differs once the files were replaced, or an object was named."""
+        if self._read_stamp() != self._stamp:
+            self._open()
+        return self._stamp
+
+    def walls(self) -> Sequence[Wall]:
+        """Return the walls that objects may be against."""
+        return self.aside.walls
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects by an image-text model, by label."""
+        return self.aside.vectors(model)
+
+    def objects(self) -> list[tuple[TrackedObject, State]]:
+        """Return the objects, by label."""
+        return [(item, "present") for item in self.map.objects]
+
+    def first_seen(self, item: TrackedObject) -> Seen:
+        """Return when an object was seen first."""
+        return self._seen(item.first_frame)
+
+    def last_seen(self, item: TrackedObject) -> Seen:
+        """Return when an object was seen last."""
+        return self._seen(item.last_frame)
+
+    def _seen(self, frame: int) -> Seen:
+        pose = self.map.poses.get(frame)
+        return Seen(frame, None, None if pose is None else calendar_time(pose.timestamp_s))
+
+    def picture(self, item: TrackedObject) -> bytes | None:
+        """Return an object's picture, cut from the recording where that is still there."""
+        from cuboid.views.report.pictures import best_sightings, cut_pictures
+
+        if item.label not in self._pictures:
+            results = self.aside
+            best = best_sightings(results.sightings(item.label))
+            rows = {item.label: best[item.label]} if item.label in best else {}
+            try:
+                read, boxes = results.recording.read, {item.label: item.box}
+                found = cut_pictures(rows, read, boxes, results.poses, results.found.intrinsics)
+            except InputError:
+                found = {}
+            self._pictures[item.label] = found[item.label].jpeg if found else None
+        return self._pictures[item.label]
+
+    def sightings(self, item: TrackedObject) -> list[SightingAnswer]:
+        """Return the sightings of an object, in order."""
+        return [
+            SightingAnswer(row.frame, None, row.timestamp_s, vector(row.box.center), round(row.visible, 3))
+            for row in self.map.sightings(item.label)
+        ]
+
+    def past_relations(self, item: TrackedObject) -> list[PastRelated]:
+        """Return nothing: results are of one moment."""
+        return []
+
+
+class SceneSource:
+    """A scene file, which another program may be writing.
+
+    Parameters
+    ----------
+    path : Path
+    """
+
+    kind: Literal["scene"] = "scene"
+
+    def __init__(self, path: Path) -> None:
+        if not path.is_file():
+            raise InputError(f"{path}: there is no such scene file")
+        self._path = path
+        self.map, self.aside = Scene.open(path), Scene.open(path)
+        self.title = str(path)
+        self._begun: dict[int, str] = {}
+        self.running = False
+        self.version()
+
+    def version(self) -> object:
+        """Return what differs once something was committed."""
+        recordings = self.map.recordings
+        self._begun = {one.number: one.begun for one in recordings}
+        self.running = bool(recordings) and not recordings[-1].complete
+        return self.map.version, tuple(self._begun)
+
+    def walls(self) -> Sequence[Wall]:
+        """Return none: the whole map would have to be read."""
+        return ()
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects by an image-text model, by label.
+
+        A scene keeps new vectors. It is opened for this call alone: while it is open to write, no run can add to it.
+        """
+        with Scene.open(self._path) as scene:
+            return scene.vectors(model)
+
+    def objects(self) -> list[tuple[TrackedObject, State]]:
+        """Return all objects that ever had a label, by label."""
+        return [(item, item.state) for item in self.map.all_objects]  # type: ignore[misc]  # a literal in the file
+
+    def first_seen(self, item: TrackedObject) -> Seen:
+        """Return when an object was seen first."""
+        return self._seen(*(item.first_seen if isinstance(item, SceneObject) else (0, item.first_frame)))
+
+    def last_seen(self, item: TrackedObject) -> Seen:
+        """Return when an object was seen last."""
+        return self._seen(*(item.last_seen if isinstance(item, SceneObject) else (0, item.last_frame)))
+
+    def _seen(self, recording: int, frame: int) -> Seen:
+        """Return a frame of a recording with the time when tracking that recording began."""
+        return Seen(frame, recording, self._begun.get(recording))
+
+    def picture(self, item: TrackedObject) -> bytes | None:
+        """Return an object's picture."""
+        return self.map.picture(item.label)
+
+    def sightings(self, item: TrackedObject) -> list[SightingAnswer]:
+        """Return the sightings of an object, in order."""
+        return [
+            SightingAnswer(past.frame, past.recording, past.time_s, vector(past.box.center), round(past.visible, 3))
+            for past in self.map.history(item.label)
+        ]
+
+    def past_relations(self, item: TrackedObject) -> list[PastRelated]:
+        """Return the relations that an object has and had."""
+        return [
+            PastRelated(one.kind, one.to, one.first_recording, one.last_recording, round(one.score, 3))
+            for one in self.map.relation_history(item.label)
+        ]
+
+
+def calendar_time(seconds: float) -> str | None:
+    """Return a time as ISO 8601, UTC; None where it is no calendar's."""
+    if seconds < CALENDAR_S:
+        return None
+    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
+
+
+def vector(values: Float64Array | Sequence[float]) -> Vector:
+    """Return three numbers, to a micrometre."""
+    x, y, z = (round(float(value), 6) for value in values)
+    return x, y, z

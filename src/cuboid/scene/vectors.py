@@ -1,0 +1,63 @@
+"""The vectors of a scene's objects by an image-text model: a row an object, of the model that was used last."""
+
+from __future__ import annotations
+
+import sqlite3
+import zlib
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from cuboid.core.frame import Float32Array
+from cuboid.scene.database import has_table
+from cuboid.scene.schema import TABLES
+from cuboid.scene.validation import columns_of, floats_of, read_rows
+from cuboid.text_search import TextModel, mean_vector
+from cuboid.text_search.pictures import squared
+
+TABLE = "embeddings"
+
+
+class SceneVector(NamedTuple):
+    """The vector of an object, and the check sum of the picture that it is of; None where it is of a run's views."""
+
+    vector: Float32Array
+    picture: int | None
+
+
+def read_vectors(connection: sqlite3.Connection, model: str) -> dict[int, SceneVector]:
+    """Return the vectors by a model, by label.
+
+    Raises
+    ------
+    DamagedError
+        A row makes no sense.
+    """
+    if not has_table(connection, TABLE):
+        return {}
+    columns = columns_of(TABLE, ("label", "picture", "vector"))
+    rows = read_rows(connection, columns, f"{TABLE} WHERE model = ?", (model,))
+    return {label: SceneVector(floats_of(vector, "<f4", "a vector"), picture) for label, picture, vector in rows}
+
+
+def write_vectors(connection: sqlite3.Connection, model: str, vectors: Mapping[int, SceneVector]) -> None:
+    """Write vectors by a model, within the caller's transaction."""
+    connection.execute(TABLES[TABLE].sql(TABLE))
+    rows = [(label, model, one.picture, one.vector.astype("<f4").tobytes()) for label, one in vectors.items()]
+    connection.executemany(f"INSERT OR REPLACE INTO {TABLE} VALUES (?, ?, ?, ?)", rows)
+
+
+def vector_of_picture(model: TextModel, jpeg: bytes) -> SceneVector | None:
+    """Return the vector of the picture that a scene keeps of an object; None where it is damaged."""
+    color = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
+    if color is None:
+        return None
+    vector = mean_vector(model, [squared(np.asarray(color, np.uint8), model.preparation.background)])
+    return None if vector is None else SceneVector(vector, zlib.crc32(jpeg))
+
+
+def is_of(one: SceneVector | None, jpeg: bytes | None) -> bool:
+    """Tell whether a vector is of an object as the scene has it now: of a run's views, or of this picture."""
+    return one is not None and (one.picture is None or (jpeg is not None and one.picture == zlib.crc32(jpeg)))

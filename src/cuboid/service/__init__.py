@@ -1,0 +1,1 @@
+"""A place that answers other programs: over HTTP, a WebSocket, and MCP."""

@@ -1,0 +1,152 @@
+"""A place for assistants: tools of the Model Context Protocol with typed answers, and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, TypeVar
+
+from mcp.server.mcpserver import Image, MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
+from mcp.types import ToolAnnotations
+from pydantic import Field
+from starlette.concurrency import run_in_threadpool
+
+from cuboid import __version__
+from cuboid.core.errors import InputError, MissingExtraError
+from cuboid.queries.answers import About, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
+from cuboid.queries.filters import Filters
+from cuboid.queries.parameters import text_query
+from cuboid.queries.place import FREE_HEIGHT_M, SIGHTINGS, Place
+
+T = TypeVar("T")
+INSTRUCTIONS = (
+    "A place seen by an RGB-D camera: objects with persistent labels and 3D boxes, and their relations. "
+    "Lengths are metres, in the world of the place; times are UTC. Begin with describe_place."
+)
+TEXT = "description such as 'something to drink from'; the server needs --text-model"
+READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
+
+Label = Annotated[int, Field(ge=1, description="label of an object")]
+Thing = Annotated[str | None, Field(description="label or name of an object")]
+Length = Annotated[float, Field(gt=0.0, description="metres")]
+
+
+@dataclass(frozen=True)
+class Described:
+    """What a place is, its surfaces, and the tree of what is on and in what."""
+
+    about: About
+    surfaces: list[Surface]
+    tree: list[TreeNode]
+
+
+async def _asked(question: Callable[..., T], *values: object) -> T:
+    """Answer in a thread; what is wrong with the question is told to the assistant in one line."""
+    try:
+        return await run_in_threadpool(question, *values)
+    except (InputError, MissingExtraError) as error:
+        raise ToolError(str(error)) from None
+
+
+def server_of(place: Place) -> MCPServer:
+    """Return the MCP server of a place."""
+    server = MCPServer("cuboid", version=__version__, instructions=INSTRUCTIONS, log_level="WARNING")
+    _add_finding(server, place)
+    _add_objects(server, place)
+    _add_surfaces(server, place)
+    return server
+
+
+def _add_finding(server: MCPServer, place: Place) -> None:
+    @server.tool(annotations=READ_ONLY)
+    async def describe_place() -> Described:
+        """Describe the place: surfaces with heights, and the tree of objects on and in each other."""
+
+        def answer() -> Described:
+            return Described(place.about(), place.surfaces(), list(place.tree()))
+
+        return await _asked(answer)
+
+    @server.tool(annotations=READ_ONLY)
+    async def find_objects(
+        name: Annotated[str | None, Field(description="name, or likely class")] = None,
+        on: Annotated[str | None, Field(description="on an object by label or name, or on plane:N")] = None,
+        inside: Thing = None,
+        beside: Thing = None,
+        near_object: Thing = None,
+        near: Annotated[tuple[float, float, float] | None, Field(description="a point in the world, metres")] = None,
+        within_m: Length = 0.5,
+        min_size_m: Annotated[float, Field(ge=0.0, description="minimum length of the longest side, metres")] = 0.0,
+        max_size_m: Annotated[float, Field(gt=0.0, description="maximum length of the longest side, metres")] = 1e9,
+        color: Annotated[str | None, Field(description="one of the eleven basic color words")] = None,
+        text: Annotated[str | None, Field(description=TEXT)] = None,
+        limit: Annotated[int, Field(ge=1, le=1000)] = 10,
+    ) -> list[FoundObject]:
+        """Find objects by name, size, color, nearness, and what they are on, in or beside; all must hold.
+
+        With a text, they are ranked by how well their pictures fit it.
+        """
+        filters = partial(
+            Filters,
+            name=name,
+            on=on,
+            inside=inside,
+            beside=beside,
+            near_object=near_object,
+            near=near,
+            within_m=within_m,
+            size_m=(min_size_m, max_size_m),
+            color=color,
+            limit=limit,
+        )
+        return await _asked(lambda: place.find(filters(text=text_query(text, place.model))))
+
+    @server.tool(annotations=READ_ONLY)
+    async def last_seen(what: Annotated[str, Field(description="label or name")]) -> list[FoundObject]:
+        """Tell where and when an object was seen last, also one that is gone; the latest first."""
+        return await _asked(place.last_seen, what)
+
+    @server.tool(annotations=READ_ONLY)
+    async def recent_changes(after: Annotated[int, Field(ge=0)] = 0) -> list[MapChange]:
+        """List the changes since the server started, or after a number: confirmed, moved, renamed, merged, gone."""
+
+        def answer() -> list[MapChange]:
+            place.refresh()
+            return place.changes.after(after)
+
+        return await _asked(answer)
+
+
+def _add_objects(server: MCPServer, place: Place) -> None:
+    @server.tool(annotations=READ_ONLY)
+    async def describe_object(label: Label) -> FoundObject:
+        """Describe one object: box, name, times, and its relations to other objects."""
+        return await _asked(place.object, label)
+
+    @server.tool(annotations=READ_ONLY)
+    async def picture_of_object(label: Label) -> Image:
+        """Show the best picture of an object."""
+        picture = await _asked(place.picture, label)
+        if picture is None:
+            raise ToolError(f"there is no picture of object {label}")
+        return Image(data=picture, format="jpeg")
+
+    @server.tool(annotations=READ_ONLY)
+    async def history_of_object(label: Label, limit: Annotated[int, Field(ge=1, le=1000)] = SIGHTINGS) -> History:
+        """Tell when and where an object was seen, and its relations over the recordings of a scene."""
+        return await _asked(place.history, label, limit)
+
+
+def _add_surfaces(server: MCPServer, place: Place) -> None:
+    @server.tool(annotations=READ_ONLY)
+    async def free_place(
+        surface: Annotated[str, Field(description="plane:N, of describe_place")],
+        length_m: Length,
+        width_m: Length,
+        height_m: Length = FREE_HEIGHT_M,
+        near: Annotated[str | None, Field(description="X,Y,Z in the world, or label or name of an object")] = None,
+    ) -> FreePlace | None:
+        """Find the nearest free place on a surface for an object with a given footprint and height."""
+        return await _asked(place.free_place, surface, length_m, width_m, height_m, near)

@@ -1,0 +1,94 @@
+"""Pictures of an object for an image-text model: cut from its views, as they are and without what is around it.
+
+The mean over several views is better than any one of them, and so is the mean of a picture with what is around an
+object and one without (A. Werby et al., "Hierarchical open-vocabulary 3D scene graphs", 2024).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.core.frame import Float32Array, UInt8Array
+from cuboid.core.tolerances import NEAREST_M
+from cuboid.geometry import se3
+from cuboid.geometry.box import Box
+from cuboid.shapes.views import MARGIN_M, ObjectView
+from cuboid.text_search.model import TextModel
+
+# Views of an object that are embedded: more sides add little, and each costs two runs of the model.
+PICTURED_VIEWS = 5
+# Readings lower than this above a box's foot, metres, may be of what it stands on: the noise of depth.
+FOOT_M = 0.005
+# A mask with less than this fraction of the picture tells of no shape: the box lies beside the object, or it is hidden.
+MIN_OWN = 0.05
+
+
+def embed_views(model: TextModel, views: Sequence[ObjectView], box: Box) -> Float32Array | None:
+    """Return the mean unit vector (D,) of an object's pictures; None where no view shows it.
+
+    Parameters
+    ----------
+    model : TextModel
+    views : sequence of ObjectView
+    box : Box
+        Of the object, in the world of the views.
+    """
+    background = model.preparation.background
+    return mean_vector(model, [picture for view in views for picture in pictures_of(view, box, background)])
+
+
+def mean_vector(model: TextModel, pictures: Sequence[UInt8Array]) -> Float32Array | None:
+    """Return the mean unit vector (D,) of square pictures; None of none."""
+    if not pictures:
+        return None
+    mean = model.embed_pictures(pictures).mean(axis=0)
+    return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-9), np.float32)
+
+
+def pictures_of(view: ObjectView, box: Box, background: UInt8Array) -> list[UInt8Array]:
+    """Return square pictures of an object: the view as it is, and with `background` (3,) for what is not the object."""
+    found = [squared(view.color, background)]
+    own = own_pixels(view, box)
+    if own.mean() >= MIN_OWN:
+        rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
+        cut = np.where(own[..., None], view.color, background)
+        found.append(squared(cut[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], background))
+    return found
+
+
+def own_pixels(view: ObjectView, box: Box) -> npt.NDArray[np.bool_]:
+    """Return which pixels (h, w) of a view are the object's: within its outline, and with no reading outside its box.
+
+    Pixels without a reading count: dark and shiny parts have none.
+    """
+    camera = view.camera
+    corners = se3.transform(se3.inverse(view.T_world_camera), box.corners())
+    outline = np.zeros(view.depth_m.shape, np.uint8)
+    if (corners[:, 2] < NEAREST_M).any():
+        return outline > 0
+    place = corners[:, :2] / corners[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    cv2.fillConvexPoly(outline, cv2.convexHull(np.rint(place).astype(np.int32)), 1)
+    v, u = np.nonzero((outline > 0) & (view.depth_m > 0))
+    z = view.depth_m[v, u].astype(np.float64)
+    points = np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
+    within = (se3.transform(view.T_world_camera, points) - box.center) @ box.rotation
+    half = box.size / 2.0 + MARGIN_M
+    other = (np.abs(within) > half).any(axis=1) | (within[:, 2] < FOOT_M - box.size[2] / 2.0)
+    own = outline > 0
+    own[v[other], u[other]] = False
+    return own
+
+
+def squared(color: UInt8Array, background: UInt8Array) -> UInt8Array:
+    """Return a picture (h, w, 3) in the middle of a square of its longer side."""
+    height, width = color.shape[:2]
+    side = max(height, width)
+    square = np.empty((side, side, 3), np.uint8)
+    square[:] = background
+    top, left = (side - height) // 2, (side - width) // 2
+    square[top : top + height, left : left + width] = color
+    return square

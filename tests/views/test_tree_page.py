@@ -1,0 +1,85 @@
+"""The tree of the place on the page, in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from browser import Watched, browser
+from cuboid.outputs import Results
+from cuboid.outputs.objects import write_objects
+from cuboid.views.report import summarise, write_report
+from made_place import write_place
+
+
+@pytest.fixture(scope="module")
+def launched() -> Iterator[Browser]:
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture
+def page(launched: Browser, tmp_path: Path) -> Iterator[Page]:
+    folder = write_place(tmp_path)
+    found = Results(folder)
+    write_objects(folder / "objects.json", found.found.with_relations(found.map_points()))
+    write_report(folder / "report.html", summarise(Results(folder), None))
+    watched = Watched(launched)
+    watched.open(folder / "report.html")
+    yield watched.page
+    assert watched.complaints == []
+    watched.page.close()
+
+
+def nested(page: Page) -> object:
+    """Return the list of objects as nested lists of labels and headings."""
+    return page.evaluate(
+        """() => {
+          const names = (list) => [...list.children].filter((item) => !item.hidden).map((item) => {
+            const below = item.querySelector(":scope > ul");
+            const own = item.querySelector(":scope > .object, :scope > h3");
+            return [own.dataset.label || own.textContent, ...(below ? names(below) : [])];
+          });
+          return names(document.getElementById("objects"));
+        }"""
+    )
+
+
+def test_objects_are_listed_under_what_they_are_on_and_in(page: Page) -> None:
+    assert nested(page) == [["1"], ["2"], ["3"], ["4"], ["5"]]
+    page.click('[data-arranged="place"]')
+    assert nested(page) == [
+        ["Surface 2, 0.50 m above the lowest", ["1", ["2"]], ["3", ["5"]]],
+        ["Surface 1", ["4"]],
+    ]
+    assert page.inner_text('.object[data-label="2"] .how') == "in"
+    assert page.locator('.object[data-label="1"] .how').count() == 0
+    page.fill("#search", "mug")
+    assert nested(page) == [["Surface 2, 0.50 m above the lowest", ["3", ["5"]]]]
+    assert page.locator('.object[data-label="3"]').is_hidden(), "what bears it is a line, and no match"
+    page.fill("#search", "")
+    page.click('[data-arranged="label"]')
+    assert nested(page) == [["1"], ["2"], ["3"], ["4"], ["5"]]
+
+
+def test_a_card_says_what_the_object_is_to_others(page: Page) -> None:
+    page.click('.object[data-label="1"]')
+    card = page.locator("#card dl")
+    assert "surface 2" in card.inner_text()
+    card.locator("text=#2 can").click()
+    assert "Object 2" in page.inner_text("#card")
+
+
+def test_without_relations_there_is_no_choice(launched: Browser, tmp_path: Path) -> None:
+    folder = write_place(tmp_path)
+    write_report(folder / "report.html", summarise(Results(folder), None))
+    watched = Watched(launched)
+    watched.open(folder / "report.html")
+    assert watched.page.locator("#arranged").is_hidden()
+    watched.page.click('.object[data-label="1"]')
+    assert "2 of 2" in watched.page.inner_text("#card dl")
+    assert watched.complaints == []
+    watched.page.close()
