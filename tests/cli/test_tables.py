@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 
+import numpy as np
 import pytest
 from rich.table import Table
 
 from cuboid.cli import tables
-from cuboid.cli.tables import new_table
+from cuboid.cli.tables import EVENTS_SHOWN, event_lines, new_table
+from cuboid.outputs.rows import EventRow
 
 HEADINGS = ("map, IoU", "precision", "recall", "F1", "AP", "found", "wrong", "mean IoU", "centre off", "size off")
 CELLS = ("0.25", "1.000", "0.875", "0.933", "0.870", "7 of 8", "12", "0.863", "10.74 cm", "0.70 cm")
@@ -34,3 +36,13 @@ def test_the_figures_of_an_evaluation_fit_80_columns() -> None:
     table = new_table(*HEADINGS)
     table.add_row(*CELLS)
     assert max(map(len, printed(table, 80).splitlines())) <= 80
+
+
+def test_events_are_told_in_lines_and_many_are_counted() -> None:
+    here, there = np.zeros(3), np.array([0.3, 0.4, 0.0])
+    moved = EventRow("moved", 3, here, there, 0.9, 120, 4.0)
+    gone = EventRow("gone", 1, here, None, 1.0, 300, 10.0)
+    assert event_lines([moved, gone]) == ["frame 120: object 3 moved 50 cm", "frame 300: object 1 gone"]
+    lines = event_lines([gone] * 20)
+    assert len(lines) == EVENTS_SHOWN + 1
+    assert lines[-1] == "and 12 other events, in events.csv"

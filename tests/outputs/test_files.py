@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from cuboid.core.errors import InputError
-from cuboid.core.results import MapPoints, TrackedObject
+from cuboid.core.frame import Frame
+from cuboid.core.results import FrameResult, MapPoints, ObjectEvent, TrackedObject
 from cuboid.geometry.box import Box
 from cuboid.outputs import (
     LimitReached,
     ObjectsFile,
+    Results,
     RunReport,
     Timing,
     read_map,
@@ -27,7 +29,8 @@ from cuboid.outputs import (
     write_objects,
     write_run,
 )
-from cuboid.outputs.rows import PoseRow, ProposalRow, TrackRow
+from cuboid.outputs.folder import AGENTS, EVENTS
+from cuboid.outputs.rows import PoseRow, ProposalRow, TrackRow, read_agents, read_events
 from cuboid.pipeline.run import track_recording
 from fakes import INTRINSICS, FakeRecording, FakeTracker, box
 
@@ -246,3 +249,30 @@ def test_no_nan_reaches_json(tmp_path: Path) -> None:
     content = ObjectsFile(np.array([math.nan, 0, 1]), INTRINSICS, (), ())
     with pytest.raises(ValueError, match="not JSON compliant"):
         write_objects(tmp_path / "objects.json", content)
+
+
+class SomebodyMoves(FakeTracker):
+    """In frame 2 somebody moves, and object 1 is gone."""
+
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
+        result = super().update(frame, anchor)
+        if frame.index != 2:
+            return result
+        gone = ObjectEvent("gone", 1, np.array([0.0, 0.2, 1.0]), None, 1.0)
+        return replace(result, agents=(box(0.5), box(1.5)), events=(gone,))
+
+
+def test_what_moves_has_files_of_its_own_only_where_something_does(results: Path, tmp_path: Path) -> None:
+    assert not (results / EVENTS).exists()
+    assert not (results / AGENTS).exists()
+    track_recording(FakeRecording(4), tmp_path / "out", make_tracker=SomebodyMoves)
+    agents = read_agents(tmp_path / "out" / AGENTS)
+    assert [row.frame for row in agents] == [2, 2]
+    for row, true in zip(agents, (box(0.5), box(1.5)), strict=True):
+        np.testing.assert_allclose(row.box.corners(), true.corners(), atol=1e-6)
+    assert [(row.frame, row.event, row.label) for row in read_events(tmp_path / "out" / EVENTS)] == [(2, "gone", 1)]
+    assert Results(tmp_path / "out").agents[1].timestamp_s == agents[1].timestamp_s
+    with (tmp_path / "out" / AGENTS).open("a") as file:
+        file.write("9,0.3,0,0,0,1,1,1,1,0,0,0\n")
+    with pytest.raises(InputError, match=r"agents.csv: frame 9 is not among the used frames"):
+        assert Results(tmp_path / "out").agents

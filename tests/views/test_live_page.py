@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from browser import VIEWPORT, Watched, browser, pixels
 from cuboid.cli import main
 from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.results import FrameResult, MapPoints
+from cuboid.core.results import FrameResult, MapPoints, ObjectEvent
 from cuboid.views.live import LiveServer, LiveView
 from fakes import FakeTracker, write_recording
 
@@ -59,7 +60,8 @@ class Going:
         while not self._ended.is_set():
             here = frame(self.last)
             found: FrameResult = tracker.update(here)
-            self._view(here, found, tracker)
+            moved = ObjectEvent("moved", 1, np.zeros(3), np.array([0.3, 0.4, 0.0]), 1.0)
+            self._view(here, replace(found, events=(moved,) if self.last == 5 else ()), tracker)
             self.last += 1
             begun_s = time.thread_time()  # the live view takes a fraction of the tracker's own time: there must be some
             while time.thread_time() - begun_s < 0.02:
@@ -99,6 +101,7 @@ def test_the_page_follows_a_run_to_its_end(watched: Watched) -> None:
         assert page.locator("#tags .tag").inner_text() == "#1"
         row = page.locator("#objects .object .chip, #objects .object .size")
         assert row.all_inner_texts() == ["#1", "10.0 × 20.0 × 30.0"]
+        assert page.locator("#events li").all_inner_texts() == ["#1\nmoved 50.0 cm\nframe 5"]
         brown, green = shares_of_scene(watched)
         assert brown > 0.05  # the table
         for _ in range(20):  # the camera may have left the view, which then follows it

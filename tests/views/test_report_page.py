@@ -15,6 +15,7 @@ from browser import VIEWPORT, Watched, browser, pixels
 from cuboid.core.frame import UInt8Array
 from cuboid.core.palette import color_of
 from cuboid.outputs import Results, read_tracks
+from cuboid.outputs.rows import EventRow
 from cuboid.readers import open_recording
 from cuboid.views.report import summarise, write_report
 from made_results import BEST, COLORS, SEEN, SKIPPED, SPANS, write_results
@@ -330,5 +331,31 @@ def test_warnings_are_a_banner_that_can_be_hidden(launched: Browser, results: Pa
     found.page.click("#warnings .close")
     assert found.page.locator("#warnings").is_hidden()
     settle(found.page)
+    assert found.complaints == []
+    found.page.close()
+
+
+def test_events_are_signs_in_the_timeline_and_lines_of_the_card(
+    launched: Browser, results: Path, tmp_path: Path
+) -> None:
+    here, there = np.zeros(3), np.array([0.3, 0.4, 0.0])
+    events = (EventRow("moved", 1, here, there, 0.9, 12, 0.4), EventRow("gone", 2, here, None, 1.0, 30, 1.0))
+    write_report(tmp_path / "report.html", dataclasses.replace(summarise(Results(results), None), events=events))
+    found = Watched(launched)
+    found.open(tmp_path / "report.html")
+    settle(found.page)
+    signs = found.page.locator("[data-event]").evaluate_all(
+        "signs => signs.map((one) => [one.closest('.row').dataset.row, one.dataset.event, one.textContent])"
+    )
+    assert signs == [
+        ["1", "moved", "#1: moved 50.0 cm, told in frame 12"],
+        ["2", "gone", "#2: gone, told in frame 30"],
+    ]
+    found.page.click('[data-event="moved"]')
+    for _ in range(2):  # the second click leaves the object chosen
+        assert found.page.inner_text("#frame-number") == "frame 12"
+        card = " ".join(found.page.inner_text("#card").split())
+        assert "Moved 50.0 cm, frame 12" in card
+        found.page.click('[data-event="moved"]')
     assert found.complaints == []
     found.page.close()

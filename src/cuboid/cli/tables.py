@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rich import box
@@ -14,6 +14,8 @@ from rich.table import Table
 from cuboid.core.errors import counted, printable
 from cuboid.core.results import TrackedObject
 from cuboid.outputs import RunReport, Timing
+from cuboid.outputs.folder import EVENTS
+from cuboid.outputs.rows import EventRow
 
 # A pipe has no width: tables take what they need, and no cell is cut.
 WIDE = 200
@@ -23,6 +25,9 @@ TEXT_KEPT = 12
 
 # This many kinds of skipped frames are shown; run.json has every frame.
 KINDS_SHOWN = 8
+
+# This many events are shown; events.csv has all.
+EVENTS_SHOWN = 8
 
 
 class _Console(Console):
@@ -82,6 +87,17 @@ def objects_table(objects: Iterable[TrackedObject]) -> Table:
         cells = (str(item.label), size, place, str(item.frames_seen), f"{item.score:.2f}")
         table.add_row(*cells, *((escape(printable(item.name or "")),) if name else ()))
     return table
+
+
+def event_lines(events: Sequence[EventRow]) -> list[str]:
+    """Return the lines about what happened to objects while the camera watched."""
+    lines = []
+    for one in events[:EVENTS_SHOWN]:
+        far = "" if one.metres is None else f" {one.metres * 100:.0f} cm"
+        lines.append(f"frame {one.frame}: object {one.label} {one.event}{far if one.event == 'moved' else ''}")
+    if len(events) > EVENTS_SHOWN:
+        lines.append(f"and {counted(len(events) - EVENTS_SHOWN, 'other event')}, in {EVENTS}")
+    return lines
 
 
 def timings_table(milliseconds: Mapping[str, Timing]) -> Table:

@@ -189,21 +189,24 @@ def never() -> bool:
 
 
 def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:
-    """Return the results of a run, ready for JSON: the contents of `objects.json` and `run.json`."""
+    """Return the results of a run, ready for JSON: the contents of `objects.json`, `events.csv` and `run.json`."""
+    from cuboid.outputs import Results
     from cuboid.outputs.objects import object_to_json
 
     objects = sorted(outcome.objects, key=lambda item: item.label)
     return {
         "output": str(output),
         "objects": [object_to_json(item) for item in objects],
+        "events": [event.to_dict() for event in Results(output).events],
         "run": outcome.report.to_dict(),
     }
 
 
 def print_outcome(outcome: RunOutcome, output: Path) -> None:
     """Print the table of objects and the summary of the run."""
-    from cuboid.cli.tables import console, limit_lines, objects_table, skipped_lines
+    from cuboid.cli.tables import console, event_lines, limit_lines, objects_table, skipped_lines
     from cuboid.core.compiletime import compiling_s
+    from cuboid.outputs import Results
     from cuboid.outputs.folder import REPORT, VIDEO
 
     out, report = console(), outcome.report
@@ -211,6 +214,8 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         out.print(objects_table(outcome.objects))
     else:
         out.print("no object found")
+    for line in event_lines(Results(output).events):
+        out.print(line, markup=False)
     for warning in report.warnings:
         out.print(f"warning: {warning}", markup=False, soft_wrap=not out.is_terminal)
     for line in [*skipped_lines(report), *limit_lines(report)]:

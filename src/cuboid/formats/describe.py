@@ -10,7 +10,7 @@ import msgspec
 from cuboid.formats.camera_file import CameraDocument
 from cuboid.formats.keyframes_file import KeyframesDocument
 from cuboid.formats.objects_file import ObjectsDocument
-from cuboid.formats.rows_files import BoxEntry, PoseEntry, ProposalEntry, TrackEntry
+from cuboid.formats.rows_files import AgentEntry, BoxEntry, EventEntry, PoseEntry, ProposalEntry, TrackEntry
 from cuboid.formats.run_file import RunDocument
 from cuboid.formats.table_validation import Row, header_of
 from cuboid.formats.truth_file import TruthDocument
@@ -28,6 +28,8 @@ DOCUMENTS: dict[str, type[msgspec.Struct]] = {
 TABLES: dict[str, type[Row]] = {
     "tracks.csv": TrackEntry,
     "proposals.csv": ProposalEntry,
+    "events.csv": EventEntry,
+    "agents.csv": AgentEntry,
     "trajectory.txt": PoseEntry,
     "boxes of another tracker (.csv)": BoxEntry,
 }

@@ -1,4 +1,4 @@
-"""The tables of a result folder (`tracks.csv`, `proposals.csv`, `events.csv`, `trajectory.txt`); boxes of others."""
+"""The tables of a result folder (`tracks.csv`, `proposals.csv`, `events.csv`, ...); boxes of others."""
 
 from __future__ import annotations
 
@@ -110,6 +110,26 @@ class EventEntry(_Event, frozen=True):  # type: ignore[misc, call-arg]
         for name in ("from", "to"):
             if len({getattr(self, f"{name}_{axis}") is None for axis in "xyz"}) > 1:
                 raise ValueError(f"expected {name}_x, {name}_y and {name}_z, or none of them")
+
+
+class AgentEntry(Row, frozen=True):
+    """A box, along the axes of the map, of what moves in a frame and is no object (a person, a hand): `agents.csv`."""
+
+    frame: FrameNumber
+    timestamp: Seconds
+    cx: Metres
+    cy: Metres
+    cz: Metres
+    length: Side
+    width: Side
+    height: Side
+    qw: QuaternionPart
+    qx: QuaternionPart
+    qy: QuaternionPart
+    qz: QuaternionPart
+
+    def __post_init__(self) -> None:
+        refuse_no_quaternion(self.qw, self.qx, self.qy, self.qz)
 
 
 class ProposalLabel(Row, frozen=True):

@@ -16,6 +16,7 @@ from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, JUMP_M
 from cuboid.core.working import WorkingImage
 from cuboid.geometry.se3 import inverse
 from cuboid.heatmap.kernels.motion import grow, mark_freed
+from cuboid.heatmap.pose_errors import true_motion
 from cuboid.poses import alignment
 from cuboid.poses.pyramid import Level, levels_of
 
@@ -29,9 +30,6 @@ POSE_ERROR, MAX_POSE_ERROR_M = 0.2, 2.0 * DRIFT_M
 STANDS_M, STANDS_RAD = 0.1 * DRIFT_M, 0.1 * DRIFT_RAD
 # Pixels that are so near to one that moves, and on the same surface, move with it.
 GROWN_PX = 2
-# Poses are off where another motion of the whole picture leaves less than this fraction of the readings in free space.
-# It is found down to this level of the picture.
-UNEXPLAINED, FINEST = 0.5, 1
 
 
 @dataclass(frozen=True)
@@ -112,10 +110,9 @@ class Motion:
         return np.ascontiguousarray(moving.repeat(STEP, 0).repeat(STEP, 1)[:height, :width])
 
     def _moving(self, view: _View) -> UInt8Array | None:
-        known = list(self._references)
-        freed = self._freed(view, known)
+        freed = self._freed(view, list(self._references))
         if self._mend_poses(view, freed):
-            freed = self._freed(view, known)
+            freed = self._freed(view, list(self._references))
         moving = _without_small(np.minimum(freed, 1, out=freed))
         if moving is not None:
             for _ in range(GROWN_PX):
@@ -126,63 +123,47 @@ class Motion:
     def _freed(self, view: _View, known: Sequence[_Reference]) -> UInt8Array:
         """Return which readings (h, w) lie where earlier frames saw free space: bit k is set where the k-th one did."""
         T = np.array([one.T_camera_world @ view.T_world_camera for one in known])
-        return self._freed_at(view, known, T, T)
-
-    def _freed_at(
-        self, view: _View, known: Sequence[_Reference], T: Float64Array, T_claimed: Float64Array
-    ) -> UInt8Array:
-        """Return the same with the view at T_reference_view (K, 4, 4), with the tolerance of the claimed ones."""
-        near_m = np.array(
-            [one.near_m if still else one.nearest_m for one, still in zip(known, _stands(T_claimed), strict=True)]
-        )
+        shift_m, turn_rad = _size(T)
+        stands = (shift_m < STANDS_M) & (turn_rad < STANDS_RAD)
+        near_m = np.array([one.near_m if still else one.nearest_m for one, still in zip(known, stands, strict=True)])
         freed, cameras = np.empty(view.depth_m.shape, np.uint8), np.array([one.view.pinhole for one in known])
-        error_m = _error_m(T_claimed)
-        mark_freed(view.depth_m, view.pinhole, near_m, cameras, T, error_m, self._noise_per_m, freed)
+        mark_freed(view.depth_m, view.pinhole, near_m, cameras, T, _error_m(T), self._noise_per_m, freed)
         return freed
 
     def _mend_poses(self, view: _View, freed: UInt8Array) -> bool:
         """Move earlier frames whose poses, with that of a frame, are off; tell whether any was."""
-        mended, certain, around = False, np.zeros(freed.shape, np.uint8), np.ones((2 * GROWN_PX + 1,) * 2, np.uint8)
-        for k in reversed(range(len(self._references))):
+        known, mended, certain = list(self._references), False, np.zeros(freed.shape, np.uint8)
+        for k in reversed(range(len(known))):
+            marked = np.asarray((freed >> k) & 1, np.uint8)
             # What later frames saw to move needs no other reason.
-            marked = np.asarray((freed >> k) & 1 & ~certain, np.uint8)
-            if not groups_of(marked, MIN_GROUP):
+            if not groups_of(marked & ~certain, MIN_GROUP):
                 continue
-            moved = self._explained(view, self._references[k], marked)
-            if moved is None:
-                certain |= np.asarray(cv2.dilate(marked, around), np.uint8)
-                continue
-            # All that lie before it have been shifted as it has been, or more.
-            for one in list(self._references)[: k + 1]:
-                one.T_camera_world = one.T_camera_world @ inverse(moved)
-            freed, mended = self._freed(view, list(self._references)), True
+            moved = self._moved(view, known[k])
+            if moved is not None:
+                # All that lie before it have been shifted as it has been, or more.
+                for one in known[: k + 1]:
+                    one.T_camera_world = one.T_camera_world @ inverse(moved)
+                freed, mended = self._freed(view, known), True
+            elif mended:
+                # Where these were is not known any more.
+                self._references = deque(known[k + 1 :], self._references.maxlen)
+                break
+            marked = np.asarray((freed >> k) & 1, np.uint8)
+            certain |= np.asarray(cv2.dilate(marked, np.ones((2 * GROWN_PX + 1,) * 2, np.uint8)), np.uint8)
         return mended
 
-    def _explained(self, view: _View, earlier: _Reference, marked: UInt8Array) -> Float64Array | None:
-        """Return T_new_old of an earlier frame's world, where this explains most readings (h, w) that seem to move."""
-        T_claimed = earlier.T_camera_world @ view.T_world_camera
+    def _moved(self, view: _View, earlier: _Reference) -> Float64Array | None:
+        """Return T_new_old of the world of an earlier frame, whose poses are off; None where they are not."""
+        T_claimed, T_last = (inverse(earlier.T_camera_world @ T) for T in (view.T_world_camera, self._T_last))
         # The camera has hardly moved since the last frame, whatever poses say.
-        start = inverse(earlier.T_camera_world @ self._T_last)
-        found = alignment.align(earlier.view.points, view.levels, start, finest=FINEST)
-        T = inverse(found.T_camera_reference)
-        if not found.reliable or _stands((found.T_camera_reference @ T_claimed)[None])[0]:
-            return None
-        left = self._freed_at(view, [earlier], T[None], T_claimed[None]) & marked
-        if np.count_nonzero(left) >= UNEXPLAINED * np.count_nonzero(marked):
-            return None
-        return view.T_world_camera @ found.T_camera_reference @ earlier.T_camera_world
+        T = true_motion(earlier.view.points, view.levels, T_claimed, T_last, self._noise_per_m)
+        return None if T is None else view.T_world_camera @ T @ earlier.T_camera_world
 
 
 def _size(T: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return how far motions (..., 4, 4) shift, metres, and turn, radians."""
     cosine = (np.trace(T[..., :3, :3], axis1=-2, axis2=-1) - 1.0) / 2.0
     return np.linalg.norm(T[..., :3, 3], axis=-1), np.arccos(np.clip(cosine, -1.0, 1.0))
-
-
-def _stands(T: Float64Array) -> npt.NDArray[np.bool_]:
-    """Return which motions (K, 4, 4) are none."""
-    shift_m, turn_rad = _size(T)
-    return np.asarray((shift_m < STANDS_M) & (turn_rad < STANDS_RAD))
 
 
 def _error_m(T: Float64Array) -> Float64Array:

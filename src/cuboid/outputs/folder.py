@@ -35,6 +35,7 @@ TRAJECTORY = "trajectory.txt"
 TRAJECTORY_ONLINE = "trajectory_online.txt"
 MAP = "map.ply"
 EVENTS = "events.csv"
+AGENTS = "agents.csv"
 VIDEO = "labelled.mp4"
 REPORT = "report.html"
 VIEWS = "views.zip"
@@ -53,6 +54,7 @@ OUTPUT_NAMES = (
     TRAJECTORY,
     TRAJECTORY_ONLINE,
     EVENTS,
+    AGENTS,
     MAP,
     VIDEO,
     REPORT,

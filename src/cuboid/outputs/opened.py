@@ -14,6 +14,7 @@ from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.paths import PathLike, as_path
 from cuboid.core.results import MapPoints, SupportPlane, TrackedObject, Wall
 from cuboid.outputs.folder import (
+    AGENTS,
     EMBEDDINGS,
     EVENTS,
     MAP,
@@ -31,10 +32,12 @@ from cuboid.outputs.ply import read_map
 from cuboid.outputs.queries import MapQueries
 from cuboid.outputs.report import RunReport, read_run
 from cuboid.outputs.rows import (
+    AgentRow,
     EventRow,
     PoseRow,
     ProposalRow,
     TrackRow,
+    read_agents,
     read_events,
     read_proposal_labels,
     read_proposals,
@@ -313,6 +316,14 @@ class Results(MapQueries):
         return rows
 
     @cached_property
+    def agents(self) -> list[AgentRow]:
+        """Where something moves that is no object (a person, a hand), by frame; none where nothing does."""
+        path = self.folder / AGENTS
+        rows = read_agents(path) if path.exists() else []
+        self._refuse_unused(AGENTS, rows)
+        return rows
+
+    @cached_property
     def proposals(self) -> list[ProposalRow]:
         """The frames' own boxes, in the order of the file."""
         rows = read_proposals(self.folder / PROPOSALS)
@@ -335,7 +346,9 @@ class Results(MapQueries):
         """The last frame of the recording that was used; -1 where none was."""
         return next(reversed(self.poses), -1)
 
-    def _refuse_unused(self, name: str, rows: list[TrackRow] | list[ProposalRow] | list[EventRow]) -> None:
+    def _refuse_unused(
+        self, name: str, rows: list[TrackRow] | list[ProposalRow] | list[EventRow] | list[AgentRow]
+    ) -> None:
         strange = {row.frame for row in rows} - self.poses.keys()
         if strange:
             raise InputError(f"{self.folder / name}: frame {min(strange)} is not among the used frames of {RUN}")

@@ -11,7 +11,7 @@ import numpy as np
 from cuboid.core.frame import Float64Array
 from cuboid.core.records import box_numbers, columns_of
 from cuboid.core.results import ObjectEvent, Proposal3D, Sighting, tag_of
-from cuboid.formats.rows_files import EventEntry, PoseEntry, ProposalEntry, ProposalLabel, TrackEntry
+from cuboid.formats.rows_files import AgentEntry, EventEntry, PoseEntry, ProposalEntry, ProposalLabel, TrackEntry
 from cuboid.formats.table_validation import header_of, read_lines, read_table
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
@@ -22,6 +22,7 @@ R = TypeVar("R", "TrackRow", "ProposalRow")
 TRACKS_HEADER = header_of(TrackEntry)
 PROPOSALS_HEADER = header_of(ProposalEntry)
 EVENTS_HEADER = header_of(EventEntry)
+AGENTS_HEADER = header_of(AgentEntry)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -93,10 +94,53 @@ class EventRow(ObjectEvent):
     def __repr__(self) -> str:
         return f"EventRow(frame {self.frame}, {tag_of(self.label)} {self.event})"
 
+    @property
+    def metres(self) -> float | None:
+        """How far the object is from where it was; None if it was, or is, not in the scene."""
+        return None if self.from_m is None or self.to_m is None else float(np.linalg.norm(self.to_m - self.from_m))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the event ready for JSON."""
+        places = {"from": self.from_m, "to": self.to_m}
+        return {
+            "frame": self.frame,
+            "timestamp": self.timestamp_s,
+            "event": self.event,
+            "label": self.label,
+            **{name: None if at is None else at.tolist() for name, at in places.items()},
+            "score": self.score,
+        }
+
     def line(self) -> str:
         """Return the line without its end."""
         cells = (cell for column in columns_of(ObjectEvent) for cell in column.cells(self))
         return ",".join((str(self.frame), number(self.timestamp_s, LENGTH), *cells))
+
+
+@dataclass(frozen=True, slots=True)
+class AgentRow:
+    """What moves in a frame and is no object (a person, a hand): a line of `agents.csv`.
+
+    Attributes
+    ----------
+    frame : int
+        Number of the frame in the recording.
+    timestamp_s : float
+        Seconds.
+    box : Box
+        In the world, along the axes of the map.
+    """
+
+    frame: int
+    timestamp_s: float
+    box: Box
+
+    def __repr__(self) -> str:
+        return f"AgentRow(frame {self.frame}: {self.box.text()})"
+
+    def line(self) -> str:
+        """Return the line without its end."""
+        return ",".join((str(self.frame), number(self.timestamp_s, LENGTH), _box_cells(self.box)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +201,11 @@ def read_events(path: Path) -> list[EventRow]:
     ]
 
 
+def read_agents(path: Path) -> list[AgentRow]:
+    """Read `agents.csv`; parameters and errors are those of `read_tracks`."""
+    return [AgentRow(row.frame, row.timestamp, _box_of(row)) for _, row in read_table(path, AgentEntry)]
+
+
 def read_proposal_labels(path: Path) -> list[int]:
     """Read the labels alone of `proposals.csv`; parameters and errors are those of `read_tracks`."""
     return [row.label for _, row in read_table(path, ProposalLabel, any_order=True)]
@@ -172,18 +221,24 @@ def read_trajectory(path: Path) -> list[PoseRow]:
 
 def _line(row: TrackRow | ProposalRow) -> str:
     label, *others = (cell for column in columns_of(type(row)) for cell in column.cells(row))
-    box = box_numbers(row.box)
-    place, turn = numbers(box[:6], LENGTH), numbers(box[6:], DIRECTION)
-    return ",".join((str(row.frame), number(row.timestamp_s, LENGTH), label, place, turn, *others))
+    return ",".join((str(row.frame), number(row.timestamp_s, LENGTH), label, _box_cells(row.box), *others))
 
 
-def _row(kind: type[R], line: TrackEntry | ProposalEntry) -> R:
-    box = Box(
+def _box_cells(box: Box) -> str:
+    values = box_numbers(box)
+    return f"{numbers(values[:6], LENGTH)},{numbers(values[6:], DIRECTION)}"
+
+
+def _box_of(line: TrackEntry | ProposalEntry | AgentEntry) -> Box:
+    return Box(
         np.array((line.cx, line.cy, line.cz)),
         np.array((line.length, line.width, line.height)),
         rotation_from_quat_wxyz((line.qw, line.qx, line.qy, line.qz)),
     )
-    return kind(box=box, frame=line.frame, timestamp_s=line.timestamp, **_values(kind, line))
+
+
+def _row(kind: type[R], line: TrackEntry | ProposalEntry) -> R:
+    return kind(box=_box_of(line), frame=line.frame, timestamp_s=line.timestamp, **_values(kind, line))
 
 
 def _values(kind: type, line: Any) -> dict[str, Any]:

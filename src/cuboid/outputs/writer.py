@@ -15,6 +15,7 @@ from cuboid.core.errors import OutputError
 from cuboid.core.paths import PathLike
 from cuboid.core.results import FrameResult, MapPoints
 from cuboid.outputs.folder import (
+    AGENTS,
     EVENTS,
     MAP,
     OBJECTS,
@@ -30,13 +31,27 @@ from cuboid.outputs.folder import (
 from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.outputs.ply import write_map
 from cuboid.outputs.report import RunReport, write_run
-from cuboid.outputs.rows import EVENTS_HEADER, PROPOSALS_HEADER, TRACKS_HEADER, EventRow, PoseRow, ProposalRow, TrackRow
+from cuboid.outputs.rows import (
+    AGENTS_HEADER,
+    EVENTS_HEADER,
+    PROPOSALS_HEADER,
+    TRACKS_HEADER,
+    AgentRow,
+    EventRow,
+    PoseRow,
+    ProposalRow,
+    TrackRow,
+)
 
 if TYPE_CHECKING:
     from cuboid.shapes.keeping import ViewKeeper
 
 # Rows of a run without an output folder are kept in memory up to this size, a file; beyond it on disk.
 MAX_IN_MEMORY_BYTES = 1 << 22
+
+
+# Files that are only there where something moves, with their headers.
+OPTIONAL = {EVENTS: EVENTS_HEADER, AGENTS: AGENTS_HEADER}
 
 
 class ResultWriter:
@@ -131,18 +146,19 @@ class ResultWriter:
         OutputError
             The disk is full.
         """
-        for name, lines in zip((TRACKS, PROPOSALS, self._online, EVENTS), lines_of(result, pixels), strict=True):
-            if lines or name != EVENTS:
+        names = TRACKS, PROPOSALS, self._online, *OPTIONAL
+        for name, lines in zip(names, lines_of(result, pixels), strict=True):
+            if lines or name not in OPTIONAL:
                 text = "".join(f"{line}\n" for line in lines)
                 self._write_rows(name, text)
                 self._keep(name, text)
 
     def _write_rows(self, name: str, text: str) -> None:
-        """Write rows of a file; there is one with events once there are any."""
+        """Write rows of a file; the optional ones begin with their first rows."""
         with writing(self._folder.file(name), self._shown / name):
             if name not in self._files:
                 self._files[name] = self._open(name)
-                self._files[name].write(EVENTS_HEADER + "\n")
+                self._files[name].write(OPTIONAL[name] + "\n")
             self._files[name].write(text)
 
     def finish(
@@ -198,7 +214,7 @@ class RowLog:
 
     def __init__(self) -> None:
         with ExitStack() as stack:
-            self._files = [stack.enter_context(_spooled()) for _ in range(4)]
+            self._files = [stack.enter_context(_spooled()) for _ in range(3 + len(OPTIONAL))]
             weakref.finalize(self, stack.pop_all().close)
 
     def add(self, result: FrameResult) -> None:
@@ -208,20 +224,20 @@ class RowLog:
 
     def texts(self, *, corrected: bool) -> dict[str, str]:
         """Return the rows by the name of their file; `corrected` as of `ResultWriter`."""
-        names = TRACKS, PROPOSALS, TRAJECTORY_ONLINE if corrected else TRAJECTORY, EVENTS
+        names = TRACKS, PROPOSALS, TRAJECTORY_ONLINE if corrected else TRAJECTORY, *OPTIONAL
         texts = {}
         for name, file in zip(names, self._files, strict=True):
             file.seek(0)
             texts[name] = file.read()
-        return texts if texts[EVENTS] else {name: text for name, text in texts.items() if name != EVENTS}
+        return {name: text for name, text in texts.items() if text or name not in OPTIONAL}
 
 
 def _spooled() -> tempfile.SpooledTemporaryFile[str]:
     return tempfile.SpooledTemporaryFile(MAX_IN_MEMORY_BYTES, "w+", encoding="utf-8", newline="\n")
 
 
-def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], list[str], list[str], list[str]]:
-    """Return the lines of one frame in `tracks.csv`, `proposals.csv`, the trajectory, and `events.csv`.
+def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], ...]:
+    """Return the lines of one frame in `tracks.csv`, `proposals.csv`, the trajectory, `events.csv` and `agents.csv`.
 
     Parameters
     ----------
@@ -239,7 +255,8 @@ def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], list[str]
         for own in result.proposals
     ]
     events = [EventRow(one.event, one.label, one.from_m, one.to_m, one.score, frame, time_s) for one in result.events]
-    return tracks, proposals, [PoseRow(time_s, result.T_world_camera).line()], [event.line() for event in events]
+    agents = [AgentRow(frame, time_s, box).line() for box in result.agents]
+    return tracks, proposals, [PoseRow(time_s, result.T_world_camera).line()], [one.line() for one in events], agents
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -21,7 +21,7 @@ from cuboid.views.live.watch import Moment
 from cuboid.views.report.page import SHARED, assembled, own, style
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.points import LARGEST, STEP_M, spacing, thinned
-from cuboid.views.report.summary import camera_document, inferno, label_colors, packed
+from cuboid.views.report.summary import camera_document, event_document, inferno, label_colors, packed
 from cuboid.views.tags import TAG_PX
 from cuboid.views.text import ink
 
@@ -62,7 +62,7 @@ def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pos
         "frames": packed(np.arange(len(poses), dtype="<i4")),
         "poses": packed(poses.astype("<f4")),
         "points": {"count": 0, "total": 0, "low": [0.0, 0.0, 0.0], "step_m": STEP_M, "spacing_m": 0.01},
-        **(_scene(moment) if moment is not None else {"up": None, "objects": [], "planes": []}),
+        **(_scene(moment) if moment is not None else {"up": None, "objects": [], "events": [], "planes": []}),
     }
     scripts = [own(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
     return assembled(_source("live.html"), style(own("page.css"), _source("live.css")), scripts, document)
@@ -146,6 +146,7 @@ def _scene(moment: Moment) -> dict[str, Any]:
     return {
         "up": None if moment.up is None else rounded_list(moment.up, TURN_DIGITS),
         "objects": [_object(item, item.label in seen) for item in moment.objects],
+        "events": [event_document(one) for one in moment.events],
         "planes": [{"outline": [rounded_list(p, PLACE_DIGITS) for p in plane.extent]} for plane in moment.planes],
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy as np
 
 from cuboid.core.frame import Float32Array, Float64Array, Frame, UInt8Array
 from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
+from cuboid.outputs.rows import EventRow
 
 # Eyes see motion from here on. On a slow or busy machine moments are rarer: what is done for them (a picture is drawn
 # and packed, 5 ms) takes no more than this fraction of the tracker's own processor time.
@@ -26,6 +28,9 @@ MAP_FRACTION = 0.015
 # The camera's path has a corner after each step of this length, metres; a page gets at most this many (16 kB).
 STRIDE_M = 0.01
 MAX_PLACES = 1000
+
+# The page lists this many events, the last ones.
+EVENTS_SHOWN = 20
 
 # Who has asked for nothing for so long has gone, or looks at another tab.
 GONE_AFTER_S = 3.0
@@ -74,6 +79,8 @@ class Moment:
         Mean time of a frame of late.
     path : (N, 3) float32
         Where the camera has been.
+    events : tuple of EventRow
+        The last ones, by frame.
     """
 
     number: int
@@ -87,6 +94,7 @@ class Moment:
     up: Float64Array | None
     milliseconds: float
     path: Float32Array
+    events: tuple[EventRow, ...] = ()
 
 
 class Ration:
@@ -145,6 +153,7 @@ class LiveView:
         self._last: tuple[Frame, FrameResult, TrackerView] | None = None
         self._first: Float64Array | None = None
         self._places: list[Float64Array] = []
+        self._events: deque[EventRow] = deque(maxlen=EVENTS_SHOWN)
         self._used = 0
         self._mean_s = 0.0
         self._frame_s = 0.0
@@ -165,6 +174,10 @@ class LiveView:
         self._frame_s = now_s
         self._last = frame, result, tracker
         self._follow(result.T_world_camera)
+        for one in result.events:
+            self._events.append(
+                EventRow(one.event, one.label, one.from_m, one.to_m, one.score, result.index, result.timestamp_s)
+            )
         if not (self.is_watched and self.moments.due):
             return
         self.moments.begin()
@@ -275,6 +288,7 @@ class LiveView:
             up=tracker.up,
             milliseconds=1e3 * self._mean_s,
             path=self._path(),
+            events=tuple(self._events),
         )
         with self._changed:
             self._moment = moment

@@ -15,6 +15,7 @@ from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.palette import color_of, hex_of, ink_on
 from cuboid.core.results import SceneChange, TrackedObject
 from cuboid.outputs import ObjectsFile, PoseRow, Results, RunReport, TrackRow
+from cuboid.outputs.rows import EventRow
 from cuboid.views.report.pictures import Picture, best_sightings, cut_pictures
 from cuboid.views.report.points import PackedPoints, pack_points
 
@@ -44,6 +45,8 @@ class Summary:
         By label; an object without one has none.
     changes : tuple of SceneChange
         Where the recording went into a scene that had others.
+    events : tuple of EventRow
+        By frame.
     """
 
     report: RunReport
@@ -54,6 +57,7 @@ class Summary:
     points: PackedPoints
     pictures: dict[int, Picture]
     changes: tuple[SceneChange, ...] = ()
+    events: tuple[EventRow, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document that the page reads, ready for JSON."""
@@ -83,6 +87,7 @@ class Summary:
             "points": self.points.to_dict(),
             "inferno": packed(inferno()),
             "changes": [_change(one) for one in self.changes],
+            "events": [event_document(one) for one in self.events],
             **self._tree(),
         }
 
@@ -160,6 +165,7 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
         points=pack_points(results.map_points()),
         pictures={} if read is None else pictures_of(results, read),
         changes=tuple(changes),
+        events=tuple(results.events),
     )
 
 
@@ -241,6 +247,18 @@ def _change(one: SceneChange) -> dict[str, Any]:
             key: None if jpeg is None else f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode('ascii')}"
             for key, jpeg in pictures.items()
         },
+    }
+
+
+def event_document(one: EventRow) -> dict[str, Any]:
+    """Return what the page says of an event."""
+    metres = None if one.metres is None else round(one.metres, PLACE_DIGITS)
+    return {
+        **label_colors(one.label),
+        "label": one.label,
+        "frame": one.frame,
+        "event": one.event,
+        "metres": metres,
     }
 
 

@@ -64,6 +64,18 @@ function listObjects() {
   );
 }
 
+/** The last events, the latest first. */
+function listEvents(events) {
+  find("events").hidden = !events.length;
+  find("events").querySelector("ul").replaceChildren(
+    ...[...events].reverse().map((one) => {
+      const known = data.objects.find(({ label }) => label === one.label) || one;
+      const words = element("span", { class: `kind ${one.event}` }, wordsOf(one));
+      return element("li", {}, chip(known), words, element("small", {}, `frame ${one.frame}`));
+    }),
+  );
+}
+
 /** New tags where there are new labels; else the old ones move, so that a click on one meets it. */
 function placeTags() {
   const labels = (items) => items.map(({ label }) => label).join();
@@ -98,6 +110,7 @@ async function takeMoment(moment) {
   scene.take(moment, picture);
   placeTags();
   listObjects();
+  listEvents(moment.events);
   orbit.take(scene.camera());
   if (state.follow) orbit.set(orbit.behind(scene.pose));
   else if (!touched && !orbit.isFlying && (data.objects.length !== before || orbit.losesCamera)) orbit.fly(orbit.home(), 1200);

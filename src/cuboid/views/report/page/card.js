@@ -138,6 +138,8 @@ class Panel {
       ...(object.relations ? relationLines(object, this.chosen) : [["Stands on plane", plane]]),
     ];
     lines.unshift(...this.classes(object));
+    for (const one of happened.filter(({ label }) => label === object.label))
+      lines.push([one.event[0].toUpperCase() + one.event.slice(1), one.metres === null ? "" : `${cm(one.metres)} cm, `, this.link(one.frame)]);
     if (object.merged_labels.length) lines.push(["Also was", object.merged_labels.map((label) => `#${label}`).join(", ")]);
     return element("dl", {}, ...lines.flatMap(([name, ...values]) => [element("dt", {}, name), element("dd", {}, ...values)]));
   }

@@ -10,6 +10,7 @@ function bytesOf(base64) {
 const frames = new Int32Array(bytesOf(data.frames).buffer);
 const poses = new Float32Array(bytesOf(data.poses).buffer);
 const changed = data.changes || []; // a run that goes on has none yet
+const happened = data.events || []; // the same
 const objectOf = new Map(data.objects.map((object) => [object.label, object]));
 
 /** Camera to world of the i-th used frame: its place and, as columns, its axes. */
@@ -71,6 +72,11 @@ async function unpackPoints() {
     for (let k = 0; k < 4; k++) look[4 * i + k] = looks[k][i];
   }
   return { steps, look, label: summedPair(bytes, 10, count) };
+}
+
+/** What happened to an object at a frame, in words. */
+function wordsOf({ event, metres }) {
+  return event === "moved" ? `moved ${cm(metres)} cm` : event;
 }
 
 /** The label, with the name that people gave it. */

@@ -9,6 +9,13 @@ const CHIP_FONT = "700 11px Inter, system-ui, sans-serif";
 const EDGE = 26;
 const AXIS = 20;
 const THUMB = 8;
+// Signs of events: an arrow, a cross, a plus, and an arrow back, in a square of 6 by 6 around the middle.
+const SIGNS = {
+  moved: "M-3 0H3M0.5 -2.5L3 0L0.5 2.5",
+  gone: "M-2.5 -2.5L2.5 2.5M-2.5 2.5L2.5 -2.5",
+  appeared: "M-3 0H3M0 -3V3",
+  back: "M3 0H-3M-0.5 -2.5L-3 0L-0.5 2.5",
+};
 
 const measure = document.createElement("canvas").getContext("2d");
 
@@ -42,8 +49,11 @@ class Timeline {
     this.slider.max = String(Math.max(0, frames.length - 1));
     this.slider.addEventListener("input", () => moved(Number(this.slider.value)));
     this.plot.addEventListener("click", (event) => {
+      const sign = event.target.closest("[data-event]");
+      if (sign) moved(frames.indexOf(Number(sign.dataset.frame)));
       const row = event.target.closest("[data-row]");
-      if (row) chosen(Number(row.dataset.row));
+      const label = row && Number(row.dataset.row);
+      if (row && !(sign && this.state.selected === label)) chosen(label); // a sign leaves its object chosen
     });
     this.scrub(moved);
     new ResizeObserver(() => this.draw()).observe(find("rows"));
@@ -127,8 +137,16 @@ class Timeline {
       shape("text", { class: "name", x: 18, y: y + 13, fill: object.ink }, text, shape("title", {}, titleOf(object))),
       shape("text", { class: "count", x: this.gutter - 12, y: y + 13, "text-anchor": "end" }, count),
       ...this.bars(object, y, gone),
+      ...happened.filter(({ label }) => label === object.label).map((one) => this.sign(one, object, y)),
     );
     return group;
+  }
+
+  /** The sign of an event; a click goes to its frame. */
+  sign(one, object, y) {
+    const place = { transform: `translate(${this.x(one.frame)} ${y + ROW / 2})`, "data-event": one.event, "data-frame": one.frame };
+    const title = shape("title", {}, `${titleOf(object)}: ${wordsOf(one)}, told in frame ${one.frame}`);
+    return shape("g", { class: "event", ...place }, shape("circle", { r: 7 }), shape("path", { d: SIGNS[one.event] }), title);
   }
 
   bars(object, y, gone) {

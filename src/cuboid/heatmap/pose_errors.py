@@ -1,0 +1,69 @@
+"""Whether poses are off, or things move: the motion between two frames that explains more than the claimed one does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cuboid.core.frame import Float64Array
+from cuboid.core.tolerances import JUMP_M, JUMP_SIGMAS
+from cuboid.poses.alignment import Reference, align
+from cuboid.poses.pyramid import Level
+
+# The motion is found down to this level of the picture, and judged there.
+FINEST = 1
+# Poses are off where another motion of the whole picture leaves less than this fraction of the points that disagree.
+# Where a hand moves, .9 and more are left at the best motion; where poses are off by 3 to 26 cm, .1 to .4.
+UNEXPLAINED = 0.5
+# Intensities agree within so many levels: light changes as the camera moves.
+ALIKE = 24
+
+
+def true_motion(
+    earlier: Reference,
+    levels: Sequence[Level],
+    T_claimed: Float64Array,
+    T_start: Float64Array,
+    noise_per_m: float,
+) -> Float64Array | None:
+    """Return T_view_earlier (4, 4) where the claimed one is off; None where it is not, or nothing tells.
+
+    Parameters
+    ----------
+    earlier : Reference
+        Points of the earlier frame.
+    levels : sequence of Level
+        The later frame, the view, finest first.
+    T_claimed : (4, 4) float64
+        T_view_earlier, as the poses say.
+    T_start : (4, 4) float64
+        Where the search starts: the same of the frame before the view.
+    noise_per_m : float
+        Standard deviation of depth is this times z squared.
+    """
+    found = align(earlier, levels, T_start, finest=FINEST)
+    if not found.reliable:
+        return None
+    claimed, left = (
+        _disagreeing(earlier, levels[FINEST], T, found.shade[0], noise_per_m)
+        for T in (T_claimed, found.T_camera_reference)
+    )
+    return found.T_camera_reference if left < UNEXPLAINED * claimed else None
+
+
+def _disagreeing(
+    earlier: Reference, level: Level, T_view_earlier: Float64Array, shade: Float64Array, noise_per_m: float
+) -> float:
+    """Return the fraction of points in view with a reading of another depth or intensity."""
+    known, (fx, fy, cx, cy) = earlier.levels[FINEST], level.camera
+    x, y, z = T_view_earlier[:3, :3] @ known.points.T + T_view_earlier[:3, 3:]
+    height, width = level.image.shape[:2]
+    ahead = np.maximum(z, JUMP_M)
+    u, v = np.rint(x / ahead * fx + cx), np.rint(y / ahead * fy + cy)
+    shown = np.flatnonzero((z > JUMP_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height))
+    intensity, _, _, depth_m = level.image[v[shown].astype(np.int64), u[shown].astype(np.int64)].T
+    read, z = depth_m > 0, z[shown]
+    elsewhere = np.abs(depth_m - z) > JUMP_M + JUMP_SIGMAS * noise_per_m * z * z
+    unlike = np.abs(intensity - (shade[0] * known.intensity[shown] + shade[1])) > ALIKE
+    return int(np.count_nonzero(read & (elsewhere | unlike))) / max(1, int(np.count_nonzero(read)))
