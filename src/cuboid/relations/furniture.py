@@ -1,0 +1,173 @@
+"""Furniture: what bears supporting planes, such as a table beneath its top or a shelf around its boards."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from cuboid.boxes.fit import fit_box
+from cuboid.core.frame import Float64Array, UInt8Array
+from cuboid.core.results import MapPoints, SupportPlane
+from cuboid.core.tolerances import DRIFT_M
+from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import level_rotation
+from cuboid.relations.walls import CELL_M, thinned
+
+# Sides and legs of furniture stand out from the outline of its top by no more than this, metres.
+RIM_M = 0.06
+# Points of one piece of furniture have no wider gaps than this, metres: poses drift, and points are one in a cell.
+LINK_M = DRIFT_M + CELL_M
+# What bears a plane was seen down to this far below it, metres: less is the edge of a board.
+MIN_DROP_M = 0.1
+# Fraction of its points that may lie below the box, or beside it: strays.
+STRAY_FRACTION = 0.01
+Numbers = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Furniture:
+    """A piece of furniture.
+
+    Attributes
+    ----------
+    box : Box
+        Of what was seen of it, in the world; no higher than its highest plane.
+    planes : tuple of int
+        Supporting planes that it bears, by their place in the list.
+    """
+
+    box: Box
+    planes: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Area:
+    """A supporting plane seen from above.
+
+    Attributes
+    ----------
+    coefficients : (4,) float64
+        The plane is a x + b y + c z + d = 0 in the level frame; (a, b, c) is its unit normal, up.
+    corner : (2,) int64
+        First cell of its images.
+    inside, around : (H, W) uint8
+        1 for the cells within its outline, and for those within `RIM_M` of it.
+    """
+
+    coefficients: Float64Array
+    corner: Numbers
+    inside: UInt8Array
+    around: UInt8Array
+
+    def height_m(self, points: Float64Array) -> Float64Array:
+        """Return how high points (N, 3) lie above the plane."""
+        return np.asarray(points @ self.coefficients[:3] + self.coefficients[3])
+
+    def holds(self, image: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
+        """Tell which points (N, 3) lie over the cells of `inside` or `around`."""
+        x, y = (np.floor(points[:, :2] / CELL_M).astype(np.int64) - self.corner).T
+        known = (x >= 0) & (y >= 0) & (x < image.shape[1]) & (y < image.shape[0])
+        return np.asarray(known & (image[np.where(known, y, 0), np.where(known, x, 0)] > 0))
+
+
+def find_furniture(planes: Sequence[SupportPlane], points: MapPoints, up: Float64Array | None) -> tuple[Furniture, ...]:
+    """Find what bears the supporting planes: points of no object beneath a plane that reach up to it.
+
+    A plane with nothing beneath, such as the floor, is no furniture. Planes with common points beneath them, such as
+    boards between the same two sides, belong to one piece.
+
+    Parameters
+    ----------
+    planes : sequence of SupportPlane
+    points : MapPoints
+    up : (3,) float64 or None
+        Up in the world; None where it is unknown: nothing is found then.
+    """
+    if up is None or not len(planes):
+        return ()
+    R = level_rotation(up)
+    areas = [_area(plane, R) for plane in planes]
+    local = thinned(points.xyz[points.label == 0].astype(np.float64) @ R.T)
+    heights = np.array([area.height_m(local) for area in areas])
+    on = np.array(
+        [(np.abs(h) <= DRIFT_M) & area.holds(area.inside, local) for area, h in zip(areas, heights, strict=True)]
+    ).any(axis=0)
+    beneath = np.array(
+        [~on & (h < -DRIFT_M) & area.holds(area.around, local) for area, h in zip(areas, heights, strict=True)]
+    )
+    used = np.flatnonzero(beneath.any(axis=0))
+    if not len(used):
+        return ()
+    part = _connected(local[used])
+    bears = _parts_that_bear(part, beneath[:, used], heights[:, used])
+    return tuple(_piece(planes, members, local[used[of_it]], R) for members, of_it in _pieces(bears, part))
+
+
+def _area(plane: SupportPlane, R: Float64Array) -> _Area:
+    rim = int(np.ceil(RIM_M / CELL_M))
+    cells = np.floor((plane.extent @ R.T)[:, :2] / CELL_M).astype(np.int64)
+    corner = cells.min(axis=0) - rim
+    width, height = (cells.max(axis=0) + rim + 1 - corner).tolist()
+    inside = np.zeros((height, width), np.uint8)
+    cv2.fillPoly(inside, [(cells - corner).astype(np.int32)], 1)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim + 1, 2 * rim + 1))
+    around = np.asarray(cv2.dilate(inside, disc), np.uint8)
+    return _Area(np.append(R @ plane.normal, plane.offset), corner, inside, around)
+
+
+def _connected(points: Float64Array) -> npt.NDArray[np.int32]:
+    """Number points (N, 3) by the part that they belong to, (N,): gaps within a part are no wider than `LINK_M`."""
+    i, j = cKDTree(points).query_pairs(LINK_M, output_type="ndarray").T
+    links = coo_array((np.ones(len(i), bool), (i, j)), shape=(len(points), len(points)))
+    return np.asarray(connected_components(links, directed=False)[1], np.int32)
+
+
+def _parts_that_bear(
+    part: npt.NDArray[np.int32], beneath: npt.NDArray[np.bool_], heights: Float64Array
+) -> npt.NDArray[np.bool_]:
+    """Tell which planes (P,) each part (K,) bears, (P, K): it reaches up to the plane, and goes far enough down.
+
+    Parameters
+    ----------
+    part : (N,) int32
+        Number of the part of each point, 0..K-1.
+    beneath : (P, N) bool
+        Points that lie beneath each plane.
+    heights : (P, N) float64
+        Of the points above each plane, metres.
+    """
+    bears = np.zeros((len(beneath), int(part.max()) + 1), bool)
+    for row, below, height in zip(bears, beneath, heights, strict=True):
+        row[part[below & (height >= -DRIFT_M - LINK_M)]] = True
+        deep = np.zeros(len(row), bool)
+        deep[part[below & (height <= -MIN_DROP_M)]] = True
+        row &= deep
+    return bears
+
+
+def _pieces(bears: npt.NDArray[np.bool_], part: npt.NDArray[np.int32]) -> list[tuple[Numbers, npt.NDArray[np.bool_]]]:
+    """Return planes and points of each piece of furniture: planes with a part in common are one piece."""
+    shared = bears.astype(np.int64) @ bears.T.astype(np.int64)
+    piece_of = np.asarray(connected_components(csr_array(shared), directed=False)[1], np.int32)
+    pieces = []
+    for number in dict.fromkeys(piece_of[bears.any(axis=1)].tolist()):
+        members = np.flatnonzero(piece_of == number)
+        of_it: npt.NDArray[np.bool_] = np.any(bears[members], axis=0)
+        pieces.append((members, of_it[part]))
+    return pieces
+
+
+def _piece(planes: Sequence[SupportPlane], members: Numbers, points: Float64Array, R: Float64Array) -> Furniture:
+    """Return a piece of furniture that bears the planes `members`, from its points (N, 3) in the level frame."""
+    up = np.array([0.0, 0.0, 1.0])
+    tops = np.concatenate([planes[k].extent for k in members.tolist()]) @ R.T
+    low_m = float(np.quantile(points[:, 2], STRAY_FRACTION))
+    box = fit_box(np.concatenate([points[points[:, 2] >= low_m], tops]), up, -low_m, 0.0)
+    return Furniture(Box(R.T @ box.center, box.size, R.T @ box.rotation), tuple(members.tolist()))
