@@ -235,9 +235,12 @@ class TrackedObject:
     names : tuple of (str, float)
         The next most likely classes, at most three, with their probabilities.
     kind : str
-        "volume"; for objects without depth readings "flat" (on a plane) or "box".
+        "volume"; for objects without depth readings "flat" (on a plane) or "box"; "support" for furniture that bears
+        supporting planes.
     relations : tuple of Relation
         Relations to other objects and to surfaces; empty if they were not requested.
+    planes : tuple of int
+        Indices of the supporting planes that furniture bears; empty for objects.
     """
 
     label: Label = field(metadata=column("label of the object, 1 or more"))
@@ -269,6 +272,7 @@ class TrackedObject:
     names: tuple[tuple[str, float], ...] = ()
     kind: str = "volume"
     relations: tuple[Relation, ...] = ()
+    planes: tuple[int, ...] = ()
 
     def with_given_name(self, name: str) -> Self:
         """Return it with a name given by a user; the class from a detector becomes the first of `names`."""

@@ -18,7 +18,7 @@ from cuboid.core.results import MapPoints, SupportPlane
 from cuboid.core.tolerances import DRIFT_M
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import level_rotation
-from cuboid.relations.walls import CELL_M, thinned
+from cuboid.relations.walls import CELL_M, Numbers, cubes_of
 
 # Sides and legs of furniture stand out from the outline of its top by no more than this, metres.
 RIM_M = 0.06
@@ -28,10 +28,9 @@ LINK_M = DRIFT_M + CELL_M
 MIN_DROP_M = 0.1
 # Fraction of its points that may lie below the box, or beside it: strays.
 STRAY_FRACTION = 0.01
-Numbers = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Furniture:
     """A piece of furniture.
 
@@ -41,10 +40,13 @@ class Furniture:
         Of what was seen of it, in the world; no higher than its highest plane.
     planes : tuple of int
         Supporting planes that it bears, by their place in the list.
+    points : (N,) int64
+        Its points, by their place in the map.
     """
 
     box: Box
     planes: tuple[int, ...]
+    points: Numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +96,10 @@ def find_furniture(planes: Sequence[SupportPlane], points: MapPoints, up: Float6
         return ()
     R = level_rotation(up)
     areas = [_area(plane, R) for plane in planes]
-    local = thinned(points.xyz[points.label == 0].astype(np.float64) @ R.T)
+    free = np.flatnonzero(points.label == 0)
+    local = points.xyz[free].astype(np.float64) @ R.T
+    first, cube = cubes_of(local)
+    local = local[first]
     heights = np.array([area.height_m(local) for area in areas])
     on = np.array(
         [(np.abs(h) <= DRIFT_M) & area.holds(area.inside, local) for area, h in zip(areas, heights, strict=True)]
@@ -107,7 +112,12 @@ def find_furniture(planes: Sequence[SupportPlane], points: MapPoints, up: Float6
         return ()
     part = _connected(local[used])
     bears = _parts_that_bear(part, beneath[:, used], heights[:, used])
-    return tuple(_piece(planes, members, local[used[of_it]], R) for members, of_it in _pieces(bears, part))
+    found = []
+    for members, of_it in _pieces(bears, part):
+        cubes = used[of_it]
+        own = free[np.isin(cube, cubes)]
+        found.append(Furniture(_box(planes, members, local[cubes], R), tuple(members.tolist()), own))
+    return tuple(found)
 
 
 def _area(plane: SupportPlane, R: Float64Array) -> _Area:
@@ -164,10 +174,10 @@ def _pieces(bears: npt.NDArray[np.bool_], part: npt.NDArray[np.int32]) -> list[t
     return pieces
 
 
-def _piece(planes: Sequence[SupportPlane], members: Numbers, points: Float64Array, R: Float64Array) -> Furniture:
-    """Return a piece of furniture that bears the planes `members`, from its points (N, 3) in the level frame."""
+def _box(planes: Sequence[SupportPlane], members: Numbers, points: Float64Array, R: Float64Array) -> Box:
+    """Return the box of the furniture that bears the planes `members`, from its points (N, 3) in the level frame."""
     up = np.array([0.0, 0.0, 1.0])
     tops = np.concatenate([planes[k].extent for k in members.tolist()]) @ R.T
     low_m = float(np.quantile(points[:, 2], STRAY_FRACTION))
     box = fit_box(np.concatenate([points[points[:, 2] >= low_m], tops]), up, -low_m, 0.0)
-    return Furniture(Box(R.T @ box.center, box.size, R.T @ box.rotation), tuple(members.tolist()))
+    return Box(R.T @ box.center, box.size, R.T @ box.rotation)
