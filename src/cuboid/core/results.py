@@ -30,6 +30,8 @@ from cuboid.geometry.se3 import transform
 RECTANGLE = column("rectangle in the color image", kind=Pixel, digits=PIXEL, parts=("x0", "y0", "x1", "y1"))
 # Kinds of relations between objects and surfaces.
 RELATIONS: tuple[RelationKind, ...] = get_args(RelationKind)
+# The kind, in `TrackedObject.kind`, of furniture that bears supporting planes.
+SUPPORT = "support"
 # Number of further class names in results.
 NEXT_NAMES = 3
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Protocol
@@ -45,6 +45,9 @@ class Source(Protocol):
 
     def walls(self) -> Sequence[Wall]:
         """Return the walls that objects may be against, where finding them is cheap enough."""
+
+    def furniture(self) -> Mapping[int, tuple[int, ...]]:
+        """Return the supporting planes that furniture bears, by its label; for the thread that uses `aside`."""
 
     def version(self) -> object:
         """Return what differs once the map has changed."""
@@ -105,6 +108,10 @@ class ResultsSource:
     def walls(self) -> Sequence[Wall]:
         """Return the walls that objects may be against."""
         return self.aside.walls
+
+    def furniture(self) -> Mapping[int, tuple[int, ...]]:
+        """Return the planes of the furniture that was saved with the results."""
+        return {label: item.planes for item in self.aside.furniture for label in (item.label, *item.merged_labels)}
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return the objects, by label."""
@@ -179,6 +186,10 @@ class SceneSource:
     def walls(self) -> Sequence[Wall]:
         """Return none: the whole map would have to be read."""
         return ()
+
+    def furniture(self) -> Mapping[int, tuple[int, ...]]:
+        """Return the planes of the furniture that recordings were asked for."""
+        return self.aside.furniture_planes
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return all objects that ever had a label, by label."""

@@ -137,6 +137,10 @@ class RunSource:
         """Return none: they are found among the points of the whole map."""
         return ()
 
+    def furniture(self) -> Mapping[int, tuple[int, ...]]:
+        """Return none: it is found at the end of a run."""
+        return {}
+
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return the objects, by label."""
         return [(item, "present") for item in self.map.objects]

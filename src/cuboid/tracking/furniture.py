@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from cuboid.core.results import MapPoints, TrackedObject
+from cuboid.core.results import SUPPORT, MapPoints, TrackedObject
 from cuboid.relations.furniture import Furniture
 from cuboid.surfaces.plane import Plane
 
-# The kind of furniture in results, and its score: the confidence that it is an object.
-KIND, SCORE = "support", 0.0
-# Labels of the furniture that bears a plane, by identity of the plane: its own label, then younger ones that ended in it.
+# Score of furniture: the confidence that it is an object.
+SCORE = 0.0
+# Labels of the furniture that bears a plane, by identity of the plane: its own, then younger ones that ended in it.
 Labels = dict[int, tuple[int, ...]]
 
 
@@ -41,7 +41,9 @@ def labels_of(
     return found
 
 
-def furniture_entry(piece: Furniture, labels: tuple[int, ...], planes: Sequence[Plane], points: MapPoints) -> TrackedObject:
+def furniture_entry(
+    piece: Furniture, labels: tuple[int, ...], planes: Sequence[Plane], points: MapPoints
+) -> TrackedObject:
     """Return a piece of furniture as an entry of the results.
 
     Parameters
@@ -66,6 +68,6 @@ def furniture_entry(piece: Furniture, labels: tuple[int, ...], planes: Sequence[
         mean_color=points.rgb[piece.points].mean(axis=0, dtype=np.float64),
         plane=None,
         merged_labels=labels[1:],
-        kind=KIND,
+        kind=SUPPORT,
         planes=piece.planes,
     )

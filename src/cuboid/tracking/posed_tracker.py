@@ -603,6 +603,24 @@ class PosedTracker(MapQueries):
         """Number of each of `planes`, as in `MapObject.plane`."""
         return [plane.identity for plane in self._planes.planes if plane.in_use]
 
+    @property
+    def furniture_planes(self) -> dict[int, tuple[int, ...]]:
+        """Indices of the planes that each piece of furniture with a label bears, by label, ended labels included."""
+        found: dict[int, tuple[int, ...]] = {}
+        known = self._known_furniture_labels()
+        for k, identity in enumerate(self.plane_identities):
+            found |= {label: (*found.get(label, ()), k) for label in known.get(identity, ())}
+        return found
+
+    def _known_furniture_labels(self) -> Labels:
+        """Return the labels of furniture by identity of the planes that there are: some have absorbed others."""
+        known: Labels = {}
+        for identity, labels in self._furniture_labels.items():
+            plane = self._planes.find(identity)
+            if plane is not None:
+                known[plane.identity] = tuple(sorted({*known.get(plane.identity, ()), *labels}))
+        return known
+
     def find_furniture(self, points: MapPoints, *, labelled: bool = False) -> ObjectTable:
         """Return the furniture that bears the supporting planes, by label.
 
@@ -615,14 +633,12 @@ class PosedTracker(MapQueries):
         labelled : bool
             Only pieces that have a label.
         """
+        if labelled and not self._furniture_labels:
+            return ObjectTable()
         used = [plane for plane in self._planes.planes if plane.in_use]
         pieces = find_furniture(self.planes, points, self.up)
         borne = [[used[k] for k in piece.planes] for piece in pieces]
-        heirs = ((self._planes.find(k), labels) for k, labels in self._furniture_labels.items())
-        known: Labels = {}
-        for heir, labels in heirs:
-            if heir is not None:
-                known[heir.identity] = tuple(sorted({*known.get(heir.identity, ()), *labels}))
+        known = self._known_furniture_labels()
         new_label = None if labelled else self._map.store.next_label
         found = labels_of([[plane.identity for plane in planes] for planes in borne], known, new_label)
         for planes, labels in zip(borne, found, strict=True):

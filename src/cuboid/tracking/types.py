@@ -210,6 +210,8 @@ class RunOutcome:
         Points of the global point map at the end.
     map_bytes : int
         Memory of it.
+    furniture : tuple of TrackedObject
+        What bears the supporting planes; none where nobody asked for it.
     """
 
     report: RunReport
@@ -220,6 +222,7 @@ class RunOutcome:
     frames_per_second: float
     points: int
     map_bytes: int
+    furniture: tuple[TrackedObject, ...] = ()
 
     def __repr__(self) -> str:
         report = self.report
