@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rich import box
@@ -82,6 +82,19 @@ def objects_table(objects: Iterable[TrackedObject]) -> Table:
         cells = (str(item.label), size, place, str(item.frames_seen), f"{item.score:.2f}")
         table.add_row(*cells, *((escape(printable(item.name or "")),) if name else ()))
     return table
+
+
+def furniture_lines(objects: Sequence[TrackedObject], furniture: Sequence[TrackedObject]) -> list[str]:
+    """Return the lines about furniture: how much there is beside the objects, and the box and planes of each piece."""
+    if not furniture:
+        return []
+    lines = [f"{counted(len(objects), 'object')}, {counted(len(furniture), 'piece')} of furniture:"]
+    for item in furniture:
+        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
+        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
+        planes = ", ".join(f"plane:{k}" for k in item.planes)
+        lines.append(f"  #{item.label}: {size} cm at {place} m, bears {planes}")
+    return lines
 
 
 def timings_table(milliseconds: Mapping[str, Timing]) -> Table:
