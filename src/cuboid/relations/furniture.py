@@ -40,12 +40,15 @@ class Furniture:
         Of what was seen of it, in the world; no higher than its highest plane.
     planes : tuple of int
         Supporting planes that it bears, by their place in the list.
+    plane : int or None
+        Plane that it stands on, by its place in the list; None where it is unknown.
     points : (N,) int64
-        Its points, by their place in the map.
+        Its points beneath these planes, by their place in the map.
     """
 
     box: Box
     planes: tuple[int, ...]
+    plane: int | None
     points: Numbers
 
 
@@ -59,12 +62,15 @@ class _Area:
         The plane is a x + b y + c z + d = 0 in the level frame; (a, b, c) is its unit normal, up.
     corner : (2,) int64
         First cell of its images.
+    outline : (N, 3) float64
+        In the level frame.
     inside, around : (H, W) uint8
         1 for the cells within its outline, and for those within `RIM_M` of it.
     """
 
     coefficients: Float64Array
     corner: Numbers
+    outline: Float64Array
     inside: UInt8Array
     around: UInt8Array
 
@@ -103,9 +109,10 @@ def find_furniture(planes: Sequence[SupportPlane], points: MapPoints, up: Float6
     heights = np.array([area.height_m(local) for area in areas])
     on = np.array(
         [(np.abs(h) <= DRIFT_M) & area.holds(area.inside, local) for area, h in zip(areas, heights, strict=True)]
-    ).any(axis=0)
+    )
+    off = ~on.any(axis=0)
     beneath = np.array(
-        [~on & (h < -DRIFT_M) & area.holds(area.around, local) for area, h in zip(areas, heights, strict=True)]
+        [off & (h < -DRIFT_M) & area.holds(area.around, local) for area, h in zip(areas, heights, strict=True)]
     )
     used = np.flatnonzero(beneath.any(axis=0))
     if not len(used):
@@ -116,20 +123,29 @@ def find_furniture(planes: Sequence[SupportPlane], points: MapPoints, up: Float6
     for members, of_it in _pieces(bears, part):
         cubes = used[of_it]
         own = free[np.isin(cube, cubes)]
-        found.append(Furniture(_box(planes, members, local[cubes], R), tuple(members.tolist()), own))
+        tops = np.concatenate([_on(areas[k], local[on[k]], heights[k, on[k]]) for k in members.tolist()])
+        plane, foot_m = _stands_on(areas, members, local[cubes])
+        found.append(Furniture(_box(local[cubes], tops, foot_m, R), tuple(members.tolist()), plane, own))
     return tuple(found)
 
 
 def _area(plane: SupportPlane, R: Float64Array) -> _Area:
     rim = int(np.ceil(RIM_M / CELL_M))
-    cells = np.floor((plane.extent @ R.T)[:, :2] / CELL_M).astype(np.int64)
+    outline = plane.extent @ R.T
+    cells = np.floor(outline[:, :2] / CELL_M).astype(np.int64)
     corner = cells.min(axis=0) - rim
     width, height = (cells.max(axis=0) + rim + 1 - corner).tolist()
     inside = np.zeros((height, width), np.uint8)
     cv2.fillPoly(inside, [(cells - corner).astype(np.int32)], 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim + 1, 2 * rim + 1))
     around = np.asarray(cv2.dilate(inside, disc), np.uint8)
-    return _Area(np.append(R @ plane.normal, plane.offset), corner, inside, around)
+    return _Area(np.append(R @ plane.normal, plane.offset), corner, outline, inside, around)
+
+
+def _on(area: _Area, points: Float64Array, heights: Float64Array) -> Float64Array:
+    """Return points (N, 3) near a plane, at heights (N,) above it, moved onto it; without points its outline."""
+    normal = area.coefficients[:3]
+    return points - heights[:, None] * normal if len(points) else area.outline
 
 
 def _connected(points: Float64Array) -> npt.NDArray[np.int32]:
@@ -174,10 +190,43 @@ def _pieces(bears: npt.NDArray[np.bool_], part: npt.NDArray[np.int32]) -> list[t
     return pieces
 
 
-def _box(planes: Sequence[SupportPlane], members: Numbers, points: Float64Array, R: Float64Array) -> Box:
-    """Return the box of the furniture that bears the planes `members`, from its points (N, 3) in the level frame."""
-    up = np.array([0.0, 0.0, 1.0])
-    tops = np.concatenate([planes[k].extent for k in members.tolist()]) @ R.T
+def _stands_on(areas: Sequence[_Area], members: Numbers, points: Float64Array) -> tuple[int | None, float]:
+    """Return the plane that furniture stands on, None where it is unknown, and how high its foot is, metres.
+
+    Parameters
+    ----------
+    areas : sequence of _Area
+    members : (M,) int64
+        The planes that it bears.
+    points : (N, 3) float64
+        Its points in the level frame; those of the plane that it stands on are not among them.
+    """
     low_m = float(np.quantile(points[:, 2], STRAY_FRACTION))
-    box = fit_box(np.concatenate([points[points[:, 2] >= low_m], tops]), up, -low_m, 0.0)
+    feet = points[np.abs(points[:, 2] - low_m) <= CELL_M]
+    found: int | None = None
+    least_m = LINK_M
+    for k, area in enumerate(areas):
+        gap_m = float(np.median(area.height_m(feet)))
+        if k not in members and abs(gap_m) <= least_m and np.median(area.holds(area.inside, feet)) > 0:
+            found, least_m = k, abs(gap_m)
+    foot_m = low_m if found is None else float(np.median(feet[:, 2] - areas[found].height_m(feet)))
+    return found, foot_m
+
+
+def _box(points: Float64Array, tops: Float64Array, foot_m: float, R: Float64Array) -> Box:
+    """Return the box of furniture in the world.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        What was seen of it beneath the planes that it bears, in the level frame.
+    tops : (M, 3) float64
+        What was seen of these planes.
+    foot_m : float
+        How high it begins.
+    R : (3, 3) float64
+        From the world to the level frame.
+    """
+    up = np.array([0.0, 0.0, 1.0])
+    box = fit_box(np.concatenate([points[points[:, 2] >= foot_m], tops]), up, -foot_m, 0.0)
     return Box(R.T @ box.center, box.size, R.T @ box.rotation)

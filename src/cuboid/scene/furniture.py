@@ -23,7 +23,11 @@ def known_furniture(tracker: PosedTracker, points: MapPoints) -> ObjectTable:
     own = tracker.plane_identities
     place = {identity: k for k, identity in enumerate(sorted(own))}
     return ObjectTable(
-        replace(piece, planes=tuple(sorted(place[own[k]] for k in piece.planes)))
+        replace(
+            piece,
+            plane=None if piece.plane is None else place[own[piece.plane]],
+            planes=tuple(sorted(place[own[k]] for k in piece.planes)),
+        )
         for piece in tracker.find_furniture(points, labelled=True)
     )
 

@@ -66,7 +66,7 @@ def furniture_entry(
         frames_seen=max(plane.frames for plane in planes),
         points=len(piece.points),
         mean_color=points.rgb[piece.points].mean(axis=0, dtype=np.float64),
-        plane=None,
+        plane=piece.plane,
         merged_labels=labels[1:],
         kind=SUPPORT,
         planes=piece.planes,
