@@ -1,7 +1,7 @@
-"""Questions to one place and their answers: the layer below `cuboid find`, the HTTP server and the MCP server.
+"""Queries of one place: the layer below `cuboid find`, the HTTP server and the MCP server.
 
-Objects are answered from lists that are made anew when the map has changed. What takes long (relations, up, clouds,
-meshes) is found aside, from the place opened a second time: other questions do not wait for it.
+Queries of objects use lists that are rebuilt after the map has changed. Slow results (relations, up, vectors, clouds,
+meshes) are computed from a second opening of the place: other queries do not wait for them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from cuboid.core.errors import InputError, shown
-from cuboid.core.frame import Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.results import Relation, SupportPlane, TrackedObject
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs.queries import PointCloud
@@ -30,37 +30,41 @@ from cuboid.queries.sources import Source, vector
 from cuboid.relations import Branch, find_relations, place_tree
 from cuboid.relations.tree import number_of, plane_heights_m
 from cuboid.shapes import ObjectMesh
+from cuboid.text_search import TextModel, ranked
 
 T = TypeVar("T")
-# What takes long to find is found again, after the map has changed, when it is this many times as old as it took.
-# So it takes a tenth of the time at most, and is no older than ten times what it takes.
+# A slow result is computed again after the map has changed, but not before this many times its computing time has
+# passed: computing takes at most a tenth of the time.
 REST = 10.0
-# With more objects, relations are found only around those that are asked for, in boxes nearer than this, metres: what
-# things are on, in and beside is decided by what is within `BESIDE_M` of them, and of what these are on.
+# With more objects, relations are computed only among objects within this distance of those of the query, metres: the
+# relations on, in and beside depend on objects within `BESIDE_M`, and on those that these are on.
 SMALL, AROUND_M = 300, 0.3
-# Sightings of a history that are answered unless others are asked for.
+# Default number of sightings in a history.
 SIGHTINGS = 20
-# Free height over a footprint unless another is asked for, metres: that of most things on tables.
+# Default free height above a footprint, metres: that of most objects on tables.
 FREE_HEIGHT_M = 0.3
-# Filters that need more than one recording, or the vectors that a store has.
-ONLY_IN_A_STORE = ("recording", "like", "text")
+# Filters that need more than one recording, or the columns that a store has.
+ONLY_IN_A_STORE = ("recording", "like")
 
 
 class Place:
-    """A place that is asked, from any thread: one question at a time, each to the map as it is then.
+    """Queries of a place, from any thread; each sees the map of one moment.
 
     Parameters
     ----------
     source : Source
+    model : TextModel, optional
+        The image-text model that ranks objects by a text.
 
     Attributes
     ----------
     changes : ChangeLog
         The changes of the map since it was opened.
+    model : TextModel or None
     """
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
+    def __init__(self, source: Source, model: TextModel | None = None) -> None:
+        self._source, self.model = source, model
         self._lock, self._aside_lock = threading.Lock(), threading.Lock()
         self.changes = ChangeLog()
         self._compared: _Objects | None = None
@@ -68,10 +72,11 @@ class Place:
         self._relations: _Kept[dict[int, tuple[Relation, ...]]] = _Kept(self._find_relations)
         self._up: _Kept[Float64Array | None] = _Kept(lambda: source.aside.up)
         self._furniture: _Kept[Mapping[int, tuple[int, ...]]] = _Kept(lambda: source.furniture())
+        self._vectors: _Kept[Mapping[int, Float32Array]] = _Kept(self._find_vectors)
         self.refresh()
 
     def refresh(self) -> None:
-        """Take the map as it is now, and note its changes; what asks for changes calls it now and then."""
+        """Compare the map with its previous state, and record the changes; servers call it at intervals."""
         with self._lock:
             now = self._now()
             if now is not self._compared:
@@ -79,7 +84,7 @@ class Place:
                 self._compared = now
 
     def about(self) -> About:
-        """Return what the place is."""
+        """Return title, kind and state of the place."""
         up = self._known_up()
         with self._lock:
             found = self._now().living
@@ -88,12 +93,14 @@ class Place:
             return About(title, kind, len(found), None if up is None else vector(up), last, running)
 
     def find(self, filters: Filters) -> list[FoundObject]:
-        """Return the objects that are asked for: the nearest first where they are to be near, else by label.
+        """Return the objects that pass the filters: the best match of a text first, else the nearest, else by label.
 
         Raises
         ------
         InputError
-            An object that is named is not there, or a filter is for stores only.
+            A named object does not exist, a filter is for stores only, or a text is given without a model or pictures.
+        MissingExtraError
+            ONNX Runtime or tokenizers is not installed.
         """
         for name in ONLY_IN_A_STORE:
             if getattr(filters, name) is not None:
@@ -102,6 +109,7 @@ class Place:
         related = bool(asked)
         borne = self._found_aside(self._furniture) if related else {}
         relations = self._relations_to(to for to in asked.values() if not _surfaces(to, borne)) if related else {}
+        vectors = {} if filters.text is None else self._found_aside(self._vectors)
         with self._lock:
             now = self._now()
             kept = now.kept(filters)
@@ -114,10 +122,20 @@ class Place:
             rows = np.flatnonzero(kept)
             if distances is not None:
                 rows = rows[np.argsort(distances[rows], kind="stable")]
-            away = dict(zip(rows.tolist(), [] if distances is None else distances[rows].tolist(), strict=False))
+            items, fits = [now.living[k] for k in rows.tolist()], dict[int, float]()
+            away = dict(zip(now.labels[rows].tolist(), [] if distances is None else distances[rows], strict=False))
+            if filters.text is not None:
+                matches = ranked(items, vectors, filters.text)
+                items, fits = [one.item for one in matches], {one.item.label: one.score for one in matches}
             return [
-                self._answer(now, now.living[k], away.get(k), relations if related else None)
-                for k in rows[: filters.limit].tolist()
+                self._answer(
+                    now,
+                    item,
+                    away.get(item.label),
+                    relations if related else None,
+                    text_score=fits.get(item.label),
+                )
+                for item in items[: filters.limit]
             ]
 
     def object(self, label: int) -> FoundObject:
@@ -135,7 +153,7 @@ class Place:
             return self._answer(now, item, None, relations if state == "present" else None, state)
 
     def last_seen(self, what: str) -> list[FoundObject]:
-        """Return where objects were seen last, those that are gone as well, the latest first.
+        """Return the objects with a label or name at their last sighting, also those that are gone, the latest first.
 
         Parameters
         ----------
@@ -176,14 +194,14 @@ class Place:
         surface : str
             "plane:k".
         length_m, width_m, height_m : float
-            Of what is to stand there, metres.
+            Size of the object that needs the place, metres.
         near : str, optional
-            "X,Y,Z" in the world, or label or name of an object; the middle of the surface unless given.
+            "X,Y,Z" in the world, or label or name of an object; the middle of the surface by default.
 
         Raises
         ------
         InputError
-            There is no such surface or object, or a size is none.
+            There is no such surface or object, or a size is not positive.
         """
         with self._lock:
             planes, now = self._source.map.planes, self._now()
@@ -193,7 +211,7 @@ class Place:
             return free_place(surface, plane, boxes, (length_m, width_m, height_m), self._near(now, near))
 
     def tree(self) -> tuple[TreeNode, ...]:
-        """Return the tree of the place: surfaces, what is on them, and what is on and in that."""
+        """Return the tree of the place: surfaces, the objects on them, and the objects on and in those."""
         relations, up = self._known_relations(), self._known_up()
         with self._lock:
             now = self._now()
@@ -267,6 +285,11 @@ class Place:
             return {item.label: item.relations for item in living}
         return find_relations(living, planes, self._source.aside.up, self._source.walls())
 
+    def _find_vectors(self) -> Mapping[int, Float32Array]:
+        if self.model is None:
+            raise InputError("text: this place was opened without an image-text model")
+        return self._source.vectors(self.model)
+
     def _distances(self, now: _Objects, filters: Filters) -> Float64Array | None:
         """Return how far each object's box is from what it is to be near, metres, (N,); None where that is nothing."""
         if filters.near is not None:
@@ -297,6 +320,7 @@ class Place:
         distance_m: float | None,
         relations: Mapping[int, Sequence[Relation]] | None,
         state: State = "present",
+        text_score: float | None = None,
     ) -> FoundObject:
         own = None if relations is None else relations.get(item.label, ())
         w, x, y, z = (round(float(value), 6) for value in quat_wxyz_from_rotation(item.box.rotation))
@@ -315,7 +339,8 @@ class Place:
             first_seen=self._source.first_seen(item),
             last_seen=self._source.last_seen(item),
             frames_seen=item.frames_seen,
-            distance_m=None if distance_m is None else round(distance_m, 4),
+            distance_m=None if distance_m is None else round(float(distance_m), 4),
+            text_score=None if text_score is None else round(text_score, 6),
             relations=None if own is None else tuple(_related(one, now) for one in own),
         )
 

@@ -1,4 +1,4 @@
-"""What is asked: a result folder, a scene file; each tells its objects, when they were seen, and their pictures."""
+"""Sources of a place: a result folder or a scene file, with objects, sightings and pictures."""
 
 from __future__ import annotations
 
@@ -8,40 +8,41 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from cuboid.core.errors import InputError
-from cuboid.core.frame import Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.results import TrackedObject, Wall
 from cuboid.outputs import Results
 from cuboid.outputs.folder import OBJECTS
 from cuboid.outputs.queries import MapQueries
 from cuboid.queries.answers import PastRelated, Seen, SightingAnswer, State, Vector
 from cuboid.scene import Scene, SceneObject
+from cuboid.text_search import TextModel
 
 # Times from here on (2001) are those of a calendar; cameras that start at zero stay below for thirty years.
 CALENDAR_S = 1.0e9
 
 
 class Source(Protocol):
-    """The interface of a place that is asked; calls come from one thread at a time."""
+    """The interface of a source of a place; calls come from one thread at a time."""
 
     @property
     def title(self) -> str:
-        """What people call it."""
+        """Title for people."""
 
     @property
     def kind(self) -> Literal["results", "scene", "run"]:
-        """What it is."""
+        """Kind of the source."""
 
     @property
     def running(self) -> bool:
-        """Whether a run goes on."""
+        """Whether a run is active."""
 
     @property
     def map(self) -> MapQueries:
-        """The map as it is now."""
+        """The present map."""
 
     @property
     def aside(self) -> MapQueries:
-        """The same map for what takes long, asked by another thread."""
+        """The same map for slow queries of another thread."""
 
     def walls(self) -> Sequence[Wall]:
         """Return the walls that objects may be against, where finding them is cheap enough."""
@@ -49,11 +50,14 @@ class Source(Protocol):
     def furniture(self) -> Mapping[int, tuple[int, ...]]:
         """Return the supporting planes that furniture bears, by its label; for the thread that uses `aside`."""
 
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects by an image-text model, by label."""
+
     def version(self) -> object:
-        """Return what differs once the map has changed."""
+        """Return a value that differs after the map has changed."""
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
-        """Return all objects that are told, those that are gone as well, by label."""
+        """Return all objects, also those that are gone, by label."""
 
     def first_seen(self, item: TrackedObject) -> Seen:
         """Return when an object was seen first."""
@@ -113,6 +117,10 @@ class ResultsSource:
         """Return the planes of the furniture that was saved with the results."""
         return {label: item.planes for item in self.aside.furniture for label in (item.label, *item.merged_labels)}
 
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects by an image-text model, by label."""
+        return self.aside.vectors(model)
+
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return the objects, by label."""
         return [(item, "present") for item in self.map.objects]
@@ -170,6 +178,7 @@ class SceneSource:
     def __init__(self, path: Path) -> None:
         if not path.is_file():
             raise InputError(f"{path}: there is no such scene file")
+        self._path = path
         self.map, self.aside = Scene.open(path), Scene.open(path)
         self.title = str(path)
         self._begun: dict[int, str] = {}
@@ -190,6 +199,14 @@ class SceneSource:
     def furniture(self) -> Mapping[int, tuple[int, ...]]:
         """Return the planes of the furniture that recordings were asked for."""
         return self.aside.furniture_planes
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects by an image-text model, by label.
+
+        A scene keeps new vectors. It is opened for this call alone: while it is open to write, no run can add to it.
+        """
+        with Scene.open(self._path) as scene:
+            return scene.vectors(model)
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return all objects that ever had a label, by label."""

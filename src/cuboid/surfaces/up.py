@@ -113,19 +113,24 @@ class UpVote(Record):
         """Return the direction (3,) that up should be now; None while it is not known.
 
         In that direction some of what lies on no flat area stands, in the mean of all frames; once it is half of that,
-        up is not known any more.
+        up is not known any more. Level areas in the images count as just enough evidence for the images' up: a shelf's
+        side stands off its back, as a thing stands on a table.
         """
         if (norm := float(np.linalg.norm(self.measured))) > 0.0:
             return self._level(self.measured / norm)
         likely = self._likelihood()
         own = np.zeros(len(likely), bool) if self.up is None else self.seen[:, :3] @ self.up > NOISE_COS
         known = self.up is not None and self._share(own) >= HELD_FRACTION * ENOUGH
-        held = likely[own].max(initial=0.0) if known else 0.0
+        level = self._level_in_images()
+        if known:
+            held = likely[own].max(initial=0.0)
+        else:
+            held = 0.0 if level is None else ENOUGH * self.votes * float(self._constancy(level))
         enough = self.seen[:, 4] >= ENOUGH * self.votes
         best = int(np.argmax(likely * enough)) if enough.any() else -1
         if best >= 0 and not own[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
             return np.asarray(self.seen[best, :3])
-        return self.up if known else self._level_in_images()
+        return self.up if known else level
 
     def _level_in_images(self) -> Float64Array | None:
         """Return the direction (3,) of most flat area that the images show from above; None where there is none.
@@ -143,8 +148,11 @@ class UpVote(Record):
         A person or a robot turns a camera about the vertical more than about any other axis: up is the direction that
         changes least in the camera. A camera that does not turn gives no such evidence.
         """
-        constancy = np.linalg.norm(self.seen[:, :3] @ self.axes, axis=1) / max(1, self.votes)
-        return np.asarray(self.seen[:, 4] * constancy**4)
+        return np.asarray(self.seen[:, 4] * self._constancy(self.seen[:, :3]))
+
+    def _constancy(self, directions: Float64Array) -> Float64Array:
+        """Return how likely each direction (..., 3) is up, 0..1, by how little it changes in the camera."""
+        return np.asarray((np.linalg.norm(directions @ self.axes, axis=-1) / max(1, self.votes)) ** 4)
 
     def _level(self, measured: Float64Array) -> Float64Array:
         """Return what was measured as up (3,); a level surface of a square metre in all says it more exactly."""
