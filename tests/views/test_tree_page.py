@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from browser import Watched, browser
 from cuboid.outputs import Results
 from cuboid.outputs.objects import write_objects
 from cuboid.views.report import summarise, write_report
-from made_place import write_place
+from made_place import thing, write_place
 
 
 @pytest.fixture(scope="module")
@@ -83,3 +84,30 @@ def test_without_relations_there_is_no_choice(launched: Browser, tmp_path: Path)
     assert "2 of 2" in watched.page.inner_text("#card dl")
     assert watched.complaints == []
     watched.page.close()
+
+
+def test_furniture_is_drawn_on_its_own_and_counted_apart(launched: Browser, tmp_path: Path) -> None:
+    folder = write_place(tmp_path)
+    found = Results(folder).found
+    table = replace(thing(9, 0.0, 0.0, 0.0, (2.0, 2.0, 0.5), plane=0), kind="support", planes=(1,))
+    furnished = replace(found, furniture=(table,)).with_relations(Results(folder).map_points())
+    write_objects(folder / "objects.json", furnished)
+    write_report(folder / "report.html", summarise(Results(folder), None))
+    watched = Watched(launched)
+    watched.open(folder / "report.html")
+    page = watched.page
+    assert "5 objects" in page.inner_text("#facts")
+    assert "1 piece of furniture" in page.inner_text("#facts")
+    assert page.locator(".object").count() == 5, "the list is of objects"
+    tag = page.locator('.tag[data-label="9"]')
+    assert tag.evaluate("tag => tag.hidden") is False
+    page.click('[data-layer="furniture"]')
+    page.wait_for_function("document.querySelector('.tag[data-label=\"9\"]').hidden")
+    page.click('[data-arranged="place"]')
+    assert nested(page)[0][0] == "Surface 2, furniture #9, 0.50 m above the lowest"  # type: ignore[index]
+    assert watched.complaints == []
+    page.close()
+
+
+def test_a_page_without_furniture_has_no_button_for_it(page: Page) -> None:
+    assert page.locator('[data-layer="furniture"]').is_hidden()

@@ -100,6 +100,19 @@ def event_lines(events: Sequence[EventRow]) -> list[str]:
     return lines
 
 
+def furniture_lines(objects: Sequence[TrackedObject], furniture: Sequence[TrackedObject]) -> list[str]:
+    """Return the lines about furniture: how much there is beside the objects, and the box and planes of each piece."""
+    if not furniture:
+        return []
+    lines = [f"{counted(len(objects), 'object')}, {counted(len(furniture), 'piece')} of furniture:"]
+    for item in furniture:
+        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
+        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
+        planes = ", ".join(f"plane:{k}" for k in item.planes)
+        lines.append(f"  #{item.label}: {size} cm at {place} m, bears {planes}")
+    return lines
+
+
 def timings_table(milliseconds: Mapping[str, Timing]) -> Table:
     """Return median and 95th percentile of each stage."""
     table = new_table("stage", "median ms", "p95 ms")

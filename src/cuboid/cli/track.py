@@ -120,6 +120,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shapes = "also store views of the objects, for meshes after the recording is deleted"
     results.add_argument("--shapes", action="store_true", help=shapes)
     add_relations(results)
+    furniture = "also find the tables, shelves and other furniture that bear the planes, at the end (0.1 to 2 s)"
+    results.add_argument("--furniture", action="store_true", help=furniture)
     add_embedding(results)
     add_live(results)
     add_serve(results)
@@ -154,6 +156,7 @@ def run(args: argparse.Namespace) -> int:
                     video=args.video,
                     shapes=args.shapes,
                     relations=args.relations,
+                    furniture=args.furniture,
                     force=args.force,
                     progress=shown,
                     stop=interruption if args.camera is None else never,
@@ -193,7 +196,7 @@ def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:
     from cuboid.outputs import Results
     from cuboid.outputs.objects import object_to_json
 
-    objects = sorted(outcome.objects, key=lambda item: item.label)
+    objects = sorted((*outcome.objects, *outcome.furniture), key=lambda item: item.label)
     return {
         "output": str(output),
         "objects": [object_to_json(item) for item in objects],
@@ -204,7 +207,7 @@ def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:
 
 def print_outcome(outcome: RunOutcome, output: Path) -> None:
     """Print the table of objects and the summary of the run."""
-    from cuboid.cli.tables import console, event_lines, limit_lines, objects_table, skipped_lines
+    from cuboid.cli.tables import console, event_lines, furniture_lines, limit_lines, objects_table, skipped_lines
     from cuboid.core.compiletime import compiling_s
     from cuboid.outputs import Results
     from cuboid.outputs.folder import REPORT, VIDEO
@@ -214,7 +217,7 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         out.print(objects_table(outcome.objects))
     else:
         out.print("no object found")
-    for line in event_lines(Results(output).events):
+    for line in furniture_lines(outcome.objects, outcome.furniture) + event_lines(Results(output).events):
         out.print(line, markup=False)
     for warning in report.warnings:
         out.print(f"warning: {warning}", markup=False, soft_wrap=not out.is_terminal)

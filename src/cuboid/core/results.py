@@ -30,6 +30,8 @@ from cuboid.geometry.se3 import transform
 RECTANGLE = column("rectangle in the color image", kind=Pixel, digits=PIXEL, parts=("x0", "y0", "x1", "y1"))
 # Kinds of relations between objects and surfaces.
 RELATIONS: tuple[RelationKind, ...] = get_args(RelationKind)
+# The kind, in `TrackedObject.kind`, of furniture that bears supporting planes.
+SUPPORT = "support"
 # Number of further class names in results.
 NEXT_NAMES = 3
 
@@ -235,9 +237,12 @@ class TrackedObject:
     names : tuple of (str, float)
         The next most likely classes, at most three, with their probabilities.
     kind : str
-        "volume"; for objects without depth readings "flat" (on a plane) or "box".
+        "volume"; for objects without depth readings "flat" (on a plane) or "box"; "support" for furniture that bears
+        supporting planes.
     relations : tuple of Relation
         Relations to other objects and to surfaces; empty if they were not requested.
+    planes : tuple of int
+        Indices of the supporting planes that furniture bears; empty for objects.
     """
 
     label: Label = field(metadata=column("label of the object, 1 or more"))
@@ -269,6 +274,7 @@ class TrackedObject:
     names: tuple[tuple[str, float], ...] = ()
     kind: str = "volume"
     relations: tuple[Relation, ...] = ()
+    planes: tuple[int, ...] = ()
 
     def with_given_name(self, name: str) -> Self:
         """Return it with a name given by a user; the class from a detector becomes the first of `names`."""

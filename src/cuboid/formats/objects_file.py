@@ -11,6 +11,7 @@ from msgspec import UNSET, Meta, UnsetType
 from cuboid.core.records import columns_of
 from cuboid.core.results import TrackedObject
 from cuboid.core.values import (
+    Count,
     Direction,
     Entry,
     FocalLength,
@@ -56,6 +57,7 @@ class PlaneEntry(Entry, frozen=True):
 _Score: Any = Fraction | UnsetType
 _Names: Any = list[tuple[str, Fraction]] | UnsetType
 _Relations: Any = list[RelationEntry] | UnsetType
+_Planes: Any = tuple[Count, ...] | UnsetType
 _Kind: Any = Literal["volume", "flat", "box", "support"] | UnsetType
 
 
@@ -78,8 +80,14 @@ def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
     for name, kind, what in (
         ("name_score", _Score, "probability of the class; absent for a user's name"),
         ("names", _Names, "the next most likely classes, at most 3, with their probabilities"),
-        ("kind", _Kind, "`flat` (on a plane) or `box` for objects without depth readings; absent for volumes"),
+        (
+            "kind",
+            _Kind,
+            "`flat` (on a plane) or `box` for objects without depth readings; `support` for furniture that bears "
+            "supporting planes, and is no object; absent for volumes",
+        ),
         ("relations", _Relations, "relations to other objects and surfaces; absent if they were not requested"),
+        ("planes", _Planes, "indices of the supporting planes that furniture bears; absent for objects"),
     ):
         yield name, Annotated[kind, Meta(description=what)], UNSET
 
@@ -118,3 +126,5 @@ class ObjectsDocument(Entry, frozen=True):
                 refuse_unknown(named, labels, len(self.planes), len(self.walls))
             if item.plane is not None and item.plane >= len(self.planes):
                 raise ValueError(f"object {item.label} stands on plane {item.plane} of {len(self.planes)} planes")
+            if item.planes is not UNSET and max(item.planes, default=-1) >= len(self.planes):
+                raise ValueError(f"furniture {item.label} bears plane {max(item.planes)} of {len(self.planes)} planes")

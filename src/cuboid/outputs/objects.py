@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from msgspec import UNSET
 
 from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.records import columns_of, plain_fields
-from cuboid.core.results import MapPoints, Relation, SupportPlane, TrackedObject, Wall
+from cuboid.core.results import SUPPORT, MapPoints, Relation, SupportPlane, TrackedObject, Wall
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import FORMAT, VERSION, ObjectEntry, ObjectsDocument
 from cuboid.geometry.box import Box
@@ -31,9 +32,12 @@ class ObjectsFile:
         Of the recording's color image at its full size.
     planes : tuple of SupportPlane
     objects : tuple of TrackedObject
-        By label.
+        By label; without furniture.
     walls : tuple of Wall
         That objects are against; none where nobody asked for relations.
+    furniture : tuple of TrackedObject
+        What bears the supporting planes, by label; none where nobody asked for it. The file has it among the objects,
+        with the kind "support".
     """
 
     up: Float64Array | None
@@ -41,15 +45,20 @@ class ObjectsFile:
     planes: tuple[SupportPlane, ...]
     objects: tuple[TrackedObject, ...]
     walls: tuple[Wall, ...] = ()
+    furniture: tuple[TrackedObject, ...] = ()
 
     def with_relations(self, points: MapPoints) -> ObjectsFile:
-        """Return the same with the relations of the objects and with the walls, which are found among the points."""
+        """Return the same with the relations of the objects and with the walls, which are found among the points.
+
+        Furniture supports the objects that are on its planes.
+        """
         from cuboid.relations import find_relations, find_walls
 
         walls = find_walls(points, self.up)
         found = find_relations(self.objects, self.planes, self.up, walls)
         objects = tuple(replace(item, relations=found[item.label]) for item in self.objects)
-        return replace(self, objects=objects, walls=walls)
+        furniture = tuple(replace(piece, relations=_supported(piece, found)) for piece in self.furniture)
+        return replace(self, objects=objects, walls=walls, furniture=furniture)
 
 
 def write_objects(path: Path, content: ObjectsFile) -> None:
@@ -60,7 +69,7 @@ def write_objects(path: Path, content: ObjectsFile) -> None:
     OSError
         The file cannot be written.
     """
-    K = content.intrinsics
+    K, entries = content.intrinsics, (*content.objects, *content.furniture)
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -75,7 +84,7 @@ def write_objects(path: Path, content: ObjectsFile) -> None:
         },
         "planes": [surface_to_json(plane) for plane in content.planes],
         **({"walls": [surface_to_json(wall) for wall in content.walls]} if content.walls else {}),
-        "objects": [object_to_json(item) for item in sorted(content.objects, key=lambda item: item.label)],
+        "objects": [object_to_json(item) for item in sorted(entries, key=lambda item: item.label)],
     }
     write_json(path, document)
 
@@ -89,7 +98,7 @@ def read_objects(path: Path) -> ObjectsFile:
         The file is missing, is of another format or version, or a field of it is malformed.
     """
     document = read_json(path, ObjectsDocument)
-    K = document.intrinsics
+    K, entries = document.intrinsics, [_object(item) for item in document.objects]
     return ObjectsFile(
         up=None if document.up is None else np.array(document.up),
         intrinsics=Intrinsics(K.fx, K.fy, K.cx, K.cy, K.width, K.height),
@@ -97,8 +106,9 @@ def read_objects(path: Path) -> ObjectsFile:
             SupportPlane(np.array(plane.normal), plane.offset, np.array(plane.extent).reshape(-1, 3))
             for plane in document.planes
         ),
-        objects=tuple(_object(item) for item in document.objects),
+        objects=tuple(item for item in entries if item.kind != SUPPORT),
         walls=tuple(Wall(np.array(one.normal), one.offset, np.array(one.extent)) for one in document.walls),
+        furniture=tuple(item for item in entries if item.kind == SUPPORT),
     )
 
 
@@ -146,6 +156,7 @@ def object_to_json(item: TrackedObject) -> dict[str, Any]:
         **name_to_json(item),
         **kind,
         **({"relations": [relation_to_json(one) for one in item.relations]} if item.relations else {}),
+        **({"planes": list(item.planes)} if item.planes else {}),
     }
 
 
@@ -174,4 +185,17 @@ def _object(item: ObjectEntry) -> TrackedObject:
         relations=()
         if item.relations is UNSET
         else tuple(Relation(one.kind, one.to, one.score) for one in item.relations),
+        planes=() if item.planes is UNSET else item.planes,
     )
+
+
+def _supported(piece: TrackedObject, relations: Mapping[int, Sequence[Relation]]) -> tuple[Relation, ...]:
+    """Return which objects a piece of furniture supports: those that are on a plane of it, the likeliest first."""
+    tops = {f"plane:{k}" for k in piece.planes}
+    scores: dict[int, float] = {}
+    for label, ends in relations.items():
+        for one in ends:
+            if one.kind == "on" and one.to in tops:
+                scores[label] = max(scores.get(label, 0.0), one.score)
+    found = [Relation("supports", label, score) for label, score in scores.items()]
+    return tuple(sorted(found, key=lambda one: (-one.score, one.to)))

@@ -133,8 +133,13 @@ class Results(MapQueries):
 
     @property
     def objects(self) -> ObjectTable:
-        """The objects, by label: a list, and a table for notebooks and pandas."""
+        """The objects, by label: a list, and a table for notebooks and pandas; `furniture` is apart."""
         return ObjectTable(self.found.objects)
+
+    @property
+    def furniture(self) -> ObjectTable:
+        """The furniture that bears supporting planes, by label; none where the run did not ask for it."""
+        return ObjectTable(self.found.furniture)
 
     @property
     def planes(self) -> tuple[SupportPlane, ...]:

@@ -16,7 +16,7 @@ from cuboid.core.frame import Intrinsics
 from cuboid.core.limits import MEMORY_MB
 from cuboid.core.paths import PathLike, as_path
 from cuboid.formats.reading import real_path
-from cuboid.outputs import ObjectsFile, Results, ResultWriter, RunReport
+from cuboid.outputs import Results, ResultWriter, RunReport
 from cuboid.outputs.folder import VIDEO
 from cuboid.pipeline.loop import Decoded, Pipeline, decode
 from cuboid.pipeline.plan import Plan, plan_for
@@ -24,7 +24,7 @@ from cuboid.pipeline.streaming import FrameSource, Stream
 from cuboid.poses.sources import AUTO, CORRECTED, ESTIMATED, GIVEN, Poses
 from cuboid.tracking.checks import checked_warnings
 from cuboid.tracking.measuring import peak_memory_mb
-from cuboid.tracking.saving import write_page
+from cuboid.tracking.saving import objects_file, write_page
 from cuboid.tracking.tracker import Tracker
 from cuboid.tracking.types import MakeFrameSink, MakeTracker, Progress, RecordingLike, RunOutcome, TrackerLike, Watch
 
@@ -61,6 +61,7 @@ def track_recording(
     detector_every: int | None = None,
     shapes: bool = False,
     relations: bool = False,
+    furniture: bool = False,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
@@ -114,6 +115,9 @@ def track_recording(
         Also keep views of the objects, as of `Tracker`.
     relations : bool
         Also find the relations of the objects at the end, and keep them in the results and in the scene.
+    furniture : bool
+        Also find the furniture that bears the supporting planes at the end, and keep it in the results; in a scene it
+        keeps its labels.
 
     Returns
     -------
@@ -160,9 +164,7 @@ def track_recording(
         warnings = tracker.warnings if writer is None else checked_warnings(tracker, bare, every)
         report = _report(taken, tracker, session, settings, complete, threads, begun_s, warnings)
         points = tracker.map_points()
-        found = ObjectsFile(tracker.up, taken.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
-        if relations:
-            found = found.with_relations(points)
+        found = objects_file(tracker, taken.intrinsics, points, relations=relations, furniture=furniture)
         if writer is not None:
             writer.finish(found, points, report, tracker.corrected_trajectory(), tracker.kept_views)
         if session is not None:
@@ -171,8 +173,9 @@ def track_recording(
         write_page(Results(output), taken.read, () if into is None else into.shown_changes())
     log, known, size = tracker.log, tracker.points_known, tracker.map_bytes
     return RunOutcome(
-        report, found.objects, found.planes, found.up, log.milliseconds, log.frames_per_second(), known, size
-    )
+        report, found.objects, found.planes, found.up, log.milliseconds, log.frames_per_second(), known, size,
+        found.furniture,
+    )  # fmt: skip
 
 
 def _frames(recording: RecordingLike, plan: Plan) -> range:

@@ -71,6 +71,7 @@ class Place:
         self._objects: _Kept[_Objects] = _Kept(lambda: _Objects(source))
         self._relations: _Kept[dict[int, tuple[Relation, ...]]] = _Kept(self._find_relations)
         self._up: _Kept[Float64Array | None] = _Kept(lambda: source.aside.up)
+        self._furniture: _Kept[Mapping[int, tuple[int, ...]]] = _Kept(lambda: source.furniture())
         self._vectors: _Kept[Mapping[int, Float32Array]] = _Kept(self._find_vectors)
         self.refresh()
 
@@ -106,13 +107,14 @@ class Place:
                 raise InputError(f"{name}: only the objects of a store are found by it")
         asked = dict(filters.related())
         related = bool(asked)
-        relations = self._relations_to(asked.values()) if related else {}
+        borne = self._found_aside(self._furniture) if related else {}
+        relations = self._relations_to(to for to in asked.values() if not _surfaces(to, borne)) if related else {}
         vectors = {} if filters.text is None else self._found_aside(self._vectors)
         with self._lock:
             now = self._now()
             kept = now.kept(filters)
             for kind, to in filters.related():
-                ends = self._ends(now, to)
+                ends = _surfaces(to, borne) or {item.label for item in now.called(to)}
                 kept &= np.isin(now.labels, [k for k, those in relations.items() if _holds(those, kind, ends)])
             distances = self._distances(now, filters)
             if distances is not None:
@@ -247,13 +249,13 @@ class Place:
         return self._found_aside(self._relations)
 
     def _relations_to(self, what: Iterable[str]) -> Mapping[int, Sequence[Relation]]:
-        """Return the relations of what is on, in or beside some things; not to be called by who holds the lock.
+        """Return the relations of what is on, in or beside some objects; not to be called by who holds the lock.
 
         In a large map those around the things alone are found, unless all are known.
         """
         with self._lock:
             now, version, planes = self._now(), self._source.version(), tuple(self._source.map.planes)
-            named = [to for to in what if not is_surface(to)]
+            named = list(what)
             ends = [item for to in named for item in now.called(to, gone=True)]
             near = now.around(ends)
         all_known = self._relations.known(version, fresh=True)
@@ -287,12 +289,6 @@ class Place:
         if self.model is None:
             raise InputError("text: this place was opened without an image-text model")
         return self._source.vectors(self.model)
-
-    def _ends(self, now: _Objects, to: str) -> set[int | str]:
-        """Return what a relation may be to: a surface, or the objects of a label or a name."""
-        if is_surface(to):
-            return {to.strip()}
-        return {item.label for item in now.called(to)}
 
     def _distances(self, now: _Objects, filters: Filters) -> Float64Array | None:
         """Return how far each object's box is from what it is to be near, metres, (N,); None where that is nothing."""
@@ -464,6 +460,14 @@ class _Objects:
 
 def _holds(relations: Sequence[Relation], kind: str, ends: set[int | str]) -> bool:
     return any(one.kind == kind and one.to in ends for one in relations)
+
+
+def _surfaces(to: str, borne: Mapping[int, Sequence[int]]) -> set[int | str]:
+    """Return the surfaces that a text names: itself, or the planes of the furniture with that label; none of others."""
+    if is_surface(to):
+        return {to.strip()}
+    label = label_of(to)
+    return set() if label is None else {f"plane:{k}" for k in borne.get(label, ())}
 
 
 def _names_of(item: TrackedObject) -> set[str]:

@@ -47,6 +47,9 @@ class Source(Protocol):
     def walls(self) -> Sequence[Wall]:
         """Return the walls that objects may be against, where finding them is cheap enough."""
 
+    def furniture(self) -> Mapping[int, tuple[int, ...]]:
+        """Return the supporting planes that furniture bears, by its label; for the thread that uses `aside`."""
+
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label."""
 
@@ -109,6 +112,10 @@ class ResultsSource:
     def walls(self) -> Sequence[Wall]:
         """Return the walls that objects may be against."""
         return self.aside.walls
+
+    def furniture(self) -> Mapping[int, tuple[int, ...]]:
+        """Return the planes of the furniture that was saved with the results."""
+        return {label: item.planes for item in self.aside.furniture for label in (item.label, *item.merged_labels)}
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label."""
@@ -188,6 +195,10 @@ class SceneSource:
     def walls(self) -> Sequence[Wall]:
         """Return none: the whole map would have to be read."""
         return ()
+
+    def furniture(self) -> Mapping[int, tuple[int, ...]]:
+        """Return the planes of the furniture that recordings were asked for."""
+        return self.aside.furniture_planes
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.boxes.fit import plane_axes
 from cuboid.core.frame import Float64Array
@@ -26,6 +27,7 @@ THICK_M = 0.15
 # Fraction of the cells within the outline of a wall that must have been seen: points of many things that lie in one
 # plane by chance fill less.
 MIN_FILLED = 0.3
+Numbers = npt.NDArray[np.int64]
 
 
 def find_walls(points: MapPoints, up: Float64Array | None) -> tuple[Wall, ...]:
@@ -60,10 +62,19 @@ def find_walls(points: MapPoints, up: Float64Array | None) -> tuple[Wall, ...]:
 
 def thinned(local: Float64Array) -> Float64Array:
     """Return one of the points (N, 3) in each cube of `CELL_M`."""
+    return local[cubes_of(local)[0]]
+
+
+def cubes_of(local: Float64Array) -> tuple[Numbers, Numbers]:
+    """Return the first of the points (N, 3) in each cube of `CELL_M`, (M,), and the cube of each point, (N,)."""
     cells = np.floor(local / CELL_M).astype(np.int64)
     cells -= cells.min(axis=0, initial=0)
     numbers = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0, initial=0) + 1))
-    return local[np.sort(np.unique(numbers, return_index=True)[1])]
+    _, first, cube = np.unique(numbers, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    return first[order], place[cube.ravel()]
 
 
 def _fullest(local: Float64Array) -> tuple[Float64Array, float]:

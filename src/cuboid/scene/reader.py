@@ -123,6 +123,27 @@ class SceneReader(MapQueries):
         return [row[0] for row in self._rows(("planes.identity",), "planes ORDER BY identity")]
 
     @property
+    def furniture(self) -> ObjectTable:
+        """The furniture that recordings were asked for, by label, found in the map as it was committed last.
+
+        Frames are counted over all recordings.
+        """
+        from cuboid.scene.furniture import known_furniture
+
+        with self._saved_tracker() as tracker:
+            return ObjectTable() if tracker is None else known_furniture(tracker, tracker.map_points())
+
+    @property
+    def furniture_planes(self) -> dict[int, tuple[int, ...]]:
+        """Indices of the planes that each piece of furniture bears, by label, labels that ended in others included."""
+        place = {identity: k for k, identity in enumerate(self._plane_identities())}
+        with self._saved_tracker() as tracker:
+            if tracker is None:
+                return {}
+            own = tracker.plane_identities
+            return {label: tuple(place[own[k]] for k in planes) for label, planes in tracker.furniture_planes.items()}
+
+    @property
     def up(self) -> Float64Array | None:
         """Up in the world, (3,), a unit vector; None while unknown."""
         with self._saved_tracker() as tracker:

@@ -17,6 +17,7 @@ from cuboid.core.frame import Intrinsics
 from cuboid.core.results import FrameResult, Sighting, TrackedObject
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.scene.answers import SceneObject, ScenePast
+from cuboid.scene.furniture import known_furniture, of_recording
 from cuboid.scene.scene import Scene
 from cuboid.scene.validation import CameraColumn, Settings, columns_of, document, read_rows
 from cuboid.scene.visit import load_tracker
@@ -45,11 +46,12 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
     OutputError
         The results cannot be written.
     """
-    columns = columns_of("recordings", ("path", "format", "poses", "complete", "next_frame", "camera", "settings"))
+    names = ("path", "format", "poses", "complete", "next_frame", "camera", "settings", "first_frame")
+    columns = columns_of("recordings", names)
     rows = read_rows(connection, columns, "recordings WHERE id = ?", (number,))
     if not rows:
         raise InputError(f"{scene.path}: there is no recording {number}; there are 1 to {len(scene.recordings)}")
-    path, form, poses, complete, frames, camera, settings = rows[0]
+    path, form, poses, complete, frames, camera, settings, first_frame = rows[0]
     config = document(settings, dict[str, Any], "recordings.settings")
     every = document(settings, Settings, "recordings.settings").every
     size = document(camera, CameraColumn, "recordings.camera")
@@ -78,7 +80,9 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
             peak_memory_mb=0.0,
         )
         points = tracker.map_points()
-        found = ObjectsFile(tracker.up, Intrinsics(**msgspec.structs.asdict(size)), planes, points.counted(objects))
+        intrinsics = Intrinsics(**msgspec.structs.asdict(size))
+        furniture = tuple(of_recording(known_furniture(tracker, points), first_frame))
+        found = ObjectsFile(tracker.up, intrinsics, planes, points.counted(objects), furniture=furniture)
         writer.finish(found, points, report)
 
 

@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.core.results import FrameResult, TrackedObject, Wall
+from cuboid.core.results import FrameResult, MapPoints, TrackedObject, Wall
 from cuboid.core.tolerances import DETECT_EVERY
 from cuboid.detection import make_detector
 from cuboid.detection.types import Detector
@@ -24,6 +24,7 @@ from cuboid.poses.sources import Posed, Poses
 from cuboid.scene import changes, editing, layout
 from cuboid.scene.before import Before, write_noted
 from cuboid.scene.database import Writing, complaining, transaction
+from cuboid.scene.furniture import of_recording
 from cuboid.scene.localisation import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.pace import Pace, Rhythm
 from cuboid.scene.records import Records
@@ -193,6 +194,10 @@ class SceneTracker(KeptMap):
             seen = max((count for _, count in seen_as), default=0)
         found = dataclasses.replace(item, first_frame=begun, last_frame=ended, frames_seen=seen)
         return found if name is None else found.with_given_name(name)
+
+    def find_furniture(self, points: MapPoints | None = None) -> ObjectTable:
+        """Find the furniture that this recording has seen; see `Tracker.find_furniture`."""
+        return of_recording(super().find_furniture(points), self._visit.first_frame)
 
     def commit_if_due(self) -> None:
         """Write what is new, where the last time is long enough ago; between two frames."""

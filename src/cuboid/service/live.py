@@ -138,6 +138,10 @@ class RunSource:
         """Return none: they are found among the points of the whole map."""
         return ()
 
+    def furniture(self) -> Mapping[int, tuple[int, ...]]:
+        """Return none: it is found at the end of a run."""
+        return {}
+
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return none: objects are embedded at the end of a run."""
         return {}

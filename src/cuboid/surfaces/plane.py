@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
-from cuboid.core.state import TRANSIENT, WatchedRecord
+from cuboid.core.state import ADDED, TRANSIENT, WatchedRecord
 from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, MIN_SIGMA_M, SIGMAS
 from cuboid.surfaces.grid import GroundPlan
 
@@ -61,6 +61,8 @@ class Plane(WatchedRecord):
         Keyframes that saw it.
     keyframe_moments : (K, 13) float64
         Weight, mean and scatter of the points seen from each of them; the plane's own moments are those of all.
+    first_frame : int
+        First frame that saw it.
     """
 
     index: int = -1
@@ -77,6 +79,7 @@ class Plane(WatchedRecord):
     taken_by: Plane | None = field(default=None, metadata=TRANSIENT)
     keyframes: Keyframes = field(default_factory=lambda: np.zeros(0, np.int64))
     keyframe_moments: Float64Array = field(default_factory=lambda: np.zeros((0, 13)))
+    first_frame: int = field(default_factory=int, metadata=ADDED)
 
     def add(self, points: Float64Array, weights: Float64Array, keyframe: int = 0) -> None:
         """Take in points (N, 3) of the plane, seen from a keyframe."""
@@ -101,6 +104,7 @@ class Plane(WatchedRecord):
         self.weight = total
         self.frames = max(self.frames, other.frames)
         self.last_frame = max(self.last_frame, other.last_frame)
+        self.first_frame = min(self.first_frame, other.first_frame)
         self.in_use |= other.in_use
         self.fit()
         self.plan.absorb(other.plan)

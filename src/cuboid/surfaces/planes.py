@@ -337,7 +337,9 @@ class PlaneTracker:
             members = largest_level(centers, area_m2, free, self._config.max_size_m)
             if len(members) < MIN_CELLS or area_m2[members].sum() < 0.5 * self._config.min_plane_area_m2:
                 return
-            plane = Plane(len(self.planes), self._next_identity, frames=1, last_frame=cells.frame)
+            plane = Plane(
+                len(self.planes), self._next_identity, frames=1, first_frame=cells.frame, last_frame=cells.frame
+            )
             self._of[plane.identity] = plane
             self._next_identity += 1
             plane.add(centers[members], cells.weights[members], cells.keyframe)

@@ -43,6 +43,7 @@ from cuboid.outputs.queries import MapQueries
 from cuboid.proposals import make_source
 from cuboid.proposals.depth import DepthSegmentation
 from cuboid.proposals.types import Proposals, ProposalSource
+from cuboid.relations.furniture import find_furniture
 from cuboid.surfaces.cells import find_cells, patch_pixels, with_level_patches
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, PixelPlanes, points_of, segment_frame
 from cuboid.surfaces.grid import CELL_M
@@ -51,6 +52,7 @@ from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker, PlaneTrackerState
 from cuboid.surfaces.standing import find_flat_areas
 from cuboid.tracking.detecting import Detecting
+from cuboid.tracking.furniture import Labels, furniture_entry, labels_of
 from cuboid.tracking.measuring import FrameClock
 from cuboid.tracking.rolling import Roll, farther_up
 
@@ -83,6 +85,8 @@ class PosedTrackerState(Record):
     map : ObjectMapState
     unread : tuple of UnreadObject
         Things that depth does not read, as a detector saw them.
+    furniture_labels : dict of int to tuple of int
+        Labels of the furniture that bears a plane, by identity of the plane, oldest first.
     """
 
     config: TrackerConfig
@@ -96,6 +100,7 @@ class PosedTrackerState(Record):
     voxels: VoxelMapState
     map: ObjectMapState
     unread: tuple[UnreadObject, ...] = dataclasses.field(default_factory=tuple, metadata=ADDED)
+    furniture_labels: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict, metadata=ADDED)
 
 
 class PosedTracker(MapQueries):
@@ -151,6 +156,7 @@ class PosedTracker(MapQueries):
         self._memory_mb = memory_mb
         self._propose = make_source(proposals, self.config)
         self._detecting = Detecting()
+        self._furniture_labels: Labels = {}
         self._begin()
         self._count = 0
         self._position: Float64Array | None = None
@@ -207,6 +213,7 @@ class PosedTracker(MapQueries):
             voxels=self._voxels.state(),
             map=self._map.state(),
             unread=self._detecting.unread.state(),
+            furniture_labels=dict(self._furniture_labels),
         )
 
     @classmethod
@@ -226,6 +233,7 @@ class PosedTracker(MapQueries):
         tracker._begin_motion()
         tracker._detecting.begin(tracker._map.store, c.max_depth_m)
         tracker._detecting.unread.restore(state.unread)
+        tracker._furniture_labels = dict(state.furniture_labels)
         tracker._turns, tracker._T_world_map = state.turns, state.T_world_map
         tracker._count, tracker._due = state.count, state.due
         tracker._position, tracker._viewpoint = state.position, state.viewpoint
@@ -594,6 +602,54 @@ class PosedTracker(MapQueries):
     def plane_identities(self) -> list[int]:
         """Number of each of `planes`, as in `MapObject.plane`."""
         return [plane.identity for plane in self._planes.planes if plane.in_use]
+
+    @property
+    def furniture_planes(self) -> dict[int, tuple[int, ...]]:
+        """Indices of the planes that each piece of furniture with a label bears, by label, ended labels included."""
+        found: dict[int, tuple[int, ...]] = {}
+        known = self._known_furniture_labels()
+        for k, identity in enumerate(self.plane_identities):
+            found |= {label: (*found.get(label, ()), k) for label in known.get(identity, ())}
+        return found
+
+    def _known_furniture_labels(self) -> Labels:
+        """Return the labels of furniture by identity of the planes that there are: some have absorbed others."""
+        known: Labels = {}
+        for identity, labels in self._furniture_labels.items():
+            plane = self._planes.find(identity)
+            if plane is not None:
+                known[plane.identity] = tuple(sorted({*known.get(plane.identity, ()), *labels}))
+        return known
+
+    def find_furniture(self, points: MapPoints, *, labelled: bool = False) -> ObjectTable:
+        """Return the furniture that bears the supporting planes, by label.
+
+        A piece keeps the label that the furniture beneath its planes had before; otherwise it gets a new one.
+
+        Parameters
+        ----------
+        points : MapPoints
+            The global point map of now.
+        labelled : bool
+            Only pieces that have a label.
+        """
+        if labelled and not self._furniture_labels:
+            return ObjectTable()
+        used = [plane for plane in self._planes.planes if plane.in_use]
+        pieces = find_furniture(self.planes, points, self.up)
+        borne = [[used[k] for k in piece.planes] for piece in pieces]
+        known = self._known_furniture_labels()
+        new_label = None if labelled else self._map.store.next_label
+        found = labels_of([[plane.identity for plane in planes] for planes in borne], known, new_label)
+        for planes, labels in zip(borne, found, strict=True):
+            known |= {plane.identity: labels for plane in planes if labels}
+        self._furniture_labels = known
+        entries = [
+            furniture_entry(piece, labels, planes, points)
+            for piece, labels, planes in zip(pieces, found, borne, strict=True)
+            if labels
+        ]
+        return ObjectTable(sorted(entries, key=lambda item: item.label))
 
     @property
     def up(self) -> Float64Array | None:

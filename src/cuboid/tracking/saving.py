@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid import __version__
 from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.outputs import ObjectsFile, Results, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT
 from cuboid.outputs.writer import RowLog
@@ -18,7 +18,7 @@ from cuboid.tracking.measuring import peak_memory_mb
 from cuboid.tracking.types import RecordingLike, lens_settings
 
 if TYPE_CHECKING:
-    from cuboid.core.results import SceneChange
+    from cuboid.core.results import MapPoints, SceneChange
     from cuboid.tracking.tracker import Tracker
     from cuboid.views.report.pictures import Picture
 
@@ -38,6 +38,7 @@ def save_results(
     *,
     force: bool,
     relations: bool,
+    furniture: bool,
 ) -> None:
     """Write the result folder of a tracker that was fed frame by frame; parameters as of `Tracker.save`.
 
@@ -53,7 +54,7 @@ def save_results(
     seconds : float
         Since the tracker was made.
     force : bool
-    relations : bool
+    relations, furniture : bool
     """
     corrected = tracker.corrected_trajectory()
     read = _no_frame if recording is None else recording.read
@@ -84,11 +85,31 @@ def save_results(
             limits=tracker.log.limits(),
         )
         points = tracker.map_points()
-        found = ObjectsFile(tracker.up, tracker.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
-        if relations:
-            found = found.with_relations(points)
+        found = objects_file(tracker, tracker.intrinsics, points, relations=relations, furniture=furniture)
         writer.finish(found, points, report, corrected, tracker.kept_views)
     write_page(Results(output), read)
+
+
+def objects_file(
+    tracker: Tracker, intrinsics: Intrinsics, points: MapPoints, *, relations: bool, furniture: bool
+) -> ObjectsFile:
+    """Return the content of `objects.json` at the end of a run.
+
+    Parameters
+    ----------
+    tracker : Tracker
+    intrinsics : Intrinsics
+        Of the recording's color image at its full size.
+    points : MapPoints
+        The global point map.
+    relations, furniture : bool
+        Whether they are found too.
+    """
+    pieces = tuple(tracker.find_furniture(points)) if furniture else ()
+    found = ObjectsFile(
+        tracker.up, intrinsics, tuple(tracker.planes), points.counted(tracker.objects), furniture=pieces
+    )
+    return found.with_relations(points) if relations else found
 
 
 def write_page(

@@ -321,6 +321,7 @@ class Tracker(KeptMap):
         recording: RecordingLike | None = None,
         force: bool = False,
         relations: bool = False,
+        furniture: bool = False,
     ) -> None:
         """Write the result folder that `cuboid track` writes: objects, sightings, poses, map, report, 3D page.
 
@@ -334,6 +335,8 @@ class Tracker(KeptMap):
             Replace results that lie in `output`.
         relations : bool
             Find the relations of the objects and keep them in the results: 0.1 to 2 s.
+        furniture : bool
+            Find the furniture that bears the supporting planes and keep it in the results, as of `find_furniture`.
 
         Raises
         ------
@@ -353,7 +356,10 @@ class Tracker(KeptMap):
         settings["tracker"] = self.config.to_dict()
         seconds = working_s() - self._begun_s
         output = as_path(output)
-        save_results(self, self._rows, output, recording, settings, seconds, force=force, relations=relations)
+        save_results(
+            self, self._rows, output, recording, settings, seconds,
+            force=force, relations=relations, furniture=furniture,
+        )  # fmt: skip
 
 
 def refuse_other_units(frame: Frame) -> None:

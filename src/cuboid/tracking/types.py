@@ -108,6 +108,9 @@ class MapLike(Protocol):
     def map_points(self) -> MapPoints:
         """Return the global point map."""
 
+    def find_furniture(self, points: MapPoints) -> ObjectTable:
+        """Return the furniture that bears the supporting planes, found among the points of the map."""
+
 
 class KeptMap(MapQueries):
     """Queries of a map that another tracker keeps."""
@@ -142,6 +145,23 @@ class KeptMap(MapQueries):
     def map_points(self) -> MapPoints:
         """Return the global point map."""
         return self._mapper.map_points()
+
+    def find_furniture(self, points: MapPoints | None = None) -> ObjectTable:
+        """Find the furniture that bears the supporting planes, such as a table or a shelf: .1 to 2 s.
+
+        A piece gets a label when it is found for the first time, and keeps it.
+
+        Parameters
+        ----------
+        points : MapPoints, optional
+            The global point map of now, where it is at hand.
+
+        Returns
+        -------
+        ObjectTable
+            Of the kind "support", by label; `planes` are the planes that it bears.
+        """
+        return self._mapper.find_furniture(self.map_points() if points is None else points)
 
 
 class TrackerLike(MapLike, Protocol):
@@ -190,6 +210,8 @@ class RunOutcome:
         Points of the global point map at the end.
     map_bytes : int
         Memory of it.
+    furniture : tuple of TrackedObject
+        What bears the supporting planes; none where nobody asked for it.
     """
 
     report: RunReport
@@ -200,6 +222,7 @@ class RunOutcome:
     frames_per_second: float
     points: int
     map_bytes: int
+    furniture: tuple[TrackedObject, ...] = ()
 
     def __repr__(self) -> str:
         report = self.report

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 # Millimetres: what a page shows of a place.
 PLACE_DIGITS = 4
 TURN_DIGITS = 6
+# Tags of furniture are gray: the colors are those of objects.
+FURNITURE_COLOR, FURNITURE_INK = "#6b7484", "#ffffff"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,7 @@ class Summary:
                 for label, runs in sorted(seen.items())
                 if label not in kept
             ],
+            **self._furniture(),
             "frames": packed(np.array(self.frames, dtype="<i4")),
             "poses": packed(matrices),
             "points": self.points.to_dict(),
@@ -90,6 +93,23 @@ class Summary:
             "events": [event_document(one) for one in self.events],
             **self._tree(),
         }
+
+    def _furniture(self) -> dict[str, Any]:
+        """Return the furniture; nothing where the run did not ask for it."""
+        if not self.found.furniture:
+            return {}
+        pieces = [
+            {
+                "color": FURNITURE_COLOR,
+                "ink": FURNITURE_INK,
+                "label": item.label,
+                "name": "furniture",
+                **_box(item),
+                "planes": list(item.planes),
+            }
+            for item in self.found.furniture
+        ]
+        return {"furniture": pieces}
 
     def _tree(self) -> dict[str, Any]:
         """Return the tree of the place; nothing where the results have no relations."""
@@ -114,9 +134,7 @@ class Summary:
             **label_colors(item.label),
             "label": item.label,
             **name_document(item),
-            "center": _list(item.box.center, PLACE_DIGITS),
-            "size": _list(item.box.size, PLACE_DIGITS),
-            "rotation": [_list(row, TURN_DIGITS) for row in item.box.rotation],
+            **_box(item),
             "score": round(item.score, 3),
             "heat": round(item.heat, 3),
             "first_frame": item.first_frame,
@@ -209,6 +227,15 @@ def _branch(one: Branch) -> dict[str, Any]:
         "kind": one.kind,
         "height": None if one.height_m is None else round(one.height_m, 2),
         "children": [_branch(child) for child in one.children],
+    }
+
+
+def _box(item: TrackedObject) -> dict[str, Any]:
+    """Return the box as the page reads it."""
+    return {
+        "center": _list(item.box.center, PLACE_DIGITS),
+        "size": _list(item.box.size, PLACE_DIGITS),
+        "rotation": [_list(row, TURN_DIGITS) for row in item.box.rotation],
     }
 
 

@@ -12,6 +12,8 @@ const poses = new Float32Array(bytesOf(data.poses).buffer);
 const changed = data.changes || []; // a run that goes on has none yet
 const happened = data.events || []; // the same
 const objectOf = new Map(data.objects.map((object) => [object.label, object]));
+const furniture = data.furniture || []; // no objects: boxes of what bears the planes
+const isFurniture = ({ planes }) => planes !== undefined;
 
 /** Camera to world of the i-th used frame: its place and, as columns, its axes. */
 function poseOf(i) {
@@ -82,6 +84,12 @@ function wordsOf({ event, metres }) {
 /** The label, with the name that people gave it. */
 function titleOf(object) {
   return object.name ? `#${object.label} ${object.name}` : `#${object.label}`;
+}
+
+/** The furniture that bears a plane, as it is called beside the plane: ", furniture #7"; nothing where there is none. */
+function bearerOf(plane) {
+  const piece = furniture.find(({ planes }) => planes.includes(plane));
+  return piece ? `, furniture #${piece.label}` : "";
 }
 
 /** The label in its color, as it looks everywhere. */

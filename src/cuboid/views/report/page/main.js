@@ -3,7 +3,7 @@
 const state = {
   theme: "dark",
   coloring: "color",
-  layers: { boxes: true, planes: true, camera: true, changes: true },
+  layers: { boxes: true, planes: true, furniture: true, camera: true, changes: true },
   selected: null,
   frame: null, // place among the used frames; null is all of them at once
   follow: false,
@@ -178,6 +178,8 @@ function setUpHeader() {
   find("title").replaceChildren(element("small", {}, data.place), data.title);
   const whole = run.milliseconds.frame;
   const facts = [plural(data.objects.length, "object"), plural(run.frames.used, "frame")];
+  if (furniture.length) facts.splice(1, 0, `${plural(furniture.length, "piece")} of furniture`);
+  document.querySelector('[data-layer="furniture"]').hidden = !furniture.length;
   if (whole) facts.push(`${milliseconds(whole.median)} ms a frame`);
   if (data.points.count) facts.push(`${plural(data.points.total, "point")}`);
   find("facts").textContent = facts.join("  ·  ");

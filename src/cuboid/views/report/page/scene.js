@@ -94,6 +94,7 @@ class Scene {
     const { ratio } = this.renderer;
     this.renderer.setLines("outlines", this.planeLines(ground, ratio));
     this.renderer.setFaces("planes", this.planeFaces(ground));
+    this.renderer.setLines("furniture", this.furnitureLines(ground, ratio));
     this.renderer.setLines("path", this.pathLines(ground, ratio));
     this.updateFrame();
   }
@@ -116,6 +117,7 @@ class Scene {
 
   stateOf(object) {
     const { frame } = this.state;
+    if (isFurniture(object)) return "seen";
     if (!isWanted(this.state, object.label)) return "unknown";
     return frame === null ? "seen" : stateIn(object, frames[frame]);
   }
@@ -178,6 +180,15 @@ class Scene {
     return data.planes.flatMap(({ outline }) => fan(outline, colorOf(ground.path, 0.1)));
   }
 
+  /** Boxes of what bears the planes: thin and dashed, for they are no objects. */
+  furnitureLines(ground, ratio) {
+    const color = colorOf(ground.path, 0.55);
+    return furniture.flatMap((piece) => {
+      const box = corners(piece);
+      return EDGES.map(([a, b]) => [box[a], box[b], color, [1.2 * ratio, DASH_M]]);
+    });
+  }
+
   pathLines(ground, ratio) {
     const lines = [];
     for (let i = 1; i < frames.length; i++) {
@@ -202,6 +213,7 @@ class Scene {
     const { layers, follow, coloring, theme } = this.state;
     const shown = [];
     if (layers.planes) shown.push("planes", "outlines");
+    if (layers.furniture) shown.push("furniture");
     if (layers.camera && !follow) shown.push("image", "path", "camera");
     if (layers.boxes) shown.push("sides", "boxes");
     if (layers.changes) shown.push("changes");

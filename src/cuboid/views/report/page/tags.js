@@ -12,11 +12,13 @@ class Tags {
     this.holder = holder;
     this.state = state;
     this.toolbars = null;
-    this.tags = data.objects.map((object) => {
-      const tag = element("button", { class: "chip tag", "data-label": object.label, tabindex: "-1", title: titleOf(object) });
+    this.tags = [...data.objects, ...furniture].map((object) => {
+      const kind = isFurniture(object) ? "chip tag furniture" : "chip tag";
+      const tag = element("button", { class: kind, "data-label": object.label, tabindex: "-1", title: titleOf(object) });
       tag.style.background = object.color;
       tag.style.color = object.ink;
-      tag.addEventListener("click", () => chosen(object.label));
+      if (isFurniture(object)) tag.disabled = true;
+      else tag.addEventListener("click", () => chosen(object.label));
       holder.append(tag);
       return { tag, object, top: add(object.center, scale(axis(object.rotation, 2), object.size[2] / 2)) };
     });
@@ -88,15 +90,16 @@ class Tags {
 
   /** The tags that are in the view, those first that choose first; the others are hidden. */
   shown(eye, stateOf, [width, height]) {
-    const behind = 1e6; // those that are hidden choose after those that are seen
+    const behind = 1e6; // those that are hidden choose after those that are seen, furniture after all objects
     const found = this.tags.map((item) => {
       const clip = toClip(eye.clip_world, item.top);
       const known = stateOf(item.object);
       const chosen = item.object.label === this.state.selected;
       const at = [(clip[0] / clip[3] + 1) * 0.5 * width, (1 - clip[1] / clip[3]) * 0.5 * height];
       const outside = clip[3] < eye.near || at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
-      item.tag.hidden = outside || !this.state.layers.boxes || (known === "unknown" && !chosen);
-      const first = chosen ? -behind : clip[3] + (known === "seen" ? 0 : behind);
+      item.tag.hidden = outside || !this.state.layers[isFurniture(item.object) ? "furniture" : "boxes"] || (known === "unknown" && !chosen);
+      const late = isFurniture(item.object) ? 2 : known === "seen" ? 0 : 1;
+      const first = chosen ? -behind : clip[3] + late * behind;
       return { ...item, at, known, chosen, first, depth: clip[3] };
     });
     return found.filter(({ tag }) => !tag.hidden).sort((a, b) => a.first - b.first);

@@ -15,7 +15,8 @@ function branchItem(branch, chosen, rows, parent = null) {
 /** A surface by its number, as on cards, and its height over the lowest one. */
 function surfaceName({ of, height }) {
   if (!of) return "Support unknown";
-  const number = `Surface ${Number(of.split(":")[1]) + 1}`;
+  const plane = Number(of.split(":")[1]);
+  const number = `Surface ${plane + 1}${bearerOf(plane)}`;
   return height ? `${number}, ${fixed(height, 2)} m above the lowest` : number;
 }
 
@@ -30,7 +31,9 @@ function endOf(to, chosen) {
   const object = objectOf.get(to);
   if (!object) {
     const [what, number] = String(to).split(":");
-    return number === undefined ? `#${to}` : `${what === "plane" ? "surface" : what} ${Number(number) + 1}`;
+    if (number === undefined) return `#${to}`;
+    const place = Number(number);
+    return what === "plane" ? `surface ${place + 1}${bearerOf(place)}` : `${what} ${place + 1}`;
   }
   const link = element("button", { class: "end" }, chip(object));
   link.addEventListener("click", () => chosen(to));

@@ -1,0 +1,73 @@
+"""Furniture as entries of the results: its labels last as long as the planes that it bears."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from cuboid.core.results import SUPPORT, MapPoints, TrackedObject
+from cuboid.relations.furniture import Furniture
+from cuboid.surfaces.plane import Plane
+
+# Score of furniture: the confidence that it is an object.
+SCORE = 0.0
+# Labels of the furniture that bears a plane, by identity of the plane: its own, then younger ones that ended in it.
+Labels = dict[int, tuple[int, ...]]
+
+
+def labels_of(
+    pieces: Sequence[Sequence[int]], known: Mapping[int, tuple[int, ...]], new_label: Callable[[], int] | None
+) -> list[tuple[int, ...]]:
+    """Return the labels of pieces of furniture, oldest first: those that their planes had, else a new one.
+
+    Parameters
+    ----------
+    pieces : sequence of sequence of int
+        Identities of the planes that each piece bears.
+    known : mapping of int to tuple of int
+        Labels by identity of the plane. Of pieces whose planes had the same label, the first one keeps it.
+    new_label : callable or None
+        Returns a new label; None: a piece without a known one gets none.
+    """
+    taken: set[int] = set()
+    found = []
+    for identities in pieces:
+        own = sorted({label for k in identities for label in known.get(k, ())} - taken)
+        if not own and new_label is not None:
+            own = [new_label()]
+        taken.update(own)
+        found.append(tuple(own))
+    return found
+
+
+def furniture_entry(
+    piece: Furniture, labels: tuple[int, ...], planes: Sequence[Plane], points: MapPoints
+) -> TrackedObject:
+    """Return a piece of furniture as an entry of the results.
+
+    Parameters
+    ----------
+    piece : Furniture
+    labels : tuple of int
+        Its own label, then those that ended in it.
+    planes : sequence of Plane
+        The planes that it bears: it was seen in the frames that saw these.
+    points : MapPoints
+        Of the map in which it was found.
+    """
+    return TrackedObject(
+        label=labels[0],
+        box=piece.box,
+        score=SCORE,
+        heat=float(points.heat[piece.points].mean(dtype=np.float64)),
+        first_frame=min(plane.first_frame for plane in planes),
+        last_frame=max(plane.last_frame for plane in planes),
+        frames_seen=max(plane.frames for plane in planes),
+        points=len(piece.points),
+        mean_color=points.rgb[piece.points].mean(axis=0, dtype=np.float64),
+        plane=piece.plane,
+        merged_labels=labels[1:],
+        kind=SUPPORT,
+        planes=piece.planes,
+    )
