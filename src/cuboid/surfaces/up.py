@@ -151,7 +151,7 @@ class UpVote(Record):
         return np.asarray(self.seen[:, 4] * self._constancy(self.seen[:, :3]))
 
     def _constancy(self, directions: Float64Array) -> Float64Array:
-        """Return how likely each direction (..., 3) is up by how the camera turns, 0..1: by how little it changes there."""
+        """Return how constant each direction (..., 3) stays in the camera while it turns, 0..1; up stays constant."""
         return np.asarray((np.linalg.norm(directions @ self.axes, axis=-1) / max(1, self.votes)) ** 4)
 
     def _level(self, measured: Float64Array) -> Float64Array:
