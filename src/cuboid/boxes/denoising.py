@@ -1,4 +1,4 @@
-"""Denoising of far objects, whose surfaces are as thick as the noise of depth: points move to their local mean."""
+"""Denoising of distant objects, whose surfaces are as thick as depth noise: points move to their local mean."""
 
 from __future__ import annotations
 
@@ -14,38 +14,38 @@ from cuboid.core.tolerances import SIGMAS
 
 
 def is_thick(noise_m: float, voxel_m: float) -> bool:
-    """Tell whether noise of a standard deviation makes surfaces thicker than a voxel: what is seen from far alone."""
+    """Return whether noise of this standard deviation makes surfaces thicker than a voxel, as for distant objects."""
     return 2.0 * noise_m >= voxel_m
 
 
 def denoised(
     points: Float64Array, trust: Float64Array, eye: Float64Array, noise_m: float, voxel_m: float
 ) -> tuple[Float64Array, float]:
-    """Return points where the surface is that they show, and the noise that is left in them.
+    """Return points moved to the surface that they show, and the remaining noise.
 
-    Depth errs along the ray and hardly across it. Of an opaque thing a ray meets one surface, which the map holds as
-    layers of voxels, as many as noise has made: each point goes along its ray to where those about it, on the same ray
-    and within three deviations, lie in the mean, until none moves by more than a reading can tell (mean shift:
-    Fukunaga and Hostetler, 1975). Surfaces no thicker than a voxel stay as they are.
+    Depth errors lie along the ray. A ray meets one surface of an opaque object, but noise spreads that surface over
+    several layers of voxels in the map. Each point is moved along its ray to the mean of its neighbours on the same ray
+    within three standard deviations, until no point moves by more than the smallest depth error (mean shift: Fukunaga
+    and Hostetler, 1975). Surfaces no thicker than a voxel are not changed.
 
     Parameters
     ----------
     points : (N, 3) float64
         World, metres; at least one.
     trust : (N,) float64
-        How far each of them is to be believed.
+        Weight of each point.
     eye : (3,) float64
-        Where the camera is that sees them, world, metres.
+        Position of the camera, world, metres.
     noise_m : float
         Standard deviation of the points of a surface, metres.
     voxel_m : float
-        Edge of a voxel, metres; what is as near to a ray lies on it.
+        Edge of a voxel, metres; points in the same voxel column along a ray count as on that ray.
 
     Returns
     -------
     points : (N, 3) float64
     noise_m : float
-        Of a mean of as many points as usually lie on a ray.
+        Standard deviation of a mean over the usual number of points on a ray, metres.
     """
     if not is_thick(noise_m, voxel_m):
         return points, noise_m
@@ -57,7 +57,7 @@ def denoised(
     depth = points @ ray
     cells = np.floor(points @ np.column_stack(plane_axes(ray)) / voxel_m)
     cells -= cells.min(0)
-    # Rays lie one after the other, so far apart that what is near in these places is on the same ray.
+    # Rays are laid one after the other on one axis, with gaps, so that neighbours on this axis are on the same ray.
     reach_m = SIGMAS * noise_m
     on = cells[:, 0] * (cells[:, 1].max() + 1.0) + cells[:, 1]
     places = depth - depth.min() + on * (np.ptp(depth) + 2.0 * reach_m)

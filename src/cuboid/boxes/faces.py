@@ -1,4 +1,4 @@
-"""The noise that a box holds besides its object, taken off again."""
+"""Correction of boxes that are too large because they enclose the depth noise of faces."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from cuboid.core.frame import Float64Array
 from cuboid.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M
 from cuboid.geometry.box import Box
 
-# A side is moved by at most this fraction of the size of the box.
+# A side moves by at most this fraction of the size of the box.
 MAX_MOVE_FRACTION = 0.2
 
 
 def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float, top_alone: bool) -> Box:
-    """Return a box whose sides lie in the middle of the faces that were seen, not at the outer end of their noise.
+    """Return a box whose sides lie in the middle of the seen faces, not at the outer end of their noise.
 
-    A flat face is a dense layer of points beneath its side, and little beneath that layer: the side is moved to the
-    layer's middle, the less the more there is beneath. Where a side was not seen, what the top ends with there is
-    evenly dense, and the side stays.
+    A flat face is a dense layer of points beneath its side, with few points below that layer. The side moves to the
+    middle of the layer, by less the more points lie below. At a side that was not seen, the density is even and the
+    side stays.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float
     noise_m : float
         Standard deviation of the points of a face, metres.
     top_alone : bool
-        Only the top is moved: the sides are known better.
+        Move only the top: the sides are known more exactly.
     """
     layers = np.empty((5, 3))
     half = box.size / 2.0
@@ -46,6 +46,6 @@ def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float
     size, center = high + low, box.center + box.rotation @ ((high - low) / 2.0)
     if size[0] >= size[1]:
         return Box(center, size, box.rotation)
-    # A turn by 90 degrees keeps the axes right-handed.
+    # A rotation by 90 degrees keeps the axes right-handed.
     turned = np.column_stack([box.rotation[:, 1], -box.rotation[:, 0], box.rotation[:, 2]])
     return Box(center, size[[1, 0, 2]], turned)

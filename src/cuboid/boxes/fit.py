@@ -1,4 +1,4 @@
-"""A cluster of points to the box that rests on its plane: minimal-area footprint, height from the plane up."""
+"""Fit of a box that rests on a plane to a cluster of points: footprint of minimal area, height from the plane up."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.tolerances import MIN_SIGMA_M
 from cuboid.geometry.box import Box
 
-# Footprints are tried every two degrees: a 30 cm box turned by one degree is 3 mm off at its ends, below the noise.
+# Footprints are tried every two degrees: a 30 cm box rotated by one degree is 3 mm off at its ends, below the noise.
 _ANGLES = np.radians(np.arange(0.0, 180.0, 2.0))
 DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
-# Arcs of 130 degrees of the full turn, one every ten degrees: less does not fix a radius in noise, and a half disc,
-# whose ends are cut, has not much more. For each the least-squares solver of c.u + r.
+# Arcs of 130 degrees, one every ten degrees of a full turn: less does not determine a radius in noise, and a half disc
+# with cut ends shows hardly more. For each arc the least-squares solver of c.u + r.
 ARCS = (np.arange(0, 180, 5)[:, None] + np.arange(66)[None]) % 180
 ARC_DESIGNS = np.dstack([np.concatenate([DIRECTIONS, -DIRECTIONS])[ARCS], np.ones((36, 66))])
 ARC_SOLVERS = np.linalg.pinv(ARC_DESIGNS)
-# Normal, and offset or None where nothing known lies beneath.
+# Normal, and offset or None if no known plane lies beneath.
 Resting = tuple[Float64Array, float | None]
 _NO_SIDE, _NO_TRUST = np.zeros((0, 2)), np.zeros(0)
 
@@ -42,17 +42,17 @@ def fit_box(
     normal : (3,) float64
         Unit normal of the supporting plane, or up.
     offset : float or None
-        The plane is normal.p + offset = 0; None: the cluster stands on nothing known and ends at its lowest point.
+        The plane is normal.p + offset = 0; None: no known support, the box ends at the lowest point.
     fraction : float
-        Fraction of the weight that may stick out at each of the four sides, at the top and, off the plane, at the
-        bottom: strays. 0..0.1.
+        Fraction of the weight, 0..0.1, that may lie outside at each of the four sides, at the top and, for a box that
+        does not rest on the plane, at the bottom: outliers.
     weights : (N,) float64, optional
-        How far each point is to be believed.
+        Weight of each point.
 
     Returns
     -------
     Box
-        In the points' frame; its length is not less than its width.
+        In the frame of the points; its length is not less than its width.
     """
     cloud = np.ascontiguousarray(points, dtype=np.float64)
     trust = np.ones(len(cloud)) if weights is None else weights
@@ -68,11 +68,11 @@ def fit_boxes(points: Float64Array, counts: Sequence[int], planes: Sequence[Rest
     Parameters
     ----------
     points : (N, 3) float64
-        One cloud after the other.
+        All clouds, one after the other.
     counts : sequence of int
-        How many points each has, at least one.
+        Number of points of each cloud, at least one.
     planes : sequence of ((3,) float64, float or None)
-        Normal and offset of what each rests on.
+        Normal and offset of the support of each cloud.
     fraction : float
     """
     if not counts:
@@ -89,21 +89,21 @@ def fit_boxes(points: Float64Array, counts: Sequence[int], planes: Sequence[Rest
 def box_within(
     low: Float64Array, high: Float64Array, bottom: float, top: float, normal: Float64Array, towards: float | None = None
 ) -> Box:
-    """Return the box of least footprint around what reaches from `low` to `high` in each of `DIRECTIONS`.
+    """Return the box of minimal footprint around the extents from `low` to `high` along each of `DIRECTIONS`.
 
-    Footprints that differ by no more than a reading can tell are alike: of them that one is taken which is turned
-    towards a direction best, for what hardly differs is chosen by noise, and the box would turn from fit to fit.
+    Footprints that differ by less than the smallest depth error are equivalent. Of these, the one best aligned with
+    `towards` is taken; otherwise noise would decide, and the box would rotate from fit to fit.
 
     Parameters
     ----------
     low, high : (90,) float64
-        In the plane's own axes, see `plane_axes`; metres.
+        Extents in the axes of the plane, see `plane_axes`; metres.
     bottom, top : float
         Along the normal, metres.
     normal : (3,) float64
         Unit.
     towards : float, optional
-        In the plane's own axes, radians.
+        Preferred direction in the axes of the plane, radians.
     """
     row = np.empty(15)
     if towards is None:
@@ -139,7 +139,7 @@ def plane_axes(normal: Float64Array) -> tuple[Float64Array, Float64Array]:
 def reach_of(
     points: Float64Array, weights: Float64Array, directions: Float64Array, fraction: float
 ) -> tuple[Float64Array, Float64Array]:
-    """Return how far (D,) points (N, 2) reach along directions (D, 2), but for a fraction of their weight."""
+    """Return the extents (D,), low and high, of points (N, 2) along directions (D, 2) without outliers."""
     low, high = np.empty(len(directions)), np.empty(len(directions))
     reach(points, weights, directions, fraction, low, high)
     return low, high

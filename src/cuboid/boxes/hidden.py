@@ -16,19 +16,19 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import VoxelMap
 
-# A box this near its plane, metres, rests on it.
+# A box rests on its plane if the gap is at most this, metres.
 MIN_GAP_M = 1e-6
-# A place was seen when this many of the nine voxels of the ground around it were.
+# A place on the ground counts as seen if at least this many of the nine voxels around it were seen.
 SOME_OF_NINE = 2
 # Boxes side by side overlap by at most this fraction of the smaller one.
 BESIDE_FRACTION = 0.2
-# The top of an object, whose middle is above the middle of its foot, is as thick as this fraction of its height.
+# Thickness of the top layer of an object, as a fraction of its height; its middle is above the middle of the foot.
 TOP_LAYER_FRACTION = 0.1
-# This fraction of the points may stick out on one side alone, as a handle does.
+# Fraction of the points that may stick out on one side only, as a handle does.
 STICKING_OUT_FRACTION = 0.1
-# A foot may be hidden when at most this fraction of the ground beneath was seen.
+# A foot may be hidden if at most this fraction of the ground beneath was seen.
 GROUND_SEEN_FRACTION = 0.2
-# Places of the ground beneath that are looked up, as many a side, in fractions of the box from its middle.
+# Sample places on the ground beneath a box, per side, as fractions of the box from its middle.
 _STEPS = (np.arange(MIN_READINGS) + 0.5) / MIN_READINGS - 0.5
 _ALONG, _ACROSS = (places.reshape(-1, 1) for places in np.meshgrid(_STEPS, _STEPS))
 
@@ -36,33 +36,33 @@ _ALONG, _ACROSS = (places.reshape(-1, 1) for places in np.meshgrid(_STEPS, _STEP
 def with_hidden(
     box: Box, points: Float64Array, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap
 ) -> Box:
-    """Return an object's box with its far side, as far as no frame can have seen that it is not there.
+    """Return an object's box extended by its far side, as far as no frame can have shown that it is absent.
 
     See `mirrored_points` for the parameters.
     """
     more = mirrored_points(points, normal, offset, box, near, voxels)
     if len(more):
         whole = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
-        # A far side that would reach into a neighbour is left out.
+        # A far side that would overlap a neighbour is not added.
         if is_clear_of(whole, near):
             return whole
     return box
 
 
 def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], least_m: float) -> Box:
-    """Return the box of what was seen from far, as deep as it is wide where the camera could not tell that it is not.
+    """Return the box of a distant object, made as deep as wide unless the camera could have seen that it is less deep.
 
-    From the front an object shows its width and hardly any of its depth; most objects are about as deep as wide. More
-    depth would show beyond the rims as far as it lies across the ray. Where that is less than the map resolves, the
-    object may be deeper.
+    From the front an object shows its width and little of its depth; most objects are about as deep as wide. More depth
+    would be visible beyond the rims, by its component across the ray. If that is less than the map resolves, the object
+    may be deeper.
 
     Parameters
     ----------
     box : Box
     eye : (3,) float64
-        Position of the camera that sees it, world, metres.
+        Position of the camera, world, metres.
     near : sequence of Box
-        Of other objects nearby; a depth that would reach into one is refused.
+        Boxes of other objects nearby; a depth that would overlap one is refused.
     least_m : float
         Smallest distance that the map resolves, metres.
     """
@@ -83,12 +83,12 @@ def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], least_m: f
 
 
 def is_clear_of(box: Box, near: Sequence[Box]) -> bool:
-    """Tell whether a box overlaps its neighbours by no more than boxes side by side do."""
+    """Return whether a box overlaps its neighbours by no more than boxes side by side do."""
     return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= BESIDE_FRACTION)
 
 
 def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
-    """Return a box that reaches down to its plane, where nothing tells that it floats; see `foot_is_hidden`."""
+    """Return a box extended down to its plane, unless evidence shows that it floats; see `foot_is_hidden`."""
     gap = box.foot_m(normal, offset)
     if gap > MIN_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):
         box = Box(box.center - 0.5 * gap * normal, box.size + np.array([0.0, 0.0, gap]), box.rotation)
@@ -98,24 +98,24 @@ def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box]
 def mirrored_points(
     points: Float64Array, normal: Float64Array, offset: float, box: Box, others: Sequence[Box], voxels: VoxelMap
 ) -> Float64Array:
-    """Return the points of an object's far side, as far as no frame can have seen that they are not there.
+    """Return the points of an object's far side, as far as no frame can have shown that they are absent.
 
-    Most things are as deep behind their middle as before it, and the middle of what stands is beneath its top: a
-    point is mirrored at the vertical axis through the top. It is kept where it lies outside the
-    box, over ground that no frame has seen, and in no other object.
+    Most objects are as deep behind their middle as in front of it, and the middle of a standing object is beneath its
+    top. Each point is mirrored at the vertical axis through the top. It is kept if it lies outside the box, over ground
+    that no frame has seen, and in no other object.
 
     Parameters
     ----------
     points : (N, 3) float64
-        Of the object, world, metres.
+        Points of the object, world, metres.
     normal : (3,) float64
-        Of the plane it stands on, unit, up.
+        Normal of its supporting plane, unit, up.
     offset : float
         The plane is normal.p + offset = 0.
     box : Box
-        That holds the points.
+        The box of the points.
     others : sequence of Box
-        Of other objects nearby.
+        Boxes of other objects nearby.
     voxels : VoxelMap
 
     Returns
@@ -126,12 +126,12 @@ def mirrored_points(
     top = quantile(height, 1.0 - 2.0 * OUTLIER_FRACTION)
     layer = points[height >= top - max(TOP_LAYER_FRACTION * top, voxels.voxel_m)]
     axis = (layer.min(0) + layer.max(0)) / 2.0
-    # Half a turn about the normal.
+    # Rotate by 180 degrees about the normal.
     away = points - axis
     mirrored = axis - away + 2.0 * np.outer(away @ normal, normal)
     beyond = _beyond(mirrored, box)
     out = np.flatnonzero(beyond > voxels.voxel_m)
-    # A part that sticks out on one side, as a handle or a spout, has no twin on the other side.
+    # A part that sticks out on one side, such as a handle or a spout, has no counterpart on the other side.
     allowed = round(STICKING_OUT_FRACTION * len(points))
     if len(out) <= allowed:
         return np.zeros((0, 3))
@@ -145,7 +145,7 @@ def mirrored_points(
 
 
 def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap) -> bool:
-    """Tell whether the foot of a floating box may be hidden: nobody saw the space beneath, and no object is there."""
+    """Return whether the foot of a floating box may be hidden: the space beneath was not seen and holds no object."""
     beneath = box.center + _ALONG * box.size[0] * box.rotation[:, 0] + _ACROSS * box.size[1] * box.rotation[:, 1]
     height = beneath @ normal + offset
     ground = beneath - np.outer(height, normal)
@@ -157,11 +157,11 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
 
 
 def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
-    """Tell which places (N, 3) on a plane were seen: some of the nine voxels around hold a point, one up or down."""
+    """Return which places (N, 3) on a plane were seen: enough of the nine voxels around them are occupied."""
     return voxels.is_occupied_around(ground, np.array([*plane_axes(normal), normal]), SOME_OF_NINE)
 
 
 def _beyond(points: Float64Array, box: Box) -> Float64Array:
-    """Return how far (N,) points lie outside a box in plan or above it, metres; 0 or less inside."""
+    """Return the horizontal distance (N,) of points (N, 3) from a box, metres; 0 or less inside its footprint."""
     away = np.abs((points - box.center) @ box.rotation) - box.size / 2.0
     return np.asarray(away[:, :2].max(1), dtype=np.float64)

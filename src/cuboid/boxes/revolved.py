@@ -1,9 +1,9 @@
 """Bodies of revolution: a can, a jar, a bottle, a ball, a bowl, a plant in its pot.
 
-Of such a body the camera sees the near side, and of that the noise thickens; its box is then too near, and too
-shallow. But all its side tells where its axis is, to a few millimetres, and the axis tells the far side.
+The camera sees only the near side of such a body, and noise thickens that side: its box is too near and too shallow.
+But the points of the side determine the axis to a few millimetres, and the axis determines the far side.
 
-A mug, a teapot or a cap is such a body too, and something that sticks out of it: a handle, a spout, a brim.
+A mug, a teapot or a cap is such a body with a part that sticks out: a handle, a spout, a brim.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from cuboid.core.frame import Float64Array
 from cuboid.core.tolerances import JUMP_M, MIN_READINGS, OUTLIER_FRACTION
 from cuboid.geometry.box import Box
 
-# The widest layer of a body is reached by this fraction of its points.
+# This fraction of a body's radius is reached by the rim points of its widest layer; see `widest_layer`.
 FULL_LAYER_FRACTION = 0.9
-# Points that stick out are a part of the object where less than this fraction of them are outliers.
+# Points that stick out belong to the object if less than this fraction of them are outliers.
 MAX_STRAYS = 0.5
 
 
@@ -36,25 +36,25 @@ def revolved(
     layer_m: float,
     fraction: float,
 ) -> Box | None:
-    """Return the box of a body of revolution of which a part was seen; None where it is none, or that is not sure.
+    """Return the box of a partly seen body of revolution; None if the object is not one, or if it is uncertain.
 
     Parameters
     ----------
     box : Box
-        Around what was seen.
+        Box around the seen part.
     points : (N, 3) float64
         World, metres.
     trust : (N,) float64
     normal : (3,) float64
-        Of the plane it stands on, unit.
+        Normal of its supporting plane, unit.
     offset : float
         The plane is normal.p + offset = 0.
     noise_m : float
         Standard deviation of the points of a surface, metres.
     layer_m : float
-        Thickness of a layer, metres: a voxel.
+        Thickness of a layer, metres: one voxel.
     fraction : float
-        Fraction of the trust that are strays, at each side.
+        Fraction of the trust that are outliers, at each side.
     """
     height = points @ normal + offset
     first, second = plane_axes(normal)
@@ -65,7 +65,7 @@ def revolved(
         return None
     center, part = np.empty(2), np.empty(len(side), bool)
     seen = plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m
-    # A body that is noisy all over gets its axis from all its points.
+    # The first try trims points off the axis; a body that is noisy everywhere gets its axis from all points.
     off_m = find_body(*seen, True, center, part) or find_body(*seen, False, center, part)
     if not off_m:
         return None
@@ -75,12 +75,12 @@ def revolved(
     weight = float(trust.sum())
     bounds = int(layer.max()) + 1, 2.0 * OUTLIER_FRACTION * weight, FULL_LAYER_FRACTION
     radius = widest_layer(distance[body], layer[body], trust[body], *bounds)
-    # Its top, which tells no axis, may be wider by as much as it is thick: what lies farther out sticks out, too.
+    # The top, which does not determine the axis, may extend beyond the radius by JUMP_M; points farther out stick out.
     body |= top & (distance <= radius + JUMP_M)
     radius = widest_layer(distance[body], layer[body], trust[body], *bounds)
     along = DIRECTIONS @ center
     low, high, towards = along - radius, along + radius, None
-    # Points that stick out by more than noise are a part of their own, where few of them are outliers.
+    # Points that stick out by more than noise are a separate part, if few of them are outliers.
     beyond = distance > radius + off_m
     strays = fraction * weight / max(float(trust[beyond].sum()), 1e-12)
     if strays < MAX_STRAYS:
@@ -92,16 +92,16 @@ def revolved(
 
 
 def _lengthwise(away: Float64Array, trust: Float64Array) -> float:
-    """Return the direction, radians, in which what sticks out (N, 2) lies from the axis, or lies on both its sides.
+    """Return the direction, radians, from the axis in which the points that stick out (N, 2) lie, on one or both sides.
 
-    A thing with a handle, or with a spout and a handle, is its own mirror image about that direction.
+    An object with a handle, or with a spout and a handle, is symmetric about that direction.
     """
     twice, weight = 2.0 * np.arctan2(away[:, 1], away[:, 0]), trust * np.hypot(*away.T)
     return 0.5 * math.atan2(float(weight @ np.sin(twice)), float(weight @ np.cos(twice)))
 
 
 def _footprint(box: Box, first: Float64Array, second: Float64Array) -> Float64Array:
-    """Return a box's footprint: (6,) its middle, sizes, and the direction of its length."""
+    """Return the footprint of a box (6,): its centre, the direction of its length, and its sizes."""
     return np.array(
         [
             first @ box.center,

@@ -1,1 +1,1 @@
-"""The ground that all packages stand on: frames, errors, configuration, kernels that several stages share."""
+"""The base package of all others: frames, errors, configuration, and kernels that several stages share."""

@@ -25,14 +25,14 @@ from cuboid.core.kernelcache import KernelCache
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kernel:
-    """A loop that is compiled by itself, not only inside others.
+    """A kernel that is compiled on its own, not only inlined into others.
 
     Attributes
     ----------
     name : str
-        Module and function.
+        Module and function, joined by a point.
     function : function
-        Before it is compiled.
+        The Python function before compilation.
     cache : KernelCache
     """
 
@@ -42,18 +42,18 @@ class Kernel:
 
     @property
     def cached(self) -> bool:
-        """Whether machine code of it lies in the cache; not while its module is being imported, by another thread."""
+        """Whether the cache holds its machine code; False while another thread still imports its module."""
         spec = sys.modules[self.function.__module__].__spec__
         return not getattr(spec, "_initializing", False) and self.cache.index.exists()
 
     @property
     def size(self) -> int:
-        """Bytes of its code before it is compiled, about in proportion to the time that compiling takes."""
+        """Size of its bytecode in bytes; compile time is roughly proportional to it."""
         return _size(self.function)
 
 
 def _size(function: FunctionType) -> int:
-    """Return the size of a function's code and of the code that becomes part of it."""
+    """Return the bytecode size of a function and of the kernels that are inlined into it, bytes."""
     used: list[Any] = [function.__globals__.get(name) for name in function.__code__.co_names]
     inlined = [one.py_func for one in used if getattr(one, "targetoptions", {}).get("inline") == "always"]
     return len(function.__code__.co_code) + sum(map(_size, inlined))
@@ -75,7 +75,7 @@ def kernel(function: Any = None, /, *, error_model: ErrorModel = "python", inlin
     error_model : {"python", "numpy"}
         Whether a division by zero raises or gives infinity.
     inline : {"never", "always"}
-        Whether it becomes part of each kernel that calls it.
+        Whether the kernel is inlined into each kernel that calls it.
     """
     if function is None:
         return lambda function: _compiled(function, error_model, inline)
@@ -93,14 +93,14 @@ def _compiled(function: FunctionType, error_model: ErrorModel, inline: Inline) -
 
 
 class _Compiling(event.Listener):
-    """Passes numba's events on to `cuboid.core.compiletime`."""
+    """Forwards numba's compile events to `cuboid.core.compiletime`."""
 
     def on_start(self, event: Any) -> None:
-        """Tell that a kernel begins to compile."""
+        """Report that numba begins to compile a kernel."""
         compiletime.begin()
 
     def on_end(self, event: Any) -> None:
-        """Tell that a kernel is compiled."""
+        """Report that numba has compiled a kernel."""
         compiletime.end()
 
 

@@ -1,4 +1,4 @@
-"""The time that compiling kernels takes, kept apart from the time of the work itself."""
+"""The compile time of kernels, measured apart from the time of the work itself."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-# Called when a kernel begins to compile and when one is compiled.
+# Called when the compilation of a kernel begins and when it ends.
 Listener = Callable[[], None]
 
 
 class _Thread(threading.local):
-    """Seconds that this thread has compiled for, when it began to, and how deep: kernels compile what they call."""
+    """Compile time of this thread, begin of the current compilation, and its depth: kernels compile their callees."""
 
     seconds = 0.0
     begun_s = 0.0
@@ -24,23 +24,23 @@ _listeners: list[Listener] = []
 
 
 def working_s() -> float:
-    """Return the seconds of a steady clock that stands still while this thread compiles kernels."""
+    """Return a steady clock in seconds that stands still while this thread compiles kernels."""
     return time.perf_counter() - compiling_s()
 
 
 def compiling_s() -> float:
-    """Return the seconds for which this thread has compiled kernels."""
+    """Return the total time for which this thread has compiled kernels, seconds."""
     return _thread.seconds + (time.perf_counter() - _thread.begun_s if _thread.depth else 0.0)
 
 
 def compiling() -> bool:
-    """Tell whether this thread compiles a kernel."""
+    """Return whether this thread is compiling a kernel."""
     return _thread.depth > 0
 
 
 @contextmanager
 def listening(listener: Listener) -> Iterator[None]:
-    """Call `listener` when a kernel begins to compile and when one is compiled."""
+    """Call `listener` when the compilation of a kernel begins and when it ends."""
     _listeners.append(listener)
     try:
         yield
@@ -49,7 +49,7 @@ def listening(listener: Listener) -> Iterator[None]:
 
 
 def begin() -> None:
-    """Note that this thread begins to compile a kernel."""
+    """Record that this thread begins to compile a kernel."""
     if _thread.depth == 0:
         _thread.begun_s = time.perf_counter()
     _thread.depth += 1
@@ -57,7 +57,7 @@ def begin() -> None:
 
 
 def end() -> None:
-    """Note that this thread has compiled the kernel that it began last."""
+    """Record that this thread has finished the kernel whose compilation it began last."""
     _thread.depth -= 1
     if _thread.depth == 0:
         _thread.seconds += time.perf_counter() - _thread.begun_s

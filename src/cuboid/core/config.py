@@ -1,4 +1,4 @@
-"""All that a user may set about the tracker: each field with its meaning, unit and range."""
+"""The user's settings of the tracker: each field with its meaning, unit and range."""
 
 from __future__ import annotations
 
@@ -23,23 +23,24 @@ class TrackerConfig:
     voxel_m : float
         Edge of a voxel of the global map, metres. Two objects stay apart when their gap is about two voxels.
     max_depth_m : float
-        Readings farther than this are not used, metres: the noise of a structured-light sensor nears 2 cm there.
+        Depth readings beyond this are ignored, metres: there the noise of a structured-light sensor nears 2 cm.
     depth_noise_per_m : float
-        Standard deviation of depth at distance z is this times z squared, 1/metre (Khoshelham and Elberink 2012
-        give 1.425e-3 for the first Kinect; a time-of-flight sensor has less beyond 2 m).
+        The standard deviation of depth at distance z is this value times z squared, 1/metre (Khoshelham and Elberink
+        2012 give 1.425e-3 for the first Kinect; a time-of-flight sensor has less noise beyond 2 m).
     working_width_px : int
-        Frames are thinned, each to another phase, until their longer side is less than twice this, pixels. At 320 and
-        1.5 m a pixel is 6 mm, below a voxel; half of it takes half the time and sees objects of 5 cm up to 2 m.
+        Frames are subsampled, each with another pixel offset, until their longer side is less than twice this value,
+        pixels. At 320 and 1.5 m a pixel is 6 mm, less than a voxel; 160 takes half the time and finds objects of 5 cm
+        up to 2 m away.
     min_height_m : float
-        What rises less than this above its plane is taken for the plane's own noise, metres.
+        Points less than this above a supporting plane are attributed to the noise of the plane, metres.
     min_size_m : float
-        Two of an object's sides are at least this, metres: what has only one is the rim or the edge of something.
+        At least two sides of an object have this length, metres: with only one long side it is a rim or an edge.
     max_size_m : float
-        An object's longest side is at most this, metres.
+        The longest side of an object is at most this, metres.
     min_plane_area_m2 : float
-        A horizontal surface smaller than this is an object's lid, not a supporting plane, square metres.
+        A horizontal surface smaller than this is the lid of an object, not a supporting plane, square metres.
     hot : float
-        Points at least this hot belong to objects, 0..1.
+        Points with at least this heat belong to objects, 0..1.
     """
 
     voxel_m: float = _field(0.01, 0.003, 0.1, "m")
@@ -67,7 +68,7 @@ class TrackerConfig:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> TrackerConfig:
-        """Make a configuration from names and values; text is read as a number.
+        """Make a configuration from names and values; a value given as text is converted to a number.
 
         Raises
         ------

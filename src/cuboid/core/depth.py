@@ -1,4 +1,4 @@
-"""The depth of a frame, prepared once: with fewer pixels, without mixed ones; its small planes, and its noise."""
+"""The depth image of a frame, prepared once: reduced, without mixed pixels, with local planes and its noise."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from cuboid.core.kernels.cells import AREA, CELL_COLUMNS, RMS, fit_cells
 from cuboid.core.kernels.pixels import drop_mixed
 from cuboid.core.tolerances import MIN_READINGS
 
-# Edge of the cells of a picture to which planes are fitted, radians: 3 cm at 1 m.
+# Edge of the image cells to which planes are fitted, radians: 3 cm at 1 m.
 CELL_RAD = 0.03
-# Depths of neighbours on one surface differ by less than this times z squared (plus 1 cm): ten deviations of the first
-# Kinect's noise. A reading that does not lies on nothing: it mixes two surfaces.
+# Depths of neighbours on one surface differ by less than this times z squared (plus 1 cm): ten standard deviations of
+# the first Kinect's noise. A reading that differs by more on both sides lies on neither surface: it mixes two.
 MIXED_PER_M = 0.014
 
 
 @dataclass(frozen=True, slots=True)
 class DepthImage:
-    """A depth image, and the cells that several stages read.
+    """A depth image, and the cells that several stages use.
 
     Attributes
     ----------
     depth_m : (H, W) float32
-        Metres, 0 none; nothing changes it any more.
+        Metres, 0: no reading; never changed afterwards.
     camera : Intrinsics
-        Of this image.
+        Intrinsics of this image.
     """
 
     depth_m: Float32Array
@@ -39,7 +39,7 @@ class DepthImage:
     def cells(self, max_depth_m: float, edge: int = 1) -> Float64Array:
         """Return the planes (R, C, CELL_COLUMNS) fitted to cells of `edge` times `cell_pixels` a side.
 
-        They are computed once. See `kernels.cells.fit_cells`.
+        The planes are computed once and kept. See `kernels.cells.fit_cells`.
         """
         known = self._cells.get((max_depth_m, edge))
         if known is None:
@@ -52,7 +52,7 @@ class DepthImage:
 
 
 def cell_pixels(camera: Intrinsics) -> int:
-    """Return the edge of a cell in a camera's image, pixels: an even number, of no fewer readings than tell a slope."""
+    """Return the edge of a cell, pixels: an even number near `CELL_RAD`, large enough to measure a slope."""
     return 2 * (max(MIN_READINGS, int(CELL_RAD * camera.fx)) // 2)
 
 
@@ -64,31 +64,31 @@ def without_mixed(depth_m: Float32Array) -> Float32Array:
 
 
 def halved(depth_m: Float32Array) -> Float32Array:
-    """Return the depth of blocks of 2 x 2 pixels: where one shows two surfaces it is one of them, nothing between."""
+    """Return the depth of 2 x 2 blocks; a block that shows two surfaces gets the depth of one, never a mean of both."""
     made = np.empty((depth_m.shape[0] // 2, depth_m.shape[1] // 2), np.float32)
     halve_depth(depth_m, SAME_SURFACE, made)
     return made
 
 
 def shrunk(frame: Frame, intrinsics: Intrinsics, widest: int) -> tuple[DepthImage, int]:
-    """Return the depth of a frame, halved until it is no wider than this, without mixed pixels; and its step."""
+    """Return the depth of a frame, halved until no side exceeds `widest` pixels, without mixed pixels; and its step."""
     depth_m, step = frame.depth_m, 1
     while max(depth_m.shape) > widest:
         depth_m, step = halved(np.ascontiguousarray(depth_m)), step * 2
     return DepthImage(without_mixed(depth_m), intrinsics.downscaled(step)), step
 
 
-# No more than this is believed, as a multiple of the nominal noise: clutter is no noise.
+# Upper limit of the noise estimate, as a multiple of the nominal noise: a larger excess comes from clutter.
 MAX_EXCESS = 1.4
-# At least this fraction of the cells of a picture lie on one flat surface each.
+# At least this fraction of the cells of an image show a single flat surface.
 FLAT_FRACTION = 0.2
 
 
 def excess_noise(image: DepthImage, nominal_per_m: float, max_depth_m: float) -> float:
-    """Return the noise that a depth image shows as a multiple of the nominal one, 1..`MAX_EXCESS`.
+    """Return the measured noise of a depth image as a multiple of the nominal noise, 1..`MAX_EXCESS`.
 
-    Real sensors bow and blob beyond their nominal noise; first Kinects and RealSense cameras show 1.4 times that of
-    the first Kinect's published figure over cells of 0.06 radians.
+    Depth errors of real sensors are correlated over areas and exceed the nominal noise; first Kinects and RealSense
+    cameras show 1.4 times the published noise of the first Kinect over cells of 0.06 radians.
 
     Parameters
     ----------
@@ -97,18 +97,19 @@ def excess_noise(image: DepthImage, nominal_per_m: float, max_depth_m: float) ->
         1/metre.
     max_depth_m : float
     """
-    # As wide as the noise's own blobs.
+    # Two cells wide: about the size of the areas over which the noise is correlated.
     cells = image.cells(max_depth_m, 2)
     rms = cells[cells[..., AREA] > 0, RMS]
     if len(rms) < MIN_READINGS:
         return 1.0
-    # They show all but that fraction of the noise.
+    # The residuals at the quantile FLAT_FRACTION show all but that fraction of the noise.
     return float(np.clip(np.quantile(rms, FLAT_FRACTION) / ((1.0 - FLAT_FRACTION) * nominal_per_m), 1.0, MAX_EXCESS))
 
 
 def resolves_m(edge_m: float, noise_per_m: float, focal_px: float) -> float:
-    """Return the depth up to which voxels of an edge length resolve a surface, metres.
+    """Return the depth up to which voxels of this edge length resolve a surface, metres.
 
-    There the deviation of a reading, or the width of a pixel, is as large as that: means of several are truer.
+    At that depth the standard deviation of a reading, or the width of a pixel, equals the edge: beyond it, a mean of
+    several readings is more accurate.
     """
     return float(min(np.sqrt(edge_m / noise_per_m), edge_m * focal_px))

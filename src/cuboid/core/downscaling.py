@@ -1,4 +1,4 @@
-"""Frames with fewer pixels: for `--scale`, where time counts more than the smallest objects."""
+"""Frames with fewer pixels: for `--scale`, when speed matters more than the smallest objects."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ SAME_SURFACE = 0.01
 def downscale(frame: Frame, factor: int) -> Frame:
     """Return the frame whose pixels are blocks of `factor` x `factor` pixels of this one.
 
-    Where a block shows two surfaces, its depth is one of them and nothing between.
-    Its pinhole is `Intrinsics.downscaled(factor)`: color and depth both belong to the centre of the block.
-    Rows and columns that fill no block are left out.
+    A block that shows two surfaces gets the depth of one of them, never a value in between.
+    The intrinsics of the result are `Intrinsics.downscaled(factor)`: color and depth belong to the block's centre.
+    Rows and columns that do not fill a block are dropped.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
-"""Errors in a user's input, each with a message of one clear line."""
+"""Errors in a user's input; each message is one clear line."""
 
 from __future__ import annotations
 
 from reprlib import Repr
 
-# A line of a message is shorter than this; a value in it is cut to fewer characters.
+# The longest line of a message, and the longest value within it, characters.
 LONGEST_MESSAGE = 299
 LONGEST_VALUE = 80
 # A message shows only the beginning of a list or an object.
@@ -14,7 +14,7 @@ _REPR.maxstring = _REPR.maxlong = LONGEST_VALUE
 
 
 class CuboidError(Exception):
-    """A mistake in the call or in the input: the message is one line that says what, where, and what was expected."""
+    """An error in a call or in the input: one line says what was wrong, where, and what was expected."""
 
     def __init__(self, message: str) -> None:
         super().__init__(one_line(message))
@@ -33,7 +33,7 @@ class OutputError(CuboidError):
 
 
 class MissingExtraError(CuboidError):
-    """A feature needs a package that is not installed; the message names the extra that brings it."""
+    """A feature needs a package that is not installed; the message names the extra that installs it."""
 
 
 class FrameError(CuboidError):
@@ -41,14 +41,14 @@ class FrameError(CuboidError):
 
 
 def printable(text: str) -> str:
-    """Return text that a terminal shows as it is: line breaks, escape codes and what is no character are escaped."""
+    """Return text that is safe for a terminal: line breaks, escape codes and non-printable characters are escaped."""
     if text.isprintable():
         return text
     return "".join(char if char.isprintable() else char.encode("unicode_escape").decode("ascii") for char in text)
 
 
 def shown(value: object) -> str:
-    """Return a value of the input as messages show it: texts in quotes, escaped, and never long."""
+    """Return an input value as messages show it: text quoted and escaped, at most `LONGEST_VALUE` characters."""
     if isinstance(value, int) and abs(value) >= 10**LONGEST_VALUE:  # Python refuses to write the longest ones
         return f"a whole number of {value.bit_length()} bits"
     text = f"'{printable(value[: LONGEST_VALUE + 1])}'" if isinstance(value, str) else printable(_REPR.repr(value))
@@ -56,7 +56,7 @@ def shown(value: object) -> str:
 
 
 def one_line(message: str) -> str:
-    """Return a message as one printable line; of one that is too long, the middle is left out."""
+    """Return a message as one printable line; if it is too long, the middle is cut out."""
     line = printable(" ".join(message.split()))
     if len(line) <= LONGEST_MESSAGE:
         return line
@@ -65,5 +65,5 @@ def one_line(message: str) -> str:
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number with its noun, in the plural where it is not 1."""
+    """Return a number with its noun; the noun is plural unless the number is 1."""
     return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""Packages that only some features need: imported where they are used, and asked for in one line."""
+"""Packages that only some features need: imported where they are used; if one is missing, one line says so."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ SERVE = ("starlette", "uvicorn", "websockets")
 
 
 def how_to_install(extra: str = "", *, pip: str = "") -> str:
-    """Return how to install an extra of Cuboid, or a package that belongs to no extra.
+    """Return how to install an extra of Cuboid, or a package that is in no extra.
 
     Parameters
     ----------
     extra : str, optional
-        Its name in ``pyproject.toml``.
+        Name of the extra in ``pyproject.toml``.
     pip : str, optional
-        In place of an extra: what follows ``pip install``.
+        Arguments of ``pip install``, instead of an extra.
     """
     if pip:
         return f"pip install {pip}"
@@ -37,33 +37,33 @@ def missing(feature: str, package: str, extra: str = "", *, pip: str = "", reaso
     Parameters
     ----------
     feature : str
-        What needs it.
+        The feature that needs the package.
     package : str
-        Its name.
+        Name of the package.
     extra, pip : str, optional
         As for `how_to_install`.
     reason : str, optional
-        What is wrong with it.
+        The problem with the package.
     """
     return f"{feature} needs {package}, which {reason}: {how_to_install(extra, pip=pip)}"
 
 
 def require(module: str, feature: str, extra: str = "", *, pip: str = "") -> Any:
-    """Return a module of a package that an installation may be without.
+    """Return a module of an optional package.
 
     Parameters
     ----------
     module : str
-        Its name in Python.
+        Its import name.
     feature : str
-        What needs it, as the user asked for it.
+        The feature that needs it, in the user's words.
     extra, pip : str, optional
         As for `how_to_install`.
 
     Raises
     ------
     MissingExtraError
-        It is not installed, or it does not fit this machine.
+        If it is not installed, or cannot be loaded on this machine.
     """
     try:
         return import_module(module)
@@ -79,7 +79,7 @@ def need_cluster(feature: str) -> None:
     Parameters
     ----------
     feature : str
-        What needs them, as the user called it.
+        The feature that needs them, in the user's words.
 
     Raises
     ------

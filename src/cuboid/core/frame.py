@@ -63,7 +63,7 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One color image with its aligned depth and, where known, its camera pose.
+    """One color image with its aligned depth image and its camera pose, if known.
 
     Attributes
     ----------
@@ -76,15 +76,15 @@ class Frame:
     depth_m : (H, W) float32
         Depth along the optical axis in metres; 0 is no reading.
     T_world_camera : (4, 4) float64 or None
-        Carries camera coordinates (x right, y down, z forward) to world coordinates. What is off from a rotation by
-        rounding is made one.
+        Transform from camera coordinates (x right, y down, z forward) to world coordinates. Rounding errors of the
+        rotation are removed.
     up_camera : (3,) float64 or None
-        Unit vector away from the earth's pull in camera coordinates, where it was measured.
+        Unit vector up (opposite to gravity) in camera coordinates; None if it was not measured.
 
     Raises
     ------
     FrameError
-        The pose is not rigid, or has numbers that are not finite; or up is no direction.
+        If the pose is not rigid or not finite, or if up is zero or not finite.
     """
 
     index: int
@@ -148,12 +148,12 @@ class SkippedFrame:
 
     @property
     def sightings(self) -> tuple[()]:
-        """No object is seen in it; there for loops that read the sightings of every frame."""
+        """An empty tuple: loops over all frames can read the sightings of a skipped frame too."""
         return ()
 
 
 def unit(vector: npt.ArrayLike) -> Float64Array:
-    """Return a direction (3,) as a unit vector; raises FrameError where it is none."""
+    """Return a direction (3,) as a unit vector; raises FrameError if it is zero, not finite or of another shape."""
     direction = np.asarray(vector, np.float64)
     length = float(np.linalg.norm(direction)) if direction.shape == (3,) else 0.0
     if not np.isfinite(length) or length == 0:

@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept: files that carry the stamp of what they were compiled from, so none can be stale."""
+"""The cache of compiled kernels: each file name contains a stamp of its source, so that no file can be stale."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from cuboid.core.kernelstamp import stamp_of
 
 # The environment variable of numba that names its cache folder; a user who sets it has chosen the folder.
 VARIABLE = "NUMBA_CACHE_DIR"
-# This many earlier versions of each kernel are kept, for the branches of a developer.
+# Number of earlier versions of each kernel that are kept, for a developer who switches branches.
 KEPT_VERSIONS = 3
-# Kernels that no run has used for this long are removed: those of versions that are no longer installed.
+# Kernels that no run has used for this long are removed, seconds: they belong to versions no longer installed.
 UNUSED_S = 30 * 24 * 3600.0
-# Hexadecimal digits of the stamp in a file's name; the whole stands inside.
+# Hexadecimal digits of the stamp in a file name; the full stamp is inside the file.
 STAMP_DIGITS = 20
 
 
 @cache
 def cache_folder() -> Path:
-    """Return the folder of compiled kernels: this user's alone, for what lies there is run."""
+    """Return the folder of compiled kernels; only this user may write to it, because its files are executed."""
     chosen = os.environ.get(VARIABLE)
     if chosen:
         return Path(chosen)
@@ -40,7 +40,7 @@ def cache_folder() -> Path:
 
 
 def _candidates() -> Iterator[Path]:
-    """Yield the places of the user's caches, the usual one first."""
+    """Yield the possible cache folders of the user, the usual one first."""
     for base in (os.environ.get("XDG_CACHE_HOME"), os.environ.get("LOCALAPPDATA")):
         if base and os.path.isabs(base):
             yield Path(base, "cuboid", "kernels")
@@ -55,7 +55,7 @@ def _user() -> int:
 
 
 def _own(folder: Path) -> bool:
-    """Make a folder, or tell whether it is this user's alone: what lies in it is run."""
+    """Make a folder and return whether only this user can write to it; its files are executed."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -67,7 +67,7 @@ def _own(folder: Path) -> bool:
 
 
 class _Location:
-    """Where numba finds the folder of a kernel; it stands for numba's own locators, which know only the source file."""
+    """Tells numba the folder of a kernel; it replaces numba's locators, which know only the source file."""
 
     def __init__(self, function: FunctionType) -> None:
         self._py_file = function.__code__.co_filename
@@ -90,15 +90,15 @@ class _Results(CompileResultCacheImpl):
 class KernelCache(FunctionCache):
     """The compiled code of one kernel on disk.
 
-    Its files are named by module, function and a stamp of all that the code depends on (`cuboid.core.kernelstamp`). The
-    stamp is made when the kernel is first called: before, what it uses may not be defined yet.
+    Its files are named by module, function and a stamp of all inputs of the compilation (`cuboid.core.kernelstamp`).
+    The stamp is computed when the kernel is first called: earlier, functions that it uses may not be defined yet.
 
     Parameters
     ----------
     function : FunctionType
-        The kernel before it is compiled.
+        The Python function before compilation.
     options : mapping of str to object
-        How it is compiled.
+        Compile options.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class KernelCache(FunctionCache):
 
     @cached_property
     def stamp(self) -> str:
-        """Stamp of all that the kernel is compiled from."""
+        """Stamp of everything from which the kernel is compiled."""
         return stamp_of(self._py_func, self._options)
 
     @property
@@ -134,7 +134,7 @@ class KernelCache(FunctionCache):
         return IndexDataCacheFile(self._cache_path, self._base, self.stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what lies compiled of a signature; None where it is to be compiled."""
+        """Return the cached code for a signature; None if it must be compiled."""
         try:
             found = super().load_overload(sig, target_context)
         except Exception:  # a damaged file may raise anything: the kernel is compiled again
@@ -147,7 +147,7 @@ class KernelCache(FunctionCache):
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled; where the disk is full or cannot be written, this run goes on without."""
+        """Save compiled code; if the disk is full or not writable, the run continues without saving it."""
         self.compiled = True
         with suppress(OSError):
             new = not self.index.exists()
@@ -156,21 +156,21 @@ class KernelCache(FunctionCache):
                 prune(self._name, self.index)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """Return numba's key and the fields of named tuples among the arguments, whose order the code depends on."""
+        """Return numba's key plus the field names of named tuples in the arguments: the code depends on their order."""
         arguments = getattr(sig, "args", sig)
         fields = tuple(getattr(getattr(one, "instance_class", None), "_fields", ()) for one in arguments)
         return super()._index_key(sig, codegen), fields
 
 
 def prune(name: str, current: Path) -> None:
-    """Remove old versions of a kernel, and what no run has used for long.
+    """Remove old versions of a kernel, and kernels that no run has used for `UNUSED_S`.
 
     Parameters
     ----------
     name : str
         Module and function of the kernel.
     current : Path
-        The file of its version in use.
+        The index file of the version in use.
     """
     folder, now_s = current.parent, time.time()
     ages = {index: now_s - index.stat().st_mtime for index in folder.glob("*.nbi") if index != current}

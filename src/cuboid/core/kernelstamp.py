@@ -1,7 +1,7 @@
-"""A stamp of everything that a kernel is compiled from: its own code, what it calls, and the constants it bakes in.
+"""A stamp of all inputs of a kernel's compilation: its code, the functions it calls, the constants it contains.
 
-Two kernels with one stamp have the same machine code on the same processor; comments, docstrings, line numbers and the
-other functions of the file change nothing.
+Two kernels with the same stamp have the same machine code on the same processor. Comments, docstrings, line numbers and
+other functions of the file do not affect the stamp.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-# Versions of the compilers, and of NumPy, for whose functions numba has loops of its own.
+# Versions of the compilers and of NumPy: numba has its own loops for NumPy's functions.
 COMPILERS = f"{sys.implementation.cache_tag} numba {numba.__version__} {llvmlite.__version__} numpy {np.__version__}"
 
 
@@ -27,14 +27,14 @@ def stamp_of(function: FunctionType, options: Mapping[str, Any]) -> str:
     Parameters
     ----------
     function : FunctionType
-        The kernel before it is compiled; all that it uses must be defined by now.
+        The Python function before compilation; everything that it uses must be defined already.
     options : mapping of str to object
-        How it is compiled.
+        Compile options.
 
     Raises
     ------
     TypeError
-        The kernel uses something of which no stamp can be made.
+        If the kernel uses a value for which no stamp can be made.
     """
     found: dict[str, str] = {}
     _collect(function, options, found)
@@ -58,7 +58,7 @@ def _collect(function: FunctionType, options: Mapping[str, Any], found: dict[str
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """Yield the code of a function and of those inside it."""
+    """Yield the code object of a function and those of functions defined inside it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -66,7 +66,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _code(code: CodeType, doc: str | None, name: str, found: dict[str, str]) -> tuple[Any, ...]:
-    """Return all of a code object but line numbers, docstring and file."""
+    """Return the content of a code object without line numbers, docstring and file name."""
     constants = [one for one in code.co_consts if not isinstance(one, CodeType)]
     if doc is not None and constants[:1] == [doc]:
         constants[0] = None
@@ -76,7 +76,7 @@ def _code(code: CodeType, doc: str | None, name: str, found: dict[str, str]) -> 
 
 
 def _described(value: Any, where: str, found: dict[str, str]) -> str:
-    """Return a text that differs where the value does."""
+    """Return a text that is different for different values."""
     if isinstance(value, Dispatcher):
         return _collect(value.py_func, value.targetoptions, found)
     if value is None or value is Ellipsis or isinstance(value, bool | int | float | complex | str | bytes):

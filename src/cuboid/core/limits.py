@@ -1,21 +1,21 @@
-"""How much one frame may bring: the least likely of what is beyond is left out, so that no frame takes long.
+"""Limits of the work for one frame: the least likely items beyond a limit are dropped, so that no frame takes long.
 
-At 640 x 480 a frame that is full to these limits takes less than half a second of one core, whatever it shows.
+At 640 x 480 a frame that reaches all limits takes less than half a second on one core, whatever it shows.
 """
 
 from __future__ import annotations
 
-# Of any source; the program's own ones give 140 at most.
+# Proposals of a frame, from any source; Cuboid's own sources give at most 140.
 MAX_PROPOSALS = 150
-# Segments of a frame, after its proposals were split at depth jumps: a desk full of things has some fifty.
+# Segments of a frame, after its proposals were split at depth jumps: a crowded desk has about fifty.
 MAX_SEGMENTS = 150
-# Objects in view without a label: what hostile depth begins in ten frames; a room full of things has some fifty.
+# Visible objects without a label: hostile depth starts this many in ten frames; a crowded room has about fifty.
 MAX_CANDIDATES = 200
 
-# Points of one object that are examined where all would take long: more do not change the answer.
+# Points per object that are sampled for expensive checks: more points do not change the result.
 SAMPLE_POINTS = 400
 
-# By what they are called in `run.json`.
+# The limits by their names in `run.json`.
 LIMITS = {"proposals": MAX_PROPOSALS, "clusters": MAX_SEGMENTS, "candidates": MAX_CANDIDATES}
-# Memory of the process beyond which parts of the map that are out of view are evicted, in units of 2**20 bytes.
+# Memory of the process in units of 2**20 bytes; above it, parts of the map that are out of view are evicted.
 MEMORY_MB = 512.0

@@ -1,4 +1,4 @@
-"""Locks between processes, on files and folders; the system lets go of them when their process ends."""
+"""Locks between processes, on files and folders; the operating system releases them when a process ends."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 if sys.platform == "win32":
     import msvcrt
 
-    # Windows wakes nobody who waits for a lock; it is asked again after this time, seconds.
+    # Windows does not wake a process that waits for a lock; the lock is tried again after this time, seconds.
     RETRY_S = 0.05
 
     def _take(handle: int, *, wait: bool) -> None:
@@ -28,13 +28,13 @@ if sys.platform == "win32":
                 time.sleep(RETRY_S)
 
     def _open_folder(folder: Path) -> int:
-        """Open a file that stands for a folder: Windows opens no folders, nor renames those with open files."""
-        os.stat(folder)  # FileNotFoundError where there is none
+        """Open a lock file in place of a folder: Windows opens no folders, and renames none that contain open files."""
+        os.stat(folder)  # raises FileNotFoundError if the folder does not exist
         name = hashlib.sha256(os.path.normcase(os.path.realpath(folder)).encode()).hexdigest()[:32]
         return os.open(Path(tempfile.gettempdir(), f"cuboid-{name}.lock"), os.O_RDWR | os.O_CREAT)
 
     def release(handle: int, path: Path | None = None) -> None:
-        """Unlock, and remove the file `path` of the lock where it is given."""
+        """Unlock, and remove the lock file `path` if it is given."""
         with suppress(OSError):
             os.lseek(handle, 0, os.SEEK_SET)
             msvcrt.locking(handle, msvcrt.LK_UNLCK, 1)
@@ -53,9 +53,9 @@ else:
         return os.open(folder, os.O_RDONLY)
 
     def release(handle: int, path: Path | None = None) -> None:
-        """Unlock, and remove the file `path` of the lock where it is given."""
+        """Unlock, and remove the lock file `path` if it is given."""
         if path is not None:
-            with suppress(OSError):  # before it is unlocked: nobody else can hold it yet
+            with suppress(OSError):  # removed before unlocking: no other process can hold the lock yet
                 path.unlink()
         os.close(handle)
 
@@ -67,9 +67,9 @@ def lock_folder(folder: Path, *, wait: bool = True, required: bool = False) -> i
     ----------
     folder : Path
     wait : bool
-        Whether to wait while another process has it.
+        Whether to wait while another process holds the lock.
     required : bool
-        Whether a file system without locks is an error. Otherwise the folder is not locked there.
+        Whether a file system without locks is an error. If False, the folder stays unlocked there.
 
     Returns
     -------
@@ -78,29 +78,29 @@ def lock_folder(folder: Path, *, wait: bool = True, required: bool = False) -> i
     Raises
     ------
     BlockingIOError
-        Another process has it, and `wait` is False.
+        If another process holds the lock and `wait` is False.
     OSError
-        It cannot be opened, or cannot be locked although that is `required`.
+        If the folder cannot be opened, or cannot be locked although `required` is True.
     """
     return _locked(_open_folder(folder), wait=wait, required=required)
 
 
 def lock_file(path: Path) -> int:
-    """Make a file and lock it until `release(handle, path)`, which removes it; without locks it is only opened.
+    """Create a file and lock it until `release(handle, path)`, which removes it; without lock support, only open it.
 
     Raises
     ------
     BlockingIOError
-        Another process has it.
+        If another process holds the lock.
     OSError
-        It cannot be opened or made.
+        If the file cannot be opened or created.
     """
     while True:
         handle = _locked(os.open(path, os.O_RDWR | os.O_CREAT, 0o644), wait=False, required=False)
         with suppress(OSError):
             if os.fstat(handle).st_ino == path.stat().st_ino:
                 return handle
-        release(handle)  # the process that had it has just removed it
+        release(handle)  # the process that held the lock has just removed the file
 
 
 def _locked(handle: int, *, wait: bool, required: bool) -> int:

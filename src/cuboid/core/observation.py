@@ -1,4 +1,4 @@
-"""One posed frame, prepared once for all stages that look at it."""
+"""One posed frame, prepared once for all stages that use it."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from cuboid.geometry.se3 import inverse
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """A frame as the stages from the heatmap on see it.
+    """A frame as the heatmap and all later stages receive it.
 
     Attributes
     ----------
     frame : int
         Index of the frame.
     image : WorkingImage
-        The thinned frame, without mixed pixels.
+        The subsampled frame, without mixed pixels.
     solid : WorkingImage
         The same image with its holes filled.
     T_world_camera : (4, 4) float64
     up_camera : (3,) float64 or None
-        Measured up in camera coordinates.
+        Measured up direction in camera coordinates; None if not measured.
     keyframe : int
-        Keyframe that the pose is anchored to.
+        Keyframe to which the pose is anchored.
     new_viewpoint : bool
-        Whether the camera has moved beyond the pose error since the last frame from a new viewpoint.
+        Whether the camera has moved more than the pose error since the last frame from a new viewpoint.
     viewpoint_angle_rad : float
-        Change of the viewing angle since the frame before: baseline over median depth; infinite for the first frame.
+        Change of the viewing angle since the previous frame: baseline over median depth; infinite for the first frame.
     moving : (h, w) uint8 or None
-        1 where a reading moves; None where none does.
+        1 where a reading lies on something that moves; None if nothing moves.
     still : WorkingImage
-        The thinned frame without what moves.
+        The subsampled frame without moving readings.
     """
 
     frame: int
@@ -54,10 +54,10 @@ class Observation:
 
     @property
     def T_camera_world(self) -> Float64Array:
-        """Carries world coordinates to camera coordinates, (4, 4)."""
+        """Transform from world to camera coordinates, (4, 4)."""
         return inverse(self.T_world_camera)
 
     @property
     def eye(self) -> Float64Array:
-        """Where the camera is, world, metres, (3,)."""
+        """Position of the camera in the world, metres, (3,)."""
         return np.asarray(self.T_world_camera[:3, 3])

@@ -1,4 +1,4 @@
-"""The color of a label: the same in every picture, and distinguished by color-blind people as well."""
+"""The color of a label: the same in every image, and distinguishable for color-blind people."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 from cuboid.core.frame import Float64Array
 
-# The hues of M. Okabe and K. Ito, "Color Universal Design" (2002), without black, which is lost in the
-# dark halo of a line. Ordered so that the first few labels differ most.
+# The hues of M. Okabe and K. Ito, "Color Universal Design" (2002), without black, which cannot be seen in the
+# dark halo of a line. The order makes the first few labels differ most.
 OKABE_ITO = ("56B4E9", "E69F00", "009E73", "CC79A7", "F0E442", "0072B2", "D55E00")
 
-# Color of what has no label.
+# Color of points and boxes without a label.
 UNLABELLED = (170, 170, 170)
 
-# This many labels have different colors; after that the colors repeat.
+# Number of different colors; labels beyond it repeat them.
 COLORS = 256
 
-# How people with a missing kind of cone see: G. Machado, M. Oliveira and L. Fernandes, "A physiologically-
+# Color vision of people who lack one kind of cone: G. Machado, M. Oliveira and L. Fernandes, "A physiologically-
 # based model for simulation of color vision deficiency" (2009), severity 1, on linear RGB.
 PROTANOPIA = (
     (0.152286, 1.052583, -0.204868),
@@ -35,7 +35,7 @@ TRITANOPIA = (
     (-0.078411, 0.930809, 0.147602),
     (0.004733, 0.691367, 0.303900),
 )
-# All who look count the same, but tritanopia is a hundred times rarer than the other two together: half.
+# Distances for tritanopia count double, so they constrain the choice half as much: it is a hundred times rarer.
 VISIONS = (
     (np.eye(3), 1.0),
     (np.array(PROTANOPIA), 1.0),
@@ -60,7 +60,7 @@ OKLAB_CONES = np.array(
 )
 
 # Range of the generated colors, in Oklab: light enough to stand out from the dark halo, dark enough to differ from
-# white, colored enough to differ from unlabelled points.
+# white, saturated enough to differ from unlabelled points.
 LIGHTNESS = np.linspace(0.50, 0.91, 12)
 CHROMA = np.linspace(0.06, 0.30, 9)
 HUE_RAD = np.arange(60) * (2 * np.pi / 60)
@@ -72,7 +72,7 @@ def color_of(label: int) -> tuple[int, int, int]:
     Parameters
     ----------
     label : int
-        1, 2, ...; 0 is what has no label and is grey.
+        1, 2, ...; 0 means no label and gives grey.
     """
     return UNLABELLED if label == 0 else _palette()[(label - 1) % COLORS]
 
@@ -83,9 +83,9 @@ def hex_of(label: int) -> str:
 
 
 def ink_on(color: tuple[int, int, int]) -> tuple[int, int, int]:
-    """Return the color of text on a ground of `color`: near black or white, whichever has more contrast.
+    """Return the text color for a background `color`: near black or white, whichever has more contrast.
 
-    Contrast is that of the W3C's accessibility guidelines (WCAG 2): black wins above a luminance of 0.179.
+    Contrast is defined by the W3C accessibility guidelines (WCAG 2): black wins above a luminance of 0.179.
     """
     luminance = linear_rgb(np.array(color) / 255.0) @ (0.2126, 0.7152, 0.0722)
     return (16, 18, 22) if luminance > 0.179 else (255, 255, 255)
@@ -93,9 +93,9 @@ def ink_on(color: tuple[int, int, int]) -> tuple[int, int, int]:
 
 @cache
 def _palette() -> tuple[tuple[int, int, int], ...]:
-    """Return all colors: the known ones, then again and again the candidate that is farthest from all so far.
+    """Return all colors: first the Okabe-Ito hues, then repeatedly the candidate that is farthest from all so far.
 
-    Far is the distance in Oklab, the smallest over everybody's vision.
+    The distance of two colors is their smallest distance in Oklab over all `VISIONS`.
     """
     known = [tuple(int(code[i : i + 2], 16) for i in (0, 2, 4)) for code in OKABE_ITO]
     candidates = np.concatenate((np.array(known), _candidates()))
@@ -103,7 +103,7 @@ def _palette() -> tuple[tuple[int, int, int], ...]:
     distance = np.full(len(candidates), np.inf)
     chosen: list[int] = []
     for i in range(COLORS):
-        # rounded, so that the last digit of a sum, which machines differ in, decides nothing
+        # Rounded, so that differences between machines in the last digit do not decide.
         nearest = i if i < len(known) else int(np.argmax(distance.round(9)))
         chosen.append(nearest)
         for lab in seen:
@@ -112,7 +112,7 @@ def _palette() -> tuple[tuple[int, int, int], ...]:
 
 
 def _candidates() -> Float64Array:
-    """Return the colors that may be generated, (N, 3), whole numbers 0..255."""
+    """Return the candidate colors, (N, 3), whole numbers 0..255."""
     L, C, h = (grid.ravel() for grid in np.meshgrid(LIGHTNESS, CHROMA, HUE_RAD, indexing="ij"))
     lab = np.column_stack((L, C * np.cos(h), C * np.sin(h)))
     cones = (lab @ np.linalg.inv(OKLAB_CONES).T) ** 3

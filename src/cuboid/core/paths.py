@@ -1,4 +1,4 @@
-"""Paths as callers name them: a text or any object of a path."""
+"""Paths as callers give them: a string or any path object."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ PathLike = str | os.PathLike[str]
 
 
 def as_path(path: PathLike) -> Path:
-    """Return a path that a caller named; one of an archive or a server stays what it is."""
+    """Return a caller's path as a `Path`; a path in an archive or on a server keeps its own class."""
     return path if isinstance(path, Path) else Path(path)

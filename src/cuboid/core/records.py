@@ -1,7 +1,7 @@
-"""One description of a record: what each field means, which values it has, and how files and tables hold it.
+"""One description of a record: the meaning and values of each field, and how files and tables store it.
 
 A record is a dataclass whose fields have metadata made by `column`. Result files, their documentation, tables, exports
-and the columns of a store are made from it, so that a new field is declared once, in `core.results`.
+and the columns of a store are derived from it, so that a new field is declared only once, in `core.results`.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from msgspec import UNSET
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 
-# Digits after the point. Metres, seconds and fractions to a millionth; quaternions, rotations and normals to a
-# billionth, so that a rotation that is read again is still one; pixels to a hundredth; color levels to a tenth.
+# Digits after the point. Metres, seconds and fractions: a millionth. Quaternions, rotations and normals: a
+# billionth, so that a rotation that is read back is still valid. Pixels: a hundredth. Color levels: a tenth.
 LENGTH = 6
 DIRECTION = 9
 PIXEL = 2
@@ -28,26 +28,26 @@ LEVEL = 1
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """How files and tables hold a field of a record.
+    """How files and tables store one field of a record.
 
     Attributes
     ----------
     name : str
-        Of the field.
+        Name of the field.
     kind : type
-        The values and their range, as in `core.values`; of an array those of each part.
+        Type of the values with their range, as in `core.values`; for an array, type of each element.
     type : type
-        Of these: float, int, str or tuple.
+        Plain Python type of the values: float, int, str or tuple.
     what : str
         Meaning.
     digits : int or None
-        Digits after the point of numbers that are not whole; None for other values.
+        Digits after the point of floating-point values; None for other values.
     parts : tuple of str
-        Columns of a table that hold the numbers of an array; empty where one column holds the value.
+        Table columns for the elements of an array; empty if one column holds the value.
     optional : bool
-        Whether files leave it out where there is none.
+        Whether files omit the field when it has no value.
     stored : bool
-        Whether the tables of a store have it.
+        Whether the tables of a store contain it.
     """
 
     name: str
@@ -61,32 +61,32 @@ class Column:
 
     @property
     def plain_kind(self) -> Any:
-        """The values in JSON."""
+        """Type of the value in JSON."""
         return tuple[(self.kind,) * len(self.parts)] if self.parts else self.kind  # type: ignore[misc]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Its columns in a table."""
+        """Names of its columns in a table."""
         return self.parts or (self.name,)
 
     def plain(self, record: Any) -> Any:
-        """Return the value of a record as JSON has it."""
+        """Return the value of a record as JSON stores it."""
         return _plain(getattr(record, self.name), self.digits)
 
     def values(self, record: Any) -> tuple[Any, ...]:
-        """Return the value of a record for each of `names`, numbers with all their digits."""
+        """Return the value of a record for each of `names`, numbers unrounded."""
         value = getattr(record, self.name)
         if self.parts:
             return (None,) * len(self.parts) if value is None else tuple(value.tolist())
         return (list(value) if isinstance(value, tuple) else value,)
 
     def cells(self, record: Any) -> Iterator[str]:
-        """Iterate over the texts of a record for `names`; empty where there is no value."""
+        """Iterate over the value of a record as text, one for each of `names`; empty text if there is no value."""
         for value in self.values(record):
             yield _cell(value, self.digits)
 
     def read(self, value: Any) -> Any:
-        """Return the value for a record from that of a file, which has been validated."""
+        """Return the value for a record from a validated value of a file."""
         if self.optional and value in (UNSET, ""):
             return None
         if self.parts:
@@ -105,7 +105,7 @@ def column(
 
 
 def columns_of(record: type) -> tuple[Column, ...]:
-    """Return the described fields of a dataclass, in order."""
+    """Return the columns of the described fields of a dataclass, in order."""
     return _columns(record)
 
 
@@ -117,7 +117,7 @@ def _columns(record: type) -> tuple[Column, ...]:
             what, kind, digits, parts, stored = field.metadata["column"]
             optional = field.default is not MISSING and field.default is None
             kind = kind or hints[field.name]
-            if optional:  # left out of files instead
+            if optional:  # files omit the field instead of storing null
                 kind = Union[tuple(one for one in get_args(kind) if one is not NoneType)]  # noqa: UP007
             type_ = next(one for one in (tuple, float, int, str) if one in _types(kind))
             digits = digits if type_ is float else None
@@ -126,19 +126,19 @@ def _columns(record: type) -> tuple[Column, ...]:
 
 
 def names_in(columns: Iterable[Column]) -> tuple[str, ...]:
-    """Return the columns of a table for fields."""
+    """Return the names of the table columns of these fields."""
     return tuple(name for one in columns for name in one.names)
 
 
 def plain_fields(record: Any, columns: Iterable[Column] | None = None) -> dict[str, Any]:
-    """Return fields of a record (all that are described unless given) as JSON has them."""
+    """Return fields of a record as JSON stores them; by default all described fields."""
     chosen = columns_of(type(record)) if columns is None else columns
     values = ((one, one.plain(record)) for one in chosen)
     return {one.name: value for one, value in values if not one.optional or value not in (None, "")}
 
 
 def box_numbers(box: Box) -> list[float]:
-    """Return centre, size and quaternion (w first) of a box: the ten numbers of each table with boxes."""
+    """Return centre, size and quaternion (w first) of a box: the ten numbers of every table with boxes."""
     return [*box.center.tolist(), *box.size.tolist(), *quat_wxyz_from_rotation(box.rotation).tolist()]
 
 

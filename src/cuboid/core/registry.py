@@ -1,4 +1,4 @@
-"""Names of things that plug in: registered once here, and other packages add theirs by an entry point."""
+"""Names of plug-ins: registered here once; other packages add theirs through an entry point."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ T = TypeVar("T")
 
 
 class Registry(Generic[T]):
-    """A table from a name to a thing that plugs in.
+    """A table from names to plug-ins.
 
     Parameters
     ----------
     what : str
-        What is registered, for messages ("reader", "proposal source").
+        Kind of the registered items, for messages ("reader", "proposal source").
     group : str
-        Entry point group in which other packages name theirs, e.g. ``cuboid.readers``.
+        Entry point group in which other packages declare theirs, e.g. ``cuboid.readers``.
     """
 
     def __init__(self, what: str, group: str) -> None:
@@ -29,7 +29,7 @@ class Registry(Generic[T]):
         self._scanned = False
 
     def register(self, name: str) -> Callable[[T], T]:
-        """Return a decorator that registers what it decorates under `name`."""
+        """Return a decorator that registers the decorated object under `name`."""
 
         def add(item: T) -> T:
             self._items[name] = item
@@ -45,7 +45,7 @@ class Registry(Generic[T]):
             self._items.setdefault(point.name, point.load())
 
     def names(self) -> list[str]:
-        """Return all names, those of other packages included, sorted."""
+        """Return all names, including those from other packages, sorted."""
         self._scan()
         return sorted(self._items)
 

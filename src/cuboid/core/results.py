@@ -119,7 +119,7 @@ class ObjectEvent:
     score: Fraction = field(metadata=column("confidence that it is the same object, 0 to 1"))
 
     def moved(self, T_new_old: Float64Array) -> Self:
-        """Return it in another world, by a rigid motion (4, 4)."""
+        """Return the event in other world coordinates, after a rigid transform (4, 4)."""
         from_m, to_m = (None if at is None else transform(T_new_old, at) for at in (self.from_m, self.to_m))
         return replace(self, from_m=from_m, to_m=to_m)
 
@@ -157,7 +157,7 @@ class FrameResult:
     events : tuple of ObjectEvent
         Events of objects at this frame.
     agents : tuple of Box
-        Where something moves that is no object: people, hands, doors.
+        Boxes of moving things that are not objects: people, hands, doors.
     """
 
     index: int
@@ -277,7 +277,7 @@ class TrackedObject:
     planes: tuple[int, ...] = ()
 
     def with_given_name(self, name: str) -> Self:
-        """Return it with a name given by a user; the class from a detector becomes the first of `names`."""
+        """Return the object with a name given by a user; the class from a detector becomes the first of `names`."""
         seen = () if self.name is None or self.name_score is None else ((self.name, self.name_score),)
         return replace(self, name=name, name_score=None, names=(*seen, *self.names)[:NEXT_NAMES])
 

@@ -1,11 +1,11 @@
 """The state that a scene file keeps of a class: named, typed fields, declared beside the class.
 
-A state is a `Record`: a dataclass of plain values, enums, arrays, containers and dataclasses of these, and of records.
-Classes that do more than hold data have a state of their own, `state()` to take it and `from_state()` for the way back:
+A state is a `Record`: a dataclass of plain values, enums, arrays, containers and dataclasses of these, and records.
+A class that does more than hold data has a separate state: `state()` returns it and `from_state()` restores the class.
 
-- Each attribute is a field of the state under the same name, without a leading underscore, or stands in `NOT_SAVED`:
-  it follows from the others, or is given to `from_state()`. A test holds every class to that.
-- What a field of a state holds is never changed afterwards: `state()` copies what its class writes into.
+- Each attribute is a field of the state under the same name, without a leading underscore, or is listed in `NOT_SAVED`:
+  then it follows from the other fields, or is passed to `from_state()`. A test checks this for every class.
+- The values in a state are never changed afterwards: `state()` copies arrays that the class writes to.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ import numpy as np
 
 R = TypeVar("R", bound="Record")
 
-# Metadata of a field of a record that is not saved: it follows from the others; it needs a default.
+# Metadata of a record field that is not saved because it follows from the others; the field needs a default.
 TRANSIENT = {"transient": True}
 
-# Metadata of a field of a record that states of earlier versions lack: what its factory makes holds there.
+# Metadata of a record field that states of earlier versions lack; its default factory then makes the value.
 ADDED = {"added": True}
 
 
 class Record:
-    """Base of the dataclasses that are rows of their own in a scene file."""
+    """Base of the dataclasses that are stored as separate rows in a scene file."""
 
     __slots__ = ()
 
 
 class WatchedRecord(Record):
-    """A record that changes seldom: its snapshots are one and the same object until an attribute is assigned.
+    """A record that seldom changes: all its snapshots are the same object until an attribute is assigned.
 
-    Whatever changes an array in place also assigns to an attribute, or calls `note_change`.
+    Code that changes an array in place must also assign an attribute, or call `note_change`.
     """
 
     __slots__ = ("_snapshot",)
@@ -65,7 +65,7 @@ def added_fields(cls: Any) -> dict[str, Callable[[], Any]]:
 
 
 def snapshot(record: R) -> R:
-    """Return a copy of a record that stays as it is: arrays are copied, and so are records within it."""
+    """Return a copy of a record that later changes do not affect: arrays and nested records are copied."""
     cls: Any = type(record)
     last: Any = record._snapshot if isinstance(record, WatchedRecord) else None
     values: dict[str, Any] = {}

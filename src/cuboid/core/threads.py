@@ -1,10 +1,10 @@
-"""How many threads this process may use, and those of the libraries under it."""
+"""The number of threads that this process and its libraries may use."""
 
 from __future__ import annotations
 
 import os
 
-# Environment variables that OpenMP, the linear algebra under NumPy and SciPy, and numba read at their first import.
+# Environment variables that OpenMP, the linear algebra libraries of NumPy and SciPy, and numba read at first import.
 POOLS = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -15,19 +15,19 @@ POOLS = (
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def pool_size(threads: int) -> int:
-    """Return what a library may use of `threads`, one of which decodes ahead where there are two."""
+    """Return the number of threads for a library: one of `threads` decodes frames ahead, if there are two or more."""
     return max(1, threads - 1)
 
 
 def limit_threads(threads: int) -> None:
-    """Limit every library's pool to its part of `threads`; call it before they are imported."""
+    """Limit the thread pool of every library to its part of `threads`; call this before importing the libraries."""
     threads_of_pool = pool_size(threads)
     for name in POOLS:
         os.environ[name] = str(threads_of_pool)

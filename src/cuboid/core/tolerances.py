@@ -1,24 +1,24 @@
-"""Tolerances on which stages must agree: errors of sensors and of poses."""
+"""Tolerances that several stages must share: errors of sensors and of poses."""
 
 from __future__ import annotations
 
-# A reading lies on a surface within this many standard deviations of its noise: 99.7 of 100 do. Two readings of one
-# surface differ by no more than this many: their difference has 1.4 times the deviation.
+# A reading lies on a surface if it is within SIGMAS standard deviations of its noise: 99.7 % are. Two readings of one
+# surface differ by at most JUMP_SIGMAS: the standard deviation of a difference is 1.4 times that of one reading.
 SIGMAS, JUMP_SIGMAS = 3.0, 4.0
-# No reading is truer than this, metres: steps of depth, calibration.
+# Smallest error of any depth reading, metres: depth quantisation and calibration.
 MIN_SIGMA_M = 0.001
-# Where depth is systematically off (lens, baseline) it is by about this, metres.
+# Typical systematic depth error (lens, baseline), metres.
 BIAS_M = 0.005
-# Steps in depth below this, beyond noise, part no surfaces, metres: at 1 m those of one that is tilted by 75 degrees.
+# Depth steps below this, beyond noise, do not separate surfaces, metres: at 1 m a surface tilted by 75 degrees.
 JUMP_M = 0.01
-# Poses err, and with them the map, by about this, metres and radians: hands shake, keyframes drift.
+# Typical error of poses, and so of the map, metres and radians: shaking hands, keyframe drift.
 DRIFT_M, DRIFT_RAD = 0.03, 0.02
-# Points nearer than this to the camera's plane are not in its picture, metres: poses err by as much.
+# Points nearer than this to the camera plane are treated as outside the image, metres: the size of the pose error.
 NEAREST_M = DRIFT_M
-# Fewer readings, points or voxels say nothing of where something is, or whether it is.
+# Fewer readings, points or voxels are too few to locate something or to decide whether it exists.
 MIN_READINGS = 8
 # Fraction of the points of an object that may be outliers, at each side.
 OUTLIER_FRACTION = 0.01
-# A detector looks at one frame in this many: one that takes as long as all the rest then adds a third to the time of a
-# frame on average, and nothing to the median.
+# A detector processes one frame in this many: if it takes as long as all other stages together, it adds a third to the
+# mean time of a frame, and nothing to the median.
 DETECT_EVERY = 3

@@ -1,4 +1,4 @@
-"""The values that formats are made of, each with its range; and the checks that no single value tells."""
+"""The value types of all formats, each with its range; and checks that need several values together."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from msgspec import Meta
 
 from cuboid.geometry.se3 import FARTHEST_M
 
-# The last frame that a recording can have: 38 days at 30 frames a second.
+# The largest frame number of a recording: 38 days at 30 frames a second.
 LAST_FRAME = 100_000_000
-# The last label, and number of points: what `map.ply` can hold.
+# The largest label and number of points that `map.ply` can store.
 LAST_NUMBER = 2**31 - 1
-# Seconds since 1970 of the year 33658; rounded to a microsecond in 64 bits.
+# Latest timestamp, seconds since 1970: the year 33658; rounded to a microsecond it fits in 64 bits.
 LATEST_S = 1e12
 LARGEST_IMAGE_PX = 100_000
 
-# Numbers written with four digits deviate from a unit vector, or from a rotation, by no more than this.
+# Allowed deviation of a unit vector, or of a rotation matrix, written with four digits.
 UNIT_TOLERANCE = 1e-3
-# A quaternion's length may differ from 1 by this: files with 4 digits differ by 1e-4. Beyond it the four
-# numbers are probably no quaternion, or in another order with a translation among them.
+# Allowed deviation of a quaternion's length from 1: files with 4 digits deviate by 1e-4. Beyond it the four
+# numbers are probably not a quaternion, or the columns are in another order and include a translation.
 QUATERNION_TOLERANCE = 0.01
 
 Metres: TypeAlias = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M, description="metres")]
@@ -52,7 +52,7 @@ Rotation: TypeAlias = tuple[Direction, Direction, Direction]
 
 
 class Entry(msgspec.Struct, frozen=True):
-    """A part of a JSON document; fields that are not named are left alone."""
+    """A part of a JSON document; fields that are not declared are ignored."""
 
 
 def refuse_no_unit(name: str, direction: Sequence[float]) -> None:
@@ -63,21 +63,21 @@ def refuse_no_unit(name: str, direction: Sequence[float]) -> None:
 
 
 def refuse_no_rotation(rotation: Rotation) -> None:
-    """Raise ValueError unless three rows are those of a rotation matrix."""
+    """Raise ValueError unless three rows form a rotation matrix."""
     R = np.array(rotation)
     if np.abs(R @ R.T - np.eye(3)).max() > UNIT_TOLERANCE or np.linalg.det(R) < 0:
         raise ValueError(f"expected a rotation matrix, got {R.tolist()}")
 
 
 def refuse_no_quaternion(*parts: float) -> None:
-    """Raise ValueError unless four numbers are a unit quaternion."""
+    """Raise ValueError unless four numbers form a unit quaternion."""
     length = float(np.linalg.norm(parts))
     if not abs(length - 1.0) <= QUATERNION_TOLERANCE:
         raise ValueError(f"the quaternion has length {length:.3g}, expected 1")
 
 
 def refuse_twice(name: str, values: Sequence[int]) -> None:
-    """Raise ValueError where a value stands there twice."""
+    """Raise ValueError if a value occurs twice."""
     seen: set[int] = set()
     for value in values:
         if value in seen:

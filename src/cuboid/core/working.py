@@ -1,4 +1,4 @@
-"""The thinned image that the tracker works on: another phase of the full one each frame."""
+"""The subsampled image that the tracker works on: each frame uses another pixel offset (phase)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.kernels.blocks import take_one
 from cuboid.core.kernels.holes import fill_depth
 
-# Offsets of the thinned grid: over four frames every pixel of a grid of step 2 is used.
+# Offsets of the subsampled grid: at step 2, four frames together use every pixel.
 _PHASES = ((0, 0), (1, 1), (1, 0), (0, 1))
-# Holes are filled at most so far, metres, and a difference in color of this many levels counts as a pixel.
+# Largest distance over which holes are filled, metres; color difference that counts as one pixel, levels.
 HOLE_M = 0.3
 COLOR_LEVELS = 12.0
 
@@ -28,12 +28,12 @@ class WorkingImage:
         Without mixed pixels.
     color : (h, w, 3) uint8
     camera : Intrinsics
-        Of this image.
+        Intrinsics of this image.
     step : int
     phase : (int, int)
         x and y: pixel (v, u) here is pixel (y + step v, x + step u) of the frame.
     depth : DepthImage
-        The depth with what several stages read of it.
+        The depth with the cells that several stages use.
     """
 
     depth_m: Float32Array
@@ -48,7 +48,7 @@ class WorkingImage:
 
 
 def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> WorkingImage:
-    """Thin a frame to at least `width_px` pixels on its longer side; `count`, of earlier frames, sets the phase."""
+    """Subsample a frame to at least `width_px` pixels on its longer side; the frame counter `count` sets the phase."""
     step = max(1, max(intrinsics.width, intrinsics.height) // width_px)
     x, y = (p * step // 2 for p in _PHASES[count % len(_PHASES)])
     rows, columns = intrinsics.height // step, intrinsics.width // step
@@ -72,14 +72,14 @@ def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> Wor
 
 
 def filled(image: WorkingImage) -> WorkingImage:
-    """Return an image whose holes have the depth of what they lie nearest to, in place and in color: a guess."""
+    """Return an image whose holes get the depth of the reading nearest in position and color: an estimate."""
     depth = np.empty_like(image.depth_m)
     fill_depth(image.depth_m, image.color, COLOR_LEVELS, HOLE_M, image.camera.fx, depth)
     return replace(image, depth_m=depth)
 
 
 def without(image: WorkingImage, left_out: UInt8Array | None) -> WorkingImage:
-    """Return an image without the readings that are marked (h, w); the image itself where that is None."""
+    """Return an image without the readings that are marked (h, w); the same image if `left_out` is None."""
     if left_out is None:
         return image
     return replace(image, depth_m=np.where(left_out, np.float32(0.0), image.depth_m))

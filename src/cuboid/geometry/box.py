@@ -1,4 +1,4 @@
-"""An oriented box: nine numbers, and nothing that depends on where it came from."""
+"""An oriented box with nine degrees of freedom, independent of its source."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Box:
     size : (3,) float64
         Length, width, height along the box's own axes in metres.
     rotation : (3, 3) float64
-        Columns are the box's axes; the third is the normal of the plane that the box rests on, away from it.
+        The columns are the axes of the box; the third is the normal of its supporting plane, pointing upwards.
     """
 
     center: Float64Array
@@ -44,7 +44,7 @@ class Box:
         return f"Box({self.text()})"
 
     def text(self) -> str:
-        """Return size and centre in words: centimetres and metres."""
+        """Return size (centimetres) and centre (metres) as text."""
         size = " x ".join(f"{side * 100:.1f}" for side in self.size)
         return f"{size} cm at {', '.join(f'{value:z.2f}' for value in self.center)} m"
 
@@ -59,11 +59,11 @@ class Box:
         return float(self.size[0] * self.size[1] * self.size[2])
 
     def foot_m(self, normal: Float64Array, offset: float) -> float:
-        """Return how high its foot is above a plane on which it stands upright, normal.p + offset = 0, metres."""
+        """Return the height of the box's foot above a plane parallel to it, normal.p + offset = 0, metres."""
         return float(normal @ self.center) + offset - float(self.size[2]) / 2.0
 
     def contains(self, points: Float32Array | Float64Array, beyond_m: float) -> npt.NDArray[np.bool_]:
-        """Tell which points (N, 3) lie in the box, or no farther above or below it than `beyond_m`, metres."""
+        """Return which points (N, 3) lie in the box, extended by `beyond_m` metres upwards and downwards, (N,)."""
         away = np.abs((points - self.center) @ self.rotation) - self.size / 2.0
         return np.asarray((away <= (0.0, 0.0, beyond_m)).all(1))
 
@@ -73,7 +73,7 @@ class Box:
         return float(np.linalg.norm(np.maximum(beyond, 0.0)))
 
     def moved(self, T_new_old: Float64Array) -> Box:
-        """Return the box after a rigid motion, (4, 4)."""
+        """Return the box after a rigid transform (4, 4)."""
         R = T_new_old[:3, :3]
         return Box(R @ self.center + T_new_old[:3, 3], self.size, R @ self.rotation)
 

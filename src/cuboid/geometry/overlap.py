@@ -1,4 +1,4 @@
-"""How much two oriented boxes overlap: exactly, and by the formula of the source paper."""
+"""The overlap of two oriented boxes: exact, and by the formula of the source paper."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cuboid.core.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.kernels.overlap import intersections
 
-# A cube of a micrometre: quotients of less lose their digits.
+# Smallest usable volume, a cube with edges of a micrometre: quotients of smaller volumes are inaccurate.
 NO_VOLUME_M3 = 1e-18
 
 
@@ -18,7 +18,7 @@ def pack(boxes: Sequence[Box]) -> Float64Array:
     """Return boxes as rows (N, 15): centre (3), size (3), rotation (9, row by row)."""
     if not boxes:
         return np.empty((0, 15))
-    # At once: NumPy takes longer to fill a row than to copy it.
+    # One concatenation: NumPy takes longer to fill single rows.
     parts = [part for box in boxes for part in (box.center, box.size, box.rotation.ravel())]
     return np.concatenate(parts).reshape(-1, 15).astype(np.float64, copy=False)
 
@@ -31,7 +31,7 @@ def unpack(rows: Float64Array) -> list[Box]:
 def intersection_matrix(a: Float64Array, b: Float64Array) -> Float64Array:
     """Return the volumes (N, M), in cubic metres, that boxes (N, 15) and (M, 15) have in common.
 
-    Exact for any two orientations. Pairs whose bounding spheres are apart cost next to nothing.
+    The volumes are exact for any two orientations. Pairs whose bounding spheres do not touch cost almost no time.
     """
     volumes = np.empty((len(a), len(b)))
     intersections(np.ascontiguousarray(a), np.ascontiguousarray(b), volumes)
@@ -41,8 +41,8 @@ def intersection_matrix(a: Float64Array, b: Float64Array) -> Float64Array:
 def overlaps(a: Float64Array, b: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return IoU and overlap of boxes (N, 15) and (M, 15), each (N, M).
 
-    The IoU is exact, |A n B| / (|A| + |B| - |A n B|). The overlap is the common volume as a fraction of the smaller
-    box's: 1 where one box lies in the other. A box without volume has 0 of both with any other.
+    The IoU is exact, |A n B| / (|A| + |B| - |A n B|). The overlap is the common volume as a fraction of the volume of
+    the smaller box: 1 if one box lies in the other. Both are 0 for a box without volume.
     """
     common = intersection_matrix(a, b)
     iou, inside = np.zeros_like(common), np.zeros_like(common)
@@ -62,18 +62,18 @@ def iou_matrix(a: Float64Array, b: Float64Array) -> Float64Array:
 
 
 def overlap_min_matrix(a: Float64Array, b: Float64Array) -> Float64Array:
-    """Return the common volume as a fraction of the smaller box's, (N, M)."""
+    """Return the common volume as a fraction of the volume of the smaller box, (N, M)."""
     return overlaps(a, b)[1]
 
 
 def paper_iou_matrix(a: Float64Array, b: Float64Array) -> Float64Array:
-    """Return the overlap (N, M) by the formula of Pahwa, Ng and Do 2017, its intersection mended.
+    """Return the overlap (N, M) by the formula of Pahwa, Ng and Do 2017, with a corrected intersection.
 
-    The boxes are taken as aligned with the axes of the first of each pair, both at their own size: the product of
-    the intersections of their intervals over the product of the unions of their intervals. The paper takes the
-    larger of the two end-to-start distances for the intersection; that is the union of [0, 2] and [1, 3]. The
-    product of unions is larger than the volume of the union, so that the value is at most the exact one for
-    aligned boxes.
+    Both boxes of a pair are treated as aligned with the axes of the first, each with its own size. The value is the
+    product of the intersections of their intervals over the product of the unions of their intervals. The paper takes
+    the larger of the two end-to-start distances as the intersection; for [0, 2] and [1, 3] that is their union. The
+    product of unions is larger than the volume of the union, so that for aligned boxes the value is at most the exact
+    IoU.
     """
     result = np.zeros((len(a), len(b)))
     for i, row in enumerate(a):

@@ -1,4 +1,4 @@
-"""Rigid motions: 4x4 matrices named destination first, and unit quaternions in the order w, x, y, z."""
+"""Rigid transforms: 4x4 matrices named destination first, and unit quaternions in the order w, x, y, z."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:  # a frame knows what a pose is, so this cannot know what a frame is
+if TYPE_CHECKING:  # `core.frame` imports this module, so this module must not import it at run time
     from cuboid.core.frame import Float64Array
 
-# How far a matrix may be from a rotation; files with 3 digits stay below. What passes is made a rotation.
+# Largest accepted deviation of a matrix from a rotation; files with 3 digits stay below. The matrix is then corrected.
 RIGID_TOLERANCE = 0.01
-# Below this a rotation is one but for the rounding of 64 bits, and is left as it is.
+# Below this deviation a matrix is a rotation up to the rounding of 64 bits, and is not corrected.
 EXACT_TOLERANCE = 1e-12
-# Farther than this from the origin of its world no camera is, metres.
+# Largest distance of a camera from the origin of its world, metres.
 FARTHEST_M = 1e6
-# Below this angle between two quaternions (radians) the slerp weights sin(a t) / sin(a) lose digits,
-# and a straight line between them is exact to 1e-13.
+# Below this angle between two quaternions (radians) the slerp weights sin(a t) / sin(a) become inaccurate,
+# and linear interpolation between them is exact to 1e-13.
 SLERP_SMALL_ANGLE = 1e-6
 # Below this sine of half an angle a rotation vector is twice the quaternion's vector part, exact to 1e-16.
 ROTATION_SMALL = 1e-9
-# Below this angle (radians) a short Taylor series is exact to 1e-13 where sines would lose digits.
+# Below this angle (radians) a short Taylor series is exact to 1e-13, while the closed form becomes inaccurate.
 SERIES_BELOW = 0.02
 
 
@@ -32,7 +32,7 @@ def rotation_from_quat_wxyz(quat_wxyz: npt.ArrayLike) -> Float64Array:
     Parameters
     ----------
     quat_wxyz : (4,) array-like
-        w, x, y, z; of any length above zero, since it is normalised here.
+        w, x, y, z; any length above zero, because it is normalised here.
 
     Returns
     -------
@@ -64,8 +64,8 @@ def quat_wxyz_from_rotation(rotation: npt.ArrayLike) -> Float64Array:
     Returns
     -------
     (4,) float64
-        w, x, y, z. Of the four products of the quaternion with one of its own components, the one of the
-        largest component is normalised (Shepperd 1978), so that no digit is lost at any angle.
+        w, x, y, z. The products of the quaternion with its largest component are normalised (Shepperd 1978), which
+        is accurate at all angles.
     """
     R = np.asarray(rotation, np.float64)
     trace = R[0, 0] + R[1, 1] + R[2, 2]
@@ -85,7 +85,7 @@ def quat_wxyz_from_rotation(rotation: npt.ArrayLike) -> Float64Array:
 
 
 def quats_wxyz_from_rotations(rotations: npt.ArrayLike) -> Float64Array:
-    """Return the unit quaternions (N, 4) of rotation matrices (N, 3, 3), as `quat_wxyz_from_rotation` does of one."""
+    """Return the unit quaternions (N, 4) of rotation matrices (N, 3, 3); see `quat_wxyz_from_rotation`."""
     R = np.asarray(rotations, np.float64).reshape(-1, 3, 3)
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(R, 0, -1)
     trace = a + e + i
@@ -118,7 +118,7 @@ def compose(quat_wxyz: npt.ArrayLike, translation: npt.ArrayLike) -> Float64Arra
 
 
 def moved_beyond(T_one: Float64Array, T_other: Float64Array, distance_m: float, angle_rad: float) -> bool:
-    """Tell whether two poses are farther apart than a distance, or turned by more than an angle (below pi)."""
+    """Return whether two poses differ by more than a distance, or by more than an angle (below pi)."""
     step, R = T_other[:3, 3] - T_one[:3, 3], T_one[:3, :3] * T_other[:3, :3]
     # The trace of the rotation between the two is 1 + 2 cos(angle).
     return float(step @ step) > distance_m**2 or float(R.sum()) < 1.0 + 2.0 * math.cos(angle_rad)
@@ -134,14 +134,14 @@ def inverse(T_a_b: npt.ArrayLike) -> Float64Array:
 
 
 def is_rigid(T: npt.ArrayLike, tolerance: float = 1e-3) -> bool:
-    """Tell whether a 4x4 matrix is a rotation and a translation.
+    """Return whether a 4x4 matrix is a rotation and a translation.
 
     Parameters
     ----------
     T : (4, 4) array-like
     tolerance : float
         Largest deviation of an entry of R R^T from the identity, and of the last row from 0 0 0 1.
-        The default lets matrices pass that were written with four digits.
+        The default accepts matrices that were written with four digits.
 
     Returns
     -------
@@ -153,9 +153,9 @@ def is_rigid(T: npt.ArrayLike, tolerance: float = 1e-3) -> bool:
 
 
 def _deviation(T: Float64Array) -> float:
-    """Return by how much a matrix (4, 4) is off from a rigid motion; infinite for mirrors, NaN and infinity.
+    """Return the deviation of a matrix (4, 4) from a rigid transform; infinite for mirrors, NaN and infinity.
 
-    In plain numbers: NumPy takes ten times as long for so small a matrix, and each frame passes here.
+    It uses Python floats: NumPy takes ten times as long for such a small matrix, and this runs for each frame.
     """
     (a, b, c, x), (d, e, f, y), (g, h, i, z), (p, q, r, s) = T.tolist()
     if not all(map(math.isfinite, (x, y, z, p, q, r, s))):
@@ -177,14 +177,14 @@ def _deviation(T: Float64Array) -> float:
 
 
 def rigid(T: npt.ArrayLike) -> Float64Array:
-    """Return a pose (4, 4) as given by a user, freed of the rounding with which it was written.
+    """Return a pose (4, 4) given by a user without the rounding errors of its file.
 
-    Poses are validated here: what is no rotation and translation does not pass, what passes is one to the last digit.
+    Poses are validated here: a matrix that is not rigid is refused, and the result is rigid to the last digit.
 
     Raises
     ------
     ValueError
-        If it has another shape, a number is NaN, infinite or too large, or it is not rigid (scale, shear, a mirror).
+        If the pose has another shape, has NaN, infinite or too large numbers, or is not rigid (scale, shear, mirror).
     """
     M = np.asarray(T, np.float64)
     if M.shape != (4, 4):
@@ -197,7 +197,7 @@ def rigid(T: npt.ArrayLike) -> Float64Array:
 
 
 def refuse_nowhere(numbers: npt.ArrayLike) -> None:
-    """Raise ValueError where a number of a pose is NaN or infinite, or farther than `FARTHEST_M`."""
+    """Raise ValueError if a number of a pose is NaN, infinite, or larger than `FARTHEST_M`."""
     largest = np.abs(numbers).max()
     if not np.isfinite(largest):
         raise ValueError("the pose has NaN or infinite numbers")
@@ -206,7 +206,7 @@ def refuse_nowhere(numbers: npt.ArrayLike) -> None:
 
 
 def interpolate(T_a_b0: npt.ArrayLike, T_a_b1: npt.ArrayLike, s: float) -> Float64Array:
-    """Interpolate from one rigid motion to another, by a fraction `s`.
+    """Interpolate from one rigid transform to another, by a fraction `s`.
 
     Parameters
     ----------
@@ -218,13 +218,13 @@ def interpolate(T_a_b0: npt.ArrayLike, T_a_b1: npt.ArrayLike, s: float) -> Float
     Returns
     -------
     (4, 4) float64
-        The translation goes straight, the rotation turns at an even rate the shorter way (slerp).
+        The translation is interpolated linearly, the rotation along the shorter arc at constant speed (slerp).
     """
     T0, T1 = np.asarray(T_a_b0, np.float64), np.asarray(T_a_b1, np.float64)
     q0, q1 = quat_wxyz_from_rotation(T0[:3, :3]), quat_wxyz_from_rotation(T1[:3, :3])
     if q0 @ q1 < 0:
         q1 = -q1
-    # atan2 of the chord keeps its digits where arccos of a product near 1 does not.
+    # atan2 of the chords is accurate at small angles; arccos of a product near 1 is not.
     angle = 2.0 * np.arctan2(np.linalg.norm(q1 - q0), np.linalg.norm(q1 + q0))
     if angle < SLERP_SMALL_ANGLE:
         quat = (1 - s) * q0 + s * q1
@@ -234,7 +234,7 @@ def interpolate(T_a_b0: npt.ArrayLike, T_a_b1: npt.ArrayLike, s: float) -> Float
 
 
 def transform(T_a_b: npt.ArrayLike, points_b: npt.ArrayLike) -> Float64Array:
-    """Return points (..., 3) given in b as points (..., 3) in a."""
+    """Return points (..., 3) in frame a, given in frame b."""
     T = np.asarray(T_a_b, np.float64)
     moved: Float64Array = np.asarray(points_b, np.float64) @ T[:3, :3].T + T[:3, 3]
     return moved
@@ -277,9 +277,9 @@ def log(T_a_b: npt.ArrayLike) -> Float64Array:
 
 
 def tidied(T_a_b: npt.ArrayLike) -> Float64Array:
-    """Return a product of many rigid motions (4, 4) freed of its rounding errors.
+    """Return a product of many rigid transforms (4, 4) without its rounding errors.
 
-    `inverse` takes the transpose for the inverse of a rotation, so that errors of a long chain feed on themselves.
+    `inverse` uses the transpose as the inverse of a rotation, so that errors would grow along a long chain.
     """
     T = np.asarray(T_a_b, np.float64)
     return compose(quat_wxyz_from_rotation(T[:3, :3]), T[:3, 3])
@@ -288,9 +288,9 @@ def tidied(T_a_b: npt.ArrayLike) -> Float64Array:
 def mean_motion(T_a_camera: Float64Array, T_b_camera: Float64Array) -> Float64Array:
     """Return the rigid T_a_b (4, 4) that best aligns the poses (N, 4, 4) of one world with those of another.
 
-    The rotation is the chordal mean of R_a R_b^T (Hartley, Trumpf, Dai, Li, "Rotation Averaging", IJCV 2013), so
-    that a camera that moved along a line, or not at all, determines it too; the translation then has least
-    squares.
+    The rotation is the chordal mean of R_a R_b^T (Hartley, Trumpf, Dai, Li, "Rotation Averaging", IJCV 2013), which is
+    determined even if the camera moved along a line or not at all; the translation is the least-squares solution for
+    this rotation.
     """
     turns = T_a_camera[:, :3, :3] @ T_b_camera[:, :3, :3].transpose(0, 2, 1)
     left, _, right = np.linalg.svd(turns.sum(0))
@@ -300,14 +300,14 @@ def mean_motion(T_a_camera: Float64Array, T_b_camera: Float64Array) -> Float64Ar
 
 
 def level_rotation(up: Float64Array) -> Float64Array:
-    """Return a rotation (3, 3) whose rows are two level axes and the unit vector `up` (3,): it turns up into +z."""
+    """Return a rotation (3, 3) whose rows are two level axes and the unit vector `up` (3,): it rotates up to +z."""
     first = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(up, first), up])
 
 
 def skew(vector: npt.ArrayLike) -> Float64Array:
-    """Return the (3, 3) matrix of the cross product with a vector (3,) from the left."""
+    """Return the (3, 3) matrix M of a vector v (3,) with M x = v cross x."""
     x, y, z = np.asarray(vector, np.float64)
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
@@ -323,12 +323,12 @@ def _series(square: float) -> tuple[float, float, float]:
     if square < SERIES_BELOW**2:
         return 1 - square / 6 * (1 - square / 20), 0.5 - square / 24 * (1 - square / 30), (1 - square / 20) / 6
     t = np.sqrt(square)
-    # 1 - cos t from the half angle keeps its digits
+    # 1 - cos t computed from the half angle is accurate
     return float(np.sin(t) / t), float(2 * np.sin(t / 2) ** 2 / square), float((t - np.sin(t)) / (square * t))
 
 
 def _unit(quat_wxyz: Float64Array) -> Float64Array:
-    """Return the quaternion with length 1; ValueError where it has no direction."""
+    """Return the quaternion normalised to length 1; raise ValueError if it is zero or not finite."""
     largest = np.abs(quat_wxyz).max()
     if quat_wxyz.shape != (4,) or not np.isfinite(largest) or largest == 0:
         raise ValueError(f"a rotation needs a finite quaternion other than zero, got {quat_wxyz.tolist()}")

@@ -1,10 +1,10 @@
-"""2D proposals: from a frame to scored boxes or masks of what may be an object; the rest never knows which source."""
+"""2D proposals: scored boxes or masks of possible objects in a frame; later stages do not depend on their source."""
 
 from __future__ import annotations
 
 from cuboid.core.config import TrackerConfig
 
-# Each of these registers its source.
+# Each import registers its source.
 from cuboid.proposals import bing as _bing  # noqa: F401
 from cuboid.proposals import depth as _depth  # noqa: F401
 from cuboid.proposals import edgeboxes as _edgeboxes  # noqa: F401
@@ -16,7 +16,7 @@ from cuboid.proposals.types import Proposals, ProposalSource
 
 __all__ = ["DEFAULT_SOURCE", "SOURCES", "ProposalSource", "Proposals", "SourceFactory", "make_source", "source_name"]
 
-# By measurement: see benchmarks/proposal_sources.py.
+# Chosen by measurement: see benchmarks/proposal_sources.py.
 DEFAULT_SOURCE = "depth"
 
 
@@ -29,7 +29,7 @@ def make_source(spec: str | ProposalSource | None = None, config: TrackerConfig 
         ``NAME`` or ``NAME:OPTIONS``; any callable from (frame, intrinsics) to `Proposals` is returned as it is;
         None is the default source.
     config : TrackerConfig, optional
-        Whose sizes of objects, range and noise of depth a source with a name goes by.
+        Its object sizes, depth range and noise are used by sources that are named by `spec`.
 
     Raises
     ------
@@ -47,6 +47,6 @@ def make_source(spec: str | ProposalSource | None = None, config: TrackerConfig 
 
 
 def source_name(spec: str | ProposalSource | None) -> str:
-    """Return what reports call the source that `make_source` makes of `spec`."""
+    """Return the name of the source that `make_source` makes of `spec`, for reports."""
     source = DEFAULT_SOURCE if spec is None else spec
     return source if isinstance(source, str) else type(source).__qualname__

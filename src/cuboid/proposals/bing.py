@@ -1,6 +1,6 @@
-"""Proposals by BING (Cheng et al., CVPR 2014): boxes whose tiny gradient image looks like that of an object.
+"""Proposals by BING (Cheng et al., CVPR 2014): boxes whose small gradient image resembles that of an object.
 
-The model is a folder of the user's: the nine files that OpenCV's samples have, three for each of three color spaces::
+The user provides the model: a folder with the nine files of OpenCV's samples, three for each of three color spaces::
 
     MODEL/
       ObjNessB2W8MAXBGR.idx.yml.gz   .wS1.yml.gz   .wS2.yml.gz
@@ -34,9 +34,9 @@ _turn = threading.Lock()
 
 @contextmanager
 def silent_stdout() -> Iterator[None]:
-    """Send what any code of this process writes to standard output nowhere, native code included.
+    """Discard everything that this process writes to standard output, from native code too.
 
-    Python's and C's buffers are emptied before and after, so that no line of either side goes the wrong way.
+    The buffers of Python and of C are flushed before and after, so that no earlier or later line is lost.
     """
     import sys
 
@@ -44,7 +44,7 @@ def silent_stdout() -> Iterator[None]:
         _flush(sys.stdout)
         try:
             kept = os.dup(_STDOUT)
-        except OSError:  # standard output is closed: there is nothing to keep clean
+        except OSError:  # standard output is closed: nothing to redirect
             yield
             return
         nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -62,16 +62,16 @@ def _flush(stream: object) -> None:
     flush = getattr(stream, "flush", None)
     if flush is not None:
         flush()
-    # A null pointer: all of C's streams.
+    # A null pointer flushes all streams of C.
     ctypes.CDLL(None).fflush(None)
 
 
 FILES = tuple(f"ObjNessB2W8{space}.{part}.yml.gz" for space in ("MAXBGR", "HSV", "I") for part in ("idx", "wS1", "wS2"))
-# OpenCV gives each box a rank, some 300 for the best and 20,000 for the last, not a score; that of a half score.
+# OpenCV gives each box a rank, not a score: about 300 for the best and 20,000 for the last. This rank scores 0.5.
 HALF_RANK = 3000.0
-# BING gives thousands of boxes; only this many of the best are used.
+# BING gives thousands of boxes; only the best of them are used.
 LOOKED_AT = 1000
-# Boxes that overlap more say the same; BING's sizes are powers of two, so that neighbours overlap by half and more.
+# Boxes that overlap more are duplicates; BING's sizes are powers of two, so that neighbours overlap by half and more.
 OVERLAP = 0.75
 
 
@@ -83,7 +83,7 @@ class Bing:
     Parameters
     ----------
     model : Path
-        The folder of the model.
+        Folder of the model.
 
     Raises
     ------
@@ -102,7 +102,7 @@ class Bing:
         import cv2
 
         finder = cv2.saliency.ObjectnessBING.create()
-        # OpenCV prints as it goes, and writes its boxes to files that nobody asked for.
+        # OpenCV prints messages, and writes its boxes to files that are not needed.
         with tempfile.TemporaryDirectory(prefix="cuboid-bing-") as scrap, silent_stdout():
             finder.setTrainingPath(str(self._model))
             finder.setBBResDir(scrap)
@@ -110,7 +110,7 @@ class Bing:
             ranks = np.asarray(finder.getobjectnessValues(), dtype=np.float64).ravel()
         if not found:
             raise InputError(f"the BING model in {self._model} cannot be used: OpenCV found no boxes with it")
-        # The best come first. Corners are counted from 1, the last one included.
+        # The boxes are sorted, best first. Corners count from 1, and the last corner is inclusive.
         corners = np.asarray(boxes, dtype=np.float64).reshape(-1, 4)[:LOOKED_AT]
         corners[:, :2] -= 1.0
         scores = 1.0 / (1.0 + ranks[: len(corners)] / HALF_RANK)

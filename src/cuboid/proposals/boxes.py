@@ -1,4 +1,4 @@
-"""Functions shared by the sources: from boxes or masks to proposals, the best kept."""
+"""Functions shared by the sources: convert boxes or masks to proposals and keep the best."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cuboid.proposals.types import Proposals
 
 
 def refuse_options(name: str, options: str | None) -> None:
-    """Raise InputError where a source that takes no options got some."""
+    """Raise InputError if a source that takes no options was given some."""
     if options is not None:
         raise InputError(f"proposal source '{name}' takes no options, got '{options}'")
 
@@ -20,7 +20,7 @@ def refuse_options(name: str, options: str | None) -> None:
 def boxes_as_proposals(
     boxes_xyxy: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int, most: int = MAX_BOXES
 ) -> Proposals:
-    """Return the best boxes, clipped to the image; those outside it or with a score that is no number are left out.
+    """Return the best boxes, clipped to the image; boxes outside it, or with a score of NaN or infinity, are dropped.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def boxes_as_proposals(
     scores : (N,)
         0..1; clipped.
     width, height : int
-        Of the image.
+        Size of the image.
     most : int
     """
     boxes, values, _ = best_boxes(boxes_xyxy, scores, width, height, most)
@@ -37,7 +37,7 @@ def boxes_as_proposals(
 
 
 def masks_as_proposals(masks: npt.NDArray[np.generic], scores: npt.ArrayLike, most: int = MAX_BOXES) -> Proposals:
-    """Return the best masks, (N, H, W), each cropped to its own rectangle; empty masks are left out."""
+    """Return the best masks, (N, H, W), each cropped to its own rectangle; empty masks are dropped."""
     values = unit_scores(scores)
     boxes: list[tuple[int, int, int, int]] = []
     crops: list[UInt8Array] = []

@@ -1,10 +1,10 @@
-"""Proposals from depth alone: compact surfaces that depth jumps and concave creases part from what is around them.
+"""Proposals from depth alone: compact surfaces that depth jumps and concave creases separate from their surroundings.
 
-Large planes (tables, floors, walls) are found in the frame itself and set apart: they are background. What is left is
-cut at depth jumps and at concave creases, for separate solids meet in concave creases while one solid is mostly
-convex (Hoffman and Richards, "Parts of recognition", 1984). Bowls and mugs are not convex and fall apart, so
-neighbouring pieces are joined again step by step, the weakest outline first, and every union is a proposal too, as is
-every pair of neighbours.
+Large planes (tables, floors, walls) are found in the frame itself and treated as background. The remaining surfaces are
+cut at depth jumps and at concave creases, because separate solids meet in concave creases while a single solid is
+mostly convex (Hoffman and Richards, "Parts of recognition", 1984). Bowls and mugs are not convex and are cut into
+pieces, so neighbouring pieces are joined again step by step, weakest outline first. Every union is a proposal too, and
+so is every pair of neighbours.
 """
 
 from __future__ import annotations
@@ -27,55 +27,55 @@ from cuboid.proposals.kernels import unions
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import JoinedMasks, Proposals, ProposalSource
 
-# Images wider than this are halved until they are not, pixels, unless the user says otherwise: at 1.5 m a pixel of 320
-# is then 6 mm.
+# Images are halved until they are no wider than this, pixels, unless the user sets another limit: at 1.5 m a pixel of
+# 320 is then 6 mm.
 WIDEST = 480
 MIN_WIDE = 120
-# Neighbouring readings err together: over a region the noise is this times the nominal one. At distance z that is the
-# deviation of depth over z squared; it is that of 1/z itself, wherever a pixel looks.
+# Errors of neighbouring readings are correlated: over a region the noise is this times the nominal one. The standard
+# deviation of depth is this times z squared; in 1/z it is the same at all distances.
 REGION_NOISE = 2.2 / 1.425
 # A plane this large is a table, a floor or a wall, not the side of an object, square metres: a cereal box has 0.06.
 PLANE_AREA_M2 = 0.1
 PLANES = 12
-# Depth errs by this, times z squared, along a plane (lens, baseline), metres.
+# Systematic depth error along a plane (lens, baseline) divided by z squared, metres at 1 m.
 PLANE_BOW_M = 0.008
-# How far, in cells, a plane reaches beyond the cells that it was found in.
+# How many cells a plane extends beyond the cells in which it was found.
 PLANE_REACH = 2
-# The error that noise comes on top of, along a plane that the frame itself shows, metres: of the reading and the plane.
+# Error of readings on a plane of the same frame in addition to noise, metres: of the reading and of the plane.
 MIN_BIAS_M = 2.0 * MIN_SIGMA_M
-# Steps in depth below this, and below four deviations, do not part surfaces, metres.
+# Depth steps below this plus JUMP_SIGMAS standard deviations of noise do not separate surfaces, metres.
 JUMP_M = 0.012
-# How far a crease lies behind the chord over it, in arms: 0.4 is a bend of 44 degrees; the inside of a bowl of 7 cm
-# radius has 0.11.
+# Smallest depth of a crease behind the chord over it, in arm lengths: 0.4 is a bend of 44 degrees; the inside of a bowl
+# with 7 cm radius has 0.11.
 BEND = 0.4
-# Mean colors of segments that differ by this, levels over three channels, are likely two; those of one surface in
-# light and in half shadow differ by half of it.
+# Color difference of two segments that probably belong to different surfaces, levels over three channels; one surface
+# in light and in half shadow differs by half of it.
 SAME_COLOR_LEVELS = 25.0
-# Exponents of closure and roundness in a score. Closure counts more: what is long is an object as well, and parts of it
-# are rounder than the whole.
+# Exponents of closure and roundness in a score. Closure has more weight, because long things are objects too, and their
+# parts are rounder than the whole.
 CLOSURE_POWER, ROUNDNESS_POWER = 1.25, 0.4
-# Fewer pixels are no segment.
+# Smallest segment, pixels.
 MIN_PIXELS = 10
-# The largest segments that are kept.
+# Largest number of segments.
 SEGMENTS = 100
-# Regions of an image have at most this many pairs of neighbours each (Euler's formula).
+# Largest number of pairs of neighbouring regions, per region of an image (Euler's formula).
 NEIGHBOURS = 3
-# A region is at least this times the least size of an object: what is seen of one at an angle is narrower.
+# Smallest region as a fraction of the smallest object: an object seen at an angle looks narrower.
 MIN_SIZE = 5.0 / 6.0
-# Proposals of a frame, the best ones: some for each of as many objects as a desk holds. More cost time downstream.
+# Number of proposals per frame: several for each object on a crowded desk. More cost time in later stages.
 BEST = 140
-# Regions with a lower score have hardly any border in their outline.
+# Regions with a lower score have almost no object border in their outline.
 MIN_SCORE = 0.2
-# A region with this many readings is not made by noise.
+# A region with this many readings does not come from noise.
 SOLID_PIXELS = 120
-# Regions are the same proposal unless some of what they cover is not common to both: IoU.
+# Regions with a larger IoU are duplicates.
 SAME_REGION = 0.8
 
 Int16Array = npt.NDArray[np.int16]
 
 
 class _Regions(NamedTuple):
-    """Segments, their unions, and last the planes.
+    """Segments, then their unions, then the large planes.
 
     labels (h, w); members (N, S); measures (N, regions.COLUMNS); parts (N, 2).
     """
@@ -87,14 +87,14 @@ class _Regions(NamedTuple):
 
 
 class DepthSegmentation:
-    """Proposes, from a depth image alone, compact surfaces and unions of neighbouring ones, as masks.
+    """Proposes compact surfaces and unions of neighbouring ones as masks, from a depth image alone.
 
     Parameters
     ----------
     widest : int
-        Images wider than this are halved until they are not, pixels.
+        Images are halved until they are no wider than this, pixels.
     config : TrackerConfig
-        Sizes of objects, and the sensor's range and noise.
+        Sizes of objects; range and noise of the sensor.
     """
 
     def __init__(self, widest: int, config: TrackerConfig) -> None:
@@ -111,13 +111,13 @@ class DepthSegmentation:
 
 def _regions(depth: DepthImage, color: UInt8Array, step: int, config: TrackerConfig) -> _Regions:
     shape, noise, camera = depth.depth_m.shape, REGION_NOISE * config.depth_noise_per_m, depth.camera
-    # An object at the end of the range is bounded by surfaces behind it, up to the length of an object.
+    # Surfaces behind an object at the end of the range, up to the length of an object farther, bound its segments.
     inverse, kind, on, planes = _segment_planes(depth, noise, config.max_depth_m + config.max_size_m)
-    # A deviation of 1/z after halving is half of what one reading has; the first Kinect's is kept for both.
+    # After halving, the standard deviation of 1/z is half that of one reading; the first Kinect's is used for both.
     smooth, marks = np.empty(shape, np.float32), np.empty(shape, np.uint8)
     labels, queue = np.empty(shape, np.int16), np.empty(depth.depth_m.size, np.int32)
-    # Creases are judged over less surface to either side than the smallest object's half; a step of twice its size is
-    # surely another object's outline.
+    # The crease arm is half the smallest object. A depth step of twice the smallest object certainly separates two
+    # objects.
     segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, smooth, marks)
     last = segments.label_surfaces(kind, marks, MIN_PIXELS, SEGMENTS, labels, queue)
     fill_holes(kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse)
@@ -135,7 +135,7 @@ def _regions(depth: DepthImage, color: UInt8Array, step: int, config: TrackerCon
     neighbours = contact, weight, last, camera.fx, config.max_size_m
     n = unions.join(table.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
     n = unions.pair(table, *neighbours, n, members[:room], measures, parts)
-    # Planes come after: they bound the segments, and are proposed each for itself.
+    # Planes are appended after the segments: they bound these, and each is a proposal by itself.
     members[n + np.arange(planes), -1 - np.arange(planes)] = 1
     measures[n : n + planes] = whole
     n += planes
@@ -150,9 +150,9 @@ def _weaken(
     table: Float64Array,
     weight: Float32Array,
 ) -> None:
-    """Weaken the borders between segments of one color, where depth does not jump.
+    """Weaken the borders between segments of similar color, where depth does not jump.
 
-    A crease alone does not tell a bend of one solid, or noise, from the foot of another one. Of two colors it does.
+    A crease alone may be a bend of one solid, noise, or the border of two solids; different colors indicate two solids.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def _weaken(
 def _segment_planes(
     depth: DepthImage, noise: float, max_depth_m: float
 ) -> tuple[Float32Array, UInt8Array, npt.NDArray[np.int8], int]:
-    """Return 1/z, each pixel's kind (none, on a large plane, on another surface, far) and plane, and their number."""
+    """Return 1/z, the kind (none, large plane, other surface, far) and plane of each pixel, and the plane count."""
     depth_m, pinhole, size = depth.depth_m, depth.camera.pinhole, cell_pixels(depth.camera)
     cells = depth.cells(max_depth_m)
     shape, cells = cells.shape[:2], cells.reshape(-1, CELL_COLUMNS)
@@ -190,11 +190,11 @@ def _segment_planes(
 
 
 def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> Float32Array:
-    """Return how likely each region is an object: how much of its outline is one, how compact it is, its size."""
+    """Return how likely each region is an object, from the strength of its outline, its compactness and its size."""
     m = measures.T
     outline = np.maximum(m[regions.OUTLINE], 1.0)
     closure = np.maximum(0.0, m[regions.STRENGTH]) / outline
-    # Pixels' edges overestimate a length by 4/pi on average over directions: a disc has 1 here.
+    # The length along pixel edges overestimates an outline by 4/pi on average over directions: a disc has roundness 1.
     roundness = 4.0 * np.pi * m[regions.PIXELS] / (outline * np.pi / 4.0) ** 2
     wide = m[regions.RIGHTMOST] - m[regions.LEFT] + 1.0
     high = m[regions.BOTTOM] - m[regions.TOP] + 1.0
@@ -202,18 +202,18 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     long_m = np.maximum(wide, high) * metres_per_pixel
     least_m = MIN_SIZE * config.min_size_m
     fits = (long_m >= least_m) & (long_m <= config.max_size_m) & (m[regions.READINGS] > 0)
-    # Few readings, and sizes near the least, are where noise makes pieces of its own.
+    # Regions with few readings, or near the smallest size, are often caused by noise.
     solid = np.clip(m[regions.READINGS] / SOLID_PIXELS, 0.0, 1.0) * np.clip(long_m / (2.0 * least_m), 0.0, 1.0)
     score = closure**CLOSURE_POWER * np.minimum(roundness, 1.0) ** ROUNDNESS_POWER * np.sqrt(solid)
     return np.where(fits, np.clip(score, 0.0, 1.0), 0.0).astype(np.float32)
 
 
 def _best(scores: Float32Array, found: _Regions) -> npt.NDArray[np.int64]:
-    """Return the regions worth proposing, the best first, without those that are nearly the same as a better one."""
+    """Return the regions to propose, best first, without near duplicates of better ones."""
     order = np.argsort(-scores, kind="stable")
     order = order[scores[order] >= MIN_SCORE]
     pixels = found.measures[:, regions.PIXELS].astype(np.int64)
-    # Pixels of each segment: the regions that are one alone tell them.
+    # Pixels of each segment, taken from the regions that consist of one segment.
     single = found.parts[:, 0] < 0
     weight, kept = np.zeros(found.members.shape[1], np.int64), np.empty(BEST, np.int64)
     weight[found.members[single].argmax(1)] = pixels[single]
@@ -236,7 +236,7 @@ def depth_source(options: str | None, config: TrackerConfig) -> ProposalSource:
     Raises
     ------
     InputError
-        If N is not a whole number from 120 up: fewer pixels show no objects.
+        If N is not a whole number from 120 up: smaller images do not resolve objects.
     """
     if options is None:
         return DepthSegmentation(WIDEST, config)

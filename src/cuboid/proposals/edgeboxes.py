@@ -1,4 +1,4 @@
-"""Proposals by EdgeBoxes (Zitnick and Dollar, ECCV 2014): boxes that wholly enclose many edges, of depth and color."""
+"""Proposals by EdgeBoxes (Zitnick and Dollar, ECCV 2014): boxes that enclose many whole edges of depth and color."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from cuboid.proposals.edges import find_edges
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
 
-# An EdgeBoxes score that is a likely object; a score s becomes 1 - exp(-s / this).
+# EdgeBoxes score of a likely object; a score s becomes 1 - exp(-s / LIKELY).
 LIKELY = 0.3
-# Least area of a box, pixels of the working image: 5 cm at 1.1 m, squared. Half of it doubles the time and fills the
-# list with patterns printed on things.
+# Smallest area of a box, pixels of the working image: 5 cm at 1.1 m, squared. Half of it doubles the time and adds
+# boxes of patterns printed on objects.
 MIN_AREA = 150.0
-# Weaker edges and worse boxes are left out: without either the search takes three times as long.
+# Weaker edges and worse boxes are dropped: without either limit the search takes three times as long.
 MIN_EDGE = 0.4
-# Fraction of the pixels that edges may take, the strongest: a cluttered desk has an eighth, noise a third, which takes
-# seconds.
+# Largest fraction of pixels that may be edges; the strongest are kept. A cluttered desk has an eighth; noise has a
+# third and takes seconds.
 MAX_EDGES = 0.15
 MIN_SCORE = 0.1
-# Overlap of neighbouring places in the sliding search.
+# Overlap of neighbouring windows in the sliding search.
 ALPHA = 0.6
-# Overlap above which a worse box goes, and how it sinks down the list: spreads a hundred boxes over all of the image.
+# Overlap above which the worse box is suppressed, and the decay of that limit: this spreads the boxes over the image.
 BETA = 0.6
 ETA = 0.98
-# Beyond this a box is a strip: the method's own default.
+# Largest aspect ratio of a box: the method's own default.
 LONGEST_ASPECT = 3.0
 
 
 class EdgeBoxes:
-    """Proposes boxes from thinned edges at half resolution; unthinned ones would take seconds."""
+    """Proposes boxes from thinned edges at half resolution; edges that are not thinned take seconds."""
 
     def __init__(self, noise_per_m: float) -> None:
         self._noise_per_m = noise_per_m
@@ -60,7 +60,7 @@ class EdgeBoxes:
 
 
 def _strongest(strength: Float32Array) -> Float32Array:
-    """Return edges (H, W) without the weakest of those that are too many; of equals some all over the image stay."""
+    """Return the strongest edges (H, W), at most `MAX_EDGES` of the pixels; ties are sampled all over the image."""
     places = np.flatnonzero(strength >= MIN_EDGE)
     most = int(MAX_EDGES * strength.size)
     if len(places) <= most:
@@ -79,7 +79,7 @@ def edgeboxes_source(options: str | None, config: TrackerConfig) -> ProposalSour
     Raises
     ------
     InputError
-        If there are any.
+        If options are given.
     """
     refuse_options("edgeboxes", options)
     return EdgeBoxes(config.depth_noise_per_m)

@@ -1,4 +1,4 @@
-"""Thinned edges of a frame, of depth and of color: what EdgeBoxes reads, and what rough boxes are scored by."""
+"""Thinned edges of a frame, in depth and color: the input of EdgeBoxes, and the basis to score rough boxes."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import numpy as np
 
 from cuboid.core.frame import Float32Array, Frame, UInt8Array
 
-# Working width, pixels: edges of a 640-pixel image found at half of it cost a quarter and lose little.
+# Working width, pixels: at half the width of a 640-pixel image edges take a quarter of the time and lose little.
 WIDTH = 320
-# A step in depth that is a full edge, metres.
+# Depth step that counts as a full edge, metres.
 FULL_JUMP_M = 0.03
-# Gradient of a color channel that is a full edge, levels a pixel.
+# Gradient of a color channel that counts as a full edge, levels per pixel.
 FULL_COLOR = 60.0
-# The steepest gradient of 1/z that a plane has, 1/metre a pixel: one that passes the camera at 0.4 m.
+# Steepest gradient of 1/z of a plane, 1/metre per pixel: a plane that passes the camera at 0.4 m.
 STEEPEST = 0.01
-# Edges weaker than this are none: noise.
+# Weaker edges are noise.
 LEAST = 0.15
 
 
 class Edges(NamedTuple):
-    """Edges of the shrunken frame.
+    """Edges of the reduced frame.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Edges(NamedTuple):
     angle : (h, w) float32
         Direction of the gradient, 0..pi.
     step : int
-        Pixels of the frame a pixel here.
+        Number of frame pixels per edge pixel, along each side.
     """
 
     strength: Float32Array
@@ -39,13 +39,13 @@ class Edges(NamedTuple):
 
 
 def find_edges(frame: Frame, noise_per_m: float) -> Edges:
-    """Return the edges of depth and color; where both are, the stronger.
+    """Return the edges of depth and color; where both exist, the stronger one.
 
     Parameters
     ----------
     frame : Frame
     noise_per_m : float
-        Standard deviation of depth at distance z is this times z squared, 1/metre.
+        The standard deviation of depth at distance z is this value times z squared, 1/metre.
     """
     import cv2
 
@@ -64,7 +64,7 @@ def find_edges(frame: Frame, noise_per_m: float) -> Edges:
 
 
 def _gradient_of_color(color: UInt8Array) -> tuple[Float32Array, Float32Array]:
-    """Return the gradient of the channel that changes most, levels a pixel."""
+    """Return the gradient of the color channel that changes most, levels per pixel."""
     import cv2
 
     smooth = cv2.GaussianBlur(color, (3, 3), 0)
@@ -77,9 +77,9 @@ def _gradient_of_color(color: UInt8Array) -> tuple[Float32Array, Float32Array]:
 
 
 def _gradient_of_depth(depth_m: Float32Array, noise_per_m: float) -> tuple[Float32Array, Float32Array]:
-    """Return the gradient of inverse depth without that of its surroundings, in full edges.
+    """Return the gradient of inverse depth minus its local mean, in units of full edges.
 
-    A slanted plane has the same gradient of 1/z all over; less the mean of it around, it has none.
+    A slanted plane has a constant gradient of 1/z; after subtraction of the local mean it is zero.
     """
     import cv2
 
@@ -92,7 +92,7 @@ def _gradient_of_depth(depth_m: Float32Array, noise_per_m: float) -> tuple[Float
 
 
 def _filled(depth_m: Float32Array) -> Float32Array:
-    """Return inverse depth with the nearest reading in every hole; 0 where there is no reading at all."""
+    """Return inverse depth with holes filled by the nearest reading; 0 everywhere if there is no reading."""
     import cv2
 
     has = depth_m > 0
@@ -107,7 +107,7 @@ def _filled(depth_m: Float32Array) -> Float32Array:
 
 
 def _thin(strength: Float32Array, angle: Float32Array) -> Float32Array:
-    """Keep strengths that are the largest across their edge; nothing at the image's border."""
+    """Keep strengths that are the maximum across their edge; clear the image border."""
     sector = np.rint(angle / (np.pi / 4.0)).astype(np.int64) % 4
     kept = np.zeros_like(strength)
     inner = strength[1:-1, 1:-1]

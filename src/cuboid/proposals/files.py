@@ -1,19 +1,20 @@
-"""Files of proposals, one a frame, in the layouts that people have.
+"""Files of proposals, one for each frame, in the common layouts.
 
 ``.csv``
-    A header line with at least ``x0,y0,x1,y1,score`` in any order, then a line a box; x1 and y1 are exclusive.
-    No lines after the header: no proposals.
+    A header line with at least ``x0,y0,x1,y1,score`` in any order, then one line for each box; x1 and y1 are exclusive.
+    A file with only the header has no proposals.
 ``.npz``
-    ``boxes`` (N, 4), x0 y0 x1 y1, or ``masks`` (N, H, W), and ``scores`` (N,). With both, the masks count.
+    ``boxes`` (N, 4), x0 y0 x1 y1, or ``masks`` (N, H, W), and ``scores`` (N,). If both are present, masks are used.
 ``.mat`` of MCG
     ``bboxes`` (N, 4): up, left, down, right, counted from 1, all inclusive; ``bboxes_scores`` or ``scores`` (N, 1).
-    Or, for masks, ``superpixels`` (H, W), ``scores`` (N, 1), and ``labels``: a cell a proposal with the superpixels
-    that it is made of.
-    As variables of the file, or as the fields of one struct (``candidates_mcg``, ``proposals``, any name).
+    Or, for masks, ``superpixels`` (H, W), ``scores`` (N, 1), and ``labels``: one cell for each proposal with the
+    numbers of its superpixels.
+    The variables are at the top level of the file, or fields of one struct (``candidates_mcg``, ``proposals``, any
+    name).
 ``.mat`` of CPMC
     ``masks`` (H, W, N) logical and ``scores`` (N, 1).
 
-Scores outside 0..1 are stretched, with the rest of their file, to 0..1. MATLAB files up to version 7 can be read.
+If a score lies outside 0..1, all scores of the file are scaled to 0..1. MATLAB files up to version 7 can be read.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from cuboid.proposals.boxes import boxes_as_proposals, masks_as_proposals
 from cuboid.proposals.matlab import READER
 from cuboid.proposals.types import Proposals
 
-# The largest file, unpacked: 800 masks of 640 x 480 pixels.
+# Largest unpacked file: 800 masks of 640 x 480 pixels.
 MAX_BYTES = 256 << 20
 
 Loader = Callable[[Path, int, int], Proposals]
@@ -65,7 +66,7 @@ def load_npz(path: Path, width: int, height: int) -> Proposals:
             file.seek(0)
             with np.load(file, allow_pickle=False) as arrays:
                 found = {name: np.asarray(arrays[name]) for name in arrays.files}
-        except Exception as error:  # zip, deflate and array headers each have errors of their own
+        except Exception as error:  # zip, deflate and array headers raise different errors
             raise InputError(f"{path} cannot be read: {_line(error)}") from None
     if "scores" not in found or not {"boxes", "masks"} & set(found):
         raise InputError(f"{path} holds {_listed(found)}; expected: scores, and boxes or masks")
@@ -97,7 +98,7 @@ def load_mat(path: Path, width: int, height: int) -> Proposals:
 def _masks_of_superpixels(
     path: Path, pixels: npt.NDArray[Any], labels: npt.NDArray[Any], ends: npt.NDArray[Any]
 ) -> npt.NDArray[np.bool_]:
-    """Return a mask a cell of labels: its superpixels. Cells follow each other, each up to its end."""
+    """Return one mask for each cell of labels, made of its superpixels; `ends` (N,) are the ends of the cells."""
     if pixels.ndim != 2 or pixels.dtype.kind not in "iuf":
         raise InputError(f"{path}: superpixels must be an image of numbers, got {pixels.dtype} {pixels.shape}")
     number, cells = _whole(path, "superpixels", pixels), np.split(_whole(path, "labels", labels), ends)[:-1]
@@ -110,7 +111,7 @@ def _masks_of_superpixels(
 
 
 def _whole(path: Path, name: str, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    """Return numbers as whole ones."""
+    """Return numbers as integers."""
     if values.dtype.kind not in "iuf" or not (np.abs(values.astype(np.float64)) < 2**53).all():
         raise InputError(f"{path}: {name} must be numbers, got {values.dtype} {values.shape}")
     return values.astype(np.int64)
@@ -144,7 +145,7 @@ def _masks(path: Path, masks: npt.NDArray[Any], scores: npt.ArrayLike, width: in
 
 
 def _scores(path: Path, scores: npt.ArrayLike, count: int) -> Float64Array:
-    """Return scores in 0..1, stretched where they are not."""
+    """Return scores in 0..1; if any lies outside, all are scaled to 0..1."""
     values = np.asarray(scores)
     if values.size != count or values.dtype.kind not in "iufb":
         raise InputError(f"{path}: {count} scores expected, got {values.size} of type {values.dtype}")
@@ -164,5 +165,5 @@ def _line(error: Exception) -> str:
     return (str(error) or type(error).__name__).splitlines()[0]
 
 
-# By suffix.
+# Loaders by file suffix.
 LOADERS: dict[str, Loader] = {".csv": load_csv, ".npz": load_npz, ".mat": load_mat}

@@ -1,4 +1,4 @@
-"""MATLAB files, read in a process of their own: SciPy's reader can crash, hang or take all memory on a bad one."""
+"""MATLAB files, read in a separate process: SciPy's reader can crash, hang or use all memory on a damaged file."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from cuboid.core.errors import InputError
 from cuboid.formats.reading import opened
 
 CHILD = Path(__file__).with_name("matlab_child.py")
-# The largest file.
+# Largest file, bytes.
 MAX_BYTES = 256 << 20
-# A file of 256 MB takes a second or two; the start of the process as much again.
+# Time limit: a file of 256 MB takes one or two seconds, the start of the process as long again.
 LIMIT_S = 20.0
 
 
 class MatlabReader:
-    """A process that reads one file after the other; it starts with the first, and anew after a crash."""
+    """A process that reads one file after another; it starts with the first file, and again after a crash."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
@@ -35,7 +35,7 @@ class MatlabReader:
         self._lock = threading.Lock()
 
     def read(self, path: Path) -> tuple[dict[str, npt.NDArray[Any]], list[str]]:
-        """Return the arrays of proposals in a file (cells as they follow each other), and the names of all in it.
+        """Return the arrays of proposals in a file, cells concatenated, and the names of all its variables.
 
         Raises
         ------
@@ -43,7 +43,7 @@ class MatlabReader:
             If it cannot be read, or reading it crashes, or takes too much time or memory.
         """
         with opened(path, MAX_BYTES):
-            pass  # a regular file of a fair size
+            pass  # checks that it is a regular file of an accepted size
         with self._lock:
             process = self._started()
             late = threading.Timer(LIMIT_S, process.kill)
@@ -82,12 +82,12 @@ class MatlabReader:
         process.wait()
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
-                with suppress(OSError):  # what it did not take any more
+                with suppress(OSError):  # unsent data of the ended process
                     pipe.close()
 
 
 def _asked(process: subprocess.Popen[bytes], path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-    """Let the process read a file; raises OSError, ValueError or EOFError where it answers no more."""
+    """Let the process read a file; raise OSError, ValueError or EOFError if it no longer answers."""
     assert process.stdin is not None
     assert process.stdout is not None
     process.stdin.write(json.dumps(str(path.resolve())).encode() + b"\n")

@@ -1,8 +1,8 @@
-"""A process of its own that reads MATLAB files for `cuboid.proposals.matlab`: a bad one can crash SciPy's reader.
+"""A separate process that reads MATLAB files for `cuboid.proposals.matlab`: a damaged file can crash SciPy's reader.
 
-Run as a script. It knows NumPy and SciPy alone, so that it starts quickly. For each line of standard input (a path, as
-JSON) it writes a line of JSON (``error``, or ``names`` of all variables and ``arrays``: name, type and shape of each
-that follows), and the bytes of these arrays.
+It runs as a script and imports only NumPy and SciPy, so that it starts quickly. For each line of standard input (a path
+in JSON) it writes a line of JSON: ``error``, or ``names`` of all variables and ``arrays`` (name, type and shape of
+each). The bytes of these arrays follow.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any, BinaryIO
 import numpy as np
 from scipy.io import loadmat, whosmat
 
-# Bytes that the process may hold; a file that wants more is refused.
+# Memory limit of the process, bytes; a file that needs more is refused.
 MAX_MEMORY = 1 << 30
-# Values of a variable: 800 masks of 640 x 480 pixels.
+# Largest number of values of a variable: 800 masks of 640 x 480 pixels.
 MAX_VALUES = 256 << 20
-# The first bytes of a file of MATLAB 7.3, which is another format altogether (HDF5).
+# The first bytes of a MATLAB 7.3 file, which is a different format (HDF5).
 MATLAB_73 = b"MATLAB 7.3"
 KNOWN = ("bboxes", "bboxes_scores", "masks", "scores", "superpixels", "labels")
 
@@ -32,7 +32,7 @@ def main() -> None:
             answer, arrays = read(json.loads(line))
         except MemoryError:
             answer, arrays = {"error": f"it takes more than {MAX_MEMORY >> 20} MB of memory"}, []
-        except Exception as error:  # of programs of any age: whatever is wrong with a file, it is the file's fault
+        except Exception as error:  # files may come from any program: every error is reported as an error of the file
             answer, arrays = {"error": (str(error) or type(error).__name__).splitlines()[0]}, []
         say(sys.stdout.buffer, answer, arrays)
 
@@ -46,7 +46,7 @@ def say(out: BinaryIO, answer: dict[str, Any], arrays: list[np.ndarray[Any, Any]
 
 
 def limit_memory() -> None:
-    """Let the system refuse this process more memory, where it can."""
+    """Limit the memory of this process, on systems that support it."""
     if sys.platform != "win32":
         import resource
 
@@ -54,7 +54,7 @@ def limit_memory() -> None:
 
 
 def read(path: str) -> tuple[dict[str, Any], list[np.ndarray[Any, Any]]]:
-    """Return the answer for a file, and the arrays that go with it."""
+    """Return the answer for a file, and the arrays that belong to it."""
     with open(path, "rb") as file:
         if file.read(len(MATLAB_73)) == MATLAB_73:
             raise ValueError("it is of MATLAB 7.3; save it with '-v7'")
@@ -66,14 +66,14 @@ def read(path: str) -> tuple[dict[str, Any], list[np.ndarray[Any, Any]]]:
         loaded: dict[str, Any] = loadmat(file, squeeze_me=False, struct_as_record=True)  # type: ignore[arg-type]
     found = fields(loaded)
     arrays = {name: np.asarray(found[name]) for name in KNOWN if name in found}
-    if "labels" in arrays:  # a cell array: its cells one after the other, and where each ends
+    if "labels" in arrays:  # a cell array: concatenate the cells and store the end of each
         cells = [np.asarray(cell).ravel() for cell in np.asarray(arrays["labels"], dtype=object).ravel()]
         arrays["labels"] = np.concatenate(cells) if cells else np.zeros(0)
         arrays["label_ends"] = np.cumsum([len(cell) for cell in cells], dtype=np.int64)
     for name, array in arrays.items():
         if array.dtype.kind not in "iufb":
             raise ValueError(f"{name} must be numbers, got {array.dtype} {array.shape}")
-    # memory as it lies: what MATLAB wrote column by column is not copied
+    # Fortran order: arrays that MATLAB wrote column by column are not copied.
     plain = {
         name: np.asfortranarray(array).astype(array.dtype.newbyteorder("="), copy=False)
         for name, array in arrays.items()

@@ -1,6 +1,6 @@
-"""Proposals by a detector or mask model that the user names: an ONNX file, its classes taken together.
+"""Proposals by a user's detector or mask model in an ONNX file; its classes are ignored.
 
-`cuboid.detection` reads the model; any layout that it knows is understood.
+`cuboid.detection` reads the model and defines the supported output layouts.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from cuboid.proposals.types import Proposals, ProposalSource
 
 
 class OnnxModel:
-    """Proposes what a detector or mask model finds.
+    """Proposes the boxes or masks that a detector or mask model finds.
 
     Parameters
     ----------

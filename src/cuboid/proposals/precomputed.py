@@ -1,10 +1,10 @@
-"""Proposals that another program made before: a file a frame, matched by number.
+"""Proposals that another program made beforehand: one file for each frame, matched by frame number.
 
     FOLDER/
       00000.csv  or  frame-000000.npz  or  00000-color.mat  ...
 
-The last number in a file's name (without its suffix) is the number of its frame, counted from 0 over all frames of the
-recording. Coordinates are pixels of the images that are tracked. The layouts are told in `cuboid.proposals.files`.
+The last number in a file name (without its suffix) is the number of its frame, counted from 0 over all frames of the
+recording. Coordinates are pixels of the images that are tracked. `cuboid.proposals.files` describes the layouts.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Precomputed:
     Raises
     ------
     InputError
-        If there is no such folder, it has no file of a known layout, or two files have one number.
+        If the folder does not exist, has no file of a known layout, or two files have the same number.
     """
 
     def __init__(self, folder: Path) -> None:

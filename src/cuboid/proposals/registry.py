@@ -8,8 +8,8 @@ from cuboid.core.config import TrackerConfig
 from cuboid.core.registry import Registry
 from cuboid.proposals.types import ProposalSource
 
-# A factory takes what follows the colon in NAME:OPTIONS, or None without a colon, and the tracker's settings, whose
-# sizes, range and noise are also those of the source.
+# A factory takes the OPTIONS of NAME:OPTIONS, or None without a colon, and the tracker's settings: the source uses
+# their object sizes, depth range and noise.
 SourceFactory = Callable[[str | None, TrackerConfig], ProposalSource]
 
 SOURCES: Registry[SourceFactory] = Registry("proposal source", "cuboid.proposals")

@@ -1,4 +1,4 @@
-"""Proposals by Selective Search (Uijlings et al., IJCV 2013): rectangles of regions that similar colors join to."""
+"""Proposals by Selective Search (Uijlings et al., IJCV 2013): rectangles of regions merged by similar color."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from cuboid.proposals.edges import Edges, find_edges
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
 
-# Scale of the first segmentation, and its smoothing, at a width of 320 pixels: regions of a few centimetres.
+# Scale and smoothing of the first segmentation at a width of 320 pixels: regions of a few centimetres.
 SCALE = 100
 SIGMA = 0.8
-# Boxes that overlap more say the same.
+# Boxes that overlap more are duplicates.
 OVERLAP = 0.85
-# Edge strength a pixel of outline that is a likely object.
+# Edge strength per pixel of outline of a likely object.
 LIKELY = 0.5
 
 
 class SelectiveSearch:
     """Proposes boxes from color at half resolution.
 
-    The method has no score: it ranks by the level of a region in its hierarchy, times chance. Here a box is scored
-    by the edges that it has near its outline but not in its middle, as EdgeBoxes does; chance has no part.
+    The method has no score: it ranks regions by their level in its hierarchy, times a random number. Here a box is
+    scored by the edges near its outline but not in its middle, as in EdgeBoxes, so that the score is deterministic.
     """
 
     def __init__(self, noise_per_m: float) -> None:
@@ -44,7 +44,7 @@ class SelectiveSearch:
         search.switchToSingleStrategy(SCALE, SIGMA)
         xywh = np.asarray(search.process(), dtype=np.float64).reshape(-1, 4)
         xyxy = np.hstack([xywh[:, :2], xywh[:, :2] + xywh[:, 2:]])
-        # The rank is by chance: bring equal input into one order before anything depends on it.
+        # OpenCV's rank is random: sort the boxes, so that equal input gives equal results.
         xyxy = np.unique(xyxy, axis=0)
         scores = 1.0 - np.exp(-_edges_of(xyxy, edges) / LIKELY)
         kept = thin_out(xyxy, scores, OVERLAP)
@@ -52,7 +52,7 @@ class SelectiveSearch:
 
 
 def _edges_of(boxes_xyxy: Float64Array, edges: Edges) -> Float64Array:
-    """Return the edge strength in each box less that in its middle, a pixel of outline (less for large boxes)."""
+    """Return the edge strength in each box minus that in its middle, per pixel of outline (less for large boxes)."""
     import cv2
 
     total = np.asarray(cv2.integral(edges.strength), dtype=np.float64)
@@ -75,7 +75,7 @@ def selective_search_source(options: str | None, config: TrackerConfig) -> Propo
     Raises
     ------
     InputError
-        If there are any.
+        If options are given.
     """
     refuse_options("selective-search", options)
     return SelectiveSearch(config.depth_noise_per_m)

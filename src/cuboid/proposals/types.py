@@ -1,4 +1,4 @@
-"""The small interface between any 2D proposal source and the rest, which never knows which one it is."""
+"""The interface between 2D proposal sources and the later stages, which do not depend on the source."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
 
 
 class JoinedMasks(Sequence[UInt8Array]):
-    """Masks that lie one after the other in one array, each cut out when it is asked for.
+    """Masks that are stored one after the other in one array; each is extracted on access.
 
     Parameters
     ----------
     flat : (L,) uint8
-        The pixels of all, row by row.
+        The pixels of all masks, row by row.
     sizes : list of [int, int]
-        Width and height of each.
+        Width and height of each mask.
     """
 
     def __init__(self, flat: UInt8Array, sizes: list[list[int]]) -> None:
@@ -50,13 +50,13 @@ class Proposals:
     boxes_xyxy : (N, 4) int32
         Rectangles in pixels, end exclusive, inside the image, at least one pixel large.
     scores : (N,) float32
-        The source's own confidence, 0..1, the larger the better.
+        Confidence of the source, 0..1; larger is better.
     masks : sequence of (h, w) uint8, or None
-        For each rectangle, which of its pixels are meant (1) or not (0), cropped to the rectangle;
-        None where the source gives boxes alone.
+        For each rectangle, a mask cropped to the rectangle: 1 for pixels of the proposal, else 0;
+        None if the source gives only boxes.
     mask_step : int
-        Side in pixels of the block of the image that a pixel of a mask stands for; rectangles begin and end with whole
-        blocks.
+        Side of the block of image pixels that one mask pixel represents, pixels; rectangles begin and end at multiples
+        of it.
     """
 
     boxes_xyxy: np.ndarray[tuple[int, int], np.dtype[np.int32]]
@@ -95,7 +95,7 @@ class Proposals:
         return len(self.scores)
 
     def best(self, most: int) -> Proposals:
-        """Return those with the highest scores, in the order that they are in."""
+        """Return the `most` proposals with the highest scores, in their current order."""
         if len(self) <= most:
             return self
         kept = np.sort(np.argsort(-self.scores, kind="stable")[:most])
@@ -103,15 +103,15 @@ class Proposals:
         return Proposals(self.boxes_xyxy[kept], self.scores[kept], masks, self.mask_step)
 
     def full_masks(self) -> Sequence[UInt8Array] | None:
-        """Return the masks with a pixel for each pixel of their rectangles."""
+        """Return the masks at full resolution: one mask pixel for each pixel of their rectangles."""
         if self.masks is None or self.mask_step == 1:
             return self.masks
         return tuple(mask.repeat(self.mask_step, 0).repeat(self.mask_step, 1) for mask in self.masks)
 
 
 class ProposalSource(Protocol):
-    """Any callable from a frame to its proposals."""
+    """A callable that returns the proposals of a frame."""
 
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
-        """Return the 2D proposals of `frame`, whose image `intrinsics` describes."""
+        """Return the 2D proposals of `frame`; `intrinsics` belong to its image."""
         ...

@@ -1,4 +1,4 @@
-"""The small planes of a frame: what supporting planes are found and tracked from."""
+"""Local planes of a frame: the input from which supporting planes are found and tracked."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.kernels import cells as kernel
 from cuboid.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M
 
-# Nearer than this, metres, cells show what level patches would: an arm's length.
+# Level patches are searched only beyond this distance, metres (an arm's length); nearer, cells show the same.
 NEAR_M = 1.2
-# A surface has at least this many cells.
+# Smallest number of cells of a surface.
 MIN_CELLS = 6
-# A cell is flat whose residual of 1/z is within JUMP_SIGMAS of the sensor's noise: dark and shiny table tops show 1.5
-# to 3 deviations, a cell over an object's foot more than 5.
+# A cell is flat if its residual of 1/z is within JUMP_SIGMAS of the sensor's noise: dark and shiny table tops show 1.5
+# to 3 standard deviations, a cell over the foot of an object more than 5.
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,14 +27,14 @@ class Cells:
     Attributes
     ----------
     places : (N, 4) int64
-        The patches, see `patch_pixels`, that it covers, numbered row by row; of what is a patch itself four times that.
+        Indices, row by row, of the four patches that a cell covers, see `patch_pixels`; a patch repeats its own index.
     normal : (N, 3) float64
         Unit, towards the camera.
     center : (N, 3) float64
         Metres.
     area_m2 : (N,) float64
     sigma_m : (N,) float64
-        Standard deviation of a reading there.
+        Standard deviation of a depth reading at the cell.
     image_shape : (int, int)
         Rows and columns of patches.
     """
@@ -50,8 +50,8 @@ class Cells:
 def patch_pixels(camera: Intrinsics) -> int:
     """Return the edge of a patch in a camera's image, pixels: half a cell.
 
-    Beyond an arm's length patches that lie level are looked for besides cells: of a shelf that is seen from far and low
-    no cell shows the board alone.
+    Beyond `NEAR_M`, level patches are searched in addition to cells: of a distant shelf seen at a grazing angle, no
+    cell shows the board alone.
     """
     return cell_pixels(camera) // 2
 
@@ -64,7 +64,7 @@ def find_cells(image: DepthImage, T_world_camera: Float64Array, noise_per_m: flo
     image : DepthImage
     T_world_camera : (4, 4) float64
     noise_per_m : float
-        Standard deviation of depth is this times z squared.
+        The standard deviation of depth is this value times z squared.
     max_depth_m : float
     """
     patch, cells = patch_pixels(image.camera), image.cells(max_depth_m)
@@ -92,13 +92,13 @@ def with_level_patches(
     noise_per_m: float,
     max_depth_m: float,
 ) -> Cells:
-    """Add the patches that lie level, where no cell is flat; see `find_cells`.
+    """Add level patches where no cell is flat; see `find_cells`.
 
     Parameters
     ----------
     cells : Cells
     up : (3,) float64
-        In the world, unit.
+        Unit vector in the world.
     image, T_world_camera, noise_per_m, max_depth_m
         As for `find_cells`.
     """

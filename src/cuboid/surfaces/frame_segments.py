@@ -1,4 +1,4 @@
-"""The segments of one frame: its pixels assigned to its proposals, and what bounds each segment."""
+"""The segments of one frame: its pixels assigned to its proposals, and the surroundings of each segment."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.surfaces.kernels.outlines import KINDS, Picture, outlines
 from cuboid.surfaces.kernels.pieces import gather_regions, judge_regions, label_regions
 
-# A segment of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
+# Smallest segment, working pixels; fewer are noise: a 3 cm object at 2 m covers about this many.
 MIN_PIXELS = 24
-# What is marked touches a segment where it comes so near, working pixels.
+# Size of the square around a marked pixel within which it touches a segment, working pixels.
 TOUCHING_PX = 7
-# A proposal is left out when a smaller fraction of it is free of stronger ones.
+# A proposal is dropped if a smaller fraction of it is free of stronger proposals.
 FREE_FRACTION = 0.7
-# Surfaces of one proposal that a jump in depth parts, as the inside and the outside of a mug, are one thing when each
-# is at least this fraction of the largest one, and no deeper away from it than this fraction of its length. Smaller
-# ones are slivers of what is behind, farther ones that itself.
+# A depth jump separates surfaces of one proposal, as the inside and the outside of a mug. They belong to one object if
+# each has at least MAJOR_FRACTION of the size of the largest one, and differs from it in depth by at most DEEP_FRACTION
+# of its length. Smaller ones are slivers of the background; farther ones are the background itself.
 MAJOR_FRACTION, DEEP_FRACTION = 0.4, 0.5
-# The surface beyond a hole in the depth image is searched for over this distance, metres: a shadow at an outline is
-# that wide.
+# Beyond a hole in the depth image the next surface is searched over this distance, metres: the width of a sensor shadow
+# at an outline.
 GAP_M = 0.08
 
 
@@ -42,19 +42,19 @@ class FrameSegment:
     Attributes
     ----------
     pixels : (N,) int64
-        Numbers of its readings in the flattened working image.
+        Indices of its readings in the flattened working image.
     supports : dict of int to int
-        How many of its pixels, filled ones too, are above each plane, by the plane's identity.
+        Number of its pixels, filled ones included, above each plane, by the identity of the plane.
     heat : float
         Mean heat, 0..1.
     score : float
         Weight of its proposal, 0..1.
     rect_xyxy : (4,) float64
-        In pixels of the full image, end exclusive.
+        Rectangle in pixels of the full image, end exclusive.
     outline : (4, KINDS) int64
-        Pixels of its outline by side and by what is beyond them; see `kernels.outlines.outlines`.
+        Number of outline pixels by side and by kind of neighbour; see `kernels.outlines.outlines`.
     read : float
-        Fraction of its pixels that are readings, 0..1; the others are holes, filled.
+        Fraction of its pixels that are readings, 0..1; the others are filled holes.
     """
 
     pixels: npt.NDArray[np.int64]
@@ -74,13 +74,13 @@ class FrameSegments:
     ----------
     segments : list of FrameSegment
     claim : (h, w) int32
-        Place in `segments` of each working pixel's, -1 none.
+        Index in `segments` of the segment of each working pixel, -1: none.
     contact : (n, n) int64
-        [i, j]: pixels of the outline of i beyond which j begins.
+        [i, j]: number of outline pixels of i at which j begins.
     proposal : (n,) int64
-        The proposal that each came from.
+        The proposal of each segment.
     left_out : int
-        How many more there were than a frame may have.
+        Number of segments dropped because of the limit per frame.
     """
 
     segments: list[FrameSegment]
@@ -90,7 +90,7 @@ class FrameSegments:
     left_out: int = 0
 
     def touched_by(self, marked: UInt8Array | None) -> npt.NDArray[np.bool_]:
-        """Tell which segments (n,) marked pixels (h, w) touch; None is none of them."""
+        """Return which segments (n,) touch marked pixels (h, w); none if `marked` is None."""
         touched = np.zeros(len(self.segments), bool)
         if marked is not None:
             around = cv2.dilate(marked, np.ones((TOUCHING_PX, TOUCHING_PX), np.uint8))
@@ -105,11 +105,11 @@ class PixelPlanes:
     Attributes
     ----------
     on_plane : (h, w) int32
-        Plane that each pixel lies on, 0..P-1, -1 none.
+        Plane on which each pixel lies, 0..P-1, -1: none.
     support : (h, w) int32
-        The plane beneath it, or that it lies on.
+        Plane beneath each pixel, or on which it lies.
     identities : (P,) int64
-        Of the planes, ascending.
+        Identities of the planes, ascending.
     """
 
     on_plane: npt.NDArray[np.int32]
@@ -118,7 +118,7 @@ class PixelPlanes:
 
     @classmethod
     def none(cls, shape: tuple[int, ...]) -> PixelPlanes:
-        """Return planes of an image of this shape in which none is known."""
+        """Return the planes of an image of this shape when no plane is known."""
         nowhere = np.full(shape, -1, np.int32)
         return cls(nowhere, nowhere, np.zeros(0, np.int64))
 
@@ -132,7 +132,7 @@ def segment_frame(
     side_of: npt.NDArray[np.int64],
     config: TrackerConfig,
 ) -> FrameSegments:
-    """Assign the pixels of a frame to its proposals, the strongest first.
+    """Assign the pixels of a frame to its proposals, strongest first, and split them into segments.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def segment_frame(
     heat : (h, w) float32
     weighed : WeighedProposals
     prior : (N,) float64
-        What a proposal's weight is multiplied by, for what the map knows already.
+        Factor for the weight of each proposal, from the objects in the map.
     side_of : (4,) int64
         See `kernels.outlines.outlines`.
     config : TrackerConfig
@@ -166,7 +166,7 @@ def segment_frame(
     kept = gather_regions(labels, become, sizes, MIN_PIXELS, image.depth_m, heat, planes.support, *gathered)
     corners, beneath, large = corners[:kept], beneath[:kept], sizes >= MIN_PIXELS
     proposal_of, sizes, c = owner[large], sizes[large], image.camera
-    # Of planes that are beneath as much the oldest.
+    # The plane beneath most pixels; of equal ones the oldest.
     plane_of = np.where(beneath.any(1), beneath.argmax(1), -1) if len(identities) else np.full(kept, -1)
     outline, contact = np.empty((kept, 4, KINDS), np.int64), np.empty((kept, kept), np.int64)
     picture, noise = (
@@ -186,17 +186,17 @@ def segment_frame(
 
 
 def points_of(pixels: npt.NDArray[np.int64], image: WorkingImage, T_world_camera: Float64Array) -> Float64Array:
-    """Return where in the world pixels (N,) of the flattened image are that have a reading: (N, 3) float64, metres."""
+    """Return the world coordinates (N, 3) float64, metres, of flat pixel indices (N,) with a reading."""
     places = np.empty((len(pixels), 3))
     back_project(pixels, image.depth_m, image.camera.pinhole, np.ascontiguousarray(T_world_camera), places)
     return places
 
 
 def _leave_out(sizes: npt.NDArray[np.int64], owner: npt.NDArray[np.int64]) -> int:
-    """Keep at most as many regions as a frame may have: those of the strongest proposals, of these the largest.
+    """Keep at most `MAX_SEGMENTS` regions: those of the strongest proposals, and of one proposal the largest.
 
-    Returns how many are left out that are large enough for a segment; `sizes` (N,) are the pixels of each region,
-    `owner` (N,) its proposal.
+    Return the number of dropped regions that were large enough for a segment. `sizes` (N,) are the pixels of each
+    region, 0 afterwards for dropped ones; `owner` (N,) is its proposal.
     """
     large = np.flatnonzero(sizes >= MIN_PIXELS)
     if len(large) <= MAX_SEGMENTS:

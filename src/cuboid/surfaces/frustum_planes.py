@@ -1,4 +1,4 @@
-"""The planes in the camera's frustum, cropped to it."""
+"""The supporting planes in the camera's frustum, cropped to it."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from cuboid.surfaces.plane import Plane
 
 @dataclass(frozen=True, slots=True)
 class FrustumPlanes:
-    """The planes in view, K of them, over the ground in view, as `assign_planes` needs them.
+    """The K planes in view over the visible ground, as `assign_planes` needs them.
 
     Attributes
     ----------
     planes : list of Plane
     numbers : (K,) int32
-        Their places among all planes, ascending.
+        Indices among all planes, ascending.
     window : (4,) int64
-        First cell of the ground and the one past the last.
+        First cell of the ground, and the cell after the last.
     ground : (K, N, M) uint8
-        Where planes in use are, 1 or 0.
+        Cells covered by planes in use, 1 or 0.
     seen : (K, N, M) int32
-        Zeros: room for this frame's readings.
+        Zeros: buffer for the readings of this frame.
     """
 
     planes: list[Plane]
@@ -47,7 +47,7 @@ class FrustumPlanes:
 
 
 def crop_planes(planes: list[Plane], window: Places) -> FrustumPlanes:
-    """Crop the ground plan of each plane to a window (4,)."""
+    """Crop the ground plan of each plane to a window (4,) of cells."""
     shape = (len(planes), *(window[2:] - window[:2]))
     ground = np.zeros(shape, np.uint8)
     for layer, plane in zip(ground, planes, strict=True):
@@ -60,7 +60,7 @@ def crop_planes(planes: list[Plane], window: Places) -> FrustumPlanes:
 
 
 def frustum(camera: Intrinsics, depth_m: float) -> Float64Array:
-    """Return the camera and the corners of its picture at some depth (5, 3): all readings up to there lie between."""
+    """Return the camera centre and the image corners at a depth (5, 3): the frustum of readings up to there."""
     u, v = np.array([0, camera.width - 1]) - camera.cx, np.array([0, camera.height - 1]) - camera.cy
     corners = [[x / camera.fx * depth_m, y / camera.fy * depth_m, depth_m] for x in u for y in v]
     return np.array([[0.0, 0.0, 0.0], *corners])

@@ -1,7 +1,7 @@
-"""The ground plan of a plane: which parts of the scene, seen from above, it covers.
+"""The ground plan of a plane: the area that it covers, seen from above.
 
-All plans count in the same cells, `CELL_M` wide and numbered from the origin of the plan frame; each has a window of
-its own, as large as its plane.
+All plans use the same grid of cells, `CELL_M` wide and numbered from the origin of the plan frame; each plan has a
+window of the grid that is as large as its plane.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from cuboid.core.tolerances import MIN_READINGS
 
 # Edge of a cell of the ground plan, metres: finer than any table, coarser than depth noise.
 CELL_M = 0.05
-# Holes up to twice this are filled, metres: what stands on a plane hides it.
+# Holes up to twice this width are filled, metres: objects on a plane hide it.
 CLOSE_M = 0.2
-# A plane reaches this much further than its readings, metres: its rim is lost to mixed pixels.
+# A plane extends this far beyond its readings, metres: at its rim readings are removed as mixed pixels.
 RIM_M = CELL_M
-# A plane may go on this far beyond what is covered, metres.
+# A plane may continue this far beyond its covered area, metres.
 NEARBY_M = 2.0 * CLOSE_M
-# A window is never wider than this many cells (200 m).
+# Largest width of a window, cells (200 m).
 LIMIT_CELLS = 4000
-# A window that has to grow grows by this many cells more, or by this fraction of it, so that growing is rare.
+# A window that must grow gets this many extra cells, or this fraction of its size, so that it seldom grows.
 SLACK_CELLS, SLACK_FRACTION = 16, 0.25
-# In a window wider than this, cells, only the changed part is recomputed, with this many cells around it: 8 m, as wide
-# as the largest hole that is filled.
+# In a window wider than WHOLE_CELLS only the changed part is recomputed, with AROUND_CELLS around it: 8 m, the width of
+# the largest hole that is filled.
 WHOLE_CELLS, AROUND_CELLS = 400, 160
 
 Places = npt.NDArray[np.int64]
@@ -46,9 +46,9 @@ _CLOSE, _RIM, _NEARBY = (
     _disc(RIM_M),
     np.ones((2 * round(NEARBY_M / CELL_M) + 1,) * 2, np.uint8),
 )
-# Cells from a reading to the border of its window: all that is nearby lies in the window.
+# Distance in cells from a reading to the border of its window: the nearby area of the reading lies inside the window.
 _MARGIN = _RIM.shape[0] // 2 + _NEARBY.shape[0] // 2
-# Cells from a reading as far as it may change what is covered and nearby.
+# Distance in cells over which a reading may change the covered and nearby areas.
 _UNSURE = _MARGIN + 2 * (_CLOSE.shape[0] // 2)
 
 
@@ -58,36 +58,36 @@ def cells_of(points: Float32Array | Float64Array) -> Places:
 
 
 def _numbers(cells: Places) -> Places:
-    """Return numbers (N,), different for different cells (N, 2)."""
+    """Return a unique number (N,) for each cell (N, 2)."""
     return np.asarray((cells[:, 0] << 32) + cells[:, 1])
 
 
 @dataclass(slots=True, eq=False)
 class GroundPlan(WatchedRecord):
-    """Counts of the readings on one plane by cell, and the outline that follows from them.
+    """Number of readings on one plane by cell, and the area that follows from them.
 
     Attributes
     ----------
     corner : (2,) int64
-        The window's first cell.
+        First cell of the window.
     seen : (N, M) int32
         Readings by cell.
     keyframes : (N, M) uint16
-        Keyframe from which each cell was seen last.
+        Keyframe that saw each cell last.
     covered : (N, M) uint8
-        1 where the plane is, holes under objects filled.
+        1 where the plane is; holes under objects are filled.
     nearby : (N, M) uint8
-        1 where the plane is or may go on, within `NEARBY_M`.
+        1 where the plane is or may continue, within `NEARBY_M`.
     stale : bool
-        More cells are known than at the last `refresh`.
+        Whether cells have become known since the last `refresh`.
     late : bool
-        The plane has moved since then: what it covers is recomputed when it is accessed; see `refresh_if_late`.
+        Whether the plane has moved since then: its area is recomputed on access; see `refresh_if_late`.
     changed : (4,) int64
-        Window around the cells that are known since the last `refresh`.
+        Window around the cells that have become known since the last `refresh`.
     places : (K, 2) float32
-        Plan coordinates of all cells that have readings: their middles, until they move.
+        Plan coordinates of all cells with readings: the cell centres, until a correction moves them.
     known : int
-        Cells with enough readings.
+        Number of cells with at least `MIN_READINGS` readings.
     """
 
     corner: Places = field(default_factory=lambda: np.zeros(2, np.int64))
@@ -103,16 +103,16 @@ class GroundPlan(WatchedRecord):
 
     @property
     def window(self) -> Places:
-        """First cell and the one past the last, (4,): what lies outside is neither covered nor nearby."""
+        """First cell and the cell after the last, (4,); outside the window nothing is covered or nearby."""
         return np.concatenate([self.corner, self.corner + self.seen.shape])
 
     @property
     def wide(self) -> bool:
-        """Whether finding what it covers takes long."""
+        """Whether recomputing the covered area takes long."""
         return bool(max(self.seen.shape) > WHOLE_CELLS)
 
     def grow_to(self, low: Places, high: Places) -> None:
-        """Grow the window so that it holds readings in cells from `low` to `high`, both (2,) and included."""
+        """Grow the window so that it can hold readings in cells from `low` to `high` (2,), inclusive."""
         if self.seen.size == 0:
             self.corner = low - _MARGIN
         elif (low - _MARGIN >= self.corner).all() and (high + _MARGIN < self.corner + self.seen.shape).all():
@@ -126,7 +126,7 @@ class GroundPlan(WatchedRecord):
             self.corner = window[:2]
 
     def _grown(self, low: Places, high: Places) -> Places:
-        """Return the window (4,) that also holds cells from `low` to `high`; as it is where it would be too wide."""
+        """Return the window (4,) extended to cells from `low` to `high`; unchanged if it would become too wide."""
         before = np.maximum(0, self.corner - low + _MARGIN)
         after = np.maximum(0, high + _MARGIN + 1 - self.window[2:])
         slack = np.maximum(SLACK_CELLS, (SLACK_FRACTION * np.array(self.seen.shape)).astype(np.int64))
@@ -136,7 +136,7 @@ class GroundPlan(WatchedRecord):
         return np.asarray(self.window + np.concatenate([-before, after]))
 
     def begin(self, points: Float64Array, area_m2: Float64Array, keyframe: int = 0) -> None:
-        """Begin with what was seen at these plan coordinates (N, 2), each standing for an area."""
+        """Start the plan from areas that were seen around these plan coordinates (N, 2)."""
         cells = cells_of(points)
         half = np.rint(np.sqrt(area_m2) / 2 / CELL_M).astype(np.int64)
         self.grow_to((cells - half[:, None]).min(0), (cells + half[:, None]).max(0))
@@ -146,13 +146,13 @@ class GroundPlan(WatchedRecord):
         self._all_changed()
 
     def add(self, readings: npt.NDArray[np.int32], corner: Places, keyframe: int | npt.NDArray[np.uint16] = 0) -> None:
-        """Take in readings (n, m) by cell, the first of which is `corner`, from one keyframe or (n, m) of them."""
+        """Add readings (n, m) by cell, starting at cell `corner`, from one keyframe or (n, m) keyframes."""
         i = np.flatnonzero(readings.any(1))
         if len(i) == 0:
             return
         j = np.flatnonzero(readings[i[0] : i[-1] + 1].any(0))
         last_update = np.concatenate([corner, corner + readings.shape])
-        # Around them nothing changes.
+        # Crop to the cells with readings.
         some = slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1)
         readings, corner = readings[some], corner + np.array([i[0], j[0]])
         keyframe = keyframe if isinstance(keyframe, int) else keyframe[some]
@@ -174,20 +174,20 @@ class GroundPlan(WatchedRecord):
             self.stale = True
 
     def absorb(self, other: GroundPlan) -> None:
-        """Take in the readings of another plan."""
+        """Add the readings of another plan."""
         self.add(other.seen, other.corner, other.keyframes)
         self.refresh()
 
     def apply_correction(self, moved: Mapping[int, Float64Array], normal: Float64Array, offset: float) -> None:
-        """Move with the keyframes from which the plane was seen; of cells that meet the one with most readings stays.
+        """Move the cells with the keyframes that saw them; of several in one cell, the one with most readings stays.
 
         Parameters
         ----------
         moved : mapping of int to (4, 4) float64
-            T_new_old in the plan frame, of each keyframe that moved.
+            T_new_old in the plan frame for each keyframe that moved.
         normal : (3,) float64
         offset : float
-            Of the plane, before it moved: normal.p + offset = 0.
+            The plane before the correction: normal.p + offset = 0.
         """
         old = cells_of(self.places)
         i, j = (old - self.corner).T
@@ -230,12 +230,12 @@ class GroundPlan(WatchedRecord):
         self.stale = self.late = True
 
     def refresh_if_late(self) -> None:
-        """Recompute what the plane covers, where it has moved; the widest planes are refreshed in turn."""
+        """Recompute the covered area if the plane has moved; wide planes are skipped and refreshed in turn."""
         if self.late and not self.wide:
             self.refresh()
 
     def _filled(self, cells: Places) -> Places:
-        """Let cells between two that have readings have some too, and return all: cells that turn leave such gaps."""
+        """Fill single empty cells between two with readings and return all cells: a rotated grid has such gaps."""
         found = [cells]
         for step in (np.array([1, 0]), np.array([0, 1])):
             inside = (cells + 2 * step - self.corner < self.seen.shape).all(1)
@@ -250,7 +250,7 @@ class GroundPlan(WatchedRecord):
         return np.concatenate(found)
 
     def _are_new(self, cells: Places) -> None:
-        """Note where cells (N, 2) are that have readings now."""
+        """Add the centres of cells (N, 2) that have readings now."""
         self.places = np.concatenate([self.places, ((cells + 0.5) * CELL_M).astype(np.float32)])
 
     def _all_changed(self) -> None:
@@ -262,7 +262,7 @@ class GroundPlan(WatchedRecord):
         self.refresh()
 
     def refresh(self) -> None:
-        """Recompute what the plane covers, where that changed."""
+        """Recompute the covered and nearby areas where readings changed."""
         if not self.stale:
             return
         self.stale = self.late = False
@@ -270,39 +270,39 @@ class GroundPlan(WatchedRecord):
         if self.wide:
             wide = self.changed + AROUND_CELLS * np.array([-1, -1, 1, 1])
             part = np.concatenate([np.maximum(part[:2], wide[:2]), np.minimum(part[2:], wide[2:])])
-            if (part[2:] <= part[:2]).any():  # the window is as wide as it may be, and this is outside
+            if (part[2:] <= part[:2]).any():  # the window has its maximum width and the change lies outside it
                 return
         here, _ = window_intersection(self.window, part)
         covered = _covered(self.seen[here])
         nearby = cv2.dilate(covered, _NEARBY)
-        # Where a part ends within the window, what lies beyond it is not known.
+        # Near an inner border of the part, the surroundings are not complete: keep the old values there.
         inner = part + np.where(part == self.window, 0, _UNSURE * np.array([1, 1, -1, -1]))
         here, there = window_intersection(self.window, inner)[0], window_intersection(part, inner)[0]
         self.covered[here], self.nearby[here] = covered[there], nearby[there]
 
     def area_m2(self) -> float:
-        """Return the area in which readings of the plane were seen."""
+        """Return the area of the cells with enough readings, square metres."""
         return float(self.known) * CELL_M**2
 
     def near(self, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which plan coordinates (N, 2) lie where the plane is or may go on."""
+        """Return which plan coordinates (N, 2) lie where the plane is or may continue, (N,)."""
         self.refresh_if_late()
         return self._look_up(self.nearby, points)
 
     def covers(self, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which plan coordinates (N, 2) the plane covers."""
+        """Return which plan coordinates (N, 2) the plane covers, (N,)."""
         self.refresh_if_late()
         return self._look_up(self.covered, points)
 
     def overlaps(self, other: GroundPlan) -> bool:
-        """Tell whether two planes cover a cell in common."""
+        """Return whether two planes cover a common cell."""
         self.refresh_if_late()
         other.refresh_if_late()
         mine, theirs = window_intersection(self.window, other.window)
         return bool((self.covered[mine] & other.covered[theirs]).any())
 
     def fraction_over(self, other: GroundPlan) -> float:
-        """Return the fraction of the cells in which this plane was seen that another plane covers."""
+        """Return the fraction of this plane's known cells that another plane covers."""
         other.refresh_if_late()
         mine, theirs = window_intersection(self.window, other.window)
         over = np.count_nonzero((self.seen[mine] >= MIN_READINGS) & (other.covered[theirs] > 0))
@@ -325,7 +325,7 @@ class GroundPlan(WatchedRecord):
 
 
 def _covered(seen: npt.NDArray[np.int32]) -> UInt8Array:
-    """Return what readings (N, M) cover: gaps closed, holes filled, and a rim around."""
+    """Return the area covered by readings (N, M): gaps closed, holes filled, and a rim added."""
     n = _CLOSE.shape[0]
     known = np.pad((seen >= MIN_READINGS).astype(np.uint8), n)
     closed = cv2.morphologyEx(known, cv2.MORPH_CLOSE, _CLOSE)
@@ -336,13 +336,13 @@ def _covered(seen: npt.NDArray[np.int32]) -> UInt8Array:
 
 
 def _around(a: Places, b: Places) -> Places:
-    """Return the window (4,) around two."""
+    """Return the smallest window (4,) that contains two windows."""
     return np.concatenate([np.minimum(a[:2], b[:2]), np.maximum(a[2:], b[2:])])
 
 
 def window_intersection(a: Places, b: Places) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return the intersection of two windows (4,), as slices of the one and of the other."""
-    # Of four numbers Python's own make less ado than NumPy.
+    """Return the intersection of two windows (4,), as slices into each of them."""
+    # Python numbers are faster than NumPy for four values.
     (ax, ay, ax_end, ay_end), (bx, by, bx_end, by_end) = a.tolist(), b.tolist()
     x, y = max(ax, bx), max(ay, by)
     x_end, y_end = max(x, min(ax_end, bx_end)), max(y, min(ay_end, by_end))

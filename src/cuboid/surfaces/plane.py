@@ -1,4 +1,4 @@
-"""One supporting plane: its moments, where it lies, and what it covers."""
+"""One supporting plane: its moments, its position, and the area that it covers."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from cuboid.surfaces.grid import GroundPlan
 
 Keyframes = npt.NDArray[np.int64]
 
-# A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
+# A horizontal cell belongs to a plane if it is within this distance, metres, or within three standard deviations.
 ON_PLANE_M = 0.02
-# Legs and sides that hold a plane up end at most this far below it, metres: the thickness of a board, and drift.
+# Legs and sides that carry a plane end at most this far below it, metres: the thickness of a board plus drift.
 REACH_M = 2.0 * DRIFT_M
-# Neighbouring cells err alike: the cells of a frame count as this fraction of their number.
+# Errors of neighbouring cells are correlated: the cells of a frame count as this fraction of their number.
 INDEPENDENT_FRACTION = 0.1
-# How far a frame sees a plane from where the map has it.
+# Prior of the deviation of a plane in a frame from its place in the map: pose drift.
 _PRIOR = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
-# A residual of 1 cm counts as much as a slope of 2 degrees.
+# Prior of the slope: a residual of 1 cm has the same weight as a slope of 2 degrees.
 _LEVEL = JUMP_M**2 / 0.035**2 * np.eye(2) * JUMP_M
 
 
 @dataclass(slots=True, eq=False)
 class Plane(WatchedRecord):
-    """A tracked plane; moments are in the plan frame, weighted by area over variance.
+    """A tracked plane; its moments are in the plan frame, weighted by area over variance.
 
     Attributes
     ----------
     index : int
         Index among the planes; -1 for a removed plane.
     identity : int
-        Identity of the plane, never used for another one.
+        Permanent number of the plane, never reused.
     weight : float
         Sum of the weights of its points.
     mean : (3,) float64
-        Of its points.
+        Mean of its points.
     scatter : (3, 3) float64
-        Weighted sum of the outer products of its points' distances from the mean.
+        Weighted sum of the outer products of its points' offsets from the mean.
     normal : (3,) float64
     offset : float
         Points p of the plane have normal.p + offset = 0.
@@ -56,11 +56,11 @@ class Plane(WatchedRecord):
     plan : GroundPlan
         The area that it covers.
     taken_by : Plane or None
-        The one that absorbed it.
+        The plane that absorbed this one.
     keyframes : (K,) int64
         Keyframes that saw it.
     keyframe_moments : (K, 13) float64
-        Weight, mean and scatter of the points seen from each of them; the plane's own moments are those of all.
+        Weight, mean and scatter of the points seen from each keyframe; the plane's moments combine all of them.
     first_frame : int
         First frame that saw it.
     """
@@ -82,7 +82,7 @@ class Plane(WatchedRecord):
     first_frame: int = field(default_factory=int, metadata=ADDED)
 
     def add(self, points: Float64Array, weights: Float64Array, keyframe: int = 0) -> None:
-        """Take in points (N, 3) of the plane, seen from a keyframe."""
+        """Add points (N, 3) of the plane, seen from a keyframe."""
         w = float(weights.sum())
         mean = weights @ points / w
         centred = points - mean
@@ -95,7 +95,7 @@ class Plane(WatchedRecord):
         self.weight = total
 
     def absorb(self, other: Plane) -> None:
-        """Take in another plane that turned out to be the same."""
+        """Merge another plane that is a duplicate of this one."""
         self._add_moments(other.keyframes, other.keyframe_moments)
         step = other.mean - self.mean
         total = self.weight + other.weight
@@ -111,10 +111,10 @@ class Plane(WatchedRecord):
         other.taken_by = self
 
     def fit(self) -> None:
-        """Find normal and offset: a horizontal plane, tilted as far as its own points demand.
+        """Compute normal and offset: a horizontal plane, tilted only as far as its points require.
 
-        The slope (a, b) of height over the plan minimises the weighted squared residual plus a prior of 2 degrees
-        that a narrow or noisy plane cannot overcome.
+        The slope (a, b) of height over the plan minimises the weighted squared residual plus a prior of 2 degrees,
+        which a narrow or noisy plane cannot overcome.
         """
         s = self.scatter / max(self.weight, 1e-12)
         slope = np.linalg.solve(s[:2, :2] + _LEVEL, s[:2, 2])
@@ -123,7 +123,7 @@ class Plane(WatchedRecord):
         self.offset = -float(self.normal @ self.mean)
 
     def _add_moments(self, keyframes: Keyframes, moments: Float64Array) -> None:
-        """Add the moments (N, 13) of points that were seen from keyframes (N,)."""
+        """Add the moments (N, 13) of points that keyframes (N,) saw."""
         for keyframe, row in zip(keyframes, moments, strict=True):
             at = np.flatnonzero(self.keyframes == keyframe)
             if len(at):
@@ -133,12 +133,12 @@ class Plane(WatchedRecord):
                 self.keyframe_moments = np.concatenate([self.keyframe_moments, row[None]])
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> bool:
-        """Move with the keyframes from which the plane was seen; tell whether any of these moved.
+        """Move the plane with the keyframes that saw it; return whether any of these moved.
 
         Parameters
         ----------
         moved : mapping of int to (4, 4) float64
-            T_new_old in the plan frame, of each keyframe that moved.
+            T_new_old in the plan frame for each keyframe that moved.
         """
         going = np.array([k for k, keyframe in enumerate(self.keyframes.tolist()) if keyframe in moved], np.int64)
         if not len(going):
@@ -160,9 +160,9 @@ class Plane(WatchedRecord):
         return points @ self.normal + self.offset
 
     def adapted(self, points: Float64Array, sigma_m: Float64Array) -> Float64Array:
-        """Return normal and offset, (4,), shifted and tilted to a frame's points (N, 3) on it, as far as drift goes.
+        """Return normal and offset, (4,), adapted to a frame's points (N, 3) within the limits of pose drift.
 
-        Ridge regression, once reweighted; `sigma_m` (N,) are the standard deviations of the points.
+        The fit is a ridge regression with one reweighting; `sigma_m` (N,) are the standard deviations of the points.
         """
         middle = points.mean(0)
         design = points - middle
@@ -184,7 +184,7 @@ class Plane(WatchedRecord):
 
 
 def _combined(moments: Float64Array) -> Float64Array:
-    """Return the combined moments (13,), weight, mean and scatter, of those of each keyframe (K, 13)."""
+    """Return the combined moments (13,) (weight, mean, scatter) of the moments of all keyframes (K, 13)."""
     weights = moments[:, 0]
     weight = weights.sum()
     mean = weights @ moments[:, 1:4] / weight

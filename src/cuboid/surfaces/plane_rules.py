@@ -1,4 +1,4 @@
-"""Rules of supporting planes: where one begins, which are lids of boxes, and which are duplicates."""
+"""Rules for supporting planes: where a plane begins, which planes are lids of boxes, and which are duplicates."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from cuboid.surfaces.grid import CELL_M, LIMIT_CELLS, cells_of
 from cuboid.surfaces.plane import ON_PLANE_M, Plane
 from cuboid.surfaces.windows import Windows
 
-# The tops of things are at most so high above the plane that these stand on, metres; they are not the most of it, and
-# above it, not on it. Seats, shelves and stools are higher, or stand beside it.
+# A lid, i.e. the top of an object, is at most this high above the plane on which the object stands, metres. Seats,
+# shelves and stools are higher, or stand beside that plane.
 LID_HEIGHT_M = 0.3
-# They cover at most the first fraction of the plane below, and at least the second fraction of them is above it.
+# A lid has at most LID_AREA_FRACTION of the area of the plane below, and at least LID_OVER_FRACTION of it is above it.
 LID_AREA_FRACTION, LID_OVER_FRACTION = 0.5, 0.5
 
 
 def largest_level(
     centers: Float64Array, area_m2: Float64Array, free: npt.NDArray[np.int64], gap_m: float
 ) -> npt.NDArray[np.int64]:
-    """Return those of the free cells that make the largest level area, at the height that collects most of it.
+    """Return the free cells that form the largest connected level area, at the height with most level area.
 
-    Things hide no more of a plane than they are long: what lies farther apart is two, a shelf's board and the top of a
-    book on a table.
+    Objects hide a stretch of a plane no longer than themselves. Parts that are farther apart are two planes, such as
+    the board of a shelf and the top of a book on a table.
 
     Parameters
     ----------
     centers : (N, 3) float64
-        Of level cells, in the plan frame.
+        Centres of level cells, in the plan frame.
     area_m2 : (N,) float64
     free : (M,) int64
-        Cells that belong to no plane, one at least.
+        Indices of cells that belong to no plane, at least one.
     gap_m : float
-        What one plane has between its parts is no wider.
+        Largest gap between parts of one plane.
     """
     order = free[np.argsort(centers[free, 2], kind="stable")]
     heights = centers[order, 2]
@@ -51,9 +51,9 @@ def largest_level(
 
 
 def connected_groups(points: Float64Array, gap_m: float) -> npt.NDArray[np.int32]:
-    """Number plan coordinates (N, 2 or 3) by connected component: (N,), connected where gaps are no wider than one.
+    """Return the connected component (N,) of plan coordinates (N, 2 or 3); gaps up to `gap_m` connect points.
 
-    Gaps are as wide along each of the plan's axes. What is wider than a ground plan is one group.
+    Gaps are measured along the axes of the plan. Points spread wider than the largest ground plan form one group.
     """
     cells = cells_of(points)
     cells -= cells.min(0)
@@ -68,9 +68,9 @@ def connected_groups(points: Float64Array, gap_m: float) -> npt.NDArray[np.int32
 
 
 def is_lid(plane: Plane, largest_m2: float, others: Callable[[], Iterable[Plane]]) -> bool:
-    """Tell whether a plane is the top of things: most of it close above a far larger plane, which goes on beneath it.
+    """Return whether a plane is the top of objects: mostly close above a far larger plane that continues beneath.
 
-    No thing has a top of `largest_m2` and more, square metres.
+    Planes of `largest_m2` or more, square metres, are never lids.
     """
     area_m2 = plane.plan.area_m2()
     if area_m2 >= largest_m2:
@@ -87,14 +87,14 @@ def is_lid(plane: Plane, largest_m2: float, others: Callable[[], Iterable[Plane]
 
 
 def merge_duplicates(planes: list[Plane], windows: Windows, changed: set[Plane]) -> tuple[list[int], set[Plane]]:
-    """Let each plane absorb its duplicates, where either has changed.
+    """Let each plane absorb its duplicates, if either of them has changed.
 
     Returns
     -------
     list of int
-        The planes that were absorbed.
+        Indices of the planes that were absorbed.
     set of Plane
-        Those that absorbed one.
+        The planes that absorbed one.
     """
     queue = sorted({(min(p.index, k), max(p.index, k)) for p in changed for k in _level_with(p, windows)})
     gone: list[int] = []
@@ -119,6 +119,6 @@ def _level_with(plane: Plane, windows: Windows) -> list[int]:
 
 
 def _are_duplicates(one: Plane, two: Plane) -> bool:
-    """Tell whether two planes are as near to each other as poses drift, at their means, and overlap in plan."""
+    """Return whether two planes overlap in plan and differ in height at their means by no more than pose drift."""
     distance = max(abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0])))
     return distance <= DRIFT_M and one.plan.overlaps(two.plan)

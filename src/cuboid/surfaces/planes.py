@@ -1,9 +1,9 @@
-"""Supporting planes: several, horizontal relative to each other, found online, tracked and grown.
+"""Supporting planes: several parallel horizontal planes, found online, tracked and grown.
 
-Up is the direction in which the surfaces face that objects stand on. Where no inertial unit measures it, it is the
-direction of the flat areas that most things are seen to stand off from; see `up`.
+Up is the normal of the surfaces on which objects stand. If no inertial unit measures it, it is the normal of the flat
+areas from which most objects are seen to rise; see `up`.
 
-A frame has to do with the planes whose windows it sees; all others stay as they are, however many there are.
+A frame updates only the planes whose windows it sees; the other planes cost nothing, however many there are.
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ from cuboid.surfaces.standing import SAME_COS, FlatAreas
 from cuboid.surfaces.up import REFRESH_FRAMES, UpVote
 from cuboid.surfaces.windows import Windows, window_of
 
-# A plane that is not in use yet is removed when it was not seen for more frames than this.
+# A plane that is not in use is removed when it was not seen for more frames than this.
 MAX_UNSEEN_FRAMES = 60
-# The plan frame is turned when the plane that most is known of is tilted in it by more than half of what
-# poses err.
+# The plan frame is rotated when the plane with most evidence is tilted in it by more than half the rotation error of
+# poses.
 LEVEL_COS = float(np.cos(DRIFT_RAD / 2.0))
-# A level area supports objects once this many frames saw it, or one that saw this many times the least area.
+# A level area supports objects after this many frames, or at once if it is this many times the smallest plane.
 FRAMES_IN_USE = 3
-# A plane lies on a box when it is off its top by no more than the reach of a plane and this fraction of its height.
+# A plane lies on top of a box if its distance from the top is at most REACH_M plus this fraction of the box's height.
 TOP_FRACTION = 0.1
-# A plane goes on beyond a box whose footprint is less than this fraction of the plane.
+# A plane extends beyond a box whose footprint is less than this fraction of the plane.
 BEYOND_FRACTION = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class LevelCells:
-    """The flat cells of a frame that lie level.
+    """The level flat cells of a frame.
 
     Attributes
     ----------
     frame, keyframe : int
-        That show them, and that their poses are anchored to.
+        The frame that shows the cells, and the keyframe to which its pose is anchored.
     centers : (N, 3) float64
         In the plan frame, metres.
     area_m2, sigma_m : (N,) float64
-        As of `Cells`.
+        As in `Cells`.
     """
 
     frame: int
@@ -65,7 +65,7 @@ class LevelCells:
 
     @property
     def weights(self) -> Float64Array:
-        """How much each counts in the fit of a plane, (N,)."""
+        """Weight of each cell in the fit of a plane, (N,)."""
         return self.area_m2 / self.sigma_m**2
 
 
@@ -133,7 +133,7 @@ class PlaneTracker:
 
     def _clear(self) -> None:
         self.planes: list[Plane] = []
-        # By identity; a plane that absorbed others has their identities too.
+        # The planes by identity; a plane that absorbed others is found by their identities too.
         self._of: dict[int, Plane] = {}
         self._windows = Windows(MAX_UNSEEN_FRAMES)
         self._main: Plane | None = None
@@ -141,12 +141,12 @@ class PlaneTracker:
         # the plan frame.
         self._last_update = -1
         self._as_seen: dict[int, Float64Array] = {}
-        # Planes with readings that are not processed yet, and planes processed since the last search for duplicates.
+        # Planes with unprocessed readings, and planes processed since the last search for duplicates.
         self._stale: set[Plane] = set()
         self._changed: set[Plane] = set()
 
     def state(self) -> PlaneTrackerState:
-        """Return the state of now; nothing in it changes any more."""
+        """Return the current state; later updates do not change it."""
         return PlaneTrackerState(
             vote=snapshot(self._vote),
             next_identity=self._next_identity,
@@ -163,7 +163,7 @@ class PlaneTracker:
 
     @classmethod
     def from_state(cls, state: PlaneTrackerState, config: TrackerConfig) -> PlaneTracker:
-        """Return a tracker of planes that goes on from a state."""
+        """Return a plane tracker that continues from a state."""
         tracker, planes = cls(config), state.planes
         tracker._vote, tracker._next_identity = state.vote, state.next_identity
         tracker.T_plan_world = state.T_plan_world
@@ -176,11 +176,11 @@ class PlaneTracker:
         return tracker
 
     def vote_is_due(self) -> bool:
-        """Count a frame, and tell whether it is to vote for up."""
+        """Count a frame and return whether it should vote for up."""
         return self._vote.is_due()
 
     def vote_up(self, areas: FlatAreas, T_world_camera: Float64Array, up_camera: Float64Array | None = None) -> bool:
-        """Update the vote for up with a frame's flat areas; where up changes, reset all planes and return True."""
+        """Update the vote for up with a frame's flat areas; if up changes, reset all planes and return True."""
         up = self._vote.update(areas, T_world_camera, up_camera)
         if up is None:
             self.T_plan_world = None
@@ -198,7 +198,7 @@ class PlaneTracker:
         Returns
         -------
         (rows, columns) int32
-            The plane that each patch lies on, -1 none.
+            Index of the plane on which each patch lies, -1: none.
         """
         rows, columns = cells.image_shape
         owner = np.full(rows * columns, -1, np.int32)
@@ -221,7 +221,7 @@ class PlaneTracker:
         return owner.reshape(rows, columns)
 
     def _adapted(self, cells: LevelCells, matched: npt.NDArray[np.int32]) -> dict[int, Float64Array]:
-        """Return as what the frame sees each plane of which it shows enough, by identity; see `Plane.adapted`."""
+        """Return each plane adapted to the cells of the frame that show it, by identity; see `Plane.adapted`."""
         enough = np.flatnonzero(np.bincount(matched[matched >= 0]) >= MIN_CELLS).tolist()
         return {
             self.planes[k].identity: self.planes[k].adapted(cells.centers[matched == k], cells.sigma_m[matched == k])
@@ -230,20 +230,20 @@ class PlaneTracker:
 
     @property
     def known(self) -> bool:
-        """Whether the last processed frame shows planes, and all that it shows are known well.
+        """Whether the last processed frame shows planes, and all these planes are well known.
 
-        Then another one from there need not be processed: until the camera has moved by the pose error, planes are
-        where they were seen last, and what comes into view of them is less than they reach beyond what is seen, see
-        `grid.RIM_M`.
+        Then further frames from the same viewpoint need no processing: until the camera has moved by the pose error,
+        the planes keep their places, and newly visible parts of them are smaller than the rim that extends beyond the
+        seen area, see `grid.RIM_M`.
         """
         seen = [self._of[identity] for identity in self._as_seen]
         return bool(seen) and all(plane.frames >= REFRESH_FRAMES for plane in seen)
 
     def in_camera(self, view: FrustumPlanes, T_world_camera: Float64Array) -> Float64Array:
-        """Return planes in view as frames see them now, (K, 4): normal and offset in the camera frame.
+        """Return the planes in view as current frames see them, (K, 4): normal and offset in the camera frame.
 
-        The poses drift: a frame's own table may lie a centimetre off the map's. Each plane is shifted and tilted to
-        its cells in the last processed frame, as far as the priors of drift allow.
+        Because of pose drift, a table in the frame may be a centimetre off its plane in the map. Each plane is shifted
+        and tilted to its cells in the last processed frame, as far as the priors of drift allow.
         """
         assert self.T_plan_world is not None
         T, planes = self.T_plan_world @ T_world_camera, np.empty((len(view.planes), 4))
@@ -254,13 +254,13 @@ class PlaneTracker:
         return planes
 
     def planes_in_frustum(self, camera: Intrinsics, depth_m: float, T_world_camera: Float64Array) -> FrustumPlanes:
-        """Return the planes that a frame with readings up to some depth may see."""
+        """Return the planes that may be visible in a frame with readings up to a depth."""
         window = window_of(self.to_plan(transform(T_world_camera, frustum(camera, depth_m))))
         window += np.array([-1, -1, 1, 1])
         return crop_planes([self.planes[k] for k in self._windows.within(window)], window)
 
     def add_readings(self, view: FrustumPlanes, keyframe: int = 0) -> None:
-        """Add the readings on the planes in view, of a frame that is anchored to a keyframe, to their ground plans."""
+        """Add a frame's readings on the planes in view to their ground plans; the frame is anchored to `keyframe`."""
         for plane, readings in zip(view.planes, view.seen, strict=True):
             plane.plan.add(readings, view.window[:2], keyframe)
             if plane.plan.stale:
@@ -268,12 +268,12 @@ class PlaneTracker:
                 self._windows.update(plane)
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move the planes with the keyframes from which they were seen.
+        """Move the planes with the keyframes that saw them.
 
         Parameters
         ----------
         moved : mapping of int to (4, 4) float64
-            T_new_old in the world, of each keyframe that moved.
+            T_new_old in the world for each keyframe that moved.
         """
         if self.T_plan_world is None:
             self._as_seen = {}
@@ -282,7 +282,7 @@ class PlaneTracker:
         self._move({keyframe: T @ T_new_old @ inverse(T) for keyframe, T_new_old in moved.items()})
 
     def _move(self, in_plan: Mapping[int, Float64Array]) -> None:
-        """Move the planes by T_new_old in the plan frame, (4, 4), of each keyframe."""
+        """Move the planes by T_new_old (4, 4) in the plan frame, for each keyframe."""
         self._as_seen = {}
         for plane in self.planes:
             if plane.apply_correction(in_plan):
@@ -292,7 +292,7 @@ class PlaneTracker:
                     self._stale.add(plane)
 
     def _level(self) -> None:
-        """Turn the plan frame so that the best known plane is level in it."""
+        """Rotate the plan frame so that the plane with most evidence is level in it."""
         main = self._main
         if self.T_plan_world is None or main is None or main.frames < REFRESH_FRAMES or main.normal[2] >= LEVEL_COS:
             return
@@ -304,7 +304,7 @@ class PlaneTracker:
         self.T_plan_world = T_new_old @ self.T_plan_world
 
     def _match(self, cells: LevelCells) -> npt.NDArray[np.int32]:
-        """Return the plane that each cell (N,) lies on, -1 none."""
+        """Return the index of the plane on which each cell (N,) lies, -1: none."""
         centers, sigma_m = cells.centers, cells.sigma_m
         best = np.full(len(centers), np.inf)
         owner = np.full(len(centers), -1, np.int32)
@@ -319,7 +319,7 @@ class PlaneTracker:
         return owner
 
     def _refit(self, cells: LevelCells, matched: npt.NDArray[np.int32]) -> None:
-        """Fit the planes of which the frame shows enough again."""
+        """Refit the planes of which the frame shows enough cells."""
         for k in np.flatnonzero(np.bincount(matched[matched >= 0]) >= 3).tolist():
             plane, mine = self.planes[k], matched == k
             plane.add(cells.centers[mine], cells.weights[mine], cells.keyframe)
@@ -328,7 +328,7 @@ class PlaneTracker:
             plane.last_frame = cells.frame
 
     def _discover(self, cells: LevelCells, matched: npt.NDArray[np.int32]) -> None:
-        """Start planes from connected level areas that are large enough, the largest first."""
+        """Start planes from connected level areas that are large enough, largest first."""
         centers, area_m2 = cells.centers, cells.area_m2
         for _ in range(3):
             free = np.flatnonzero(matched < 0)
@@ -350,11 +350,11 @@ class PlaneTracker:
             matched[members] = plane.index
 
     def _maintain(self, frame: int, centers: Float64Array) -> bool:
-        """Put planes in view to use, remove those that were noise, merge duplicates; True where some were removed."""
+        """Activate planes in view, remove noise, merge duplicates; return True if any plane was removed."""
         least = self._config.min_plane_area_m2
         near = {self.planes[k] for k in self._windows.at(centers)} | self._stale
         for plane in sorted(near, key=lambda p: p.index):
-            # The ground plan is renewed before objects are found on it; wide plans take turns.
+            # The ground plan is updated before objects are found on it; wide plans are updated in turn.
             if not plane.plan.wide or self._is_scheduled(frame, plane.index):
                 plane.plan.refresh()
                 self._stale.discard(plane)
@@ -363,7 +363,7 @@ class PlaneTracker:
                 if is_lid(plane, self._config.max_size_m**2, partial(self._at, plane.mean[None])):
                     plane.in_use = False
                 elif not plane.in_use:
-                    # Seen often enough, or at once as much as would be.
+                    # Seen in enough frames, or large enough at once.
                     plane.in_use = plane.frames >= FRAMES_IN_USE or area >= FRAMES_IN_USE * least
             self._windows.update(plane)
         self._changed |= near
@@ -377,7 +377,7 @@ class PlaneTracker:
         return bool(gone)
 
     def _is_scheduled(self, frame: int, index: int) -> bool:
-        """Tell whether a plane's turn, once in `REFRESH_FRAMES`, has come since the last processed frame."""
+        """Return whether a plane's turn, once in `REFRESH_FRAMES` frames, has come since the last processed frame."""
         return (frame - index) // REFRESH_FRAMES > (self._last_update - index) // REFRESH_FRAMES
 
     def _remove(self, gone: set[int]) -> None:
@@ -395,13 +395,13 @@ class PlaneTracker:
         self._stale, self._changed = ({p for p in some if p.index >= 0} for some in (self._stale, self._changed))
 
     def find(self, identity: int | None) -> Plane | None:
-        """Return the plane with an identity, or the one that absorbed it; None where there is none."""
+        """Return the plane with an identity, or the plane that absorbed it; None if there is none in use."""
         plane = None if identity is None else _survivor(self._of.get(identity))
         return plane if plane is not None and plane.in_use else None
 
     @property
     def up(self) -> Float64Array | None:
-        """Up in the world, (3,): the normal of the plane that most is known of; None while unknown."""
+        """Up in the world, (3,): the normal of the plane with most evidence; None while unknown."""
         if self.T_plan_world is None:
             return None
         normal = np.array([0.0, 0.0, 1.0]) if self._main is None else self._main.normal
@@ -409,22 +409,22 @@ class PlaneTracker:
 
     @property
     def likely_up(self) -> Float64Array:
-        """Up in the world, (3,), or the images' up while that is not known."""
+        """Up in the world, (3,), or the up direction of the images while up is unknown."""
         return self._vote.image_up if self.up is None else self.up
 
     def has_plane_on_top(self, box: Box) -> bool:
-        """Tell whether a supporting plane lies on top of a box that stands up: it is furniture, or a part of it."""
+        """Return whether a supporting plane lies on top of an upright box: the box is furniture or a part of it."""
         return any(True for _ in self._planes_on_top_of(box, REACH_M + TOP_FRACTION * box.size[2]))
 
     def is_extended_by_plane(self, box: Box) -> bool:
-        """Tell whether a plane as high as the top of a box that stands up goes on beyond it: the side of a shelf."""
+        """Return whether a plane at the height of an upright box's top extends beyond it, as at the side of a shelf."""
         footprint_m2 = box.size[0] * box.size[1]
         return any(
             footprint_m2 < BEYOND_FRACTION * plane.plan.area_m2() for plane in self._planes_on_top_of(box, DRIFT_M)
         )
 
     def _planes_on_top_of(self, box: Box, off_m: float) -> Iterator[Plane]:
-        """Yield the planes over the middle of a box that stands up which are no farther from its top, metres."""
+        """Yield the planes over the middle of an upright box whose distance from its top is at most `off_m`, metres."""
         if self.T_plan_world is None or box.size[2] <= 2.0 * REACH_M:
             return
         center = self.to_plan(box.center[None])
@@ -434,12 +434,12 @@ class PlaneTracker:
                 yield plane
 
     def supporting_plane(self, points: Float32Array, plane: Plane) -> Plane:
-        """Return the plane that supports an object with points (N, 3) of the world; see `seats.supporting_plane`."""
+        """Return the plane that supports an object with world points (N, 3); see `seats.supporting_plane`."""
         places = self.to_plan(points)
         return seats.supporting_plane(places, plane, partial(self._at, places), self._config.min_plane_area_m2)
 
     def seat_of(self, points: Float32Array, plane: Plane) -> Float64Array:
-        """Return places (N, 3) in the world of the seats of a thing that floats; see `seats.seat_of`."""
+        """Return world points (N, 3) of the seats of a floating object; see `seats.seat_of`."""
         assert self.T_plan_world is not None
         places = self.to_plan(points)
         seat = seats.seat_of(places, plane, self._at(places), self._config.min_plane_area_m2)
@@ -468,7 +468,7 @@ class PlaneTracker:
 
 
 def _survivor(plane: Plane | None) -> Plane | None:
-    """Return the plane that absorbed one, or the plane itself; None where neither exists any more."""
+    """Return the plane that absorbed a plane, or the plane itself; None if neither exists any more."""
     while plane is not None and plane.index < 0:
         plane = plane.taken_by
     return plane

@@ -1,4 +1,4 @@
-"""Seats: level patches beside a thing, about as long as it, which are a part of it and support nothing of it."""
+"""Seats: level patches beside an object, about as long as it, that are a part of it and do not support it."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from cuboid.core.tolerances import MIN_READINGS
 from cuboid.surfaces.grid import CELL_M, GroundPlan, Places, cells_of, window_intersection
 from cuboid.surfaces.plane import REACH_M, Plane
 
-# A seat is at most this many times as long as what it belongs to.
+# Largest length of a seat, as a multiple of the length of the object.
 LONGEST_SEAT = 1.5
 
 
 def supporting_plane(
     points: Float64Array, plane: Plane, others: Callable[[], Iterable[Plane]], least_m2: float
 ) -> Plane:
-    """Return the plane that supports an object: the one it was seen above, or a lower one where that is its own seat.
+    """Return the plane that supports an object: the one above which it was seen, or a lower one if that is its seat.
 
-    Of the lower ones it is the highest that may go on beneath the thing's middle, and above which it is no higher than
-    it is long: else it would hang.
+    Of the lower planes, it is the highest that may continue beneath the middle of the object. The object's foot may be
+    above it by at most the object's largest extent: otherwise the object would hang in the air.
 
     Parameters
     ----------
     points : (N, 3) float64
-        Of the thing, in the plan frame.
+        Points of the object, in the plan frame.
     plane : Plane
     others : callable
-        Returns the planes that may be beneath; most things have no seat, and nobody asks.
+        Returns the planes that may be beneath; called only if the object has a seat, which is rare.
     least_m2 : float
-        A seat is no smaller, square metres.
+        Smallest area of a seat, square metres.
     """
     low, high = points.min(0), points.max(0)
     middle = (low + high)[None] / 2.0
@@ -45,7 +45,7 @@ def supporting_plane(
 
 
 def seat_of(points: Float64Array, plane: Plane, others: Iterable[Plane], least_m2: float) -> Float64Array:
-    """Return places (N, 3) of the seats of a thing that floats above its plane, all in the plan frame.
+    """Return points (N, 3) of the seats of an object that floats above its plane, all in the plan frame.
 
     See `supporting_plane` for the parameters; `others` are the planes themselves.
     """
@@ -62,9 +62,9 @@ def seat_of(points: Float64Array, plane: Plane, others: Iterable[Plane], least_m
 
 
 def seat_cells(plan: GroundPlan, points: Float64Array, least_m2: float) -> Places:
-    """Return the cells (N, 2) of the pieces of a plane that a thing touches, in plan, and that are not much longer.
+    """Return the cells (N, 2) of the pieces of a plane that touch an object in plan and are not much longer than it.
 
-    A piece that is half as long again, or more, supports the object, or is one that it is attached to.
+    A piece of `LONGEST_SEAT` times the length or more supports the object, or the object is attached to it.
     """
     cells = cells_of(points)
     low, high = cells.min(0), cells.max(0) + 1

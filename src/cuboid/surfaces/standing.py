@@ -1,6 +1,6 @@
-"""Things that stand off the flat areas of one frame: the evidence of which of these support something.
+"""Objects that rise from the flat areas of one frame: evidence for which of these areas support something.
 
-It depends on nothing but depth: no direction in the image or in the world is special.
+The evidence uses only depth: no direction in the image or in the world is preferred.
 """
 
 from __future__ import annotations
@@ -23,31 +23,31 @@ from cuboid.surfaces.frame_segments import GAP_M, MIN_PIXELS
 from cuboid.surfaces.kernels import standing as kernel
 from cuboid.surfaces.plane_rules import largest_level
 
-# Depth ripples by no more than this times z squared, beyond the step that parts surfaces: ten deviations of its noise.
+# Depth ripples by at most this times z squared, beyond JUMP_M: ten standard deviations of the depth noise.
 RIPPLE_PER_M = MIXED_PER_M
-# Less than this fraction of what stands off, or of a picture, tells nothing.
+# Smallest fraction, of the readings off all areas or of an image, that counts as evidence.
 ENOUGH = 0.02
-# An area that is at most this fraction of another one may be the face of an object that stands on it.
+# An area of at most this fraction of another one may be the face of an object that stands on it.
 FACE_FRACTION = 0.2
-# A piece stands on an area when more than the first fraction of its outline meets the area, and more than the second
-# ends in depth jumps; it is clear as far as both together exceed half of the outline.
+# A piece stands on an area if more than TOUCH_FRACTION of its outline meets the area and more than FREE_FRACTION ends
+# in depth jumps; its clearness grows from 0 when both together cover HALF of the outline.
 TOUCH_FRACTION, FREE_FRACTION, HALF = 0.2, 0.1, 0.5
-# Normals within this of each other are one direction.
+# Normals within 12 degrees of each other have the same direction (cosine).
 SAME_COS = float(np.cos(np.radians(12.0)))
 
 
 @dataclass(frozen=True, slots=True)
 class FlatAreas:
-    """The flat areas of one frame, P of them, whichever way they face.
+    """The P flat areas of one frame, with any orientation.
 
     Attributes
     ----------
     normal : (P, 3) float64
         Unit, towards the camera, in the camera frame.
     area_m2 : (P,) float64
-        What is seen of each.
+        Visible area of each.
     evidence : (P,) float64
-        Which fraction of all that lies on no flat area is seen as things that stand on each, 0..1.
+        Fraction of all readings off the flat areas that show objects standing on each area, 0..1.
     """
 
     normal: Float64Array
@@ -56,11 +56,11 @@ class FlatAreas:
 
 
 def find_flat_areas(image: DepthImage, config: TrackerConfig) -> FlatAreas:
-    """Find the flat areas of a depth image, and how much evidence there is that things stand on each.
+    """Find the flat areas of a depth image, and the evidence that objects stand on each.
 
-    A thing that stands on an area is a piece of surface between depth jumps that has the size of an object, rises from
-    the area by more than depth ripples and does not reach below it, meets it along a good part of its outline, and ends
-    in depth jumps along another part: bumps of a wall that the sensor makes do not.
+    An object on an area is a piece of surface between depth jumps. It has the size of an object, rises from the area by
+    more than depth ripples, does not reach below it, meets it along a good part of its outline, and ends in depth jumps
+    along another part. Bumps of a wall caused by the sensor do not.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def find_flat_areas(image: DepthImage, config: TrackerConfig) -> FlatAreas:
         return FlatAreas(normal, area_m2, evidence)
     on = np.empty(depth_m.shape, np.int8)
     kernel.lie_on(depth_m, camera.pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
-    # A far smaller area may be the face of an object that stands on this one.
+    # A far smaller area may be the face of an object on the larger one.
     faces = area_m2 <= FACE_FRACTION * area_m2[:, None]
     for small in np.unique(faces, axis=0):
         supports = np.flatnonzero((faces == small).all(1))
@@ -92,7 +92,7 @@ def _things(
     small: npt.NDArray[np.bool_],
     config: TrackerConfig,
 ) -> Float64Array:
-    """Return how many readings (P,) show things that stand on each flat area, each as far as it is clear.
+    """Return the number of readings (P,) of objects that stand on each flat area, weighted by their clearness.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def _things(
     on : (H, W) int8
         See `kernels.standing.lie_on`.
     small : (P,) bool
-        Areas that are taken for faces of things.
+        Areas that are treated as faces of objects.
     """
     noise, found = config.depth_noise_per_m, np.zeros(len(planes))
     become = np.append(np.where(small, kernel.SURFACE, np.arange(len(planes))), [kernel.NOTHING, kernel.SURFACE])
@@ -123,7 +123,7 @@ def _things(
 
 
 def _grow(image: DepthImage, config: TrackerConfig) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return the flat areas of a depth image: normal and offset (P, 4), mean normal of its cells (P, 3), area (P,)."""
+    """Return the flat areas of a depth image: normal and offset (P, 4), mean normal of the cells (P, 3), area (P,)."""
     camera, limit = image.camera, JUMP_SIGMAS * config.depth_noise_per_m
     cells = image.cells(config.max_depth_m)
     shape, cells = cells.shape[:2], cells.reshape(-1, cell_kernel.CELL_COLUMNS)
@@ -138,7 +138,7 @@ def _grow(image: DepthImage, config: TrackerConfig) -> tuple[Float64Array, Float
     planes = np.vstack([planes, _areas_in_parts(cells, own, limit, config)])
     count = len(planes)
     area_m2 = np.bincount(own[own >= 0], cells[own >= 0, cell_kernel.AREA], count).astype(np.float64)
-    # Cells of twice the edge face four times as truly; those at the edges of an area may lie on what it meets there.
+    # Normals of cells with twice the edge are four times as accurate; cells at a border may include another surface.
     wide = image.cells(config.max_depth_m, 2).reshape(-1, cell_kernel.CELL_COLUMNS)
     flat = (wide[:, cell_kernel.AREA] > 0) & (wide[:, cell_kernel.RMS] < limit)
     facing = wide[:, cell_kernel.NX : cell_kernel.NZ + 1]
@@ -155,18 +155,18 @@ def _grow(image: DepthImage, config: TrackerConfig) -> tuple[Float64Array, Float
 def _areas_in_parts(
     cells: Float64Array, member: npt.NDArray[np.int16], limit: float, config: TrackerConfig
 ) -> Float64Array:
-    """Return the planes (P, 4) of areas that are seen in parts only, and write their numbers to their cells.
+    """Return the planes (P, 4) of areas that are visible only in parts, and write their indices to their cells.
 
-    Things and wrong readings part a board of a shelf into patches that are too small to be areas by themselves. Patches
-    that face one way at one height make one area; gaps between them are no longer than an object.
+    Objects and wrong readings divide the board of a shelf into patches that are too small to be areas by themselves.
+    Patches with one orientation at one height form one area; gaps between them are no longer than an object.
 
     Parameters
     ----------
     cells : (N, CELL_COLUMNS) float64
     member : (N,) int16
-        Area of each cell, -1 none; changed.
+        Area of each cell, -1: none; changed in place.
     limit : float
-        A cell is flat below this residual.
+        Flat cells have a smaller residual.
     config : TrackerConfig
     """
     found: list[Float64Array] = []
@@ -193,7 +193,7 @@ def _areas_in_parts(
 def _clearness(
     touches: npt.NDArray[np.int64], others: npt.NDArray[np.int64]
 ) -> tuple[npt.NDArray[np.int64], Float64Array]:
-    """Return the area (N,) that each piece touches most, and how clear it is that it stands there and ends, 0..1 (N,).
+    """Return the area (N,) that each piece touches most, and the clearness (N,), 0..1, that it stands there.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def _clearness(
 
 
 def _stands(points: Float64Array, plane: Float64Array, config: TrackerConfig) -> bool:
-    """Tell whether a piece (N, 3) rises from a plane (4,) as an object does, and does not go on below it."""
+    """Return whether a piece (N, 3) rises from a plane (4,) like an object, and does not continue below it."""
     if np.ptp(points, axis=0).max() > config.max_size_m:
         return False
     low, middle, high = np.quantile(

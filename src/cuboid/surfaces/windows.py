@@ -1,4 +1,4 @@
-"""Where planes are, in one table: which of them may be relevant for a frame, a segment or another plane."""
+"""A table of the places of all planes: which planes may be relevant for a frame, a segment or another plane."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from cuboid.core.state import Record
 from cuboid.surfaces.grid import Places, cells_of
 from cuboid.surfaces.plane import Plane
 
-# A plane that is in use is never forgotten.
+# End frame of a plane in use: it is never removed.
 NEVER = np.iinfo(np.int64).max
 
 
 @dataclass(slots=True, eq=False)
 class Windows(Record):
-    """A table of all planes, a row each by `Plane.index`; heights cannot rule much out, places can.
+    """A table with a row for each plane, by `Plane.index`; it filters planes by place, because heights exclude few.
 
     Attributes
     ----------
     max_unseen_frames : int
-        A plane that is not in use is over this many frames after it was seen last.
+        A plane that is not in use expires when it was not seen for more frames than this.
     windows : (N, 4) int64
-        First cell and the one past the last of each plane's ground plan.
+        First cell of each plane's ground plan, and the cell after the last.
     ends : (N,) int64
-        Frame after which each plane is forgotten; `NEVER` for those in use.
+        Frame after which each plane is removed; `NEVER` for planes in use.
     weights : (N,) float64
-        Weight of each plane's moments, -1 where it is not in use.
+        Weight of each plane's moments, -1 if it is not in use.
     means : (N, 3) float64
         Mean of each plane's points, in the plan frame.
     """
@@ -45,7 +45,7 @@ class Windows(Record):
         self.weights, self.means = self.weights[keep], self.means[keep]
 
     def update(self, plane: Plane) -> None:
-        """Take in a new plane, or what has become of one."""
+        """Add a new plane, or update the row of a plane."""
         k = plane.index
         if k == len(self.windows):
             self.windows = np.concatenate([self.windows, np.zeros((1, 4), np.int64)])
@@ -56,31 +56,31 @@ class Windows(Record):
         self.weights[k] = plane.weight if plane.in_use else -1.0
 
     def expired(self, frame: int) -> list[int]:
-        """Return the planes that are to be forgotten."""
+        """Return the planes that have expired."""
         return [int(k) for k in np.flatnonzero(self.ends < frame)]
 
     def heaviest(self) -> int | None:
-        """Return the plane in use that most is known of, the first of equals."""
+        """Return the plane in use with most weight, the first of equals; None if there is none."""
         k = int(self.weights.argmax()) if len(self.weights) else -1
         return k if k >= 0 and self.weights[k] >= 0 else None
 
     def within(self, window: Places) -> list[int]:
-        """Return the planes whose windows have cells in common with this one (4,), ascending."""
+        """Return the planes whose windows overlap this one (4,), ascending."""
         w = self.windows
         meets = (w[:, 0] < window[2]) & (w[:, 1] < window[3]) & (w[:, 2] > window[0]) & (w[:, 3] > window[1])
         return [int(k) for k in np.flatnonzero(meets)]
 
     def level_with(self, plane: Plane, distance_m: float) -> list[int]:
-        """Return the others whose windows have cells in common with a plane's and whose middles lie as high or low."""
+        """Return the other planes whose windows overlap a plane's and whose means lie within a distance of it."""
         near = [k for k in self.within(plane.plan.window) if k != plane.index]
         return [near[i] for i in np.flatnonzero(np.abs(plane.height(self.means[near])) <= distance_m)]
 
     def at(self, points: Float64Array) -> list[int]:
-        """Return the planes whose windows reach among plan coordinates (N, 2 or 3)."""
+        """Return the planes whose windows overlap the window of plan coordinates (N, 2 or 3)."""
         return self.within(window_of(points)) if len(points) else []
 
 
 def window_of(points: Float64Array) -> Places:
-    """Return the first cell and the one past the last (4,) of plan coordinates (N, 2 or 3)."""
+    """Return the first cell and the cell after the last (4,) of plan coordinates (N, 2 or 3)."""
     cells = cells_of(np.stack([points.min(0), points.max(0)]))
     return np.concatenate([cells[0], cells[1] + 1])

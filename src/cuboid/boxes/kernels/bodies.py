@@ -1,4 +1,4 @@
-"""Hot loops that recognise bodies of revolution, whatever sticks out of them; see `boxes.revolved`."""
+"""Hot loops that recognise bodies of revolution and the parts that stick out of them; see `boxes.revolved`."""
 
 from __future__ import annotations
 
@@ -12,49 +12,49 @@ from cuboid.boxes.kernels.revolve import fit_axis
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import DRIFT_M, JUMP_M, JUMP_SIGMAS, MIN_READINGS, MIN_SIGMA_M, SIGMAS
 
-# The fit takes this many steps.
+# Number of iterations of the fit.
 STEPS = 6
-# A side is looked at in this many sectors of the turn.
+# Number of sectors of a turn in which a side is examined.
 SECTORS = 12
-# Half of the turn is seen from one place, a little less of it in depth: what covers less fixes no axis in noise.
+# Smallest visible fraction of a turn: one viewpoint shows half, depth slightly less; less gives no axis in noise.
 MIN_ARC = 0.4
-# At least this fraction of the points of a side belong to the body: a cap's brim has nearly as many as its dome.
+# Smallest fraction of the side points that belong to the body: the brim of a cap has nearly as many as its dome.
 MIN_BODY = 0.4
-# The radius of a round body varies from sector to sector by less than this fraction of it.
+# The radius of a round body varies between sectors by less than this fraction.
 ROUND_TOLERANCE = 0.1
-# A layer of which less than this fraction is near the axis's circle is not round: that of a brim, or of a handle.
+# A layer with a smaller fraction of points near the circle is not round: it contains a brim or a handle.
 KEPT_LAYER_FRACTION = 0.8
-# A layer, or a sector of it, is a part that sticks out when more than this fraction of it does.
+# A layer, or a sector of it, belongs to a part that sticks out if more than this fraction of it does.
 TORN_FRACTION = 0.2
-# A part that sticks out in more than this fraction of the sectors is a rim, all round.
+# A part that sticks out in more than this fraction of the sectors is a rim all around.
 RIM_FRACTION = 0.5
 
 
 @kernel
 def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
-    """Find the upright axis of a body of revolution of whose side points were seen, and what is no part of the body.
+    """Find the upright axis of a body of revolution from points of its side, and the points that are not of the body.
 
     Parameters
     ----------
     plan : (N, 2) float64
-        Points of a side seen along the axis, metres.
+        Points of the side projected along the axis, metres.
     layer : (N,) int64
-        Which layer each belongs to, from 0.
+        Layer of each point, from 0.
     trust : (N,) float64
     rectangle : (6,) float64
-        Of all that was seen: middle, direction of its length, sizes, metres.
+        Footprint of all points: middle (2), direction of its length (2), sizes (2), metres.
     noise : float
         Standard deviation of the points of a surface, metres.
     trim : bool
-        Leave out what departs from the axis, with layers of which some does, and fit again.
+        Remove points that deviate from the axis, and layers with many such points, and fit again.
     center : (2,) float64, output
     part : (N,) bool, output
-        What sticks out of the body in a part of the turn, and its whole layers.
+        Points that stick out in a part of the turn, and the whole layers of such points.
 
     Returns
     -------
     float
-        How far points of the surface lie off it at most, metres; 0 where there is no such body, or that is not sure.
+        Largest distance of surface points from the body, metres; 0 if there is no such body, or it is uncertain.
     """
     n, radius = len(layer), np.empty(layer.max() + 1)
     residual, weights = np.empty(n), trust.copy()
@@ -68,16 +68,16 @@ def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
     if not whole > 0.0 or whole < MIN_BODY * all_of:
         return 0.0
     usual, spread = round_of / whole, np.sqrt(square / whole)
-    # A nearly straight side has its axis far away.
+    # A nearly straight side has a distant axis.
     if usual > ROUND_RADIUS * max(rectangle[4], rectangle[5]) + JUMP_M:
         return 0.0
-    # It fits better than the best rectangle.
+    # The body must fit better than the best rectangle.
     if spread >= off_rectangle(plan, weights, rectangle):
         return 0.0
     sector = np.empty(n, np.int64)
     for i in range(n):
         angle = math.atan2(plan[i, 1] - center[1], plan[i, 0] - center[0])
-        # The last one holds no more than a limit.
+        # The extra last sector only holds points at exactly pi.
         sector[i] = np.int64(np.floor(angle * (SECTORS / (2.0 * math.pi)))) + SECTORS // 2
     if not is_round(sector, weights, residual, ROUND_TOLERANCE * usual):
         return 0.0
@@ -88,7 +88,7 @@ def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
 
 @kernel
 def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weights):
-    """Fit an axis, and again without what departs from it: `weights` (N,) are 0 there. Tell whether there is one."""
+    """Fit an axis, and again without deviating points (their `weights` (N,) become 0); return whether there is one."""
     if not fit_axis(plan, layer, trust, STEPS, center, radius, residual):
         return False
     n, layers = len(layer), len(radius)
@@ -101,7 +101,7 @@ def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weigh
         near_of[:] = 0.0
         for i in range(n):
             near_of[layer[i]] += trust[i] if away[i] < limit else 0.0
-        # A layer of which some departs is not round: that of a brim, or of a handle.
+        # A layer with many deviating points is not round: it contains a brim or a handle.
         changed, left = False, 0
         for i in range(n):
             k = layer[i]
@@ -118,13 +118,13 @@ def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weigh
 
 @kernel
 def weighted_median(values, weights):
-    """Return below which of values (N,) half of the weight lies: by parting them again and again."""
+    """Return the weighted median of values (N,), by repeated partitioning."""
     part, heavy = values.copy(), weights.copy()
     begin, end, before = 0, len(part), 0.0
     half = 0.5 * heavy.sum()
     while end - begin > 1:
         pivot = part[(begin + end) // 2]
-        # Less than the pivot, the pivot, more.
+        # Partition into values below, equal to, and above the pivot.
         low, k, high, below, same = begin, begin, end, 0.0, 0.0
         while k < high:
             value, weight = part[k], heavy[k]
@@ -147,7 +147,7 @@ def weighted_median(values, weights):
 
 @kernel
 def off_rectangle(plan, weights, rectangle):
-    """Return how far points depart from the sides of a rectangle; see `find_body`."""
+    """Return the spread of points around the sides of a rectangle; see `find_body`."""
     away = np.empty((len(plan), 2))
     for i in range(len(plan)):
         away[i, 0], away[i, 1] = plan[i, 0] - rectangle[0], plan[i, 1] - rectangle[1]
@@ -160,7 +160,7 @@ def off_rectangle(plan, weights, rectangle):
 
 @kernel
 def is_round(sector, weights, residual, limit):
-    """Tell whether enough of the turn was seen, and departs from itself from sector to sector by less than a limit."""
+    """Return whether enough sectors were seen and their mean residuals differ by no more than a limit."""
     readings, sums = np.zeros(SECTORS + 1, np.int64), np.zeros((SECTORS + 1, 2))
     for i in range(len(sector)):
         k = sector[i]
@@ -177,9 +177,9 @@ def is_round(sector, weights, residual, limit):
 
 @kernel
 def appendage(layer, trust, sector, weights, radius, residual, off, part):
-    """Tell what is no part of a body: what sticks out by more than `off` in a part of the turn, and its whole layers.
+    """Mark the points that stick out of a body by more than `off` in a part of the turn, and the layers full of them.
 
-    What sticks out all round is the rim of a layer that is filled, as a pot is with soil.
+    Points that stick out all around are the rim of a filled layer, such as a pot with soil.
     """
     n, layers = len(layer), len(radius)
     fitted, sums, own = np.zeros(layers), np.zeros((layers, 2)), radius.copy()
@@ -189,7 +189,7 @@ def appendage(layer, trust, sector, weights, radius, residual, off, part):
         sums[k, 0] += trust[i] * (residual[i] + radius[k])
         sums[k, 1] += trust[i]
     for k in range(layers):
-        # Of layers that the fit left out the radius is not known.
+        # The fit does not give the radius of layers without weight: use their mean distance.
         if not fitted[k] > 0.0:
             own[k] = sums[k, 0] / max(sums[k, 1], 1e-12)
     seen, beyond = np.zeros((layers, SECTORS + 1)), np.zeros((layers, SECTORS + 1))

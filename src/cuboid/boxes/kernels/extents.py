@@ -1,4 +1,4 @@
-"""Hot loop: how far a weighted point set reaches in many directions, strays left out."""
+"""Hot loops: the extents of a weighted point set in many directions, without outliers."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ BINS = 256
 
 @kernel
 def reach(points, weights, directions, fraction, low, high):
-    """Find for each direction the interval that holds all weight but `fraction` at either end.
+    """Find for each direction the interval that holds all weight except `fraction` at either end.
 
-    The weight is collected in 256 bins over the whole range; within a bin it is taken as spread evenly.
+    The weight is collected in 256 bins over the whole range and assumed to be uniform within a bin.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def reach(points, weights, directions, fraction, low, high):
     for i in range(points.shape[0]):
         total += weights[i]
         alike &= weights[i] == 1.0
-    # First the bins of all points, then their weights: so one instruction finds several bins.
+    # Compute the bins of all points first, then add the weights, so that the compiler can vectorise the first loop.
     across, along = points[:, 0].copy(), points[:, 1].copy()
     bins, place = np.empty(BINS), np.empty(points.shape[0], np.int32)
     for d in range(directions.shape[0]):
@@ -55,16 +55,16 @@ def reach(points, weights, directions, fraction, low, high):
 
 @kernel
 def spans(points, directions, low, high):
-    """Find for each direction from where to where all points reach; see `reach`."""
+    """Find the smallest and largest coordinate of all points along each direction; see `reach`."""
     x, y, count = directions[:, 0].copy(), directions[:, 1].copy(), points.shape[0]
     least, most = np.full(x.size, np.inf), np.full(x.size, -np.inf)
     for i in range(0, count, 4):
-        # Four points at a time, at the end some of them again: what is written the next ones have to read.
+        # Four points at a time (the last ones may repeat), to reduce memory traffic between iterations.
         j, k = min(i + 1, count - 1), min(i + 2, count - 1)
         m = min(k + 1, count - 1)
         xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
         xk, yk, xm, ym = points[k, 0], points[k, 1], points[m, 0], points[m, 1]
-        # The directions side by side: so one instruction takes several of them.
+        # The inner loop runs over directions, so that the compiler can vectorise it.
         for d in range(x.size):
             first, second = xi * x[d] + yi * y[d], xj * x[d] + yj * y[d]
             third, fourth = xk * x[d] + yk * y[d], xm * x[d] + ym * y[d]
@@ -75,7 +75,7 @@ def spans(points, directions, low, high):
 
 @kernel
 def trimmed(bins, cut, first, scale):
-    """Return where all weight but `cut` at either end lies; the bins, `scale` a metre, begin at `first`."""
+    """Return the interval without `cut` of the weight at either end; the bins, `scale` per metre, begin at `first`."""
     left, k = 0.0, 0
     while left + bins[k] < cut:
         left += bins[k]
@@ -90,9 +90,9 @@ def trimmed(bins, cut, first, scale):
 
 @kernel
 def counted(place, cut, first, scale):
-    """Return what `trimmed` does where each point weighs 1, by the bins that they lie in.
+    """Return the result of `trimmed` for points of weight 1, given the bin of each point.
 
-    Next to nothing lies beyond the cut: the outermost bins are found sooner one after the other than all are filled.
+    Very few points lie beyond the cut: searching the outermost bins one by one is faster than filling all bins.
     """
     bottom, top, beneath, above = np.int32(0), np.int32(BINS - 1), np.int32(0), np.int32(0)
     while True:
@@ -115,11 +115,11 @@ def counted(place, cut, first, scale):
 
 @kernel
 def ends_at(values):
-    """Return from where to where values (N,) reach, strays or not; infinite to minus infinite where there are none.
+    """Return the robust range of values (N,); infinity and minus infinity if there are none.
 
-    The outermost ones lie too far out where poses and depth err. So the edge follows from what lies further in: beyond
-    it twice the fraction of strays would go on as evenly as this many values more do that lie next to them; no farther
-    than there are values.
+    Errors of poses and depth put the outermost values too far out. The ends are therefore extrapolated from quantiles:
+    from the value at twice the outlier fraction, continue outwards by its distance to the value at four times that
+    fraction, but not beyond the outermost value.
     """
     low, high = np.inf, -np.inf
     for value in values:
@@ -136,21 +136,21 @@ def ends_at(values):
 
 @kernel
 def best_turn(points, weights, directions, low, high, larger, better):
-    """Find which of the directions is that of the box: of least footprint, or hardly larger with sides that fit better.
+    """Return the direction of the box: the smallest footprint, or a slightly larger one whose sides fit better.
 
     Parameters
     ----------
     points : (N, 2) float64
-        Of the sides, not of the top.
+        Points of the sides, not of the top.
     weights : (N,) float64
     directions : (2 Q, 2) float64
-        Evenly over half a turn.
+        Uniformly over half a turn.
     low, high : (2 Q,) float64
-        How far everything reaches along them.
+        Extents of all points along the directions.
     larger : float
-        A footprint this many times the least one may be taken.
+        Largest accepted footprint, as a multiple of the smallest one.
     better : float
-        Its sides fit this many times as well: the spread of the points around the sides nearest to them.
+        Required ratio of its side spread (see `side_spread`) to that of the smallest footprint.
 
     Returns
     -------
@@ -161,7 +161,7 @@ def best_turn(points, weights, directions, low, high, larger, better):
     area = np.empty(quarter)
     best = 0
     for k in range(quarter):
-        # All boxes around a round footprint are alike: areas are rounded, so that the first one wins, not noise.
+        # All boxes around a round footprint are equivalent: rounding makes the first one win instead of noise.
         area[k] = np.round((high[k] - low[k]) * (high[k + quarter] - low[k + quarter]), 9)
         if area[k] < area[best]:
             best = k
@@ -171,7 +171,7 @@ def best_turn(points, weights, directions, low, high, larger, better):
     for k in range(quarter):
         if k == best or area[k] > larger * area[best]:
             continue
-        # Only the least of those that are turned about alike.
+        # Only local minima over the direction.
         if area[k] > area[k - 1] or area[k] > area[(k + 1) % quarter]:
             continue
         if limit < 0.0:
@@ -184,7 +184,7 @@ def best_turn(points, weights, directions, low, high, larger, better):
 
 @kernel
 def side_spread(points, weights, directions, low, high, turn):
-    """Return how far points depart from the sides of a box, each side moved to the mean of those nearest to it."""
+    """Return the spread of points around the sides of a box, each side moved to the mean of its nearest points."""
     quarter = directions.shape[0] // 2
     sums = np.zeros((4, 3))
     other = turn + quarter
@@ -212,14 +212,14 @@ def side_spread(points, weights, directions, low, high, turn):
 
 @kernel
 def side_layers(points, weights, center, rotation, half, band, out):
-    """Weigh the points of a box that lie in two layers beneath each of its sides, but for the one that it stands on.
+    """Sum the weights of points in two layers inside each side of a box, except for the bottom.
 
     Parameters
     ----------
     points : (N, 3) float64
     weights : (N,) float64
     center, half : (3,) float64
-        Of the box: its middle, and half of its size.
+        Centre of the box, and half of its size.
     rotation : (3, 3) float64
     band : float
         Thickness of a layer, metres.
@@ -244,7 +244,7 @@ def side_layers(points, weights, center, rotation, half, band, out):
 
 @kernel
 def beyond_sides(points, center, rotation, bottom, near, steps, places, counts):
-    """Put points beyond the sides of a cloud, opposite to those that make each side: its top and four upright sides.
+    """Place points outside the top and the four upright sides of a cloud, opposite the points that form each side.
 
     Parameters
     ----------
@@ -252,22 +252,22 @@ def beyond_sides(points, center, rotation, bottom, near, steps, places, counts):
         World, metres.
     center : (3,) float64
     rotation : (3, 3) float64
-        The axes of its box are the columns, the third up.
+        The axes of its box as columns, the third is up.
     bottom : float
-        Points lower than this above the centre do not count, metres.
+        Points lower than this relative to the centre are ignored, metres.
     near : float
-        Points make a side that are no farther from the outermost one, metres.
+        Points within this distance of the outermost one form a side, metres.
     steps : (K,) float64
-        How far beyond each of these places are put, metres.
+        Distances from each of these points at which places are put, metres.
     places : (5 K N, 3) float64, output
-        World, side by side in the order +z, +x, -x, +y, -y, point by point.
+        World, sides in the order +z, +x, -x, +y, -y, point by point.
     counts : (5,) int64, output
-        Points that make each side; all 0 where none counts.
+        Number of points that form each side; all 0 if no point counts.
 
     Returns
     -------
     int
-        How many places there are.
+        Number of places.
     """
     own, n = np.empty((points.shape[0], 3)), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

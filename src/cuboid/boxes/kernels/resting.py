@@ -1,4 +1,4 @@
-"""Hot loop: the box that rests on a plane, around a weighted cloud of points."""
+"""Hot loop: the box around a weighted cloud of points that rests on a plane."""
 
 from __future__ import annotations
 
@@ -10,39 +10,38 @@ from cuboid.boxes.kernels.extents import best_turn, reach
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import DRIFT_M, JUMP_M
 
-# A cluster whose lowest point is within this of the plane rests on it, metres: the foot of an object is lost to the
-# noise floor of the plane, and the part below a bowl's belly is seldom seen.
+# A cluster whose lowest point is within this distance of the plane rests on it, metres: the foot of an object vanishes
+# in the noise of the plane, and the part below a bowl's belly is seldom seen.
 REST_M = 2.0 * DRIFT_M
-# A box whose footprint is at most this much larger replaces the smallest one where that takes away half of the
-# variance by which points of the sides, a jump below the top, depart from these.
+# A box with at most this times the smallest footprint replaces the smallest one if it halves the variance of the side
+# points (those below the top by a jump) around the sides.
 RIVAL_AREA, BETTER_SIDES = 1.2, math.sqrt(0.5)
-# A round footprint follows the law of the disc to this fraction of its radius, and is at most this fraction of what was
-# seen of it wide, per side: half a disc shows its whole width, but for what is lost at its edges.
+# A round footprint follows the law of the disc to ROUND_RESIDUAL of its radius, and its radius is at most ROUND_RADIUS
+# of the visible width: half a disc shows its whole width, except for losses at its edges.
 ROUND_RESIDUAL, ROUND_RADIUS = 0.03, 0.6
-# A disc of which no more than this is missing, metres, is whole: drift and noise widen what was seen all round by a
+# A disc of which at most this much is missing, metres, is complete: drift and noise widen a fully seen footprint by a
 # centimetre in one direction.
 MISSING_M = JUMP_M
-# Length and width are alike within this, metres: of a round footprint the first direction counts, and not what the
-# last bit of a sum favours.
+# Length and width are equal within this, metres: for a round footprint the first direction wins, not rounding errors.
 ALIKE_M = 1e-9
-# No side is shorter, metres: points that lie exactly level, or in one place, still have a box.
+# Shortest side, metres: points that are exactly level, or all in one place, still have a box.
 MIN_M = 1e-3
 
 
 @kernel
 def fit_each(points, first, normals, offsets, fraction, directions, solvers, boxes):
-    """Fit a box to each of several clouds of points that are believed alike.
+    """Fit a box to each of several clouds of points of equal weight.
 
     Parameters
     ----------
     points : (N, 3) float64
-        One cloud after the other.
+        All clouds, one after the other.
     first : (K + 1,) int64
-        Where each begins, and the end of the last one.
+        Begin of each cloud, and the end of the last one.
     normals : (K, 3) float64
     offsets : (K,) float64
     boxes : (K, 15) float64, output
-        For each cloud what `fit` takes and gives.
+        The result of `fit` for each cloud.
     """
     trust = np.ones(points.shape[0])
     for k in range(first.size - 1):
@@ -52,7 +51,7 @@ def fit_each(points, first, normals, offsets, fraction, directions, solvers, box
 
 @kernel
 def plane_axes(normal, axes):
-    """Write two axes that make a right-handed frame with a unit normal (3,), and the normal: (3, 3), row by row."""
+    """Write two axes that form a right-handed frame with a unit normal (3,), and the normal: (3, 3), row by row."""
     x, y, z = normal[0], normal[1], normal[2]
     least = min(abs(x), abs(y), abs(z))
     a, b, c = (0.0, -z, y) if abs(x) == least else (z, 0.0, -x) if abs(y) == least else (-y, x, 0.0)
@@ -75,11 +74,11 @@ def fit(points, weights, normal, offset, fraction, directions, solvers, box):
     normal : (3,) float64
         Unit.
     offset : float
-        The plane is normal.p + offset = 0; NaN: the cluster stands on nothing known and ends at its lowest point.
+        The plane is normal.p + offset = 0; NaN: no known support, the box ends at the lowest point.
     fraction : float
-        Fraction of the weight that may stick out at each side.
+        Fraction of the weight that may lie outside at each side.
     directions : (2 Q, 2) float64
-        Evenly over half a turn, in the plane's axes.
+        Uniformly over half a turn, in the axes of the plane.
     solvers : (K, 3, L) float64
         See `disc`.
     box : (15,) float64, output
@@ -103,7 +102,7 @@ def fit(points, weights, normal, offset, fraction, directions, solvers, box):
     upright, bottom, top = np.zeros((n, 2)), np.empty(1), np.empty(1)
     upright[:, 0] = heights
     reach(upright, weights, np.array([[1.0, 0.0]]), fraction, bottom, top)
-    # An object that lies wholly below the plane rests on something else.
+    # An object that lies completely below the plane rests on something else.
     if bottom[0] + offset < REST_M and top[0] + offset > 0.0:
         bottom[0] = -offset
     side, trust, sides = np.empty((n, 2)), np.empty(n), 0
@@ -116,16 +115,16 @@ def fit(points, weights, normal, offset, fraction, directions, solvers, box):
 
 @kernel
 def around(low, high, bottom, top, axes, directions, side, trust, box):
-    """Find the box of least footprint around what reaches from `low` to `high` in each direction.
+    """Find the box of minimal footprint around the extents from `low` to `high` in each direction.
 
-    Of a carton that shows two sides and not its top the footprint is a triangle, and the box along its long side is
-    as small as the carton's own: then the box is taken whose sides fit the points (Zhang et al., "Efficient L-Shape
-    Fitting", IV 2017, on cars in laser scans).
+    If a carton shows two sides and not its top, its footprint is a triangle, and the box along its long side is as
+    small as the true box. Then the box whose sides fit the points is taken (Zhang et al., "Efficient L-Shape Fitting",
+    IV 2017, for cars in laser scans).
 
     Parameters
     ----------
     low, high : (2 Q,) float64
-        In the plane's axes, metres.
+        In the axes of the plane, metres.
     bottom, top : float
         Along the normal, metres.
     axes : (3, 3) float64
@@ -133,9 +132,9 @@ def around(low, high, bottom, top, axes, directions, side, trust, box):
     directions, box
         As for `fit`.
     side : (M, 2) float64
-        Points of the sides, not of the top, in the plane's axes; there may be none.
+        Points of the sides, not of the top, in the axes of the plane; may be empty.
     trust : (M,) float64
-        How far each of them is to be believed.
+        Weight of each of these points.
     """
     turn = best_turn(side, trust, directions, low, high, RIVAL_AREA, BETTER_SIDES)
     turned(low, high, turn, bottom, top, axes, directions, box)
@@ -143,13 +142,13 @@ def around(low, high, bottom, top, axes, directions, side, trust, box):
 
 @kernel
 def turned(low, high, turn, bottom, top, axes, directions, box):
-    """Write the box that is turned as direction number `turn` (0..Q-1) is; see `around`."""
+    """Write the box with the direction of index `turn` (0..Q-1); see `around`."""
     a, b = turn, turn + directions.shape[0] // 2
     length, width = high[a] - low[a], high[b] - low[b]
     x, y = (low[a] + high[a]) / 2.0, (low[b] + high[b]) / 2.0
     ux, uy, vx, vy = directions[a, 0], directions[a, 1], directions[b, 0], directions[b, 1]
     if length < width - ALIKE_M:
-        # A turn by 90 degrees keeps the axes right-handed: (v, -u).
+        # A rotation by 90 degrees keeps the axes right-handed: (v, -u).
         length, width, x, y = width, length, y, -x
         ux, uy, vx, vy = vx, vy, -ux, -uy
     z = (top + bottom) / 2.0
@@ -162,20 +161,20 @@ def turned(low, high, turn, bottom, top, axes, directions, box):
 
 @kernel
 def disc(low, high, directions, solvers):
-    """Return centre and radius of the disc that a footprint shows a part of; a radius of 0 where it shows none.
+    """Return centre and radius of the disc of which the footprint is a part; a radius of 0 if there is none.
 
-    A can, a bottle, a ball or a bowl that was seen from one side only shows half a disc. How far a disc reaches in
-    direction u is c.u + r: where that holds over an arc of 130 degrees, centre and radius follow by least squares.
-    The reach of a rectangle departs from any such law by a sixth of its side.
+    A can, a bottle, a ball or a bowl that was seen from one side shows only half a disc. The extent of a disc in
+    direction u is c.u + r: where this holds over an arc of 130 degrees, centre and radius follow by least squares. The
+    extent of a rectangle deviates from any such law by a sixth of its side.
 
     Parameters
     ----------
     low, high : (2 Q,) float64
-        How far everything reaches along each direction, metres.
+        Extents of all points along each direction, metres.
     directions : (2 Q, 2) float64
-        Evenly over half a turn.
+        Uniformly over half a turn.
     solvers : (K, 3, L) float64
-        For each of K arcs, evenly over the full turn, what its L <= 2 Q reaches are multiplied with to give centre and
+        For each of K arcs, uniformly over the full turn, the matrix that maps its L <= 2 Q extents to centre and
         radius.
     """
     half, (arcs, _, long) = directions.shape[0], solvers.shape
@@ -184,8 +183,8 @@ def disc(low, high, directions, solvers):
     x = y = radius = 0.0
     if narrow > wide - MISSING_M:
         return x, y, radius
-    # Behind half a turn the directions, and what is reached along them, are those before it the other way round. It is
-    # laid out one and a half times round, so that no arc has to begin anew.
+    # In the second half of the turn, the directions and extents are the negative ones of the first half. The arrays
+    # hold one and a half turns, so that no arc wraps around.
     reached, turned = np.concatenate((high, -low, high)), np.concatenate((directions, -directions, directions))
     least = np.inf
     for k in range(arcs):

@@ -1,4 +1,4 @@
-"""Hot loop: the upright axis of a body of revolution, from the points of its side."""
+"""Hot loop: the upright axis of a body of revolution, from points of its side."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from cuboid.core.tolerances import MIN_SIGMA_M, SIGMAS
 
 @kernel
 def fit_axis(plan, layer, weights, rounds, center, radius, residual):
-    """Fit one axis, and a radius a layer, to points of a surface: least squares of the distance, strays held down.
+    """Fit one axis, and a radius for each layer, to points of a surface: robust least squares of the distances.
 
-    The start is the algebraic circle (Kasa 1976) with a radius a layer; then Gauss and Newton's steps with Cauchy
-    weights. The radii drop out of either: they are the layers' weighted means.
+    It starts with the algebraic circle (Kasa 1976) with a radius for each layer; Gauss-Newton steps with Cauchy weights
+    follow. The radii are eliminated in both: they are weighted means over the layers.
 
     Parameters
     ----------
     plan : (N, 2) float64
-        Points seen along the axis, metres.
+        Points projected along the axis, metres.
     layer : (N,) int64
-        Which layer each belongs to, from 0.
+        Layer of each point, from 0.
     weights : (N,) float64
     rounds : int
-        Steps.
+        Number of steps.
     center : (2,) float64, output
     radius : (L,) float64, output
-        0 of layers without weight.
+        0 for layers without weight.
     residual : (N,) float64, output
-        Distance from the axis less the layer's radius.
+        Distance from the axis minus the radius of the layer.
 
     Returns
     -------
     bool
-        False where the points fix no axis.
+        False if the points do not determine an axis.
     """
     count, layers = plan.shape[0], radius.size
     total, mean = np.zeros(layers), np.zeros((layers, 3))
@@ -100,21 +100,21 @@ def fit_axis(plan, layer, weights, rounds, center, radius, residual):
 
 @kernel
 def widest_layer(distance, layer, weights, layers, least, rim):
-    """Return the radius of the widest layer that has at least this much weight.
+    """Return the radius of the widest layer with at least this weight.
 
-    A layer's radius is the mean distance of its rim: of a top, which is filled, what lies within does not count.
+    The radius of a layer is the mean distance of its rim: points inside a filled layer, such as a top, do not count.
 
     Parameters
     ----------
     distance : (N,) float64
-        From the axis, metres.
+        Distance from the axis, metres.
     layer : (N,) int64
     weights : (N,) float64
     layers : int
     least : float
-        Weight of a layer that counts.
+        Smallest weight of a layer that counts.
     rim : float
-        Fraction of the outer half's mean distance from which on a point belongs to the rim.
+        Points belong to the rim from this fraction of the mean distance of the outer half.
     """
     sums = np.zeros((layers, 2))
     for i in range(distance.size):

@@ -1,4 +1,4 @@
-"""Hot loop: places on lines go to where those about them lie in the mean."""
+"""Hot loop: mean shift of points on lines."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from cuboid.core.tolerances import MIN_SIGMA_M
 
 @kernel
 def shift_means(places, weight, reach_m, mean, near):
-    """Move places again and again to the weighted mean of those within reach, until none moves by more than 1 mm.
+    """Move points repeatedly to the weighted mean of the points within reach, until none moves by more than 1 mm.
 
     Parameters
     ----------
     places : (N,) float64
         Ascending, metres; at least one.
     weight : (N,) float64
-        Of each, above 0.
+        Weight of each point, above 0.
     reach_m : float
     mean : (N,) float64, output
-        Where each has come to.
+        Final position of each point.
     near : (N,) float64, output
-        How many were within reach at last.
+        Number of points within reach in the last step.
     """
     n = len(places)
     weights, moments = np.zeros(n + 1), np.zeros(n + 1)
@@ -34,10 +34,10 @@ def shift_means(places, weight, reach_m, mean, near):
     while moved > MIN_SIGMA_M:
         moved, low, high = 0.0, 0, 0
         for i in range(n):
-            # A point farther on never moves before one that comes first.
+            # Ascending order is kept: a later point never moves before an earlier one.
             while low < n - 1 and places[low] < mean[i] - reach_m:
                 low += 1
-            high = max(high, low + 1)  # of two points, one at each end, rounding may leave out both
+            high = max(high, low + 1)  # with one point at each end, rounding may exclude both
             while high < n and places[high] <= mean[i] + reach_m:
                 high += 1
             to = (moments[high] - moments[low]) / (weights[high] - weights[low])

@@ -1,4 +1,4 @@
-"""Images become smaller: blocks of pixels become one, or one of each is taken."""
+"""Hot loops that reduce images: blocks of pixels are merged, or one pixel of each block is taken."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from cuboid.core.frame import Float32Array, UInt8Array
 
 @kernel
 def halve_depth(depth_m: Float32Array, same_surface: float, out_m: Float32Array) -> None:
-    """Give each 2 x 2 block one reading, and none between two surfaces.
+    """Reduce each 2 x 2 block to one reading that never lies between two surfaces.
 
-    Of the block's readings in order of depth, the middle two are averaged where they differ by no more than
-    `same_surface` times the depth; else the nearer of them stands. One reading alone stands as it is.
+    The readings of a block are sorted by depth. The middle two are averaged if they differ by at most
+    `same_surface` times the depth; otherwise the nearer one is taken. A single reading is kept.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def halve_depth(depth_m: Float32Array, same_surface: float, out_m: Float32Array)
     wide = 2 * out_m.shape[1]
     for v in range(out_m.shape[0]):
         above, below, out = depth_m[2 * v, :wide], depth_m[2 * v + 1, :wide], out_m[v]
-        # Without a branch: so one instruction takes several blocks.
+        # No branches, so that the compiler can vectorise the loop.
         for u in range(out.size):
             a, b, c, d = above[2 * u], above[2 * u + 1], below[2 * u], below[2 * u + 1]
             a, b = a if a > none else inf, b if b > none else inf
@@ -36,7 +36,7 @@ def halve_depth(depth_m: Float32Array, same_surface: float, out_m: Float32Array)
             high, other_high = max(a, b), max(c, d)
             p, q = max(low, other_low), min(high, other_high)
             near, far = min(p, q), max(p, q)
-            # Of two readings or fewer the middle two are the first and the second.
+            # With two readings or fewer, the middle two are the first and the second.
             few = far == inf
             near, far = min(low, other_low) if few else near, near if few else far
             mean = (near + far) * half if far <= near * (1.0 + same_surface) else near
@@ -45,7 +45,7 @@ def halve_depth(depth_m: Float32Array, same_surface: float, out_m: Float32Array)
 
 @kernel
 def take_one(color: UInt8Array, step: int, x: int, y: int, out: UInt8Array) -> None:
-    """Take one pixel of each block of a color image; NumPy takes ten times as long over slices of three bytes.
+    """Take one pixel of each block of a color image; NumPy needs ten times as long for slices of three bytes.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def take_one(color: UInt8Array, step: int, x: int, y: int, out: UInt8Array) -> N
     step : int
         Edge of a block.
     x, y : int
-        Which pixel of a block, 0..step - 1.
+        Position of the pixel in its block, 0..step - 1.
     out : (H, W, 3) uint8
         Written.
     """

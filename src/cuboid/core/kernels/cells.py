@@ -1,7 +1,7 @@
-"""Hot loop: a small plane for each square cell of a depth image.
+"""Hot loop that fits a local plane to each square cell of a depth image.
 
-In a pinhole image a plane is a linear function of inverse depth, 1/z = a u + b v + c, and a disparity sensor's
-noise is the same everywhere in 1/z, so that one linear fit a cell and one threshold serve all distances.
+In a pinhole image a plane is a linear function of inverse depth, 1/z = a u + b v + c, and the noise of a disparity
+sensor is uniform in 1/z, so that one linear fit per cell and one threshold are valid at all distances.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import numpy as np
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import MIN_SIGMA_M, SIGMAS
 
-# Columns of a cell's row.
+# Columns of a cell.
 NX, NY, NZ, CX, CY, CZ, AREA, RMS = range(8)
 CELL_COLUMNS = 8
 
-# A surface is looked for where it is seen from higher than this (sine, 3 degrees).
+# Surfaces are searched only where they are seen at a larger grazing angle than this (sine; 3 degrees).
 LOWEST = 0.05
-# Readings of a patch that lie level: at least this many.
+# Fewest readings of a patch that must lie level.
 MIN_LEVEL = 3
 # At least this fraction of the pixels of a cell, or of a patch, must be readings on its plane.
 FILLED = 0.6
@@ -87,7 +87,7 @@ def fit_cells(depth, camera, size, max_depth, cells):
             z = 1.0 / mw
             rx, ry = (u0 - cx) / fx, (v0 - cy) / fy
             facing = (nx * rx + ny * ry + nz) / norm
-            if facing < LOWEST * np.sqrt(rx * rx + ry * ry + 1.0):  # grazing: the fit says nothing
+            if facing < LOWEST * np.sqrt(rx * rx + ry * ry + 1.0):  # grazing angle: the fit is not reliable
                 continue
             out[NX], out[NY], out[NZ] = -nx / norm, -ny / norm, -nz / norm
             out[CX], out[CY], out[CZ] = rx * z, ry * z, z
@@ -97,12 +97,12 @@ def fit_cells(depth, camera, size, max_depth, cells):
 
 @kernel
 def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, patches):
-    """Find the patches that show a level surface from above, however narrow it looks.
+    """Find the patches that show a level surface from above, however narrow it appears.
 
-    A reading lies on a level surface when the one beyond it, along the image of up, is at its height: on anything
-    upright the height rises with the image, by far more than its noise. That noise is that of depth times the sine of
-    the angle at which the surface is seen, so that what is seen low from far, where a square cell of the image holds
-    no surface as a whole, is distinguished best.
+    A reading lies on a level surface if the reading beyond it, along the image direction of up, has the same height:
+    on an upright surface the height changes along the image by far more than its noise. The height noise is the depth
+    noise times the sine of the grazing angle, so the test is most precise for distant surfaces at grazing angles, where
+    a square cell of the image does not contain a whole surface.
 
     Parameters
     ----------
@@ -119,15 +119,15 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
     min_depth, max_depth : float
         Metres.
     skip : (H // size, W // size) uint8
-        1 for patches that are not looked at.
+        1 for patches to skip.
     patches : (H // size * W // size, 5) float64, output
-        Of each patch with a level surface its centre (3), its area in square metres, and its number; in the camera
-        frame.
+        One row per patch with a level surface: centre (3) in the camera frame, area in square metres, index of the
+        patch.
 
     Returns
     -------
     int
-        How many there are.
+        Number of patches found.
     """
     rows, columns = skip.shape
     height, width = depth.shape
@@ -139,7 +139,7 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
                 continue
             rx, ry = ((c + 0.5) * size - cx) / fx, ((r + 0.5) * size - cy) / fy
             long = np.sqrt(rx * rx + ry * ry + 1.0)
-            steep = -(up[0] * rx + up[1] * ry + up[2])  # of a level surface: height falls by this times z
+            steep = -(up[0] * rx + up[1] * ry + up[2])  # height of a level surface below the camera, divided by z
             if steep < LOWEST * long:
                 continue
             su, sv = fx * (up[0] - rx * up[2]), fy * (up[1] - ry * up[2])
@@ -154,8 +154,8 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
                     if not (min_depth <= here <= max_depth):
                         continue
                     gate = SIGMAS * 1.42 * noise * here * here * steep + MIN_SIGMA_M
-                    # This many pixels on, at most two patches, an upright surface has risen by twice the gate.
-                    # The first reading from there on, within a patch, decides: surfaces seen from low are full of gaps.
+                    # After k pixels, at most two patches, an upright surface has risen by twice the gate. The first
+                    # reading from there on, within one patch length, decides: surfaces at grazing angles have gaps.
                     k = int(np.ceil(2.0 * gate * longest / here))
                     if k > 2 * size:
                         continue

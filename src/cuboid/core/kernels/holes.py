@@ -1,4 +1,4 @@
-"""Hot loop that fills the holes of a depth image from what lies nearest, in place and in color."""
+"""Hot loop that fills the holes of a depth image from the reading nearest in position and color."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from cuboid.core.kernels.segments import FAR, NONE, PLANE
 
 @kernel
 def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse):
-    """Give pixels without a reading the label and depth of what they lie nearest to; see `nearest`.
+    """Give pixels without a reading the label and depth of their nearest pixel with a reading; see `nearest`.
 
     Parameters
     ----------
     kind : (H, W) uint8
     on : (H, W) int8
-        The plane of each pixel, -1 none.
+        Index of the plane of each pixel, -1: none.
     color : (step H, step W, 3) uint8
     step : int
     edge, reach, focal : float
     labels : (H, W) int16, in and out
-        Planes and far readings get theirs.
+        Pixels on planes and far pixels get the labels of these.
     inverse : (H, W) float32, in and out
     """
     height, width = kind.shape
     known = np.empty(kind.shape, np.bool_)
     for v in range(height):
         label, what, plane = labels[v], kind[v], on[v]
-        # Without a branch: so one instruction takes several pixels.
+        # No branches, so that the compiler can vectorise the loop.
         for u in range(width):
             apart = (what[u] == PLANE) | (what[u] == FAR)
             label[u] = BACKGROUND - 1 - plane[u] if apart else (label[u] if what[u] != NONE else 0)
@@ -44,7 +44,7 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse):
 
 @kernel(error_model="numpy")
 def fill_depth(depth, color, edge, reach, focal, out):
-    """Copy depth, its holes filled with the depth of what they lie nearest to; see `nearest`.
+    """Copy depth and fill its holes with the depth of the nearest reading; see `nearest`.
 
     Parameters
     ----------
@@ -71,17 +71,17 @@ def fill_depth(depth, color, edge, reach, focal, out):
 
 @kernel
 def nearest(known, inverse, color, step, edge, reach, focal):
-    """Find what the holes of an image lie nearest to, color edges being far to cross.
+    """Find the nearest known pixel of each hole pixel, where crossing a color edge counts as a long distance.
 
-    A step to a neighbour costs 1 plus its difference in color over `edge`; a sweep there and one back find the
-    cheapest way to good approximation (two more changed no recall and took as long again).
-    What costs more than `reach` at the depth that it would get stays a hole.
+    A step to a neighbour costs its length (1, or 1.4 diagonally) plus its color difference over `edge`. One forward and
+    one backward sweep find the cheapest path to good approximation (two more sweeps changed no recall and doubled the
+    time). A pixel stays a hole if its cost exceeds `reach` at the depth that it would get.
 
     Parameters
     ----------
     known : (H, W) bool
     inverse : (H, W) float32
-        1/z where it is known.
+        1/z of known pixels.
     color : (step H, step W, 3) uint8
     step : int
     edge : float
@@ -94,17 +94,17 @@ def nearest(known, inverse, color, step, edge, reach, focal):
     Returns
     -------
     holes, source : (N,) int32
-        Places in the flattened image of the pixels that are not known, and of what each lies nearest to, -1 nothing.
+        Flat indices of the pixels that are not known, and of the nearest known pixel of each, -1: none.
     """
     height, width = known.shape
-    # Around the image nothing, so that no neighbour is asked whether it is in it.
+    # A margin of empty pixels surrounds the image, so that neighbours need no bounds check.
     wide = width + 2
     shape, reach_px, none = (height + 2) * wide, np.float32(reach) * np.float32(focal), np.float32(0.0)
-    # For each place: its cost, the place that its depth comes from, and the largest cost allowed at that depth.
+    # For each pixel: its cost, the largest cost allowed at its depth, and the pixel that its depth comes from.
     cost, limit, source = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int32)
     shade = np.empty((3, shape), np.uint8)
     clear_margin(wide, height, cost, limit, source, shade)
-    # Holes come in runs along a row, thirty pixels long: where each begins and ends.
+    # Begin and end of each run of hole pixels in a row; a run has about thirty pixels.
     runs, count = np.empty((height * (width // 2 + 1), 2), np.int32), 0
     for v in range(height):
         first, read, given, seen = (v + 1) * wide + 1, known[v], inverse[v], color[v * step]
@@ -134,7 +134,7 @@ def nearest(known, inverse, color, step, edge, reach, focal):
         sweep(runs, ahead, wide, change, per_level, cost, limit, source)
     holes, sources, count = np.empty(known.size, np.int32), np.empty(known.size, np.int32), 0
     for begin, end in runs:
-        # Offset between places in an image with a margin and in the image without.
+        # Offset between flat indices in the image with the margin and in the image without it.
         apart = width + 3 + 2 * (begin // wide - 1)
         for place in range(begin, end):
             holes[count], sources[count] = place - apart, source[place]
@@ -144,9 +144,9 @@ def nearest(known, inverse, color, step, edge, reach, focal):
 
 @kernel
 def changes(shade, wide):
-    """Return how much color changes (4, N) from each place to the next one, and to the three in the row after.
+    """Return the color differences (4, N) from each pixel to its right neighbour and to the three in the next row.
 
-    `shade` (3, N) uint8 are the channels of an image with its margin, rows `wide` pixels long.
+    `shade` (3, N) uint8 holds the color channels of an image with its margin, `wide` pixels per row.
     """
     red, green, blue = shade[0], shade[1], shade[2]
     size = red.size
@@ -154,9 +154,9 @@ def changes(shade, wide):
     for k in range(4):
         on = 1 if k == 0 else wide + k - 2
         out, r, g, b = change[k], red[on:], green[on:], blue[on:]
-        # Without a branch: so one instruction takes several pixels.
+        # No branches, so that the compiler can vectorise the loop.
         for i in range(size - on):
-            # The larger less the smaller: that keeps to 16 bits, and a difference with its sign does not.
+            # Maximum minus minimum stays in unsigned 16 bits; a signed difference would not.
             total = (max(red[i], r[i]) - min(red[i], r[i])) + (max(green[i], g[i]) - min(green[i], g[i]))
             out[i] = total + (max(blue[i], b[i]) - min(blue[i], b[i]))
     return change
@@ -164,7 +164,7 @@ def changes(shade, wide):
 
 @kernel
 def clear_margin(wide, height, cost, limit, source, shade):
-    """Let nothing be in the margin around an image of this many rows, `wide` pixels long; see `nearest`."""
+    """Clear the margin around an image of `height` rows, `wide` pixels per row with the margin; see `nearest`."""
     for v in range(height + 2):
         inside = 0 < v < height + 1
         first = v * wide
@@ -179,9 +179,10 @@ def clear_margin(wide, height, cost, limit, source, shade):
 
 @kernel
 def sweep(runs, ahead, wide, change, per_level, cost, limit, source):
-    """Let each place in runs (N, 2) of the image with its margin learn from the neighbours that come before it.
+    """Update each pixel in runs (N, 2) of the image with its margin from the neighbours that come before it.
 
-    `ahead` is -1 where these have the lower places, and 1 where all goes the other way. See `nearest`.
+    `ahead` is -1 for the forward sweep, where these neighbours have lower indices, and 1 for the backward sweep. See
+    `nearest`.
     """
     beside, back, up, forth = change[0], change[1], change[2], change[3]
     for i in range(len(runs)):
@@ -191,11 +192,11 @@ def sweep(runs, ahead, wide, change, per_level, cost, limit, source):
         least, most, origin = cost[left], limit[left], source[left]
         for j in range(end - begin):
             place = start - ahead * j
-            # Unsigned: no index from the end.
+            # Unsigned: numba then skips the handling of negative indices.
             here, over = np.uintp(place), np.uintp(place + ahead * wide)
             one, other = np.uintp(place + ahead * wide - 1), np.uintp(place + ahead * wide + 1)
             own = cost[here]
-            # Where color changes from the one to the other is told at the lower of the two places.
+            # A color difference is stored at the pixel with the lower index.
             a, b, c = (forth[one], up[over], back[other]) if ahead < 0 else (back[here], up[here], forth[here])
             side = beside[np.uintp(place - 1)] if ahead < 0 else beside[here]
             best, found = own, here
@@ -205,7 +206,7 @@ def sweep(runs, ahead, wide, change, per_level, cost, limit, source):
             best, found = (total, over) if total < best else (best, found)
             total = by_way_of(cost[other], np.float32(1.4), c, per_level, limit[other])
             best, found = (total, other) if total < best else (best, found)
-            # The one beside last, though it goes before the others where both cost the same: it was known last.
+            # The neighbour in the row is compared last, because its cost is known last, but it wins a tie.
             total = by_way_of(least, np.float32(1.0), side, per_level, most)
             closer = (total < own) & (total <= best)
             least = total if closer else best
@@ -215,6 +216,6 @@ def sweep(runs, ahead, wide, change, per_level, cost, limit, source):
 
 @kernel(inline="always")
 def by_way_of(cost, step, change, per_level, limit):
-    """Return what a place costs by way of a neighbour, a step away; infinity beyond its limit. See `sweep`."""
+    """Return the cost of a pixel by way of a neighbour at distance `step`; infinity beyond `limit`. See `sweep`."""
     total = cost + (step + np.float32(change) * per_level)
     return total if total <= limit else np.float32(np.inf)

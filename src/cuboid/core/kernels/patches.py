@@ -1,4 +1,4 @@
-"""Hot loops that find the large planes of one depth image and set their pixels apart; see `segments` for why 1/z."""
+"""Hot loops that find the large planes of a depth image and mark their pixels; `segments` explains the use of 1/z."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from cuboid.core.kernels.cells import AREA, CX, CY, CZ, NX, NY, NZ, RMS
 from cuboid.core.kernels.segments import FAR, NONE, PLANE, SURFACE
 from cuboid.core.tolerances import SIGMAS
 
-# Fewer cells fix no plane that others are joined to.
+# Fewest cells that define a plane to which other cells can be joined.
 MIN_CELLS = 9
-# A cell of a plane faces as it does, to 25 degrees.
+# The normals of a cell and of its plane differ by at most 25 degrees (cosine).
 ALIKE_COS = 0.9
 
 
@@ -36,12 +36,12 @@ def grow_planes(cells, shape, camera, noise, bias, flat, least_area, planes, mem
         Systematic error of depth along a plane, metres at 1 m; grows with z squared.
     flat : float
         A cell is flat below this rms of 1/z, 1/metre.
-    least_area : float
+    Smallest area of a large plane, square metres.
         Square metres of a large plane.
     planes : (P, 3) float64, output
-        a, b, c of each: 1/z = a u + b v + c at pixel (u, v).
+        a, b, c of each plane: 1/z = a u + b v + c at pixel (u, v).
     member : (R, C) int16, output
-        Plane of each cell, -1 none.
+        Index of the plane of each cell, -1: none.
 
     Returns
     -------
@@ -75,22 +75,22 @@ def grow_planes(cells, shape, camera, noise, bias, flat, least_area, planes, mem
 
 @kernel
 def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
-    """Join cells to a plane, beginning with a seed, as long as they lie on it; see `grow_planes`.
+    """Grow a plane from a seed cell by joining neighbouring cells that lie on it; see `grow_planes`.
 
     Parameters
     ----------
     seed : int
     attempt : int
-        Written to `tried` (R, C) int32 for each cell.
+        Number of this attempt; written to `tried` (R, C) int32 for each joined cell.
     off : float
-        A cell lies on the plane whose 1/z is off by no more, 1/metre.
+        Largest deviation of a joined cell from the plane in 1/z, 1/metre.
     queue : (R * C,) int32, output
-        Begins with the cells.
+        Its first `count` entries are the joined cells.
 
     Returns
     -------
     count : int
-        How many cells there are.
+        Number of joined cells.
     area : float
         Square metres.
     a, b, c : float
@@ -133,7 +133,7 @@ def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
 
 @kernel(inline="always")
 def seen_at(cell, camera):
-    """Return column and row of a cell's centre in the image, pixels, and its 1/z."""
+    """Return the column and row of a cell's centre in the image, pixels, and its 1/z."""
     w = 1.0 / cell[CZ]
     return cell[CX] * w * camera[0] + camera[2], cell[CY] * w * camera[1] + camera[3], w
 
@@ -156,9 +156,9 @@ def plane_normal(a, b, c, camera):
 
 @kernel
 def solve3(m, a, b, c):
-    """Solve the normal equations (uu, uv, u, vv, v, 1; uw, vw, w) of a plane by Cramer's rule on centred sums.
+    """Solve the normal equations of a plane by Cramer's rule on centred sums.
 
-    Returns a, b, c as they are where the cells fix no plane.
+    `m` holds the sums uu, uv, u, vv, v, 1, uw, vw, w. Returns the given a, b, c if the cells do not define a plane.
     """
     n = m[5]
     mu, mv, mw = m[2] / n, m[4] / n, m[8] / n
@@ -172,16 +172,16 @@ def solve3(m, a, b, c):
 
 
 class Grown(NamedTuple):
-    """The planes that `grow_planes` found.
+    """The large planes that `grow_planes` found.
 
     Attributes
     ----------
     cells : (R * C, CELL_COLUMNS) float64
     planes : (P, 3) float64
     found : int
-        How many of these there are.
+        Number of valid rows in `planes`.
     member : (R, C) int16
-        The plane of each cell, -1 none.
+        Index of the plane of each cell, -1: none.
     """
 
     cells: npt.NDArray[np.float64]
@@ -192,11 +192,11 @@ class Grown(NamedTuple):
 
 @kernel(error_model="numpy")
 def classify(depth, grown, camera, size, reach, noise, floor, bias, max_depth, inverse, kind, on):
-    """Tell pixels on a large plane from those on any other surface.
+    """Classify pixels as large plane, other surface, far, or without a reading.
 
-    A plane reaches `reach` cells beyond its own; there and within it a reading belongs to it that is no farther
-    from it, at right angles, than max(floor, bias + 3 standard deviations). Where its cells bow (lens, baseline), the
-    plane bows with them.
+    A plane extends `reach` cells beyond its own cells. Within this area a reading belongs to the plane if its distance
+    at right angles is below max(floor, bias + 3 standard deviations). The plane is bent locally to follow the
+    deviations of its cells (lens, baseline).
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def classify(depth, grown, camera, size, reach, noise, floor, bias, max_depth, i
     kind : (H, W) uint8, output
         NONE, PLANE, SURFACE, or FAR beyond `max_depth`.
     on : (H, W) int8, output
-        The plane of each pixel, -1 none.
+        Index of the plane of each pixel, -1: none.
     """
     cells, planes, count, member = grown
     height, width = depth.shape
@@ -224,7 +224,7 @@ def classify(depth, grown, camera, size, reach, noise, floor, bias, max_depth, i
     normals = np.empty((count, 3))
     for p in range(count):
         normals[p, 0], normals[p, 1], normals[p, 2] = plane_normal(planes[p, 0], planes[p, 1], planes[p, 2], camera)
-    # How far a cell lies off its plane, and the directions in which the pixels look.
+    # Deviation of each cell from its plane in 1/z.
     off = np.empty((rows, columns))
     for r in range(rows):
         for q in range(columns):
@@ -236,10 +236,10 @@ def classify(depth, grown, camera, size, reach, noise, floor, bias, max_depth, i
     tell_far(depth, max_depth, inverse, kind, on)
     across_x = ((np.arange(width) - camera[2]) / camera[0]).astype(np.float32)
     across_y = ((np.arange(height) - camera[3]) / camera[1]).astype(np.float32)
-    # As the readings are, so that one instruction takes twice as many.
+    # Same float type as the readings, so that the compiler can vectorise with twice the width.
     floor, bias, per_depth = np.float32(floor), np.float32(bias), np.float32(SIGMAS * noise)
     columns_x = np.arange(width).astype(np.float32)
-    # For a row of cells: how far each plane bows there, and whether it reaches there.
+    # For a row of cells: the local deviation of each plane, and its weight (0: the plane does not extend there).
     bow, weight = np.empty((columns_of(width, size), count)), np.empty((columns_of(width, size), count))
     bowed = np.empty(width, np.float32)
     for r in range(columns_of(height, size)):
@@ -250,17 +250,17 @@ def classify(depth, grown, camera, size, reach, noise, floor, bias, max_depth, i
             for q in range(len(bow)):
                 if weight[q, p] > 0.0:
                     first, end = min(first, q * size), min((q + 1) * size, width)
-                # Where it does not reach nothing is near it.
+                # An infinite deviation: no reading is near the plane where it does not extend.
                 bowed[q * size : (q + 1) * size] = bow[q, p] if weight[q, p] > 0.0 else np.inf
             a, nx = np.float32(planes[p, 0]), np.float32(normals[p, 0])
             for v in range(r * size, min(height, (r + 1) * size)):
                 along = np.float32(planes[p, 1] * v + planes[p, 2])
                 facing_along = np.float32(normals[p, 1] * across_y[v] + normals[p, 2])
-                # Without a branch: so one instruction takes several pixels.
+                # No branches, so that the compiler can vectorise the loop.
                 for u in range(first, end):
                     z = depth[v, u]
                     facing = abs(nx * across_x[u] + facing_along)
-                    # dz = z^2 dw, and at right angles to the plane dz times n.ray
+                    # dz = z^2 dw; the distance at right angles to the plane is dz times n.ray
                     across = abs(a * columns_x[u] + along + bowed[u] - inverse[v, u]) * z * z * facing
                     own = across < max(floor, bias + per_depth * z * z * facing)
                     own &= kind[v, u] == SURFACE
@@ -270,16 +270,16 @@ def classify(depth, grown, camera, size, reach, noise, floor, bias, max_depth, i
 
 @kernel(inline="always")
 def columns_of(length, size):
-    """Return how many cells an image's side has, the last of them cut off where they do not fit in."""
+    """Return the number of cells along an image side; the last cell may be cut off."""
     return (length + size - 1) // size
 
 
 @kernel(error_model="numpy")
 def tell_far(depth, max_depth, inverse, kind, on):
-    """Tell pixels without a reading, and those that are too far, from surfaces, none yet on a plane; see `classify`."""
+    """Mark pixels as NONE, FAR or SURFACE, write 1/z, and clear the planes of all pixels; see `classify`."""
     one, none = np.float32(1.0), np.float32(0.0)
     on[:] = -1
-    # Without a branch: so one instruction takes several pixels.
+    # No branches, so that the compiler can vectorise the loops.
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
             z = depth[v, u]
@@ -291,7 +291,7 @@ def tell_far(depth, max_depth, inverse, kind, on):
 
 @kernel(inline="always")
 def bow_at(r, q, reach, member, off, bow, weight):
-    """Write how far the cells around one lie off each plane, in the mean, and what weight they have; see `classify`."""
+    """Write the weighted mean deviation of the cells near (r, q) from each plane, and the weights; see `classify`."""
     rows, columns = member.shape
     bow[:] = 0.0
     weight[:] = 0.0

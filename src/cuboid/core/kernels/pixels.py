@@ -1,4 +1,4 @@
-"""Hot loops over the pixels of one frame: the plane beneath, mixed pixels."""
+"""Hot loops over the pixels of one frame: the plane beneath each pixel, mixed pixels, world points."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from cuboid.core.tolerances import JUMP_M, SIGMAS
 def drop_mixed(depth, jump, out):
     """Copy depth without mixed (flying) pixels: readings between a nearer and a farther neighbour.
 
-    A reading goes when, along a row or a column, one neighbour is nearer and the other farther by more than
+    A reading is removed if, along a row or a column, one neighbour is nearer and the other farther by more than
     `jump` times z squared, plus `JUMP_M`.
     """
     height, width = depth.shape
     out[:] = depth
     for v in range(1, height - 1):
         above, row, below, clean = depth[v - 1], depth[v], depth[v + 1], out[v]
-        # Without a branch: so one instruction takes several pixels.
+        # No branches, so that the compiler can vectorise the loop.
         for u in range(1, width - 1):
             z = row[u]
             limit = JUMP_M + jump * z * z
@@ -32,7 +32,7 @@ def drop_mixed(depth, jump, out):
 
 @kernel(inline="always")
 def is_mixed(before, z, after, limit):
-    """Tell whether a reading lies between a nearer and a farther neighbour, far from both."""
+    """Return whether a reading lies between a nearer and a farther neighbour, far from both."""
     near, far = before - z, z - after
     known = (before > 0.0) & (z > 0.0) & (after > 0.0)
     return known & (near * far > 0.0) & (min(abs(near), abs(far)) > limit)
@@ -46,7 +46,7 @@ class PlanesInView(NamedTuple):
     in_camera : (P, 4) float64
         Each plane in the camera frame, as this frame sees it: normal (up) and offset, n.p + d = height.
     numbers : (P,) int32
-        What each plane is called in `patches`.
+        Number of each plane in `patches`.
     ground : (P, N, M) uint8
         Cells that each plane covers (1), holes beneath objects filled.
     origin : (2,) float64
@@ -54,7 +54,7 @@ class PlanesInView(NamedTuple):
     cell : float
         Edge of a cell, metres.
     patches : (H // patch, W // patch) int32
-        Plane that each patch of the image lies on, -1 none.
+        Number of the plane on which each image patch lies, -1: none.
     patch : int
         Edge of a patch, pixels.
     """
@@ -70,7 +70,7 @@ class PlanesInView(NamedTuple):
 
 @kernel(error_model="numpy")
 def assign_planes(depth, camera, T_grid_camera, planes, noise, floor, bias, max_depth, on_plane, support, seen):
-    """Find for each pixel the supporting plane that it lies on, and the one beneath it.
+    """Find for each pixel the supporting plane on which it lies, and the plane beneath it.
 
     Parameters
     ----------
@@ -83,21 +83,21 @@ def assign_planes(depth, camera, T_grid_camera, planes, noise, floor, bias, max_
     noise : float
         Standard deviation of depth is noise * z * z.
     floor, bias : float
-        A reading is off its plane from max(floor, bias + 3 standard deviations of its height), metres.
+        Readings at least max(floor, bias + 3 standard deviations of their height) away are off the plane, metres.
     max_depth : float
     on_plane : (H, W) int32, output
-        Plane that a reading lies on, 0..P-1, -1 none.
+        Plane on which a reading lies, 0..P-1, -1: none.
     support : (H, W) int32, output
-        Plane beneath, or that it lies on; -1 none.
+        Plane beneath the reading, or on which it lies; -1: none.
     seen : (P, N, M) int32, in and out
-        Readings that lie on each plane, by cell; only those of patches that lie on it as a whole.
+        Number of readings on each plane, by cell; only from patches that lie on the plane as a whole.
     """
     planes_camera, numbers, ground, origin, cell, patches, patch = planes
     rows, columns = depth.shape
     count, wide, high = ground.shape
     across, patch_of = (np.arange(columns) - camera[2]) / camera[0], np.arange(columns) // patch
-    # Of one row of the image: which cell each pixel is over, whether a plane covers that, how high it is above the
-    # plane, and above the lowest one that is beneath; see `heights_above`.
+    # For one image row: the cell under each pixel, whether a plane covers that cell, the height above the plane, and
+    # the smallest height above any plane beneath; see `heights_above`.
     place, covered = np.empty(columns, np.int64), np.empty(columns, np.uint8)
     height, best = np.empty(columns), np.empty(columns)
     counts, grounds = seen.reshape(count, wide * high), ground.reshape(count, wide * high)
@@ -128,8 +128,8 @@ def assign_planes(depth, camera, T_grid_camera, planes, noise, floor, bias, max_
 
 @kernel(inline="always")
 def lower(height, covered, plane, best, support):
-    """Let pixels of a row over cells that a plane covers have it beneath them where it is higher than what they had."""
-    # Without a branch: so one instruction takes several pixels.
+    """Set `plane` as the support of the pixels in a row whose cell it covers and that no earlier plane is closer to."""
+    # No branches, so that the compiler can vectorise the loops.
     for u in range(height.size):
         support[u] = plane if (height[u] < best[u]) & (covered[u] > 0) else support[u]
     for u in range(height.size):
@@ -138,7 +138,7 @@ def lower(height, covered, plane, best, support):
 
 @kernel
 def planes_by_cell(grounds, bits):
-    """Return which planes cover each cell, (cells,) uint64: a bit for each, which may stand for another one too."""
+    """Return the planes that cover each cell, (cells,) uint64: one bit per plane; two planes may share a bit."""
     over = np.zeros(grounds.shape[1], np.uint64)
     for p in range(grounds.shape[0]):
         bit, covered = bits[p], grounds[p]
@@ -149,7 +149,7 @@ def planes_by_cell(grounds, bits):
 
 @kernel
 def planes_by_row(patches, rows, patch):
-    """Return on which planes any patch of each row of patches lies, as `planes_by_cell` does, for rows of an image."""
+    """Return the planes of each row of image patches, as bits like in `planes_by_cell`, for all rows of an image."""
     along = np.zeros((rows - 1) // patch + 1, np.uint64)
     for r in range(patches.shape[0]):
         for number in patches[r]:
@@ -159,10 +159,10 @@ def planes_by_row(patches, rows, patch):
 
 @kernel(inline="always")
 def over_cells(depth, across, ry, T_grid_camera, origin, cell, wide, high, max_depth, place):
-    """Tell over which cell, of wide x high, each reading of a row of the image is; -1 none. See `assign_planes`."""
+    """Write the index of the grid cell (wide x high) under each reading of a row, -1: none. See `assign_planes`."""
     xx, xy, xz, x0 = T_grid_camera[0]
     yx, yy, yz, y0 = T_grid_camera[1]
-    # Without a branch: so one instruction takes several pixels.
+    # No branches, so that the compiler can vectorise the loop.
     for u in range(depth.size):
         z = np.float64(depth[u])
         x, y = across[u] * z, ry * z
@@ -174,9 +174,9 @@ def over_cells(depth, across, ry, T_grid_camera, origin, cell, wide, high, max_d
 
 @kernel(inline="always")
 def heights_above(depth, across, ry, plane, noise, floor, bias, height):
-    """Tell how high each reading of a row of the image is above a plane; see `assign_planes`.
+    """Write the height of each reading of an image row above a plane; see `assign_planes`.
 
-    Minus infinity where it lies on the plane, infinity where it lies below.
+    The height is minus infinity for a reading on the plane, and infinity for a reading below it.
     """
     n0, n1, n2, d = plane
     for u in range(depth.size):
@@ -188,12 +188,12 @@ def heights_above(depth, across, ry, plane, noise, floor, bias, height):
 
 @kernel
 def back_project(pixels, depth, camera, T, places):
-    """Write where in the world pixels are.
+    """Write the world coordinates of pixels.
 
     Parameters
     ----------
     pixels : (N,) int64
-        Places in the flattened image.
+        Flat indices of the pixels.
     depth : (H, W) float32
         Metres.
     camera : (4,) float64

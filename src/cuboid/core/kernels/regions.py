@@ -1,4 +1,4 @@
-"""Hot loops that measure the segments of a depth image, and how strongly their outlines part them."""
+"""Hot loops that measure the segments of a depth image, and how strongly their outlines separate them."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from cuboid.core.compiled import kernel
 from cuboid.core.kernels.segments import CREASE, NONE
 from cuboid.core.tolerances import JUMP_SIGMAS
 
-# Columns of a segment's row: pixels, readings, sum of 1/z, rectangle (end inclusive), length of the outline, the
-# sum of its strengths, and how much of it is cut off by the image's border.
+# Columns of a segment: pixels, readings, sum of 1/z, rectangle (end inclusive), length of the outline, sum of the
+# outline's strengths, and length of the outline at the image border.
 PIXELS, READINGS, INVERSE, LEFT, TOP, RIGHTMOST, BOTTOM, OUTLINE, STRENGTH, BORDER = range(10)
 COLUMNS = 10
-# How strongly a piece of outline parts a segment from what is around it, 0..1: at least before what lies behind, where
-# it grows to 1 with the jump; at a hole or a crease, which may part the two or not. Towards what hides it or stands on
-# it: some; at a gap in a crease: little.
+# Strength of a piece of outline, i.e. how clearly it separates a segment from its surroundings, 0..1. BEFORE: in front
+# of a surface behind it, the least value; it grows to 1 with the jump. HALF: at a hole or a crease, which may separate
+# two objects or not. AFTER: towards a surface that hides it or stands on it. GAP: at a gap in a crease.
 BEFORE, HALF, AFTER, GAP = 0.3, 0.4, 0.2, 0.1
-# Label of pixels that are too far away; plane p has BACKGROUND - 1 - p.
+# Label of pixels that are too far away; plane p has the label BACKGROUND - 1 - p.
 BACKGROUND = -1
 
 
 @kernel(inline="always")
 def measure_run(row, v, first, end, height, width, readings, inverse):
-    """Add a run of pixels of an image row, up to before its end, to the measures of a segment.
+    """Add a run of pixels, columns first..end - 1 of image row v, to the measures of a segment.
 
-    `inverse` is the segment's sum of 1/z with that of the run, added up pixel by pixel.
+    `inverse` is the sum of 1/z of the segment including this run, added pixel by pixel.
     """
     row[PIXELS] += end - first
     row[READINGS] += readings
@@ -40,7 +40,7 @@ def measure_run(row, v, first, end, height, width, readings, inverse):
 
 @kernel
 def measure_row(v, kind, labels, inverse, segments, planes):
-    """Add a row of the image to the measures of all that it shows; see `measure`."""
+    """Add an image row to the measures of all segments and planes in it; see `measure`."""
     height, width = labels.shape
     end = 0
     while end < width:
@@ -60,14 +60,14 @@ def measure_row(v, kind, labels, inverse, segments, planes):
         measure_run(row, v, first, end, height, width, readings, total)
 
 
-@kernel(error_model="numpy")  # a reading without end has 1/z = 0
+@kernel(error_model="numpy")  # an infinite reading has 1/z = 0
 def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, weight, level, planes):
-    """Measure each segment and large plane, and how strongly its outline parts it from what is around it.
+    """Measure each segment and large plane, and how strongly its outline separates it from its surroundings.
 
-    The strength of a piece of a segment's outline, 0..1: 1 towards a plane or a far thing; towards another segment that
-    lies behind it, growing from 0.3 to 1 with the jump; 0.4 on a concave crease; 0.2 towards what hides it; 0.1 where
-    nothing but a gap in a crease parts the two; 0.4 towards a hole. A large plane may be a thing too, the lid of a box:
-    see `along_plane`.
+    The strength of a piece of a segment's outline is in 0..1. It is 1 towards a plane or a far surface; towards another
+    segment behind it, it grows from 0.3 to 1 with the jump; 0.4 on a concave crease; 0.2 towards a surface that hides
+    it; 0.1 if only a gap in a crease separates the two; 0.4 towards a hole. A large plane may be part of an object too,
+    such as the lid of a box: see `along_plane`.
 
     Parameters
     ----------
@@ -76,17 +76,17 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
     noise : float
         Standard deviation of 1/z, 1/metre.
     jump, sure : float
-        Least jump, and the jump that is surely another object, metres.
+        Smallest jump, and the jump that certainly separates two objects, metres.
     segments : (S, COLUMNS) float64, output
-        Row k is label k.
+        Row k belongs to label k.
     contact : (S, S) float32, output
-        Pixels of outline that two segments share.
+        Length of the outline that two segments share, pixels.
     weight : (S, S) float32, output
-        [i, j]: the sum of strengths of i's outline towards j.
+        [i, j]: sum of the strengths of i's outline towards j.
     level : (S, S) float32, output
-        The part of `weight` where depth does not jump.
+        The part of `weight` from places without a depth jump.
     planes : (P, COLUMNS) float64, output
-        The planes' measures.
+        Measures of the large planes.
     """
     height, width = labels.shape
     contact[:] = 0.0
@@ -116,7 +116,7 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
 
 @kernel(error_model="numpy")
 def along_planes(a, b, wa, wb, limit, sure, planes):
-    """Add a piece of outline between two labels, one of them a large plane's, with 1/z on either side."""
+    """Add a piece of outline between two labels with these 1/z, at least one of them a large plane."""
     if a < BACKGROUND:
         along_plane(planes[BACKGROUND - 1 - a], b, wa - wb, min(wa, wb), limit, sure)
     if b < BACKGROUND:
@@ -125,7 +125,7 @@ def along_planes(a, b, wa, wb, limit, sure, planes):
 
 @kernel(error_model="numpy")
 def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight, level):
-    """Add a piece of outline between two labels, one of them a segment's, with 1/z on either side; see `measure`."""
+    """Add a piece of outline between two labels with these 1/z, at least one of them a segment; see `measure`."""
     if a > 0:
         segments[a, OUTLINE] += 1
     if b > 0:
@@ -134,7 +134,7 @@ def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight, level
         segments[max(a, b), STRENGTH] += HALF
         return
     gap = abs(wa - wb)
-    # A jump in metres, from the nearer of the two to the farther.
+    # Depth difference of the two sides in metres.
     step = abs(1.0 / wa - 1.0 / wb)
     strength_a = strength_b = GAP
     if gap > limit:
@@ -169,7 +169,7 @@ def mean_colors(labels, color, step, means):
     color : (step h, step w, 3) uint8
     step : int
     means : (S, 3) float64, output
-        Levels; row k is label k, 0 where there is none of it.
+        Color levels; row k belongs to label k, 0 if no pixel has it.
     """
     means[:] = 0.0
     counts = np.zeros(len(means), np.int64)
@@ -188,20 +188,20 @@ def mean_colors(labels, color, step, means):
 def along_plane(row, other, ahead, low, limit, sure):
     """Add a piece of a large plane's outline to its measures.
 
-    Its strength: towards what lies behind, growing from 0.3 to 1 with the jump; 0.6 where another large plane goes on
-    from it; 0.4 towards a hole; 0.2 towards what hides it or stands on it.
+    Its strength: towards a surface behind it, growing from 0.3 to 1 with the jump; 0.6 where another large plane
+    continues without a jump; 0.4 towards a hole; 0.2 towards a surface that hides it or stands on it.
 
     Parameters
     ----------
     row : (COLUMNS,) float64, in and out
     other : int
-        The label beyond.
+        The label on the other side.
     ahead : float
-        By how much nearer the plane is, in 1/z.
+        1/z of the plane minus 1/z of the other side.
     low : float
-        The lesser 1/z of the two.
+        The smaller 1/z of the two.
     limit : float
-        More is a jump.
+        Larger differences of 1/z are a jump.
     sure : float
         See `measure`.
     """
@@ -211,7 +211,7 @@ def along_plane(row, other, ahead, low, limit, sure):
     elif abs(ahead) <= limit:
         row[STRENGTH] += 1.0 - HALF if other < BACKGROUND else AFTER
     elif ahead > 0.0:
-        # From the nearer to the farther, in metres.
+        # Depth difference of the two sides in metres.
         row[STRENGTH] += BEFORE + (1.0 - BEFORE) * min(1.0, (1.0 / low - 1.0 / (low + ahead)) / sure)
     else:
         row[STRENGTH] += AFTER

@@ -1,7 +1,7 @@
-"""Hot loops that cut one depth image into surfaces and tell how these touch.
+"""Hot loops that divide one depth image into surface segments.
 
 All work on inverse depth w = 1/z: a plane is linear in w over the image, collinear points stay collinear,
-and a disparity sensor's noise is the same everywhere in w.
+and the noise of a disparity sensor is uniform in w.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import numpy as np
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import JUMP_SIGMAS
 
-# Kinds of pixels: no reading, on a large plane, on another surface, too far away.
+# Kinds of pixels: without a reading, on a large plane, on another surface, too far away.
 NONE, PLANE, SURFACE, FAR = 0, 1, 2, 3
-# Bits of the marks of a pixel: depth jumps to its right, below it; a concave crease runs through it.
+# Bits of the marks of a pixel: depth jump to the right, depth jump below, concave crease at the pixel.
 RIGHT, DOWN, CREASE = 1, 2, 4
-# Creases are judged over at most this many pixels to either side.
+# Longest arm of the crease test to either side, pixels.
 LONGEST = 10
-# A pixel in a queue is its row, shifted by this many bits, and its column: a division takes ten times as long.
+# A pixel in a queue is its row, shifted by this many bits, plus its column: a division takes ten times longer.
 PLACE_BITS = 16
 COLUMN_MASK = (1 << PLACE_BITS) - 1
 
@@ -36,9 +36,9 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
     jump : float
         Least jump, metres.
     arm : float
-        Half the length of surface over which a crease is judged, metres; more where noise asks for it.
+        Half the length of surface over which a crease is judged, metres; longer where noise requires it.
     bend : float
-        A crease lies behind the chord over it by at least this times the arm.
+        Smallest depth of a crease behind the chord over it, as a fraction of the arm.
     smooth : (H, W) float32, output
         1/z averaged over the 3 x 3 neighbours on the same surface; 0 off surfaces.
     marks : (H, W) uint8, output
@@ -46,10 +46,10 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
     """
     height, width = inverse.shape
     mark_jumps(inverse, kind, noise, jump, smooth, marks)
-    # Around it no surface, so that no arm ends outside.
+    # A margin without surface surrounds the image, so that no arm ends outside.
     wide = np.zeros((height + 2 * LONGEST, width + 2 * LONGEST), np.float32)
     wide[LONGEST:-LONGEST, LONGEST:-LONGEST] = smooth
-    # The arms end at most three lengths before or behind the crease: no jump lies between.
+    # The ends of the arms lie within three arm lengths of the crease in depth: no jump lies between.
     lengths = np.arange(LONGEST + 1)
     reaches, leasts = 3.0 * lengths / focal, 2.0 * bend * lengths / focal
     flat, long = wide.reshape(-1), wide.shape[1]
@@ -58,13 +58,13 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
             if kind[v, u] != SURFACE:
                 continue
             w = smooth[v, u]
-            # The depth behind the chord has a deviation of 0.6 noise / w^2 after smoothing: 2.5 of them are enough.
+            # After smoothing, the depth behind the chord has a standard deviation of 0.6 noise / w^2: 2.5 suffice.
             length = max(arm, 1.5 * noise / (w * w * bend))
             k = min(max(int(length * focal * w + 0.5), 2), LONGEST)
             slant = (k * 3 + 2) // 4
             reach, least = reaches[k] * w, leasts[k] * w
             here = (v + LONGEST) * long + u + LONGEST
-            # All four, without a branch: which of them it is nobody can foresee.
+            # All four directions without a branch: the branch predictor cannot predict which one is a crease.
             creased = is_crease(flat, here, k, w, reach, least)
             creased |= is_crease(flat, here, k * long, w, reach, least)
             creased |= is_crease(flat, here, slant * (long + 1), w, reach, least)
@@ -74,8 +74,8 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
 
 @kernel(inline="always")
 def is_crease(smooth, here, away, w, reach, least):
-    """Whether a surface lies behind the chord over it, from this many places before to as many after it."""
-    # Unsigned: no index from the end.
+    """Return whether the surface lies behind the chord between the pixels `away` flat indices before and after it."""
+    # Unsigned: numba then skips the handling of negative indices.
     p, q = smooth[np.uintp(here - away)], smooth[np.uintp(here + away)]
     near = (p > 0.0) & (q > 0.0) & (abs(p - w) <= reach) & (abs(q - w) <= reach)
     return near & (p + q - 2.0 * w > least)
@@ -83,26 +83,26 @@ def is_crease(smooth, here, away, w, reach, least):
 
 @kernel(inline="always")
 def with_near(x, w, limit, total, n):
-    """Add a neighbour on the same surface to the sum and the number of those."""
+    """Add a neighbour on the same surface to the running sum and count."""
     near = (x > np.float32(0.0)) & (abs(x - w) < limit)
     return total + (x if near else np.float32(0.0)), n + (np.float32(1.0) if near else np.float32(0.0))
 
 
 @kernel(error_model="numpy")
 def mark_jumps(inverse, kind, noise, jump, smooth, marks):
-    """Mark depth jumps between neighbours, and smooth surfaces; see `mark`."""
+    """Mark depth jumps between neighbours, and write the smoothed 1/z of surfaces; see `mark`."""
     height, width = inverse.shape
-    # As the readings are, so that one instruction takes twice as many.
+    # Same float type as the readings, so that the compiler can vectorise with twice the width.
     jump, least, none = np.float32(jump), np.float32(JUMP_SIGMAS * noise), np.float32(0.0)
-    # Around it no reading, so that no neighbour is asked whether it is in the image.
+    # A margin without readings surrounds the image, so that neighbours need no bounds check.
     wide = np.zeros((height + 3, width + 3), np.float32)
     wide[1:-2, 1:-2] = inverse
     for v in range(height):
         above, row, below, next_ = wide[v], wide[v + 1], wide[v + 2], wide[v + 3]
-        # Without a branch: so one instruction takes several pixels.
+        # No branches, so that the compiler can vectorise the loop.
         for u in range(width):
             w = row[u + 1]
-            # A jump dz is dw = dz w^2.
+            # A depth jump dz is a jump dw = dz w^2 in inverse depth.
             limit = jump * w * w + least
             total = n = none
             for k in range(3):
@@ -121,7 +121,7 @@ def mark_jumps(inverse, kind, noise, jump, smooth, marks):
 
 @kernel(inline="always")
 def jumps(before, here, there, after, limit):
-    """Whether depth jumps from here to there, and the step does not go on as the surface on either side does."""
+    """Return whether depth jumps from `here` to `there`, unless the step continues the slope of either surface."""
     step = abs(here - there)
     none = np.float32(0.0)
     far = (here > none) & (there > none) & (step > limit)
@@ -132,7 +132,7 @@ def jumps(before, here, there, after, limit):
 
 @kernel(inline="always")
 def linked(kind, marks, v, u, vv, uu):
-    """Whether two 4-neighbours lie on one surface."""
+    """Return whether two 4-neighbours lie on one surface."""
     if kind[vv, uu] != SURFACE:
         return False
     if vv == v:
@@ -144,16 +144,16 @@ def linked(kind, marks, v, u, vv, uu):
 def label_surfaces(kind, marks, least, most, labels, queue):
     """Number the segments: surface patches between jumps and creases.
 
-    Their cores, one pixel away from any jump or crease, are numbered first and then grow back, the nearest first, so
-    that a gap of two pixels in a crease does not join what it parts. What has no core is numbered after that.
+    The cores, at least one pixel away from any jump or crease, are numbered first. They then grow back, nearest pixels
+    first, so that a gap of two pixels in a crease does not join two segments. Surfaces without a core follow last.
 
     Parameters
     ----------
     kind, marks : see `mark`
-        The kind of patches below `least` pixels becomes NONE.
+        The kind of pixels in patches smaller than `least` becomes NONE.
     least : int
     most : int
-        Patches beyond this many are left out.
+        Largest number of patches; further ones are dropped.
     labels : (H, W) int16, output
         From 1; 0 elsewhere.
     queue : (H * W,) int32, scratch
@@ -184,11 +184,11 @@ def label_surfaces(kind, marks, least, most, labels, queue):
 
 @kernel
 def cores(kind, marks):
-    """Return the pixels (H, W) of surfaces that neither a jump nor a crease touches, 1 or 0."""
+    """Return the surface pixels (H, W) that touch neither a jump nor a crease, 1 or 0."""
     height, width = kind.shape
     core = np.zeros((height, width), np.uint8)
     for v in range(1, height - 1):
-        # Without a branch: so one instruction takes several pixels.
+        # No branches, so that the compiler can vectorise the loop.
         for u in range(1, width - 1):
             own = (marks[v, u] | (marks[v, u - 1] & RIGHT) | (marks[v - 1, u] & DOWN)) == 0
             creased = marks[v - 1, u] | marks[v + 1, u] | marks[v, u - 1] | marks[v, u + 1]
@@ -200,7 +200,7 @@ def cores(kind, marks):
 
 @kernel
 def label_cores(kind, marks, core, least, labels, queue, limit):
-    """Number the cores of surfaces, at most this many; return the last number. Small cores are left out."""
+    """Number the cores of surfaces, at most `limit`; return the last number. Cores below `least` // 2 are dropped."""
     height, width = kind.shape
     last = 0
     for v in range(height):
@@ -219,7 +219,7 @@ def label_cores(kind, marks, core, least, labels, queue, limit):
 
 @kernel
 def grow_back(kind, marks, labels, queue):
-    """Let all cores grow at once into what is linked to them."""
+    """Grow all cores at once into the pixels that are linked to them."""
     height, width = kind.shape
     tail = 0
     for v in range(height):
@@ -243,7 +243,7 @@ def grow_back(kind, marks, labels, queue):
 
 @kernel
 def flood(kind, marks, core, cores_only, v0, u0, label, labels, queue):
-    """Label what is linked to a pixel; return how many pixels the queue lists."""
+    """Label all pixels that are linked to a first pixel; return their number. The queue lists them."""
     height, width = kind.shape
     queue[0] = (v0 << PLACE_BITS) | u0
     labels[v0, u0] = label

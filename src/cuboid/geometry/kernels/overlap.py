@@ -1,8 +1,8 @@
 """Hot loop: exact intersection volumes of oriented boxes.
 
-The surface of A n B is what lies of A's faces in B and of B's faces in A. By the divergence theorem its volume is
-a third of the sum, over these polygons, of their area times the distance of their plane from any fixed point.
-Faces that coincide are counted once: those of A are clipped to the closed B, those of B to the open A.
+The surface of A n B consists of the parts of A's faces inside B and of B's faces inside A. By the divergence theorem
+its volume is a third of the sum, over these polygons, of area times distance of the plane from any fixed point.
+Coincident faces are counted once: the faces of A are clipped to the closed B, the faces of B to the open A.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import numpy as np
 
 from cuboid.core.compiled import kernel
 
-# Two planes within this are one, metres.
+# Two planes with a smaller distance than this coincide, metres.
 COINCIDE_M = 1e-10
 MAX_CORNERS = 16
 
-# Boxes that came after each other stand near each other, most of them: this many of them are looked at only where the
-# bounds of all of them are met. What rounding may cost, metres.
+# Boxes are searched in batches of this many, and a batch is skipped if its bounds are too far away: most successive
+# boxes lie near each other. Allowance for rounding errors in that test, metres.
 BATCH = 64
 SLACK_M = 1e-6
 
@@ -53,7 +53,7 @@ def faces_within(center, R, size, other, slack, origin, first, second):
     slack : float
         Added to the other box's half sizes, metres.
     origin : (3,) float64
-        The point that distances are taken from, in the frame of the other box.
+        Reference point of the distances, in the frame of the other box.
     first, second : (MAX_CORNERS, 3) float64, scratch
 
     Returns
@@ -102,7 +102,7 @@ def faces_within(center, R, size, other, slack, origin, first, second):
 
 @kernel
 def intersections(A, B, out):
-    """Volumes of A[i] n B[j].
+    """Write the volumes of A[i] n B[j].
 
     Parameters
     ----------
@@ -139,16 +139,16 @@ def intersections(A, B, out):
 
 @kernel
 def bound(boxes, batch, bounds):
-    """Find the bounds of the boxes of a batch: least and greatest centre, and greatest radius of a bounding sphere.
+    """Write the bounds of the boxes of a batch: smallest and largest centre, largest radius of a bounding sphere.
 
     Parameters
     ----------
     boxes : (N, 15) float64
-        See `intersections`; a row of NaN is no box.
+        See `intersections`; a row of NaN is ignored.
     batch : int
-        Rows from `BATCH` times this on.
+        Index of the batch; its rows begin at `batch` times `BATCH`.
     bounds : (M, 7) float64, output
-        Its row of this number.
+        Row `batch` is written.
     """
     row = bounds[batch]
     row[:3], row[3:6], row[6] = np.inf, -np.inf, 0.0
@@ -167,21 +167,21 @@ def near(boxes, bounds, center, radius, gap, found):
     Parameters
     ----------
     boxes : (N, 15) float64
-        See `intersections`; a row of NaN is near nothing.
+        See `intersections`; a row of NaN is never found.
     bounds : (M, 7) float64
         See `bound`.
     center : (3,) float64
     radius : float
-        Of that sphere, metres.
+        Radius of that sphere, metres.
     gap : float
-        Spheres that are no farther apart are near, metres.
+        Largest gap between two spheres that are near, metres.
     found : (N,) int64, output
         Rows, ascending.
 
     Returns
     -------
     int
-        How many there are.
+        Number of boxes found.
     """
     n, rows = 0, boxes.shape[0]
     for batch in range((rows + BATCH - 1) // BATCH):

@@ -1,4 +1,4 @@
-"""Hot loops that join the segments of a depth image step by step, choose among the unions, and write their masks."""
+"""Hot loops that join the segments of a depth image step by step, select among the unions, and write their masks."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from cuboid.core.kernels.regions import (
 
 @kernel
 def join(segments, contact, weight, count, focal, largest, members, found, parts):
-    """Join neighbouring segments step by step, the weakest outline first, and keep all unions on the way.
+    """Join neighbouring segments step by step, weakest outline first, and keep all intermediate unions.
 
     Parameters
     ----------
     segments, contact, weight : see `measure`
-        Changed.
+        Changed in place.
     count : int
         The last label.
     focal : float
         Pixels.
     largest : float
-        No union is larger, metres.
+        Largest size of a union, metres.
     members : (2 S, S) uint8, output
-        Which segments each region is made of.
+        Which segments each region consists of.
     found : (2 S, COLUMNS) float64, output
-        Its measures.
+        Measures of each region.
     parts : (2 S, 2) int32, output
         The two regions that a union joins; -1 for a segment.
 
@@ -92,19 +92,19 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
 
 @kernel
 def pair(segments, contact, weight, count, focal, largest, n, members, found, parts):
-    """Add the unions of two neighbouring segments that `join` did not come by.
+    """Add the unions of two neighbouring segments that `join` did not make.
 
-    A tree of unions gives a segment one chance: where the inside of a mug went with the wall behind it, no union is
-    the mug.
+    `join` uses each segment in only one tree of unions: if the inside of a mug was joined with the wall behind it, no
+    union is the mug.
 
     Parameters
     ----------
     segments, contact, weight, count, focal, largest : see `join`
-        As `measure` gave them.
+        As `measure` returned them.
     n : int
         Number of regions that `join` found.
     members, found, parts : see `join`, in and out
-        What has no room is left out: three pairs a segment, as many as regions of a plane can have, always have.
+        Pairs beyond their size are dropped; three pairs per segment always fit, the most that plane regions have.
 
     Returns
     -------
@@ -136,27 +136,27 @@ def pair(segments, contact, weight, count, focal, largest, n, members, found, pa
 
 @kernel
 def distinct(order, members, pixels, weight, same, kept):
-    """Choose regions, the best first, without those that are nearly the same as a better one.
+    """Select regions, best first, without near duplicates of better ones.
 
     Parameters
     ----------
     order : (K,) int64
-        Regions, the best first.
+        Regions, best first.
     members : (N, S) uint8
-        Which segments each is made of.
+        Which segments each region consists of.
     pixels : (N,) int64
-        Of each region.
+        Pixels of each region.
     weight : (S,) int64
         Pixels of each segment.
     same : float
-        Regions with this IoU are the same.
+        Regions with this IoU or more are duplicates.
     kept : (most,) int64, output
-        The regions chosen.
+        The selected regions.
 
     Returns
     -------
     int
-        How many there are.
+        Number of selected regions.
     """
     n = 0
     for a in order:
@@ -165,7 +165,7 @@ def distinct(order, members, pixels, weight, same, kept):
         new = True
         for j in range(n):
             b = kept[j]
-            # No IoU is larger than the quotient of their sizes; a little less, for rounding.
+            # The IoU is at most the ratio of the sizes; 0.99 allows for rounding.
             if min(pixels[a], pixels[b]) < 0.99 * same * max(pixels[a], pixels[b]):
                 continue
             common = 0
@@ -182,15 +182,15 @@ def distinct(order, members, pixels, weight, same, kept):
 
 @kernel(inline="always")
 def unite(one, other, shared, strength, union):
-    """Measure the union of two segments, which may be one of them.
+    """Compute the measures of the union of two segments; the output may be one of them.
 
     Parameters
     ----------
     one, other : (COLUMNS,) float64
     shared : float
-        Pixels of outline that they share.
+        Length of the shared outline, pixels.
     strength : float
-        The sum of its strengths, both ways.
+        Sum of the strengths of the shared outline, in both directions.
     union : (COLUMNS,) float64, output
     """
     union[PIXELS] = one[PIXELS] + other[PIXELS]
@@ -213,7 +213,7 @@ def extent(row, focal):
 
 @kernel(inline="always")
 def can_join(one, other, focal, largest):
-    """Whether a union would be no larger than an object, across and in depth."""
+    """Return whether a union would be no larger than an object, in the image and in depth."""
     z1, z2 = one[READINGS] / one[INVERSE], other[READINGS] / other[INVERSE]
     if abs(z1 - z2) > 0.5 * largest:
         return False
@@ -229,17 +229,17 @@ def cut_masks(labels, members, chosen, boxes, masks):
     Parameters
     ----------
     labels : (h, w) int16
-        Segment of each pixel, -1 none, -2 - p on plane p.
+        Segment of each pixel, 0: none, -1: far, -2 - p: on plane p.
     members : (N, S) uint8
-        1 for each segment that a region is made of; the planes count from the end.
+        1 for each segment of a region; planes are counted from the end.
     chosen : (K,) int64
         Regions.
     boxes : (K, 4) int32
-        x0, y0, x1, y1 of each, end exclusive.
+        x0, y0, x1, y1 of each region, end exclusive.
     masks : (L,) uint8, output
     """
     at, last = 0, members.shape[1]
-    # Of each label, counted from the last plane's on, whether it is in.
+    # For each label, from the last plane's on, whether it belongs to the region.
     inside = np.zeros(2 * last + 1, np.uint8)
     for row in range(chosen.size):
         inside[:last] = inside[last + 1 :] = members[chosen[row]]

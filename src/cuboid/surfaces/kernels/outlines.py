@@ -1,4 +1,4 @@
-"""Hot loop over the outlines of a frame's segments: what lies across each piece of them."""
+"""Hot loop over the outlines of a frame's segments: the kind of neighbour across each outline pixel."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy.typing as npt
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import JUMP_SIGMAS
 
-# Kinds of neighbour across a piece of outline: columns of `outline`.
+# Kinds of neighbour across an outline pixel: last axis of `outline`.
 FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER = range(6)
 KINDS = 6
-# Sides of a segment in the picture, seen from the camera held upright: columns of `outline` too.
+# Sides of a segment in the image of an upright camera: middle axis of `outline`.
 TOP, BOTTOM, LEFT, RIGHT = range(4)
-# The top and the bottom of a segment are this much of its height.
+# The top and the bottom of a segment are this fraction of its height.
 END_FRACTION = 0.05
-# Colors that differ by this many levels, over three channels, have an edge in between: a third of that is shading and
-# noise. The color inside is taken this many pixels away, clear of the blur at an outline.
+# A color change of this many levels, over three channels, is an edge: shading and noise cause a third of it. The color
+# inside is taken this many pixels from the outline, away from its blur.
 EDGE_LEVELS, INNER_PIXELS = 90, 2
 
 
 @kernel(inline="always")
 def surrounded(claim, v, u):
-    """Tell whether all four neighbours of a pixel, none beyond the border, are of its segment."""
+    """Return whether all four neighbours of a pixel belong to its segment; the pixel must not lie at the border."""
     a = claim[v, u]
     beside = (claim[v, u - 1] == a) & (claim[v, u + 1] == a)
     return beside & (claim[v - 1, u] == a) & (claim[v + 1, u] == a)
@@ -32,7 +32,7 @@ def surrounded(claim, v, u):
 
 @kernel(inline="always")
 def inwards(readings, claim, v, u, dv, du, reach):
-    """Return how many steps inwards of a segment's outline its first reading is; `reach` where it is no nearer."""
+    """Return the number of steps from an outline pixel inwards to the first reading of its segment, at most `reach`."""
     height, width = readings.shape
     for n in range(reach):
         vv, uu = v - n * dv, u - n * du
@@ -49,14 +49,14 @@ class Picture(NamedTuple):
     Attributes
     ----------
     depth : (h, w) float32
-        Holes filled.
+        Depth with holes filled.
     readings : (h, w) float32
-        With its holes.
+        Depth as measured, with holes.
     color : (h, w, 3) uint8
     claim : (h, w) int32
-        Segment of each pixel, -1 none.
+        Segment of each pixel, -1: none.
     on_plane : (h, w) int32
-        Supporting plane that a pixel lies on, -1 none.
+        Supporting plane on which a pixel lies, -1: none.
     """
 
     depth: npt.NDArray[np.float32]
@@ -68,24 +68,24 @@ class Picture(NamedTuple):
 
 @kernel
 def across(picture, plane, v, u, dv, du, limit, reach):
-    """Tell what lies across one pixel of a segment's outline: the first reading outwards, over holes.
+    """Return the kind of neighbour across an outline pixel of a segment: the first reading outwards, beyond holes.
 
     Parameters
     ----------
     picture : Picture
     plane : int
-        What the segment stands on, -1 none.
+        Plane on which the segment stands, -1: none.
     v, u, dv, du : int
-        The pixel, and the step outwards.
+        The pixel, and the direction outwards.
     limit : float
-        Larger differences of depth are jumps, metres.
+        Larger depth differences are jumps, metres.
     reach : int
-        Steps that a reading is looked for.
+        Largest number of steps to a reading.
 
     Returns
     -------
     (int, int)
-        The kind, -1 where the segment itself goes on behind a hole; and the segment that begins there, -1 none.
+        The kind, -1 if the segment itself continues beyond a hole; and the segment that begins there, -1: none.
     """
     depth, readings, color, claim, on_plane = picture
     height, width = depth.shape
@@ -119,35 +119,34 @@ def across(picture, plane, v, u, dv, du, limit, reach):
 
 @kernel
 def outlines(picture, corners, plane_of, side_of, focal, noise, jump, gap_m, outline, contact):
-    """Tell what bounds each segment of a frame: free space, its support, another segment, another surface, or unknown.
+    """Classify the neighbours of each segment of a frame: free space, support, other segment, other surface or unknown.
 
-    From each pixel of a segment whose neighbour (of four) is not of it, the first reading outwards is looked for, over
-    holes up to a width of `gap_m`. It is FREE where that lies behind by more than a jump; SUPPORT where it lies on the
-    plane that the segment stands on; UNSURE where another segment begins at the same depth; CONTACT where any other
-    surface goes on; HIDDEN where it lies before (what is behind it is unknown); BORDER where the picture ends. In
-    a wide hole (something dark, or that shines) color tells: it is FREE beyond an edge of color, and UNSURE where the
-    color of the segment goes on. A hole reaches from the last reading of the segment to the first one beyond: where it
-    was filled, the segment ends within it.
+    For each outline pixel, the first reading outwards is searched, across holes up to a width of `gap_m`. The kind is
+    FREE if this reading lies behind by more than a jump; SUPPORT if it lies on the plane on which the segment stands;
+    UNSURE if another segment begins at the same depth; CONTACT if another surface continues there; HIDDEN if it lies in
+    front (the space behind it is unknown); BORDER if the image ends. In a wide hole (dark or shiny objects) color
+    decides: FREE beyond a color edge, UNSURE if the color of the segment continues. A hole extends from the last
+    reading of the segment to the first reading beyond: filled pixels count as part of the hole.
 
     Parameters
     ----------
     picture : Picture
     corners : (count, 4) int64
-        The least and the largest column and row of each segment: left, top, right, bottom.
+        Smallest and largest column and row of each segment: left, top, right, bottom.
     plane_of : (count,) int64
-        Plane that each segment stands on, -1 none.
+        Plane on which each segment stands, -1: none.
     side_of : (4,) int64
-        Side of a segment that lies below, above, right and left of a pixel in the image: see TOP.
+        Side of a segment (see TOP) for the neighbours below, above, right and left in the image.
     focal : float
         Pixels.
     noise : float
-        Standard deviation of depth is this times z squared.
+        The standard deviation of depth is this value times z squared.
     jump, gap_m : float
         Metres.
     outline : (count, 4, KINDS) int64, output
-        Pixels of outline by side and kind.
+        Number of outline pixels by side and kind.
     contact : (count, count) int64, output
-        [i, j]: pixels of i's outline that lie at j, jump or none.
+        [i, j]: number of outline pixels of i next to j, with or without a jump.
     """
     depth, claim = picture.depth, picture.claim
     height, width = depth.shape
@@ -163,7 +162,7 @@ def outlines(picture, corners, plane_of, side_of, focal, noise, jump, gap_m, out
                 if 0 <= v + dv < height and 0 <= u + du < width and claim[v + dv, u + du] == a:
                     continue
                 if side_of[k] <= BOTTOM:
-                    # Top and bottom are at the ends, not where a slanted side steps.
+                    # Top and bottom are counted only at the ends, not at the steps of a slanted side.
                     low, high = (corners[a, 1], corners[a, 3]) if k < 2 else (corners[a, 0], corners[a, 2])
                     here = v if k < 2 else u
                     far = high - here if dv + du > 0 else here - low

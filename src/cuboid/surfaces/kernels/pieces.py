@@ -1,4 +1,4 @@
-"""Hot loops over the pixels assigned to proposals: split where depth jumps, joined where they are one, gathered."""
+"""Hot loops over the pixels assigned to proposals: split at depth jumps, join surfaces of one object, gather."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ def find_root(parent, a):
 
 @kernel
 def label_regions(depth, assigned, noise, jump, parent, labels):
-    """Number the 8-connected regions of pixels of one proposal whose depth is continuous.
+    """Number the 8-connected regions of pixels of one proposal with continuous depth.
 
-    Neighbours belong together when their depths differ by less than `jump` (metres) plus the noise of two readings.
+    Neighbours are connected if their depths differ by less than `jump` (metres) plus the noise of two readings.
 
     Parameters
     ----------
     depth : (H, W) float32
     assigned : (H, W) int32
-        What each pixel belongs to, -1 nothing.
+        Proposal of each pixel, -1: none.
     noise, jump : float
     parent : (H * W,) int32, scratch
     labels : (H, W) int32, output
@@ -54,7 +54,7 @@ def label_regions(depth, assigned, noise, jump, parent, labels):
                 if uu < 0 or uu >= columns or (v == 0 and k < 3):
                     continue
                 there = here - columns + k - 1 if k < 3 else here - 1
-                # Most neighbours are of one region by now.
+                # Most neighbours already belong to the same region.
                 if parent[there] == root:
                     continue
                 if (above[uu] if k < 3 else own[uu]) == mine and abs((far[uu] if k < 3 else near[uu]) - z) < limit:
@@ -82,21 +82,21 @@ def label_regions(depth, assigned, noise, jump, parent, labels):
 
 @kernel
 def measure_regions(labels, assigned, depth, readings, sizes, read, total, owner, corners):
-    """Measure regions by their runs along the rows of the image: a sum in hand is faster than one in memory.
+    """Measure regions by their runs along image rows: a sum in a register is faster than one in memory.
 
     Parameters
     ----------
     labels, assigned, depth
         See `judge_regions`.
     readings : (H, W) float32
-        Metres, 0 where a hole was filled.
+        Metres, 0 for filled holes.
     sizes, read : (number + 1,) int64, output
-        Pixels of each region, and readings among them.
+        Number of pixels of each region, and of readings among them.
     total : (number + 1,) float64, output
         Summed depth, metres.
     owner : (number + 1,) int64, output
     corners : (number + 1, 4) int64, output
-        The least and the largest column and row of each: left, top, right, bottom.
+        Smallest and largest column and row of each region: left, top, right, bottom.
     """
     rows, columns = labels.shape
     sizes[:], read[:], total[:], owner[:] = 0, 0, 0.0, -1
@@ -123,9 +123,9 @@ def measure_regions(labels, assigned, depth, readings, sizes, read, total, owner
 
 @kernel
 def judge_regions(labels, assigned, depth, readings, least, focal, major, deep, become, sizes, owner):
-    """Tell which regions are one, and which are none.
+    """Decide which regions are joined and which are dropped.
 
-    The largest surface of each proposal is one with those that are about as large and as near.
+    Regions of a proposal are joined with its largest one if they are nearly as large and at a similar depth.
 
     Parameters
     ----------
@@ -134,21 +134,21 @@ def judge_regions(labels, assigned, depth, readings, least, focal, major, deep, 
     assigned : (H, W) int32
     depth : (H, W) float32
     readings : (H, W) float32
-        Metres, 0 where a hole was filled.
+        Metres, 0 for filled holes.
     least : int
-        A region of fewer readings is none.
+        Smallest number of readings of a region; smaller ones are dropped.
     focal : float
         Pixels.
     major : float
-        Least size of one that joins, as a fraction of the largest one's.
+        Smallest size of a region that is joined, as a fraction of the size of the largest one.
     deep : float
-        Largest difference of their mean depths, as a fraction of the largest one's length.
+        Largest difference of the mean depths, as a fraction of the length of the largest one.
     become : (number + 1,) int32, output
-        The region that each is a part of, 0 none.
+        The region into which each is merged (or itself), 0: dropped.
     sizes : (number + 1,) int64, output
-        Pixels of each with all its parts, 0 of what is a part, or none.
+        Number of pixels of each region with its merged parts; 0 for merged or dropped regions.
     owner : (number + 1,) int64, output
-        Proposal of each.
+        Proposal of each region.
     """
     count = become.size
     read, total, corners = np.empty(count, np.int64), np.empty(count), np.empty((count, 4), np.int64)
@@ -178,38 +178,38 @@ def judge_regions(labels, assigned, depth, readings, least, focal, major, deep, 
 def gather_regions(
     labels, become, sizes, least, readings, heat, support, first, pixels, corners, claim, warmth, beneath
 ):
-    """Gather the readings of each region that is not too small, in the order of their numbers, and what they are like.
+    """Gather the readings and properties of each region that is large enough, in the order of the region numbers.
 
     Parameters
     ----------
     labels : (H, W) int32
-        Number of the region, from 1; 0 none.
+        Number of the region, from 1; 0: none.
     become, sizes
         See `judge_regions`.
     least : int
-        A region of fewer pixels is left out.
+        Smallest number of pixels of a region; smaller ones are dropped.
     readings : (H, W) float32
-        Metres, 0 where a hole was filled.
+        Metres, 0 for filled holes.
     heat : (H, W) float32
     support : (H, W) int32
-        Plane beneath each pixel, -1 none.
+        Plane beneath each pixel, -1: none.
     first : (number + 1, 2) int64, output
-        Where the readings of each region that is kept begin in `pixels`, and end.
+        Begin and end in `pixels` of the readings of each kept region.
     pixels : (H * W,) int64, output
-        Their places in the flattened image, ascending within a region.
+        Indices of the readings in the flattened image, ascending within a region.
     corners : (number, 4) int64, output
-        The least and the largest column and row of each, filled holes too: left, top, right, bottom.
+        Smallest and largest column and row of each region, filled holes included: left, top, right, bottom.
     claim : (H, W) int32, output
-        Place of each pixel's region among those kept, -1 where it is left out, and of 0.
+        Index of each pixel's region among the kept ones, -1: none.
     warmth : (number,) float64, output
-        Summed heat of all pixels of each.
+        Sum of the heat of all pixels of each region.
     beneath : (number, P) int64, output
-        Pixels of each above each plane.
+        Number of pixels of each region above each plane.
 
     Returns
     -------
     int
-        How many regions are kept.
+        Number of kept regions.
     """
     rows, columns = labels.shape
     kept, total, place = 0, 0, np.full(sizes.size, -1, np.int32)

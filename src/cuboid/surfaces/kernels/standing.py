@@ -1,20 +1,20 @@
-"""Hot loops that find what stands off the flat areas of one depth image, and what bounds each such piece."""
+"""Hot loops that find pieces that rise from the flat areas of a depth image, and classify their surroundings."""
 
 from __future__ import annotations
 
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import JUMP_SIGMAS, SIGMAS
 
-# Columns of `bounds`: what lies across the outline of a piece, beside the planes that it touches.
+# Columns of `others` in `bounds`: kinds of neighbour across the outline of a piece, other than planes it touches.
 FREE, HIDDEN, BORDER, CONTACT = range(4)
 KINDS = len((FREE, HIDDEN, BORDER, CONTACT))
-# Codes of readings that lie on no plane: on another surface, or outside the range that is examined.
+# Codes of readings on no plane: on another surface, or without a valid depth.
 SURFACE, NOTHING = range(-1, -3, -1)
 
 
 @kernel(error_model="numpy")
 def lie_on(depth, camera, planes, noise, floor, bias, max_depth, on):
-    """Find the plane that each reading lies on.
+    """Find the plane on which each reading lies.
 
     Parameters
     ----------
@@ -27,11 +27,11 @@ def lie_on(depth, camera, planes, noise, floor, bias, max_depth, on):
     noise : float
         Standard deviation of depth is noise * z * z, 1/metre.
     floor, bias : float
-        A reading is off a plane from max(floor, bias + 3 standard deviations of its height), metres.
+        A reading is off a plane at max(floor, bias + 3 standard deviations of its height) or more, metres.
     max_depth : float
         Metres.
     on : (H, W) int8, output
-        Plane, SURFACE or NOTHING.
+        Index of a plane, SURFACE or NOTHING.
     """
     rows, columns = depth.shape
     for v in range(rows):
@@ -53,7 +53,7 @@ def lie_on(depth, camera, planes, noise, floor, bias, max_depth, on):
 
 @kernel
 def label_pieces(depth, on, noise, jump, labels, queue):
-    """Number the connected pieces of surface that lie on no plane, cut at depth jumps.
+    """Number the connected pieces of surface on no plane, cut at depth jumps.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def label_pieces(depth, on, noise, jump, labels, queue):
         From `lie_on`.
     noise : float
     jump : float
-        Larger steps in depth, beyond noise, are jumps, metres.
+        Larger depth steps, beyond noise, are jumps, metres.
     labels : (H, W) int32, output
         From 0; -1 elsewhere.
     queue : (H * W,) int32, scratch
@@ -70,7 +70,7 @@ def label_pieces(depth, on, noise, jump, labels, queue):
     Returns
     -------
     int
-        How many there are.
+        Number of pieces.
     """
     rows, columns = depth.shape
     labels[:] = -1
@@ -101,9 +101,9 @@ def label_pieces(depth, on, noise, jump, labels, queue):
 
 @kernel
 def bounds(depth, on, labels, noise, jump, reach, touches, others):
-    """Count what lies across the outline of each piece: a plane that it touches, or something else.
+    """Count the kinds of neighbours across the outline of each piece: a plane that it touches, or something else.
 
-    The first reading outwards tells, over holes up to `reach` pixels at 1 m; where there is none nothing is counted.
+    The first reading outwards decides, across holes up to `reach` pixels at 1 m; if there is none, nothing is counted.
 
     Parameters
     ----------
@@ -112,10 +112,10 @@ def bounds(depth, on, labels, noise, jump, reach, touches, others):
     reach : float
         Pixels times metres.
     touches : (N, P) int64, output
-        Pixels of outline beyond which each plane goes on from the piece.
+        Number of outline pixels at which each plane continues without a jump.
     others : (N, KINDS) int64, output
-        Pixels of outline beyond which the next surface lies behind (FREE), lies before (HIDDEN), goes on and is no
-        plane (CONTACT), or the picture ends (BORDER).
+        Number of outline pixels at which the next surface lies behind (FREE), lies in front (HIDDEN), continues and
+        is not a plane (CONTACT), or at which the image ends (BORDER).
     """
     rows, columns = depth.shape
     touches[:] = 0
