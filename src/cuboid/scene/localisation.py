@@ -85,8 +85,9 @@ class ScenePosesState(Record):
     T_part_recording : (4, 4) float64
         Pose of the recording's world in that part.
     own : tuple of int
-        Numbers of the recording's keyframes. seen_as : tuple of (int, (4, 4) float64, (4, 4) float64) Recognised
-        frames: part, pose in the part, and pose in the world of the recording.
+        Numbers of the recording's keyframes.
+    seen_as : tuple of (int, (4, 4) float64, (4, 4) float64)
+        Recognised frames: part, pose in the part, and pose in the world of the recording.
     aligned : bool
         Whether the pose of the recording's world was found from frames that agree.
     recognised : bool

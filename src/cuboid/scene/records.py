@@ -48,8 +48,9 @@ class Rows:
     frames, sightings, boxes : list of tuple
         Rows in the order of their tables' columns.
     planes : list of (int, SupportPlane) or None
-        Planes with their identities. objects : list of (MapObject, int) Objects as they were, with 0, or with the label
-        of an object that was merged into them.
+        Planes with their identities.
+    objects : list of (MapObject, int)
+        Objects as they were, with 0, or with the label of an object that was merged into them.
     merged : list of (int, int)
         Merged labels, each with the label into which it was merged.
     unread : list of (TrackedObject, int)

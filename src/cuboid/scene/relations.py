@@ -32,7 +32,9 @@ def relations_now(tracker: PosedTracker, walls: Sequence[Wall]) -> dict[Held, fl
     Parameters
     ----------
     tracker : PosedTracker
-        Tracker of the scene. walls : sequence of Wall Walls in the scene's world.
+        Tracker of the scene.
+    walls : sequence of Wall
+        Walls in the scene's world.
     """
     identities, scores = tracker.plane_identities, dict[Held, float]()
     for label, relations in find_relations(tracker.objects, tracker.planes, tracker.up, walls).items():

@@ -31,7 +31,10 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
     ----------
     scene : Scene
     connection : sqlite3.Connection
-        Connection to the scene. number : int Number of the recording. folder : Path
+        Connection to the scene.
+    number : int
+        Number of the recording.
+    folder : Path
     force : bool
         Whether existing results are replaced.
 

@@ -50,14 +50,16 @@ class SceneTracker(KeptMap):
     Parameters
     ----------
     path : Path
-        Path of the scene. file : Writing
+        Path of the scene.
+    file : Writing
     tracker : PosedTracker
     poses : ScenePoses
         Poses of the scene's frames, saved with the tracker.
     visit : Visit
         The recording in the scene.
     names : mapping of int to str
-        Names by label. commit_every_s : float
+        Names by label.
+    commit_every_s : float
     block_store : SceneBlockStore
         Source of map blocks that are not in memory.
     before : Before

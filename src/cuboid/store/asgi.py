@@ -70,7 +70,9 @@ def application(
     Parameters
     ----------
     url : str
-        URL of the store. token : str or None Token that a request must contain; with None every request is answered.
+        URL of the store.
+    token : str or None
+        Token that a request must contain; with None every request is answered.
     hosts : tuple of str
         Host names for which requests are answered; ``*`` for any.
     model : TextModel, optional

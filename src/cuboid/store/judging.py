@@ -57,7 +57,9 @@ def judge_store(
     ----------
     client : distributed.Client
     url : str
-        URL of the store. truths : Path Folder that holds ``NAME/truth.json`` or ``NAME.json`` for a recording NAME.
+        URL of the store.
+    truths : Path
+        Folder that holds ``NAME/truth.json`` or ``NAME.json`` for a recording NAME.
     version, settings : str, optional
         Use only runs of this version, or with these settings.
 

@@ -115,7 +115,9 @@ def tables_of(
     results : Results
     read_as : ReadAs
     pictures : mapping of int to Picture
-        Pictures by label. folder : str or None Folder of the result files in the store.
+        Pictures by label.
+    folder : str or None
+        Folder of the result files in the store.
     embeddings : Embeddings, optional
         Vectors of the objects.
     """

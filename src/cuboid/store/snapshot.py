@@ -70,7 +70,9 @@ class Snapshot:
     number : int
         Number of the manifest; 0 if nothing was gathered yet.
     gathered : dict of str to list of str
-        Gathered files by table. parts : tuple of Part Parts that are not gathered yet, sorted.
+        Gathered files by table.
+    parts : tuple of Part
+        Parts that are not gathered yet, sorted.
     leftovers : tuple of Part
         Parts that are gathered, but not yet removed.
     keys : frozenset of str
