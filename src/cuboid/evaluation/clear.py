@@ -58,7 +58,7 @@ def correspondences(frames: Sequence[FrameOverlap], threshold: float) -> list[Pa
     ----------
     frames : sequence of FrameOverlap
     threshold : float
-        Least IoU of a pair.
+        Minimum IoU of a pair.
 
     Returns
     -------
