@@ -1,4 +1,4 @@
-"""Drawing keyframes in the browser: rectangles with identities, by which a result can be judged."""
+"""Annotation of keyframes in the browser: rectangles with object identities, to evaluate results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rectangles propagated from one frame to another: where the same things should be, as camera poses and depth tell."""
+"""Propagation of rectangles from one frame to another, by camera poses and depth."""
 
 from __future__ import annotations
 
@@ -11,34 +11,35 @@ from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.readers.recording import Recording
 
-# Depth is taken from the middle half of a rectangle, each way: at its sides other things show.
+# Margin that is cut off each side of a rectangle before depth is read, as a fraction: other objects show near the
+# sides.
 MIDDLE = 0.25
-# Nearer than this no sensor measures, metres.
+# Minimum depth that a sensor measures, metres.
 NEAR_M = 0.05
-# An object of which less than this fraction stays in the picture has left it.
+# Minimum fraction of a rectangle inside the picture; below it the object has left the picture.
 MIN_LEFT = 0.15
 
 Rect = tuple[int, int, int, int]
 
 
 def propagated(recording: Recording, source: int, target: int, rects: Sequence[Float64Array]) -> list[Rect | None]:
-    """Return where rectangles of one frame should be in another one.
+    """Return the expected positions of one frame's rectangles in another frame.
 
-    The middle of a rectangle moves as the point behind it does, its size with the distance. Where a pose or all depth
-    is missing, a rectangle stays as it is: a person puts it right.
+    The middle of a rectangle moves as the 3D point there does, and its size scales with the distance. If a pose or all
+    depth is missing, a rectangle stays unchanged, and a person corrects it.
 
     Parameters
     ----------
     recording : Recording
     source, target : int
-        Frames of it.
+        Frames of the recording.
     rects : sequence of (4,) float64
-        In the source, pixels, ends exclusive.
+        Rectangles in the source frame, pixels, ends exclusive.
 
     Returns
     -------
     list of (x0, y0, x1, y1) or None
-        Clipped to the picture; None for what has left it.
+        Rectangles clipped to the picture; None for objects that have left it.
     """
     try:
         T_world_target = recording.pose(target)
@@ -71,7 +72,7 @@ def _propagated(
 
 
 def _depth_of(rect: Float64Array, depth_m: Float32Array) -> float | None:
-    """Return the median depth in the middle of a rectangle; None where there is none."""
+    """Return the median depth in the middle of a rectangle; None if there is no reading."""
     inset = MIDDLE * (rect[2:] - rect[:2])
     x0, y0, x1, y1 = np.round((*(rect[:2] + inset), *(rect[2:] - inset))).astype(int)
     part = depth_m[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)]

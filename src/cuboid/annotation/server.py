@@ -1,4 +1,4 @@
-"""The page for drawing keyframes, served to the browser of this machine."""
+"""The server of the annotation page, for browsers on this machine."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.summary import label_colors
 from cuboid.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at, path_and_query
 
-# In the order in which they use each other; the first are those of the report.
+# Scripts in the order of their dependencies; the shared ones are also used by the report.
 SHARED = ("math.js", "elements.js")
 SCRIPTS = ("keyframes.js", "saving.js", "pictures.js", "board.js", "card.js", "timeline.js", "annotate.js")
 
 PICTURE = re.compile(r"/frame/(\d{1,9})\.jpg")
-# Edges must be as sharp as they are: rectangles are drawn to the pixel.
+# JPEG quality; high, because rectangles are drawn to pixel accuracy and need sharp edges.
 QUALITY = 95
-# The most rectangles that are propagated in one request, 0.2 s of work: a frame has some tens of objects.
+# Maximum number of rectangles per propagation request, 0.2 s of work; a frame has some tens of objects.
 MAX_RECTS = 1000
 
 
 class Annotator:
-    """A recording and its keyframes, as the page asks for them.
+    """Answers the page's requests for a recording and its keyframes.
 
     Parameters
     ----------
     recording : Recording
     keyframes : KeyframesFile
-        Of the recording.
+        Keyframes of the recording.
     every : int
         The page suggests each n-th frame.
     """
 
     def __init__(self, recording: Recording, keyframes: KeyframesFile, every: int) -> None:
         self._posed = recording
-        self._recording = recording.without_poses()  # a frame without a pose can be drawn on as well
+        self._recording = recording.without_poses()  # frames without a pose can be annotated too
         self._keyframes = keyframes
         self._every = every
-        self._lock = threading.Lock()  # readers are made for one thread; a browser asks for several frames at once
+        self._lock = threading.Lock()  # readers are not thread-safe; a browser requests several frames at once
 
     def show(self, address: str) -> Answer | None:
-        """Return kind and content of what lies at an address; None where nothing does."""
+        """Return content type and content of an address; None if there is nothing."""
         path, _ = path_and_query(address)
         if path == "/":
             return "text/html; charset=utf-8", self._page().encode("utf-8")
@@ -61,7 +61,7 @@ class Annotator:
         return ("image/jpeg", self._picture(int(asked[1]))) if asked else None
 
     def take(self, address: str, content: bytes) -> Answer | None:
-        """Do what the page asks for, save or propagate, and answer in JSON; None where there is no such thing."""
+        """Handle a request to save or to propagate; return the JSON answer, or None for other addresses."""
         action = {"/keyframes": self._save, "/carry": self._propagate}.get(path_and_query(address)[0])
         if action is None:
             return None
@@ -85,7 +85,7 @@ class Annotator:
             return {"rects": propagated(self._posed, int(sent["from"]), int(sent["to"]), rects)}
 
     def _rects(self, sent: list[Any]) -> list[Float64Array]:
-        """Return rectangles as arrays (4,); Refusal where there are too many, ValueError where one is not valid."""
+        """Return rectangles as arrays (4,); raise Refusal for too many, ValueError for an invalid one."""
         if len(sent) > MAX_RECTS:
             raise Refusal(
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"expected at most {MAX_RECTS} rectangles, got {len(sent)}"
@@ -131,7 +131,7 @@ class Annotator:
         }
 
     def _poseless(self) -> list[int]:
-        """Return the frames that a run with the recording's poses cannot use."""
+        """Return the frames without a usable pose, which a run with the recording's poses cannot use."""
         found = []
         for index in range(len(self._posed)) if self._posed.has_poses else ():
             try:
@@ -146,13 +146,13 @@ def _source(name: str) -> str:
 
 
 def make_server(annotator: Annotator, port: int = 0) -> PageServer:
-    """Return a server of the page on this machine's own address; `serve_forever` starts it.
+    """Return a server of the page on the local address; `serve_forever` starts it.
 
     Parameters
     ----------
     annotator : Annotator
     port : int
-        0 takes one that is free.
+        Port number; 0 selects a free port.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The file of keyframes while it is drawn on: always whole, and never over what another program wrote."""
+"""The keyframes file during annotation: always complete, and never overwriting another program's changes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from cuboid.readers.recording import Recording
 
 
 class Outdated(Exception):  # noqa: N818 - an answer to who asked, not a fault
-    """Somebody else has changed the keyframes since."""
+    """The keyframes were changed by another program or page in the meantime."""
 
 
 class KeyframesFile:
-    """The keyframes of a recording in a file, which comes into being with the first change.
+    """The keyframes of a recording in a file, which is created with the first change.
 
     Parameters
     ----------
@@ -32,9 +32,9 @@ class KeyframesFile:
     Attributes
     ----------
     revision : int
-        Goes up with each change.
+        Number that increases with each change.
     document : dict
-        As in the file, fields that we know nothing of included.
+        Contents of the file, including unknown fields.
 
     Raises
     ------
@@ -56,23 +56,23 @@ class KeyframesFile:
             self._check(self.document)
 
     def save(self, revision: int, document: dict[str, Any]) -> int:
-        """Replace the keyframes, in one step; return the new revision.
+        """Replace the keyframes atomically; return the new revision.
 
         Parameters
         ----------
         revision : int
-            That of the keyframes which were changed.
+            Revision on which the change is based.
         document : dict
-            What they are now.
+            The new keyframes.
 
         Raises
         ------
         Outdated
-            They were changed elsewhere since: by another page, or in the file.
+            The keyframes were changed meanwhile, by another page or in the file.
         InputError
-            The document is none of keyframes, or not of this recording.
+            The document contains no keyframes, or not those of this recording.
         OutputError
-            The file cannot be written; it is as it was.
+            The file cannot be written; it is unchanged.
         """
         with self._lock:
             self._check(document)
@@ -97,7 +97,7 @@ class KeyframesFile:
         self._content = content
 
     def _tidy(self, document: dict[str, Any]) -> dict[str, Any]:
-        """Return the document with its frames in order, each with the number of its file."""
+        """Return the document with its frames in order, each with the number in its file name."""
         frames = sorted(document["frames"], key=lambda item: int(item["frame"]))
         for item in frames:
             number = file_number(self._recording, item["frame"])

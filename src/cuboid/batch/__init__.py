@@ -1,4 +1,4 @@
-"""Many recordings at once: which there are, what tells one from another, and the tasks that Dask distributes.
+"""Batches: the list of recordings, their identities, and the tasks that Dask distributes.
 
 It needs the packages of the extra `cluster`, as `cuboid.store` does.
 """

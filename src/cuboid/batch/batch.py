@@ -1,4 +1,4 @@
-"""The loop over recordings: what is there, what is done already, and what Dask makes of the rest."""
+"""The loop over recordings: it finds which are done already, and processes the rest with Dask."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from cuboid.store.rows import RunHead
 from cuboid.store.schema import DONE, FAILED, SET_ASIDE
 from cuboid.store.snapshot import key_of, snapshot
 
-# After this many recordings their files are gathered: as many small files are read in a second or two.
+# Number of recordings after which their files are gathered: reading so many small files takes one or two seconds.
 GATHER_EVERY = 512
 
-# A worker looks at the files of this many recordings at once: a task a recording would take longer than the look.
+# Number of recordings that a worker identifies per task: one task per recording would cost more than the work.
 LOOK_AT = 16
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """The order of a batch.
+    """The settings of a batch.
 
     Attributes
     ----------
     store : str
-        URL.
+        URL of the store.
     settings : dict
-        ``reading``: options of `cuboid.open_recording`; ``tracker``: its configuration; the others are options
-        of `cuboid.pipeline.run.track_recording`.
+        ``reading``: options of `cuboid.open_recording`; ``tracker``: its configuration; the others are options of
+        `cuboid.pipeline.run.track_recording`.
     tables_only : bool
     retry : bool
         Whether recordings that failed, or were set aside, are tried again.
@@ -53,18 +53,18 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The state of a batch at its begin.
+    """The state of a batch at its start.
 
     Attributes
     ----------
     tasks : tuple of Task
-        To be done.
+        Recordings to process.
     done : int
-        Done before.
+        Number of recordings that were done before.
     failed : int
-        Failed before, and not tried again.
+        Number of recordings that failed before, and are not tried again.
     broken : dict of Source to str
-        Cannot even be listed: why.
+        Recordings that cannot be listed, with the reason.
     """
 
     tasks: tuple[Task, ...]
@@ -74,12 +74,12 @@ class Plan:
 
 
 def plan(client: Client, sources: Iterable[Source], order: Order) -> Plan:
-    """Return what there is to do; the workers look at the files.
+    """Return the recordings to process; the workers look at the files.
 
     Raises
     ------
     InputError
-        The store cannot be read, or the workers have too little memory to do anything.
+        The store cannot be read, or the workers have too little memory for any task.
     """
     sources = list(sources)
     some = [sources[k : k + LOOK_AT] for k in range(0, len(sources), LOOK_AT)]
@@ -107,7 +107,7 @@ def plan(client: Client, sources: Iterable[Source], order: Order) -> Plan:
 
 
 def carry_out(client: Client, planned: Plan, order: Order, ended: Callable[[Ended], None]) -> None:
-    """Do what was planned, and gather the files of the store.
+    """Process the planned recordings, and gather the files of the store.
 
     Parameters
     ----------
@@ -115,12 +115,12 @@ def carry_out(client: Client, planned: Plan, order: Order, ended: Callable[[Ende
     planned : Plan
     order : Order
     ended : callable
-        Told of each recording as it ends.
+        Called with the outcome of each recording when it ends.
 
     Raises
     ------
     InputError
-        The scheduler is gone. What is done is in the store, and the same batch goes on from there.
+        The scheduler is gone. Finished recordings are in the store, and the same batch continues from there.
     OutputError
         The store cannot be written.
     """
@@ -133,7 +133,7 @@ def carry_out(client: Client, planned: Plan, order: Order, ended: Callable[[Ende
 
 
 def _results(client: Client, planned: Plan, place: Place) -> Iterator[Ended]:
-    """Iterate over what became of the recordings."""
+    """Iterate over the outcomes of the recordings."""
     of_key = {f"track-{task.head.run}": task for task in planned.tasks}
     futures = client.map(track, planned.tasks, key=list(of_key), pure=False, retries=RETRIES)
     waiting = as_completed(futures)
@@ -143,9 +143,9 @@ def _results(client: Client, planned: Plan, place: Place) -> Iterator[Ended]:
 
 
 def _result(future: Future[Ended], head: RunHead, place: Place) -> Ended:
-    """Return the end of one recording.
+    """Return the outcome of one recording.
 
-    A result dies with the worker that has it; Dask then does the task again, and `Future.result` waits for that.
+    A result is lost if the worker that holds it dies; Dask then runs the task again, and `Future.result` waits for it.
     """
     try:
         ended: Ended = future.result()
@@ -154,7 +154,7 @@ def _result(future: Future[Ended], head: RunHead, place: Place) -> Ended:
             raise InputError(
                 "the scheduler was lost; what is done is in the store, and the same call goes on from there"
             ) from error
-        if isinstance(error, CuboidError):  # the store cannot be written: no recording's fault
+        if isinstance(error, CuboidError):  # the store cannot be written, which is no fault of the recording
             raise
         return give_up(head, place, *_reason(error))
     return ended

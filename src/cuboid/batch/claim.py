@@ -1,4 +1,4 @@
-"""One batch at a time works on a store: another one waits, and then does what is left."""
+"""A lock for one batch at a time on a store: a second batch waits, and then processes the remaining recordings."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from cuboid.store.place import Place
 
 # The lock of a store; other commands leave hidden files alone.
 LOCK = ".batch.lock"
-# On an object store the lock is a file that its holder writes anew this often; after so long without, seconds, the
-# holder counts as killed.
+# On an object store the lock is a file that its holder rewrites every RENEW_S seconds; if it was not rewritten for
+# EXPIRE_S seconds, the holder counts as killed.
 RENEW_S = 10.0
 EXPIRE_S = 60.0
-# A batch that waits looks this often, seconds.
+# Interval at which a waiting batch checks the lock, seconds.
 POLL_S = 1.0
 
 
@@ -29,15 +29,15 @@ POLL_S = 1.0
 def claimed(place: Place, waiting: Callable[[], None]) -> Iterator[None]:
     """Hold a store for one batch; wait while another batch holds it.
 
-    On a folder the lock ends with its process. On an object store that of a killed batch expires after `EXPIRE_S`; it
-    is no guarantee there, and two batches that hold it both are safe, but do the same work.
+    In a local folder the lock ends with its process. On an object store the lock of a killed batch expires after
+    `EXPIRE_S`. It is no guarantee there: two batches may hold it, which is safe, but they do the same work twice.
 
     Parameters
     ----------
     place : Place
         The store.
     waiting : callable
-        Called once where another batch holds the store.
+        Called once if another batch holds the store.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def _file_lock(store: Path, waiting: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         release(handle, store / LOCK)
-        with suppress(OSError):  # the store is empty where nothing was done; else it stays
+        with suppress(OSError):  # removes the folder if it is empty, when nothing was done
             store.rmdir()
 
 
@@ -63,7 +63,7 @@ def _locked(path: Path, waiting: Callable[[], None]) -> int:
     """Return the handle of the lock's file once it is locked."""
     called = False
     while True:
-        with writing(path), suppress(BlockingIOError, FileNotFoundError):  # held; or removed with its folder just now
+        with writing(path), suppress(BlockingIOError, FileNotFoundError):  # held by another batch, or just removed
             path.parent.mkdir(parents=True, exist_ok=True)
             return lock_file(path)
         if not called:
@@ -88,7 +88,7 @@ def _lease(place: Place, waiting: Callable[[], None]) -> Iterator[None]:
 
 
 def _take(place: Place, content: bytes, waiting: Callable[[], None]) -> None:
-    """Create the file of the lock; remove one that nobody renews."""
+    """Create the lock file; remove an expired one."""
     seen, since_s = b"", time.monotonic()
     while not place.create(LOCK, content):
         try:
@@ -110,7 +110,7 @@ def _renew(place: Place, holder: str, ended: threading.Event) -> None:
     count = 0
     while not ended.wait(RENEW_S):
         count += 1
-        with suppress(CuboidError):  # a network that fails for a moment
+        with suppress(CuboidError):  # a short network failure
             place.put(LOCK, _lease_content(holder, count))
 
 

@@ -1,4 +1,4 @@
-"""The workers: a cluster on this machine, or a scheduler that exists. Queue, retries and deaths are Dask's."""
+"""The workers: a local cluster, or an existing scheduler. Dask handles the queue, retries and dead workers."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from cuboid import __version__
 from cuboid.core.errors import InputError
 from cuboid.core.threads import POOLS, cores
 
-# A recording of 640x480 takes 0.4 GB; a bag that is kept open, and a long map, a few times that.
+# A recording of 640x480 needs 0.4 GB; an open bag file and a long map need a few times that.
 MEMORY_LIMIT = "4GiB"
 
-# A recording that killed its worker so often is set aside.
+# Number of killed workers after which a recording is set aside.
 ATTEMPTS = 3
 
-# A task that fails by chance, as a network does, is tried this many times more.
+# Number of retries of a task after a random failure, for example of the network.
 RETRIES = 2
 
-# A worker whose process is killed while it starts is started so often.
+# Maximum number of starts of a worker whose process is killed during start-up.
 STARTS = 20
 
 CONNECT_S = 20
@@ -31,18 +31,18 @@ CONNECT_S = 20
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Who does the work.
+    """The settings of the workers.
 
     Attributes
     ----------
     scheduler : str or None
-        Address of one that exists; None makes workers on this machine.
+        Address of an existing scheduler; None starts workers on this machine.
     count : int or None
-        Workers on this machine; None: one a core.
+        Number of workers on this machine; None: one per core.
     memory_limit : str
-        Of a worker on this machine, and so of a task: one that takes more is killed.
+        Memory limit of a worker on this machine, and thus of a task: a worker above it is killed.
     attempts : int
-        Workers on this machine that a recording may kill.
+        Number of local workers that a recording may kill.
     """
 
     scheduler: str | None = None
@@ -52,12 +52,12 @@ class Workers:
 
     @contextmanager
     def connected(self) -> Iterator[Client]:
-        """Give a client of the scheduler.
+        """Yield a client of the scheduler.
 
         Raises
         ------
         InputError
-            Nobody answers at the address, or its workers have another version.
+            No scheduler answers at the address, or its workers have another version.
         """
         with dask.config.set(self._settings()):
             if self.scheduler is None:
@@ -80,14 +80,14 @@ class Workers:
                 threads_per_worker=1,
                 memory_limit=self.memory_limit,
                 dashboard_address="127.0.0.1:0",
-                scheduler_sync_interval="1 minute",  # what a display in a notebook would ask for each second
+                scheduler_sync_interval="1 minute",  # used by notebook displays, default every second
                 silence_logs=logging.CRITICAL,
             )
-        except (RuntimeError, OSError) as error:  # no port, no process, no place for the workers' files
+        except (RuntimeError, OSError) as error:  # no free port, no process, or no space for the workers' files
             raise InputError(f"workers cannot be started: {error.__cause__ or error}") from error
 
     def _settings(self) -> dict[str, object]:
-        """Return Dask's settings: a worker has one core and one task, keeps no data, and dies with too much memory."""
+        """Return Dask's settings: one core and one task per worker, no stored data, and a hard memory limit."""
         return {
             "distributed.scheduler.allowed-failures": self.attempts - 1,
             "distributed.scheduler.worker-saturation": 1.0,
@@ -95,21 +95,21 @@ class Workers:
             "distributed.worker.memory.spill": False,
             "distributed.worker.memory.pause": False,
             "distributed.worker.memory.terminate": 0.95,
-            # Dask does this many times a second beside the work; tasks here take seconds and pass nothing on.
+            # Dask repeats these many times per second; tasks here take seconds and exchange no data.
             "distributed.worker.profile.enabled": False,
             "distributed.worker.memory.monitor-interval": "250ms",
             "distributed.admin.tick.interval": "500ms",
             "distributed.admin.system-monitor.interval": "5s",
             "distributed.scheduler.active-memory-manager.start": False,
             "distributed.scheduler.work-stealing-interval": "1s",
-            # A worker that is gone for long is being started again, by its nanny; Dask would give both up after 15 s.
+            # The nanny of a lost worker is restarting it; by default Dask would give up both after 15 s.
             "distributed.deploy.lost-worker-timeout": "1000 days",
             "distributed.nanny.pre-spawn-environ": {**dict.fromkeys(POOLS, "1"), "MALLOC_TRIM_THRESHOLD_": "65536"},
         }
 
 
 class RetryingNanny(Nanny):
-    """A nanny that retries: it starts a worker again where it is killed, also before it is up."""
+    """A nanny that restarts a killed worker, also one that is killed during start-up."""
 
     async def instantiate(self) -> Status:
         """Start the worker's process."""

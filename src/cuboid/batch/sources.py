@@ -1,4 +1,4 @@
-"""From what the user names to the recordings that are meant: folders, globs, lists, URLs."""
+"""Expansion of the user's arguments (folders, globs, lists, URLs) to recordings."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ LIST_ENDINGS = (".txt", ".list")
 
 @dataclass(frozen=True, slots=True, order=True)
 class Source:
-    """A recording, or what should be one.
+    """A recording, or an entry that should be one.
 
     Attributes
     ----------
     name : str
-        What people call it: its path beneath what the user named.
+        Name for users: the path below the argument.
     url : str
         Absolute path, or URL.
     """
@@ -38,12 +38,12 @@ class Source:
 
 
 def expand(words: Iterable[str]) -> list[Source]:
-    """Return the recordings that are meant, each once, by name.
+    """Return the recordings that the arguments stand for, each once, sorted by name.
 
     A folder that is not a recording stands for the recordings in it, up to two folders deeper. Each of its entries
-    without a recording is a source as well, so that a broken one is reported. So is a folder without any recording
-    beside other words, as a shell makes them of ``recordings/*``. Each match of a glob, each line of a list file
-    (`.txt`) and each URL is a recording.
+    without a recording is a source as well, so that a broken one is reported. A folder without any recording is a
+    source too if there are other arguments, as from the shell's ``recordings/*``. Each match of a glob, each line of a
+    list file (`.txt`) and each URL is a recording.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def expand(words: Iterable[str]) -> list[Source]:
     Raises
     ------
     InputError
-        A word names nothing, the only word is a folder without recordings, or two recordings have one name.
+        An argument names nothing, the only argument is a folder without recordings, or two recordings have one name.
     """
     words = list(words)
     found = {source.url: source for word in words for source in _expand(word, alone=len(words) == 1)}
@@ -85,7 +85,7 @@ def _expand(word: str, *, alone: bool) -> list[Source]:
 
 
 def _inside(folder: str) -> list[str]:
-    """Return what a folder of recordings holds; an entry without any recording in it is named all the same."""
+    """Return the recordings in a folder; an entry without any recording is returned itself."""
     entries = [entry for entry in sorted(os.scandir(folder), key=lambda entry: entry.name) if _counts(entry)]
     if not entries:
         raise InputError(f"{folder} holds no recordings")
@@ -110,12 +110,12 @@ def _counts(entry: os.DirEntry[str]) -> bool:
 def _recognised(path: str) -> bool:
     try:
         return any(reader.recognises(located(path)) for _, reader in READERS.items())
-    except (InputError, OSError):  # it cannot be read: whoever opens it says why
+    except (InputError, OSError):  # unreadable: opening it later reports the reason
         return False
 
 
 def _listed(path: Path) -> list[Source]:
-    """Return the recordings of a list file, one a line; relative ones lie beside the list."""
+    """Return the recordings of a list file, one per line; relative paths start at the list's folder."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -147,7 +147,7 @@ def _beneath(fixed: str, found: list[str], word: str) -> list[Source]:
 
 
 def _fixed(path: str) -> str:
-    """Return the folder before the first part of a glob that is not fixed."""
+    """Return the folder before the first path part with a wildcard."""
     parts = path.split("/")
     first = next(i for i, part in enumerate(parts) if WILD & set(part))
     return "/".join(parts[:first]) or "/"

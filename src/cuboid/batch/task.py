@@ -1,4 +1,4 @@
-"""The task of a worker for one recording: name the run, fetch it, track it, put its rows and files into the store."""
+"""The task of a worker for one recording: identify the run, fetch, track, and write rows and files to the store."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cuboid.views.report.pictures import Picture
 
 
-# Names that object stores give to the digest, or else the time, of the contents of a file.
+# Names in object stores for the digest, or else the modification time, of a file.
 MARKS = ("ETag", "etag", "md5Hash", "content_md5", "generation", "LastModified", "last_modified", "mtime", "updated")
 
 
@@ -46,7 +46,7 @@ class _File:
 
 
 def head_of(source: Source, settings: dict[str, Any], version: str) -> RunHead:
-    """Return what a task is of; costs a look at each file of the recording, none is opened.
+    """Return the identity of a run; it lists the recording's files without opening them.
 
     Raises
     ------
@@ -114,16 +114,16 @@ def _moment(info: dict[str, Any]) -> datetime:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A recording that is to be tracked.
+    """A recording to track.
 
     Attributes
     ----------
     source : Source
     head : RunHead
     settings : dict
-        How the recording is read, the configuration of the tracker, and the rest of `track_recording`.
+        Options for reading, the configuration of the tracker, and other options of `track_recording`.
     store : str
-        URL.
+        URL of the store.
     tables_only : bool
         Whether the result files are left out.
     """
@@ -143,7 +143,7 @@ class Ended:
     ----------
     head : RunHead
     state : str
-        As the column of `runs`.
+        State as in the column of `runs`.
     reason : str or None
     frames, objects : int
     """
@@ -156,7 +156,7 @@ class Ended:
 
 
 def identify(sources: list[Source], settings: dict[str, Any], version: str) -> list[RunHead | str]:
-    """Return what the task of each source is of, or in one line why nobody can tell."""
+    """Return the identity of each source's run, or one line with the reason why it is unknown."""
     return [_identified(source, settings, version) for source in sources]
 
 
@@ -168,10 +168,9 @@ def _identified(source: Source, settings: dict[str, Any], version: str) -> RunHe
 
 
 def track(task: Task) -> Ended:
-    """Track a recording and put the result into the store, whole or not at all.
+    """Track a recording and write the complete result, or nothing, into the store.
 
-    A fault of the recording is a result too; what fails by chance (a network, a full disk) is raised, and Dask tries
-    again.
+    A fault of the recording is a result too; random failures (a network, a full disk) are raised, and Dask tries again.
     """
     from cuboid.core.threads import limit_threads
 
@@ -185,7 +184,7 @@ def track(task: Task) -> Ended:
 
 
 def give_up(head: RunHead, place: Place, state: str, reason: str) -> Ended:
-    """Note that a recording is not done, and why."""
+    """Write to the store that a recording failed or was set aside, with the reason."""
     reason = one_line(reason)
     part = Part(key_of(head.run, state), day_of(head.newest))
     place.put_table(part.names()[RUNS], failure(head, state, reason), TABLES[RUNS].group_rows)
@@ -207,21 +206,21 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     text_model = options.pop("text_model", None)
     local = None if task.tables_only else place.local
     folder = scratch if local is None else local / _name(task)
-    # A folder in the store is there when it is whole. Dask asks again for what a worker had done that then died.
+    # An existing folder in the store is complete. Dask may repeat a task that a worker had finished before it died.
     if folder.is_dir():
         results = Results(folder)
         tables = _tables(task, recording, results, pictures_of(results, recording.read), text_model)
     else:
         with new_folder(folder, force=False, replaces="") as working:
             track_recording(recording, working, config=config, threads=1, force=True, page=False, **options)
-            results = Results(working)  # what the page reads of them the tables need not read again
+            results = Results(working)  # shared by page and tables, so that files are read once
             pictures = pictures_of(results, recording.read) if task.tables_only else write_page(results, recording.read)
             tables = _tables(task, recording, results, pictures, text_model)
             _refuse_changed(task)
     if local is None and not task.tables_only:
         place.put_folder(folder, _name(task), last=RUN)
     names = Part(key_of(task.head.run, DONE), day_of(recorded(task.head, results))).names()
-    for table in sorted(names, key=lambda table: table == RUNS):  # the last says that all are there
+    for table in sorted(names, key=lambda table: table == RUNS):  # `runs` last: it marks all as complete
         place.put_table(names[table], tables[table], TABLES[table].group_rows)
     return Ended(task.head, DONE, None, results.report.frames_used, len(results.found.objects))
 
@@ -240,14 +239,14 @@ def _tables(
 
 
 def _refuse_changed(task: Task) -> None:
-    """Raise InputError where the recording is no longer what it was: another task is of what it is now."""
+    """Raise InputError if the recording has changed since the task was made."""
     if head_of(task.source, task.settings, task.head.version).run != task.head.run:
         raise InputError(f"{task.source.url}: changed while it was tracked; the next batch takes it as it is then")
 
 
 @contextmanager
 def _fetched(task: Task, scratch: str) -> Iterator[Path]:
-    """Give the recording as files of this machine."""
+    """Yield the recording as local files."""
     if not is_remote(task.source.url):
         yield Path(task.source.url)
         return
@@ -263,15 +262,15 @@ def _fetched(task: Task, scratch: str) -> Iterator[Path]:
 
 
 def _scratch() -> str | None:
-    """Return the folder of the worker, which Dask removes also where the worker was killed."""
+    """Return the worker's folder, which Dask removes even if the worker is killed; None outside a worker."""
     from distributed import get_worker
 
     try:
         return str(get_worker().local_directory)
-    except ValueError:  # no worker: a call from elsewhere
+    except ValueError:  # called outside a worker
         return None
 
 
 def _named(message: str, path: Path, source: Source) -> str:
-    """Return a message with the recording's own name in the place of that of its copy."""
+    """Return a message with the recording's own name instead of its local copy's."""
     return message.replace(str(path), source.url)

@@ -1,4 +1,4 @@
-"""Judges results: boxes of the map, identities over time, heat of points, against a truth or another's results."""
+"""Evaluation of results (boxes of the map, identities over time, heat of points) against ground truth."""
 
 from __future__ import annotations
 

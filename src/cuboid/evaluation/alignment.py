@@ -1,4 +1,4 @@
-"""Carries results whose camera poses were estimated into the world of the truth."""
+"""Transforms results with estimated camera poses into the world of the ground truth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cuboid.geometry.se3 import mean_motion
 from cuboid.outputs import read_trajectory
 from cuboid.readers.posetext import Trajectory
 
-# The file of true camera poses of a made recording, beside its truth file.
+# File of the true camera poses of a synthetic recording, beside its truth file.
 TRUE_TRAJECTORY = "true_trajectory.txt"
 
 
@@ -23,9 +23,9 @@ def in_world_of(result: Result, truth: Path, trajectory: Path | None) -> Result:
     ----------
     result : Result
     truth : Path
-        The truth file. A true trajectory beside it is used where the result's poses were estimated.
+        The truth file. A true trajectory beside it is used if the result's poses were estimated.
     trajectory : Path or None
-        True poses in the TUM form, which are used whatever the result's poses are.
+        True poses in the TUM format; if given, they are used for any kind of result poses.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The map of objects at the end against the objects that are there; and each frame's own boxes."""
+"""Evaluation of the final map of objects, and of the boxes of single frames, against the true objects."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cuboid.evaluation.scope import FOUND_IOU, Scope, counted
 from cuboid.geometry.overlap import overlap_min_matrix
 
 THRESHOLDS = (0.25, 0.5)
-# Fraction of the smaller of two boxes from which on a box is one of an object, or an object one in a box: the lowest
-# tolerance with which regions are compared in Hoover et al. 1996 must be above 0.5; at 0.5 each box has one object.
+# Minimum common fraction of the smaller of two boxes for a box and an object to belong together. Hoover et al. 1996
+# require a tolerance above 0.5 to compare regions; at 0.5 each box has one object.
 FRACTION = 0.5
 _ORDERS = tuple(permutations(range(3)))
 
@@ -28,13 +28,13 @@ class MapAt:
     Attributes
     ----------
     threshold : float
-        Least IoU of a pair.
+        Minimum IoU of a pair.
     found, missed, wrong : int
-        Objects paired with a box, objects without, boxes without.
+        Objects paired with a box, objects without a box, boxes without an object.
     precision, recall, f1 : float or None
         None where nothing is judged.
     ap : float or None
-        Average precision, the boxes ranked by score.
+        Average precision, with the boxes ranked by score.
     mean_iou, center_error_cm, size_error_cm : float or None
         Means over the pairs.
     """
@@ -70,22 +70,23 @@ class ObjectBox:
 
 @dataclass(frozen=True, slots=True)
 class MapQuality:
-    """How good the map of objects is.
+    """Quality of the map of objects.
 
     Attributes
     ----------
     objects : int
-        To be found.
+        Number of objects to be found.
     boxes : int
-        In the map, those included that count neither way ("3D proposals a scene" of Pahwa et al. 2017).
+        Number of boxes in the map, including those that count neither way ("3D proposals a scene" of Pahwa et al.
+        2017).
     counted : int
-        Of them, those that are judged.
+        Number of boxes that are judged.
     at : tuple of MapAt
-        At each of `THRESHOLDS`.
+        Scores at each of `THRESHOLDS`.
     fragments : int
-        Boxes that an object has besides its first.
+        Additional boxes of objects that have more than one.
     merges : int
-        Objects that a box holds besides its first.
+        Additional objects in boxes that contain more than one.
     false_alarms : int
         Judged boxes that lie on no object at all.
     wrong_labels : tuple of int
@@ -159,10 +160,10 @@ def _map_at(
 
 
 def average_precision(iou: Float64Array, score: Float64Array, threshold: float) -> float | None:
-    """Return the area under precision over recall, boxes taken by falling score.
+    """Return the area under the precision-recall curve, with boxes in the order of falling score.
 
-    Each box takes the object, of those still free, that it overlaps most, if by `threshold` or more (Lin et al.,
-    ECCV 2014). The area is under the precision's falling envelope, at every recall (Everingham et al., "The PASCAL
+    Each box is matched with the unmatched object that it overlaps most, if their IoU is at least `threshold` (Lin et
+    al., ECCV 2014). The area is under the precision's falling envelope, at every recall (Everingham et al., "The PASCAL
     VOC Challenge", IJCV 2010, as of 2010).
 
     Parameters
@@ -187,14 +188,14 @@ def average_precision(iou: Float64Array, score: Float64Array, threshold: float) 
 
 
 def center_errors(boxes: Float64Array, truth: Float64Array) -> Float64Array:
-    """Return the distances of centres (N, G) in centimetres."""
+    """Return the distances (N, G) between centres in centimetres."""
     return np.asarray(np.linalg.norm(boxes[:, None, :3] - truth[None, :, :3], axis=2) * 100.0)
 
 
 def size_errors(boxes: Float64Array, truth: Float64Array) -> Float64Array:
-    """Return the mean differences of the three side lengths (N, G) in centimetres.
+    """Return the mean differences (N, G) of the three side lengths in centimetres.
 
-    Sides are compared along the axes that agree best, since a box may name its length width.
+    Sides are compared along the best-matching axes, since length and width of a box may be exchanged.
     """
     axes, true_axes = boxes[:, 6:].reshape(-1, 3, 3), truth[:, 6:].reshape(-1, 3, 3)
     agree = np.abs(np.einsum("nai,gaj->ngij", axes, true_axes))  # i: axis of the box, j: of the object
@@ -208,11 +209,11 @@ def size_errors(boxes: Float64Array, truth: Float64Array) -> Float64Array:
 def fragments_and_merges(boxes: Float64Array, truth: Float64Array, iou: Float64Array) -> tuple[int, int, int]:
     """Return fragments, merges and false alarms among judged boxes.
 
-    A box and an object belong together where they share half of the smaller of both. Fragments are the boxes that
-    an object has besides its first, each box counted with the object that it overlaps most; merges are the
-    objects that a box holds at least half of, besides its first. A box that belongs to no object is a false
-    alarm. After over- and under-segmentation and noise in Hoover et al., "An Experimental Comparison of Range Image
-    Segmentation Algorithms", PAMI 1996.
+    A box and an object belong together if they share at least half of the smaller one. Fragments are additional boxes
+    of an object, where each box is counted with the object that it overlaps most. Merges are additional objects of
+    which a box contains at least half. A box that belongs to no object is a false alarm. After over- and
+    under-segmentation and noise in Hoover et al., "An Experimental Comparison of Range Image Segmentation Algorithms",
+    PAMI 1996.
     """
     if not (len(boxes) and len(truth)):
         return 0, 0, len(boxes)
@@ -232,7 +233,7 @@ def fragments_and_merges(boxes: Float64Array, truth: Float64Array, iou: Float64A
 
 @dataclass(frozen=True, slots=True)
 class ProposalsAt:
-    """Each frame's own boxes at one IoU threshold, over all judged frames.
+    """Scores of the boxes of single frames at one IoU threshold, over all judged frames.
 
     Attributes
     ----------
@@ -248,14 +249,14 @@ class ProposalsAt:
 
 @dataclass(frozen=True, slots=True)
 class ProposalQuality:
-    """How good each frame's own 3D boxes are, before matching.
+    """Quality of the 3D boxes of single frames, before matching.
 
     Attributes
     ----------
     per_frame : float or None
-        Mean number of boxes a judged frame, those included that count neither way.
+        Mean number of boxes per judged frame, including those that count neither way.
     at : tuple of ProposalsAt
-        At each of `THRESHOLDS`.
+        Scores at each of `THRESHOLDS`.
     """
 
     per_frame: float | None
@@ -263,7 +264,7 @@ class ProposalQuality:
 
 
 def proposal_quality(frames: Sequence[FrameOverlap], boxes: int) -> ProposalQuality:
-    """Return how good the boxes of single frames are; `boxes` is how many there are in all judged frames."""
+    """Return the quality of the boxes of single frames; `boxes` is their number in all judged frames."""
     objects = sum(len(frame.truth) for frame in frames)
     judged = sum(len(frame.found) for frame in frames)
     at = []

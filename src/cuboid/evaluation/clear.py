@@ -20,19 +20,19 @@ class Clear:
     Attributes
     ----------
     threshold : float
-        Least IoU of a pair.
+        Minimum IoU of a pair.
     mota : float or None
-        1 - (misses + false positives + switches) / objects to be found; None where there is nothing to find.
+        1 - (misses + false positives + switches) / objects to be found; None if there is nothing to find.
     motp : float or None
         Mean IoU of the pairs.
     matches, misses, false_positives : int
         Over all frames.
     switches : int
-        How often an object is found under another label than the last time.
+        Number of times that an object is found under a label other than its last one.
     fragmentations : int
-        How often an object is lost between frames in which it is found, while it was to be found.
+        Number of times that an object is missed, although it must be found, between frames in which it is found.
     idf1, id_precision, id_recall : float or None
-        Of the sightings, under the best one-to-one pairing of objects with labels over the whole sequence.
+        Scores of the sightings, for the best one-to-one pairing of objects with labels over the whole sequence.
     """
 
     threshold: float
@@ -51,14 +51,14 @@ class Clear:
 def correspondences(frames: Sequence[FrameOverlap], threshold: float) -> list[Pairs]:
     """Pair objects with labels in each frame.
 
-    An object keeps the label that it last had wherever both still overlap enough; the others are matched so that
-    most are found, at the largest summed IoU.
+    An object keeps its last label while both still overlap enough. The others are matched to maximise first the number
+    of pairs, then the summed IoU.
 
     Parameters
     ----------
     frames : sequence of FrameOverlap
     threshold : float
-        Least IoU of a pair.
+        Minimum IoU of a pair.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def clear(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], threshold: flo
 
 
 def _identity_matches(frames: Sequence[FrameOverlap], threshold: float) -> int:
-    """Return the sightings that agree under the best one-to-one pairing of objects with labels."""
+    """Return the number of sightings that agree with the best one-to-one pairing of objects and labels."""
     objects = 1 + max((int(frame.truth.max(initial=-1)) for frame in frames), default=-1)
     labels = 1 + max((int(frame.found.max(initial=-1)) for frame in frames), default=-1)
     together = np.zeros((objects, labels))

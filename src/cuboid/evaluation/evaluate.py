@@ -1,4 +1,4 @@
-"""A result against the truth: everything that can be said of the two."""
+"""Evaluation of a result against ground truth, with all metrics that both allow."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ FORMAT, VERSION = "cuboid-evaluation", 1
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """How well objects keep their labels over time.
+    """Quality of labels over time.
 
     Attributes
     ----------
@@ -56,13 +56,14 @@ class Identity:
     at : tuple of Clear
         CLEAR MOT and IDF1 at IoU 0.25 and 0.5.
     reidentification : tuple of Reidentification
-        By length of absence.
+        Re-identification by length of absence.
     label_purity, label_consistency : float or None
-        Fraction of sightings whose label mostly means this object; that have their object's most frequent label.
+        Fraction of sightings whose label belongs mostly to their object; fraction with their object's most frequent
+        label.
     labels_per_object : float or None
-        Mean over objects that were found.
+        Mean number of labels over the objects that were found.
     median_frames_to_first_label : float or None
-        Over objects that were found.
+        Median over the objects that were found.
     """
 
     hota: Hota
@@ -83,9 +84,9 @@ class ObjectOutcome:
     id : int
     name : str
     box : ObjectBox or None
-        Its box in the map; None where none has IoU 0.25 or more with it.
+        Box of the object in the map; None if no box has an IoU of 0.25 or more with it.
     labels : ObjectLabels or None
-        None where the truth says nothing of visibility.
+        None if the truth has no visibility.
     """
 
     id: int
@@ -96,29 +97,30 @@ class ObjectOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """All that `evaluate` finds.
+    """All results of `evaluate`.
 
     Attributes
     ----------
     result, truth : str
-        What was compared.
+        Paths of the compared files.
     frames_judged, frames_skipped : int
-        Frames of the recording that were judged, and those that the tracker was given and could not use.
+        Number of judged frames, and of frames that the tracker got but could not use.
     map : MapQuality
     identity : Identity or None
-        None where the truth says nothing of visibility.
+        None if the truth has no visibility.
     proposals : ProposalQuality or None
-        None without visibility, or where the result has no boxes of single frames.
+        None if the truth has no visibility, or if the result has no boxes of single frames.
     objects : tuple of ObjectOutcome
-        The judged ones, by id.
+        Judged objects, by id.
     heat : HeatQuality or None
         None without a labelled cloud.
     names : NameQuality or None
-        None where no detector named objects.
+        None if no detector named objects.
     events : EventQuality or None
-        None where the truth says nothing of events, or of visibility.
+        None if the truth has no events or no visibility.
     relations : tuple of RelationsAt or None
-        Kind by kind; None where the truth says nothing of relations, or the result is no folder of `cuboid track`.
+        Scores of each kind of relation; None if the truth has no relations, or if the result is no folder of `cuboid
+        track`.
     """
 
     result: str
@@ -135,7 +137,7 @@ class Evaluation:
     relations: tuple[RelationsAt, ...] | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
+        """Return everything, ready for JSON: numbers have six decimals, undefined values are None."""
         document = asdict(self)
         if self.names is None:
             del document["names"]
@@ -153,7 +155,7 @@ def evaluate(
     cloud: PathLike | None = None,
     trajectory: PathLike | None = None,
 ) -> Evaluation:
-    """Judge a result by the truth.
+    """Evaluate a result against ground truth.
 
     Parameters
     ----------
@@ -162,10 +164,10 @@ def evaluate(
     truth : Truth or path
         A truth file, or a folder with a `truth.json`.
     cloud : path, optional
-        A labelled cloud, with which the heat of the map is compared.
+        A labelled point cloud, to evaluate the heat of the map.
     trajectory : path, optional
-        True camera poses in the TUM form, by which the result is aligned with the world of the truth. Where the
-        result's poses were estimated, a `true_trajectory.txt` beside the truth is used by itself.
+        True camera poses in the TUM format, to align the result with the world of the truth. If the result's poses were
+        estimated, a `true_trajectory.txt` beside the truth is used by default.
 
     Raises
     ------
@@ -216,7 +218,7 @@ def evaluate(
 
 
 def _judged_frames(result: Result, truth: Truth) -> IntArray:
-    """Return the frames that the tracker used, or all of the truth's where the result does not say."""
+    """Return the frames that the tracker used, or all frames of the truth if the result does not list them."""
     known = truth.frames
     if result.frames is not None:
         frames = result.frames

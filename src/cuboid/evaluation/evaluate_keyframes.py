@@ -1,4 +1,4 @@
-"""A result against keyframes: how much of what a person drew was found, and at which stage the rest is lost."""
+"""Evaluation against keyframes: which annotated objects were found, and at which stage the others are lost."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ FORMAT, VERSION = "cuboid-keyframes-evaluation", 1
 
 @dataclass(frozen=True, slots=True)
 class KeyframeEvaluation:
-    """All that `evaluate_keyframes` finds.
+    """All results of `evaluate_keyframes`.
 
     Attributes
     ----------
     result, keyframes : str
-        What was compared.
+        Paths of the compared files.
     frames : tuple of JudgedFrame
     not_given, skipped : tuple of int
-        Keyframes that the run was not given (`--every`, `--limit`), which are not judged; and those that it was
-        given and could not use, which are: what they show is missed.
+        Keyframes that the run did not get (`--every`, `--limit`), which are not judged; and keyframes that it got but
+        could not use, which are judged: their objects count as missed.
     at : tuple of ScoresAt
     funnel : tuple of StageRecall
-        In the order of work; the last stage is that of the labelled sightings.
+        Recall of each stage, in processing order; the last stage is the labelled sightings.
     objects : tuple of DrawnOutcome
     recording : Recording or str
-        Opened again, or why there is none.
+        The reopened recording, or the reason why there is none.
     names : NameQuality or None
-        None where no detector named objects.
+        None if no detector named objects.
     """
 
     result: str
@@ -65,7 +65,7 @@ class KeyframeEvaluation:
     names: NameQuality | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
+        """Return everything, ready for JSON: numbers have six decimals, undefined values are None."""
         document: dict[str, Any] = plain(
             {
                 "result": self.result,
@@ -86,7 +86,7 @@ class KeyframeEvaluation:
 def evaluate_keyframes(
     result: PathLike, keyframes: Keyframes | PathLike, recording: PathLike | None = None
 ) -> KeyframeEvaluation:
-    """Judge a result by rectangles that a person drew.
+    """Evaluate a result against rectangles that a person drew.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def evaluate_keyframes(
         A result folder, or a CSV with the rectangles of any other tracker.
     keyframes : Keyframes or path
     recording : path, optional
-        Where the recording lies now, from which the 2D proposals are computed again; unless given, where it lay.
+        Present path of the recording, from which the 2D proposals are computed again; default: its path in the result.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def evaluate_keyframes(
 
 
 def _given(truth: Keyframes, result: Path, report: RunReport | None) -> tuple[list[Keyframe], tuple[int, ...]]:
-    """Return the keyframes that the run was given, and the numbers of those that it was not."""
+    """Return the keyframes that the run got, and the numbers of those that it did not get."""
     if not truth.frames:
         raise InputError(f"{truth.path}: has no frames")
     if report is None:
@@ -154,7 +154,7 @@ def _given(truth: Keyframes, result: Path, report: RunReport | None) -> tuple[li
 
 
 def _frame_to_dict(frame: JudgedFrame) -> dict[str, Any]:
-    """Return what was found in a frame at the first threshold."""
+    """Return the outcome of a frame at the first threshold."""
     at, label = frame.at[0], frame.sightings.label
     return {
         "frame": frame.keyframe.frame,

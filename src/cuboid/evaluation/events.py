@@ -1,4 +1,4 @@
-"""Reported events of moving objects, and labels given to people, compared with the truth."""
+"""Evaluation of reported events of moving objects, and of labels given to people, against ground truth."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from cuboid.evaluation.truth import Truth, TruthEvent
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.outputs.rows import EventRow
 
-# A reported event is a true one if it comes no later than this many frames after that has ended (four seconds at
-# 30 Hz), and not before it has begun.
+# A reported event is correct if it comes after the start of a true event, and at most this many frames after its end
+# (four seconds at 30 Hz).
 LATEST_FRAMES = 120
-# A thing stands where an event says, if it stands within this, metres.
+# Tolerance for the place of an object in an event, metres.
 PLACE_M = 0.1
-# A box lies on a person where it shares this fraction of the smaller of it and a part of the person.
+# A box lies on a person if it shares this fraction of the smaller volume with a part of the person.
 ON_AGENT = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class EventQuality:
-    """How well events are reported.
+    """Quality of reported events.
 
     Attributes
     ----------
     events, reported, right : int
-        True events, reported ones that are judged, and the reported ones that are true.
+        Numbers of true events, of reported events that are judged, and of correct ones among these.
     precision, recall : float or None
     median_delay_frames : float or None
-        From the end of a true event to its report, over the right ones.
+        Median delay from the end of a true event to its report, over the correct reports.
     agent_labels : tuple of int
-        Labels given to people: most of their sightings that lie on an object or on a person lie on a person.
+        Labels given to people: of their sightings on an object or a person, most are on a person.
     missed, wrong : tuple of str
-        What was not reported, and what was and is not true, for people.
+        Texts for users: events that were not reported, and reported events that are not true.
     """
 
     events: int
@@ -55,15 +55,15 @@ class EventQuality:
 def event_quality(
     truth: Truth, objects: Mapping[int, int], unjudged: Sequence[int], reported: Sequence[EventRow]
 ) -> EventQuality:
-    """Compare reported events with those that happen.
+    """Compare reported events with the true ones.
 
     Parameters
     ----------
     truth : Truth
     objects : mapping of int to int
-        The object (id) that each label means.
+        Object (id) of each label.
     unjudged : sequence of int
-        Labels that mean what counts neither way.
+        Labels of objects that count neither way.
     reported : sequence of EventRow
     """
     judged = {item.id for item in truth.objects if item.judged}
@@ -85,7 +85,7 @@ def event_quality(
 
 
 def _is(one: EventRow, event: TruthEvent, number: int | None) -> bool:
-    """Tell whether a reported event is a true one."""
+    """Tell whether a reported event matches a true one."""
     if one.event != event.event or number != event.id or not event.begin <= one.frame <= event.end + LATEST_FRAMES:
         return False
     if event.to_m is None:
@@ -103,16 +103,16 @@ def objects_of_labels(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], id
 
 
 def labels_on_agents(truth: Truth, tracks: BoxRows, frames: IntArray, paired: Mapping[int, int]) -> tuple[int, ...]:
-    """Return the labels that are people's.
+    """Return the labels that were given to people.
 
     Parameters
     ----------
     truth : Truth
     tracks : BoxRows
     frames : (T,) int64
-        Those that are judged.
+        Judged frames.
     paired : mapping of int to int
-        In how many frames each label is paired with an object.
+        Number of frames in which each label is paired with an object.
     """
     on: Counter[int] = Counter()
     for frame in frames.tolist() if truth.agents else ():

@@ -1,4 +1,4 @@
-"""The figures of an evaluation in one flat row, as tables over many scenes have them."""
+"""The figures of an evaluation as one flat row, for tables over many scenes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from typing import Any
 
 from cuboid.evaluation.evaluate import Evaluation
 
-# Absence, in frames, from which on coming back counts as a re-identification: shorter is a blink.
+# Minimum absence, in frames, for a re-identification: a shorter one is a single missed detection.
 ABSENCE_FRAMES = 3
 
 
 def figures(found: Evaluation) -> dict[str, Any]:
-    """Return what tables show of an evaluation; what is undefined is None."""
+    """Return the figures of an evaluation for tables; undefined figures are None."""
     low, high = found.map.at
     row: dict[str, Any] = {
         "objects": found.map.objects,
@@ -33,7 +33,7 @@ def figures(found: Evaluation) -> dict[str, Any]:
 
 
 def _of_frames(found: Evaluation) -> dict[str, Any]:
-    """Return the figures of the frames' own boxes."""
+    """Return the figures of the boxes of single frames."""
     if found.proposals is None:
         return {}
     row: dict[str, Any] = {"boxes_frame": found.proposals.per_frame}

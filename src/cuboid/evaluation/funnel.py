@@ -25,16 +25,16 @@ NO_RECTS = np.zeros((0, 4))
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """The rectangles that a stage of the method gave.
+    """The rectangles that a stage of the method produced.
 
     Attributes
     ----------
     name, short : str
     rects_xyxy : mapping of int to (N, 4) float64, or None
-        By frame of the recording, those of frames that have any; pixels of the recording's full size. None where
-        they cannot be had.
+        Rectangles by frame of the recording, for frames that have any; pixels of the recording's full size. None if
+        they are not available.
     reason : str
-        Why they cannot be had.
+        Reason why they are not available.
     """
 
     name: str
@@ -44,12 +44,12 @@ class Stage:
 
 
 def open_again(run: Results) -> Recording | str:
-    """Return the recording of results, without its poses, or why it cannot be opened.
+    """Return the recording of results, without its poses, or the reason why it cannot be opened.
 
     Raises
     ------
     InputError
-        The recording was named, and is not there or is another one.
+        A recording was named, but it is missing or is another one.
     """
     try:
         return run.recording.without_poses()
@@ -65,13 +65,13 @@ def rects_by_frame(rows: RectRows) -> Rects:
 
 
 def early_stages(run: Results, recording: Recording | str, frames: Sequence[int]) -> list[Stage]:
-    """Return the stages before the labelled sightings, in the order of work.
+    """Return the stages before the labelled sightings, in processing order.
 
     Parameters
     ----------
     run : Results
     recording : Recording or str
-        Of the run, or why it cannot be opened.
+        Recording of the run, or the reason why it cannot be opened.
     frames : sequence of int
         Frames of the recording that the run used.
     """
@@ -109,7 +109,7 @@ def _proposals_2d(run: Results, recording: Recording | str, frames: Sequence[int
 
 
 def _settings(run: Results) -> TrackerConfig:
-    """Return the tracker's settings in a run; the usual ones where it does not say, or said them otherwise then."""
+    """Return the tracker's settings of a run; the defaults if they are missing or in an older format."""
     said = run.report.config.get("tracker")
     try:
         return TrackerConfig.from_dict(said if isinstance(said, dict) else {})
@@ -118,7 +118,7 @@ def _settings(run: Results) -> TrackerConfig:
 
 
 def _map_boxes(run: Results, frames: Sequence[int]) -> Rects:
-    """Project the map's boxes at the end into the frames."""
+    """Project the boxes of the final map into the frames."""
     poses = {frame: row.T_world_camera for frame, row in run.poses.items()}
     found = {}
     for frame in frames:

@@ -14,7 +14,7 @@ from cuboid.evaluation.result import IntArray
 from cuboid.objects.matching import assign
 
 ALPHAS = np.arange(1, 20) * 0.05
-# An IoU that a computation left one rounding step below a threshold still reaches it.
+# Tolerance for rounding: an IoU one rounding step below a threshold still reaches it.
 EPS = float(np.finfo(np.float64).eps)
 
 
@@ -29,10 +29,10 @@ class Hota:
     det_a, det_re, det_pr : float
         Detection accuracy TP / (TP + FN + FP), recall and precision.
     ass_a, ass_re, ass_pr : float
-        Association accuracy: for each true positive, of all frames that have its object or its label, the fraction
-        that has both; and the same of the object's, and of the label's frames.
+        Association accuracy: for each true positive, the fraction of frames with both its object and label among those
+        with at least one of them; association recall and precision: among the frames of the object, or of the label.
     loc_a : float
-        Mean IoU of the true positives; 1 at thresholds that have none.
+        Mean IoU of the true positives; 1 at thresholds without any.
     per_alpha : tuple of float
         HOTA at each threshold.
     """
@@ -55,13 +55,13 @@ def hota(frames: Sequence[FrameOverlap], objects: int, labels: int) -> Hota:
     ----------
     frames : sequence of FrameOverlap
     objects, labels : int
-        How many there are in the sequence.
+        Numbers of objects and labels in the sequence.
 
     Notes
     -----
     Luiten, Osep, Dendorfer, Torr, Geiger, Leal-Taixe, Leibe, "HOTA: A Higher Order Metric for Evaluating
-    Multi-Object Tracking", IJCV 2021. Objects and labels are matched once a frame, by the largest sum of overlap
-    times how well the two go together over the sequence; each threshold then keeps the pairs that reach it.
+    Multi-Object Tracking", IJCV 2021. Objects and labels are matched once per frame, by the largest sum of overlap
+    times global alignment score; each threshold then keeps the pairs that reach it.
     """
     together, truths, found = _global_alignment(frames, objects, labels)
     pairs, reached, iou = _matches(frames, together)
@@ -69,7 +69,7 @@ def hota(frames: Sequence[FrameOverlap], objects: int, labels: int) -> Hota:
     distinct, number = np.unique(pairs, axis=0, return_inverse=True)
     thing, label = distinct.T
     number = number.ravel()
-    # How often each pair of object and label is matched at each threshold.
+    # Number of matches of each pair of object and label at each threshold.
     matches = np.stack([np.bincount(number[kept], minlength=len(thing)) for kept in reached])
     total_truth, total_found = truths.sum(), found.sum()
 
@@ -98,13 +98,13 @@ def hota(frames: Sequence[FrameOverlap], objects: int, labels: int) -> Hota:
 def _global_alignment(
     frames: Sequence[FrameOverlap], objects: int, labels: int
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return how well each object and label go together (objects, labels), and in how many frames each is."""
+    """Return the global alignment score (objects, labels), and the number of frames of each object and label."""
     shared = np.zeros((objects, labels))
     truths, found = np.zeros(objects), np.zeros(labels)
     for frame in frames:
         iou = frame.iou
         whole = iou.sum(0)[None, :] + iou.sum(1)[:, None] - iou
-        # Each overlap as a fraction of all that its object and its label have in this frame.
+        # Each overlap divided by the sum of all overlaps of its object and its label in this frame.
         shared[np.ix_(frame.truth, frame.found)] += np.divide(iou, whole, out=np.zeros_like(iou), where=whole > EPS)
         truths[frame.truth] += 1
         found[frame.found] += 1
@@ -115,7 +115,7 @@ def _global_alignment(
 def _matches(
     frames: Sequence[FrameOverlap], together: Float64Array
 ) -> tuple[IntArray, npt.NDArray[np.bool_], Float64Array]:
-    """Return the matched pairs of all frames: object and label (n, 2), the thresholds reached (A, n), IoU (n,)."""
+    """Return the matched pairs of all frames: object and label (n, 2), reached thresholds (A, n), IoU (n,)."""
     pairs, ious = [], []
     for frame in frames:
         score = together[np.ix_(frame.truth, frame.found)] * frame.iou

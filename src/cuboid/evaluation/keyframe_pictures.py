@@ -1,4 +1,4 @@
-"""Pictures of the keyframes: what was found, what was missed, what was found where there is nothing."""
+"""Pictures of the keyframes: found objects, missed objects, and false detections."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from cuboid.readers.recording import Recording
 from cuboid.views.tags import TAG_PX, place_tag, put_tag
 from cuboid.views.text import Color, ink, put_text
 
-# The hues of M. Okabe and K. Ito, which color-blind people tell apart: drawn things found and missed, sightings that
-# are true and false, and what counts neither way.
+# Colors of M. Okabe and K. Ito, which color-blind people can distinguish: annotated objects found and missed, sightings
+# true and false, and those that count neither way.
 FOUND, MISSED, TRUE, FALSE, NEITHER = (0, 158, 115), (230, 97, 0), (86, 180, 233), (240, 228, 66), (170, 170, 170)
 KEY = (
     ("found", FOUND),
@@ -32,7 +32,7 @@ QUALITY = 90
 
 
 def write_pictures(folder: Path, frames: tuple[JudgedFrame, ...], recording: Recording) -> int:
-    """Write ``000123.jpg`` for each judged frame that can be read; return how many they are.
+    """Write ``000123.jpg`` for each judged frame that can be read; return the number of pictures.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def draw_judged(color: UInt8Array, frame: JudgedFrame) -> UInt8Array:
 
 
 def _tag(frame: JudgedFrame, i: int) -> str:
-    """Return the id of what was drawn and, where it is missed, the last stage that had it."""
+    """Return the id of an annotated object and, if it is missed, the last stage that had it."""
     drawn, at = frame.keyframe.drawn[i], frame.at[0]
     if at.found[i] or not at.counts[i]:
         return str(drawn.id)
@@ -118,7 +118,7 @@ def _hatch(picture: UInt8Array, rect: Float64Array, step: int) -> None:
 
 
 def _key(picture: UInt8Array, frame: int, top: int, unit: float) -> None:
-    """Write the frame's number and what the colors mean into the strip."""
+    """Write the frame's number and the meaning of the colors into the strip."""
     size, gap = round(12 * unit), round(8 * unit)
     top, left = top + round(4 * unit), gap
     put_text(picture, f"frame {frame}", left, top, size, (245, 246, 248))

@@ -1,4 +1,4 @@
-"""Figures over all keyframes: recall, precision, labels over time, and what each stage of a run has."""
+"""Figures over all keyframes: recall, precision, labels over time, and the recall of each stage of a run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cuboid.evaluation.matching import FrameOverlap, ratio
 from cuboid.evaluation.rectangles import BoolArray, FrameJudgement, Outcome, judge_frame
 from cuboid.evaluation.result import RectRows
 
-# IoU thresholds; the first one is reported first, and is the one of pictures and tables.
+# IoU thresholds; the first one is reported first, and is used for pictures and tables.
 THRESHOLDS = (0.5, 0.25)
 # Outcomes of sightings that count neither way.
 ASIDE = (Outcome.IGNORED, Outcome.HARDLY_VISIBLE, Outcome.IN_GROUP)
@@ -23,17 +23,17 @@ ASIDE = (Outcome.IGNORED, Outcome.HARDLY_VISIBLE, Outcome.IN_GROUP)
 
 @dataclass(frozen=True, slots=True)
 class JudgedFrame:
-    """A frame with what was drawn and found in it.
+    """A frame with its annotations and results.
 
     Attributes
     ----------
     keyframe : Keyframe
     sightings : RectRows
-        What the result labelled in it.
+        Labelled rectangles of the result in the frame.
     at : tuple of FrameJudgement
-        Of the sightings, one a threshold.
+        Judgements of the sightings, one per threshold.
     stages : mapping of str to (G,) bool
-        By the short name of each stage that can be had, the drawn rectangles that it has at the first threshold.
+        Drawn rectangles that each available stage has at the first threshold, by the stage's short name.
     """
 
     keyframe: Keyframe
@@ -50,19 +50,19 @@ class ScoresAt:
     ----------
     threshold : float
     recall, precision : float or None
-        found / rectangles; found / (found + false). None where there is nothing to divide by.
+        found / rectangles; found / (found + false). None if the denominator is 0.
     rectangles, found : int
-        Drawn ones that count, and those of them that are found.
+        Drawn rectangles that count, and found ones among them.
     false : int
-        Sightings that pair with nothing drawn.
+        Sightings that pair with no drawn rectangle.
     neither : mapping of str to int
-        Sightings that count neither way, by why.
+        Sightings that count neither way, by reason.
     objects, objects_found : int
-        Objects that have a rectangle that counts; those that are found in one frame or more.
+        Objects with a rectangle that counts; those found in one frame or more.
     one_label : float or None
-        Of the pairs of objects that were found more than once, the fraction with the object's most frequent label.
+        Fraction of pairs with the object's most frequent label, over objects found more than once.
     idf1 : float or None
-        Under the best one-to-one pairing of objects with labels (Ristani et al., ECCV workshops 2016).
+        IDF1 for the best one-to-one pairing of objects with labels (Ristani et al., ECCV workshops 2016).
     """
 
     threshold: float
@@ -80,7 +80,7 @@ class ScoresAt:
 
 @dataclass(frozen=True, slots=True)
 class RecallAt:
-    """How many of the drawn rectangles a stage has at one IoU."""
+    """Number of drawn rectangles that a stage has at one IoU threshold."""
 
     threshold: float
     found: int
@@ -95,11 +95,11 @@ class StageRecall:
     ----------
     name, short : str
     per_frame : float or None
-        Its rectangles a judged frame.
+        Mean number of the stage's rectangles per judged frame.
     at : tuple of RecallAt
-        Empty where they cannot be had.
+        Recall at each threshold; empty if the rectangles are not available.
     reason : str
-        Why not.
+        Reason why they are not available.
     """
 
     name: str
@@ -119,11 +119,11 @@ class DrawnOutcome:
     name : str
     group : bool
     rectangles : int
-        Drawn ones that count.
+        Number of drawn rectangles that count.
     stages : mapping of str to int
-        By the short name of each stage that can be had, how many of them it has.
+        Number of these that each available stage has, by the stage's short name.
     labels : tuple of int
-        Of the sightings that found it, in the order in which they came.
+        Labels of the sightings that found the object, in order.
     """
 
     id: int
@@ -150,7 +150,7 @@ def judge(
 
 
 def _judge_stage(stage: Stage, keyframes: Sequence[Keyframe]) -> list[list[FrameJudgement]]:
-    """Return the judgements of all frames for each threshold; none where the stage cannot be had."""
+    """Return the judgements of all frames for each threshold; none if the stage is not available."""
     rects = stage.rects_xyxy
     if rects is None:
         return []
@@ -169,7 +169,7 @@ def _recall(stage: Stage, judged: Sequence[Sequence[FrameJudgement]], keyframes:
 
 
 def scores_at(frames: Sequence[JudgedFrame], k: int) -> ScoresAt:
-    """Return the figures at the threshold of this number."""
+    """Return the figures at threshold number `k`."""
     at = [frame.at[k] for frame in frames]
     outcomes = Counter(outcome for one in at for outcome in one.outcomes)
     rectangles, found = (sum(int(which.sum()) for which in each) for each in zip(*_counts(at), strict=True))
@@ -196,7 +196,7 @@ def _counts(at: Sequence[FrameJudgement]) -> list[tuple[BoolArray, BoolArray]]:
 
 
 def _labels(frames: Sequence[JudgedFrame], k: int) -> dict[int, list[int]]:
-    """Return for each object with a rectangle that counts the labels with which it was found, frame by frame."""
+    """Return the found labels, frame by frame, of each object with a rectangle that counts."""
     labels: dict[int, list[int]] = {}
     for frame in frames:
         for drawn, counts, partner in zip(frame.keyframe.drawn, frame.at[k].counts, frame.at[k].partner, strict=True):
@@ -208,7 +208,7 @@ def _labels(frames: Sequence[JudgedFrame], k: int) -> dict[int, list[int]]:
 
 
 def _idf1(frames: Sequence[JudgedFrame], k: int) -> float | None:
-    """Return IDF1 of what counts: rectangles of which enough is visible, sightings that are true or false."""
+    """Return IDF1 over rectangles that are visible enough, and sightings that are true or false."""
     ids = {name: i for i, name in enumerate(sorted({one.id for frame in frames for one in frame.keyframe.drawn}))}
     names = np.unique([label for frame in frames for label in frame.sightings.label])
     overlaps = []
@@ -222,7 +222,7 @@ def _idf1(frames: Sequence[JudgedFrame], k: int) -> float | None:
 
 
 def outcomes_of(objects: Sequence[DrawnObject], frames: Sequence[JudgedFrame]) -> tuple[DrawnOutcome, ...]:
-    """Return what became of each object that has a rectangle that counts."""
+    """Return the outcome of each object with a rectangle that counts."""
     labels = _labels(frames, 0)
     stages = frames[0].stages
     outcomes = []

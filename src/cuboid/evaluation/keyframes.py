@@ -1,4 +1,4 @@
-"""Keyframes: rectangles with identities that a person drew into some frames of a recording.
+"""Keyframes: rectangles with object identities that a person drew in some frames of a recording.
 
 ``docs/evaluation.md`` describes the format, "cuboid-keyframes" version 1.
 """
@@ -21,7 +21,7 @@ from cuboid.formats.json_validation import checked, format_in, read_json
 from cuboid.formats.keyframes_file import FORMAT, KeyframeEntry, KeyframesDocument
 from cuboid.readers.recording import Recording
 
-# A frame's number in the name of its file: the first there is, which may be a time.
+# The frame number in a file name: the first number, which may be a timestamp.
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 COUNTING = "'frame' counts the recording's frames from 0, whatever their files are called"
 
@@ -33,11 +33,11 @@ class DrawnObject:
     Attributes
     ----------
     id : int
-        Positive, its own.
+        Positive, unique.
     name : str
-        For people.
+        Name for users.
     group : bool
-        Whether it is several things that may as well be one.
+        Whether it is several objects that may also be seen as one.
     """
 
     id: int
@@ -47,18 +47,18 @@ class DrawnObject:
 
 @dataclass(frozen=True, slots=True)
 class DrawnRect:
-    """Where a thing is in a frame.
+    """The rectangle of an object in a frame.
 
     Attributes
     ----------
     id : int
-        Of its object.
+        Id of the object.
     rect_xyxy : (4,) float64
-        Tight around what is seen of it, pixels of the recording's full size, ends exclusive.
+        Tight rectangle around the visible part, pixels of the recording's full size, ends exclusive.
     visible : float
-        Fraction of it that is seen, 0..1.
+        Visible fraction of the object, 0..1.
     group : bool
-        Whether it is several things that may as well be one.
+        Whether it is several objects that may also be seen as one.
     """
 
     id: int
@@ -69,17 +69,17 @@ class DrawnRect:
 
 @dataclass(frozen=True, slots=True)
 class Keyframe:
-    """A frame that was drawn on.
+    """An annotated frame.
 
     Attributes
     ----------
     frame : int
-        Place of the frame in its recording, from 0, as results count.
+        Index of the frame in its recording, from 0, as in results.
     drawn : tuple of DrawnRect
     ignored : (N, 4) float64
-        Rectangles in which finding something counts neither way.
+        Rectangles in which detections count neither way.
     number : Decimal or None
-        The number in the name of the frame's file, where the keyframes give it.
+        The number in the name of the frame's file, if the keyframes give it.
     """
 
     frame: int
@@ -102,9 +102,9 @@ class Keyframes:
     path : Path
     name : str
     objects : tuple of DrawnObject
-        By id.
+        Objects by id.
     frames : tuple of Keyframe
-        In the recording's order.
+        Keyframes in the recording's order.
     """
 
     path: Path
@@ -114,7 +114,7 @@ class Keyframes:
 
 
 def is_keyframes(path: Path) -> bool:
-    """Tell whether a file says that it holds keyframes; InputError where it is no JSON object."""
+    """Tell whether a file declares the keyframes format; raise InputError if it is no JSON object."""
     return path.is_file() and format_in(path) == FORMAT
 
 
@@ -132,7 +132,7 @@ def read_keyframes(path: PathLike) -> Keyframes:
 
 
 def keyframes_from_json(path: Path, document: dict[str, Any]) -> Keyframes:
-    """Return the keyframes that a document holds; `path` is for messages. Raises InputError as `read_keyframes`."""
+    """Return the keyframes in a document; `path` is for messages. Raises InputError as `read_keyframes`."""
     try:
         content = msgspec.json.encode(document)
     except (TypeError, ValueError, RecursionError) as error:
@@ -150,14 +150,14 @@ def _keyframes(path: Path, document: KeyframesDocument) -> Keyframes:
 
 
 def file_number(recording: Recording, frame: int) -> Decimal | None:
-    """Return the number in the name of a frame's color image; None where it has no file or the name no number."""
+    """Return the number in the name of a frame's color image; None if there is no file or no number."""
     name = recording.color_name(frame)
     found = NUMBER.search(Path(name).stem) if name else None
     return Decimal(found[0]) if found else None
 
 
 def check_frames(keyframes: Keyframes, recording: Recording) -> None:
-    """Refuse keyframes whose frames the recording does not have, or has other files for than they say.
+    """Refuse keyframes whose frames are not in the recording, or whose file numbers do not match it.
 
     Raises
     ------

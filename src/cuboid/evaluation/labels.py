@@ -1,4 +1,4 @@
-"""Labels for life in a static scene: the old label after an absence, one label for each object, given soon."""
+"""Metrics of persistent labels: the same label after an absence, one label per object, given early."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from cuboid.evaluation.clear import Pairs
 from cuboid.evaluation.matching import FrameOverlap, ratio
 from cuboid.evaluation.result import IntArray
 
-# Absences, in frames of the recording, for which the curve is given: a blink up to ten seconds at 30 Hz.
+# Absences, in frames of the recording, at which the curve is computed: one frame up to ten seconds at 30 Hz.
 ABSENCES = (1, 3, 10, 30, 100, 300)
-# A reappearance counts from this many judged frames on: what flits past the camera can be confirmed by nobody.
+# Minimum length of a reappearance, in judged frames: an object that passes faster cannot be confirmed.
 STAY_FRAMES = 3
 
 
@@ -24,17 +24,17 @@ class ObjectLabels:
     Attributes
     ----------
     labels : tuple of int
-        In the order in which they came.
+        Labels in order of appearance.
     main_label : int or None
-        The most frequent one, the older of two as frequent; None where the object was never found.
+        The most frequent label, the older one in a tie; None if the object was never found.
     main_share : float or None
-        Its share of the frames in which the object was found.
+        Fraction of the object's found frames that have the main label.
     switches : int
-        How often the object was found under another label than the last time.
+        Number of times that the object was found under a label other than its last one.
     frames_to_find, frames_found : int
-        Judged frames that must find it, and those of them that did.
+        Judged frames that must find the object, and those that did.
     frames_to_first_label : int or None
-        Frames of the recording from the first that must find it to the first that did.
+        Frames of the recording from the first one that must find the object to the first one that did.
     """
 
     labels: tuple[int, ...]
@@ -55,11 +55,11 @@ class Reidentification:
     absence_frames : int
         Absences of at least this many frames of the recording are counted.
     reappearances : int
-        How often an object that had a label was absent so long and came back for `STAY_FRAMES` or more.
+        Number of times that a labelled object was absent so long and came back for `STAY_FRAMES` or more.
     found : int
-        How often it was found again before its next such absence.
+        Number of reappearances in which the object was found before its next such absence.
     same_label : int
-        How often the first label that it then got was the last one that it had.
+        Number of reappearances in which the first label equals the last one before the absence.
     rate : float or None
         same_label / reappearances.
     """
@@ -78,11 +78,11 @@ class Timelines:
     Attributes
     ----------
     frames : (T,) int64
-        Of the recording.
+        Judged frames of the recording.
     must : (T, G) bool
         Whether the frame must find the object.
     label : (T, G) int64
-        0 where it does not.
+        Label of the object in the frame, 0 if it is not found.
     """
 
     frames: IntArray
@@ -91,7 +91,7 @@ class Timelines:
 
 
 def timelines(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], objects: int, labels: IntArray) -> Timelines:
-    """Lay the pairs of each frame out over time; `labels` are the sequence's labels by their number."""
+    """Arrange the pairs of all frames over time; `labels` are the sequence's labels by number."""
     shape = len(frames), objects
     must, label = np.zeros(shape, bool), np.zeros(shape, np.int64)
     for t, (frame, here) in enumerate(zip(frames, pairs, strict=True)):
@@ -102,7 +102,7 @@ def timelines(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], objects: i
 
 
 def object_labels(lines: Timelines) -> list[ObjectLabels]:
-    """Return what labels each object had."""
+    """Return the labels of each object."""
     return [_one(lines.frames, must, label) for must, label in zip(lines.must.T, lines.label.T, strict=True)]
 
 
@@ -123,7 +123,7 @@ def _one(frames: IntArray, must: np.ndarray, label: np.ndarray) -> ObjectLabels:
 
 
 def purity(lines: Timelines) -> float | None:
-    """Return the fraction of sightings whose label means, in most of its sightings, that very object.
+    """Return the fraction of sightings whose label belongs, in most of its sightings, to the same object.
 
     Manning, Raghavan, Schuetze, "Introduction to Information Retrieval", 2008, section 16.3, with the labels as
     clusters and the objects as classes. Many labels for one object do not lower it; see `consistency`.
@@ -132,7 +132,7 @@ def purity(lines: Timelines) -> float | None:
 
 
 def consistency(lines: Timelines) -> float | None:
-    """Return the fraction of sightings that have their object's most frequent label: purity, the other way round."""
+    """Return the fraction of sightings with their object's most frequent label: the inverse of purity."""
     return _agreement(lines, by_label=False)
 
 
@@ -148,9 +148,9 @@ def _agreement(lines: Timelines, *, by_label: bool) -> float | None:
 def reidentification(lines: Timelines, absences: Sequence[int] = ABSENCES) -> tuple[Reidentification, ...]:
     """Return the re-identification rate for absences of at least this many frames.
 
-    An object is absent from the first judged frame that need not find it to the next that must. Shorter absences
-    than asked for do not interrupt its presence. What was never found before the absence had no label to keep,
-    and is not counted.
+    An absence of an object lasts from the first judged frame that need not find it to the next one that must. Absences
+    that are shorter than requested do not interrupt its presence. Objects that were not found before the absence had no
+    label to keep, and are not counted.
     """
     return tuple(_reidentified(lines, least) for least in absences)
 
@@ -171,7 +171,7 @@ def _reidentified(lines: Timelines, least: int) -> Reidentification:
 
 
 def _stays(frames: IntArray, must: np.ndarray, least: int) -> list[tuple[int, int]]:
-    """Return where an object is present, [start, end), between absences of at least `least` frames."""
+    """Return the intervals [start, end) of an object's presence between absences of at least `least` frames."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], must, [False]]).astype(np.int8)))
     stays: list[tuple[int, int]] = []
     for start, end in edges.reshape(-1, 2).tolist():

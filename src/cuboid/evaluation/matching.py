@@ -18,7 +18,7 @@ class FrameOverlap:
     Attributes
     ----------
     frame : int
-        Of the recording.
+        Frame of the recording.
     truth : (G,) int64
         Objects, numbered from 0 over the sequence.
     found : (P,) int64
@@ -40,18 +40,18 @@ def match(iou: Float64Array, threshold: float) -> list[tuple[int, int]]:
     iou : (N, M) float64
         0..1.
     threshold : float
-        Pairs below it are not made.
+        Minimum IoU of a pair.
 
     Returns
     -------
     list of (int, int)
-        As many pairs as can be, and among those the largest summed IoU (Kuhn 1955).
+        The maximum number of pairs, with the largest summed IoU among such pairings (Kuhn 1955).
     """
-    # A pair more outweighs any sum of IoU, which stays below the number of pairs.
+    # One more pair outweighs any sum of IoU, which is at most the number of pairs.
     bonus = 1.0 + min(iou.shape)
     return assign(np.where(iou >= threshold, bonus + iou, 0.0), bonus)
 
 
 def ratio(part: float, whole: float) -> float | None:
-    """Return part / whole; None where there is no whole."""
+    """Return part / whole; None if the whole is 0."""
     return float(part / whole) if whole else None

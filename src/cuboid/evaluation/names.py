@@ -1,8 +1,8 @@
-"""Names that a detector gave to objects, against the names in a truth.
+"""Evaluation of names that a detector gave to objects against the names in a truth.
 
-People write "mug, white" where a detector says "cup". The kind of thing is the end of what comes first in a truth's
-name ("keyboard" in "keyboard, black (below the screen)"); it is a class of the detector's vocabulary by itself or by
-one of `SYNONYMS`. Things whose kind the vocabulary lacks are not judged.
+People write "mug, white" where a detector says "cup". The kind of an object is the end of the first phrase of its true
+name ("keyboard" in "keyboard, black (below the screen)"). It must be a class of the detector's vocabulary, directly or
+through `SYNONYMS`; other objects are not judged.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cuboid.core.results import TrackedObject
 from cuboid.evaluation.matching import ratio
 from cuboid.outputs import Results
 
-# Words of people for classes of COCO.
+# Common words for classes of COCO.
 SYNONYMS = {
     "monitor": "tv", "screen": "tv", "display": "tv", "television": "tv",
     "mug": "cup", "teacup": "cup", "coffee cup": "cup",
@@ -26,9 +26,9 @@ SYNONYMS = {
     "ball": "sports ball", "motorbike": "motorcycle", "plane": "airplane", "bike": "bicycle",
     "remote control": "remote",
 }  # fmt: skip
-# What follows one of these says more about a thing, not what it is.
+# Text after one of these describes an object, but does not name its kind.
 _REST = re.compile(r"[,:;(\"']|\b(?:with|on|of|at|near|behind|beside|before|in|for)\b")
-# Names below the first that count as found.
+# Number of best names among which the true class counts as found.
 TOP = 3
 
 
@@ -39,15 +39,15 @@ class NameOutcome:
     Attributes
     ----------
     id : int
-        Of the truth.
+        Id of the object in the truth.
     name : str
-        In the truth.
+        Name in the truth.
     true_class : str
-        Of the vocabulary.
+        True class in the vocabulary.
     label : int
-        Of the object that was found.
+        Label of the object that was found.
     found_class : str or None
-        None where the detector gave none.
+        Class of the found object; None if the detector gave none.
     in_top : bool
         Whether the true class is the name or one of the next two.
     """
@@ -62,7 +62,7 @@ class NameOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Confusion:
-    """How often a true class was found as a class; None for no name."""
+    """Number of times that a true class was found as another class; None stands for no name."""
 
     true_class: str
     found_class: str | None
@@ -71,18 +71,18 @@ class Confusion:
 
 @dataclass(frozen=True, slots=True)
 class NameQuality:
-    """How right the names are.
+    """Quality of the names.
 
     Attributes
     ----------
     judged : int
         Objects of the truth that were found and whose class the detector knows.
     named, right, in_top : int
-        Of these, those with a name, with the true one, and with the true one among the first three.
+        Judged objects with a name, with the true name, and with the true name among the first three.
     accuracy, top3, precision : float or None
         right / judged, in_top / judged, right / named.
     confusion : tuple of Confusion
-        By true class, the most frequent first.
+        Confusions by true class, the most frequent first.
     objects : tuple of NameOutcome
     """
 
@@ -98,7 +98,7 @@ class NameQuality:
 
 
 def class_of(name: str, vocabulary: Iterable[str]) -> str | None:
-    """Return the class of a vocabulary that a name in a truth is of; None where it has none.
+    """Return the class in a vocabulary of a name in a truth; None if there is none.
 
     >>> class_of("mug, white (far corner)", ["cup", "bowl"])
     'cup'
@@ -118,14 +118,14 @@ def class_of(name: str, vocabulary: Iterable[str]) -> str | None:
 
 
 def name_quality(results: Path | None, found: Sequence[tuple[int, str, int | None]]) -> NameQuality | None:
-    """Judge the names of the objects that were found; None where no detector gave any.
+    """Evaluate the names of the objects that were found; None if no detector gave names.
 
     Parameters
     ----------
     results : Path or None
-        Result folder; None where there is none.
+        Result folder, or None.
     found : sequence of (int, str, int or None)
-        Of each object of the truth its id and name, and the label that found it.
+        Id and name of each object of the truth, and the label that found it.
     """
     if results is None or not results.is_dir():
         return None

@@ -1,4 +1,4 @@
-"""The heat of the point map against a cloud whose points are labelled."""
+"""Evaluation of the heat of the point map against a labelled point cloud."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from cuboid.formats.table_validation import read_lines
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import FARTHEST_M
 
-# A labelled point has the heat of the nearest point of the map within this, metres: two voxels of 1 cm.
+# Maximum distance between a labelled point and the map point from which it takes its heat, metres: two voxels of 1 cm.
 REACH_M = 0.02
 # Objects among the classes of RGB-D Scenes v2: bowl, cap, cereal box, coffee mug, soda can; the others are
 # coffee table, office chair, sofa, table, background.
 UW_OBJECT_CLASSES = (1, 2, 3, 4, 7)
 CURVE_HEATS = np.arange(1, 21) * 0.05
-# A box is a millimetre larger on each side where points are asked whether they lie in it.
+# Boxes are enlarged by this on each side for tests of which points lie inside, metres.
 SKIN_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
 class LabelledCloud:
-    """Points of which is known whether they lie on an object.
+    """Points that are labelled as on an object or not.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class HeatAt:
     ----------
     heat : float
     precision : float or None
-        None where no point is as hot.
+        None if no point is as hot.
     recall, f : float or None
     """
 
@@ -66,18 +66,18 @@ class HeatAt:
 
 @dataclass(frozen=True, slots=True)
 class HeatQuality:
-    """How well heat separates objects from the rest.
+    """Quality of heat as a classifier of object points.
 
     Attributes
     ----------
     points, object_points : int
         Judged points of the labelled cloud, and those on objects.
     mapped : float or None
-        Fraction of the judged points that have a point of the map nearby; the others count as cold.
+        Fraction of judged points with a map point nearby; the others count as heat 0.
     ap : float or None
         Average precision over all heats.
     best : HeatAt or None
-        Where on the curve the F-measure (beta = 1) is largest.
+        The point of the curve with the largest F-measure (beta = 1).
     curve : tuple of HeatAt
         At heats from 0.05 to 1.
     """
@@ -112,7 +112,7 @@ def read_labelled_cloud(path: PathLike) -> LabelledCloud:
             vertex = trimesh.load(file, file_type="ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
             xyz = np.stack([np.ravel(vertex[name]) for name in "xyz"], axis=1).astype(np.float64)
             names = vertex.dtype.names if isinstance(vertex, np.ndarray) else tuple(vertex)
-        except Exception as error:  # the library has no error of its own for files that are no PLY
+        except Exception as error:  # the library has no error class for files that are no PLY
             raise InputError(f"{path}: is no PLY of points: {error}") from error
     if not (np.abs(xyz) <= FARTHEST_M).all():
         raise InputError(f"{path}: a point is NaN, infinite, or more than {FARTHEST_M:g} m away")
@@ -142,7 +142,7 @@ def heat_quality(xyz: Float64Array, heat: npt.NDArray[np.floating], cloud: Label
         0..1.
     cloud : LabelledCloud
     truth : Truth
-        Its judged region, ignored places and objects that are not judged take points out of the judgement.
+        Points outside its judged region, in ignored places, or on objects that are not judged are left out.
 
     Notes
     -----
@@ -153,7 +153,7 @@ def heat_quality(xyz: Float64Array, heat: npt.NDArray[np.floating], cloud: Label
     judged = ~_aside(cloud.xyz, truth)
     spots, hot = cloud.xyz[judged], cloud.on_object[judged]
     value, near = _nearest_heat(xyz, heat, spots)
-    # Points by falling heat; a threshold lies below the last of equally hot ones.
+    # Points sorted by falling heat; a threshold lies below the last of equally hot points.
     order = np.argsort(-value, kind="stable")
     hits, taken = hot[order].cumsum(), np.arange(1, len(order) + 1)
     last = np.flatnonzero(np.diff(-value[order], append=np.inf) > 0)
@@ -175,12 +175,12 @@ def heat_quality(xyz: Float64Array, heat: npt.NDArray[np.floating], cloud: Label
 def _nearest_heat(
     xyz: Float64Array, heat: npt.NDArray[np.floating], spots: Float64Array
 ) -> tuple[Float64Array, npt.NDArray[np.bool_]]:
-    """Return the heat at spots (M, 3), and whether a point of the map is near them; 0 where none is."""
+    """Return the heat at spots (M, 3), 0 where no map point is near, and whether one is near."""
     if not (len(xyz) and len(spots)):
         return np.zeros(len(spots)), np.zeros(len(spots), bool)
     which = np.asarray(KDTree(xyz).query(spots, distance_upper_bound=REACH_M)[1])
     near = which < len(xyz)
-    return np.append(heat, 0.0)[which], near  # what is near nothing has the number after the last
+    return np.append(heat, 0.0)[which], near  # spots without a neighbour have the index after the last point
 
 
 def _at(heat: float, taken: int, hits: npt.NDArray[np.int64], total: int) -> HeatAt:

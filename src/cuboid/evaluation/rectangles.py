@@ -1,4 +1,4 @@
-"""Found rectangles against drawn ones, a frame at a time: which pair, which are false, which count neither way."""
+"""Comparison of found and drawn rectangles in one frame: true, false, or counting neither way."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from cuboid.evaluation.keyframes import Keyframe
 from cuboid.evaluation.matching import match
 from cuboid.geometry.rectangles import fractions_inside, rect_iou_matrix
 
-# An object of which less than this fraction is visible need not be found.
+# Minimum visible fraction of an object that must be found.
 MIN_VISIBLE = 0.3
-# Found where at least this fraction of it lies in a place that counts neither way, a rectangle does so as well.
+# A found rectangle counts neither way if at least this fraction of it lies in a place that counts neither way.
 LIES_IN_FRACTION = 0.5
 
 BoolArray = npt.NDArray[np.bool_]
@@ -27,22 +27,22 @@ class Outcome(Enum):
     TRUE = "true"  # pairs with a drawn rectangle that counts
     FALSE = "false"
     IGNORED = "ignored"  # lies in an ignored rectangle
-    HARDLY_VISIBLE = "hardly visible"  # pairs with, or lies in, one of which too little is seen
-    IN_GROUP = "in group"  # lies in a group, of which it may be one thing
+    HARDLY_VISIBLE = "hardly visible"  # pairs with, or lies in, a rectangle of a hardly visible object
+    IN_GROUP = "in group"  # lies in a group, and may be one of its objects
 
 
 @dataclass(frozen=True, slots=True)
 class FrameJudgement:
-    """A frame's found rectangles against its drawn ones at one IoU.
+    """The result of comparing a frame's found and drawn rectangles at one IoU threshold.
 
     Attributes
     ----------
     counts : (G,) bool
         Drawn rectangles that must be found.
     partner : (G,) int64
-        The found rectangle of each drawn one; -1 where there is none.
+        Index of the found rectangle of each drawn one; -1 if there is none.
     outcomes : tuple of Outcome
-        Of each found rectangle, (P,).
+        Outcome of each found rectangle, (P,).
     iou : (G, P) float64
     """
 
@@ -53,7 +53,7 @@ class FrameJudgement:
 
     @property
     def found(self) -> BoolArray:
-        """Drawn rectangles that must be found and are, (G,)."""
+        """Drawn rectangles that must be found and are found, (G,)."""
         found: BoolArray = self.counts & (self.partner >= 0)
         return found
 
@@ -61,9 +61,9 @@ class FrameJudgement:
 def judge_frame(keyframe: Keyframe, found_xyxy: Float64Array, threshold: float) -> FrameJudgement:
     """Judge the rectangles that were found in a frame.
 
-    Drawn and found ones are paired one to one: as many pairs as reach the threshold, and among those the largest
-    sum of IoU. A found one without a partner counts neither way where half of it or more lies in an ignored
-    rectangle, in a drawn one of which too little is visible, or in a group; else it is false.
+    Drawn and found rectangles are paired one to one, to maximise first the number of pairs that reach the threshold,
+    then the sum of IoU. A found rectangle without a partner counts neither way if at least half of it lies in an
+    ignored rectangle, in the rectangle of a hardly visible object, or in a group; otherwise it is false.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def judge_frame(keyframe: Keyframe, found_xyxy: Float64Array, threshold: float) 
     found_xyxy : (P, 4) float64
         Pixels of the recording's full size.
     threshold : float
-        Least IoU of a pair.
+        Minimum IoU of a pair.
     """
     drawn = keyframe.rects_xyxy
     counts = np.array([item.visible >= MIN_VISIBLE for item in keyframe.drawn], bool)

@@ -1,7 +1,7 @@
-"""Relations between objects, against those of a truth, kind by kind.
+"""Evaluation of relations between objects against ground truth, for each kind of relation.
 
-A found object is that of the truth which the map's quality pairs it with. Relations of objects that were not found are
-counted apart: the geometry of what is not there cannot be judged.
+Found objects are matched to true ones as for the quality of the map. Relations of objects that were not found are
+counted separately: the geometry of a missing object cannot be judged.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from cuboid.evaluation.matching import ratio
 from cuboid.evaluation.truth import Truth, TruthObject, TruthRelation
 from cuboid.relations import Wall
 
-# A found surface is one of the truth where the two are no farther apart than this at the object, metres, and their
-# normals differ by no more than this, as a cosine.
+# A found surface matches a true one if their distance at the object is at most SAME_SURFACE_M, metres, and the cosine
+# between their normals is at least SAME_NORMAL.
 SAME_SURFACE_M, SAME_NORMAL = 2.0 * DRIFT_M, 0.97
 
 Key = tuple[int, RelationKind, int | str]
@@ -28,7 +28,7 @@ Key = tuple[int, RelationKind, int | str]
 
 @dataclass(frozen=True, slots=True)
 class RelationsAt:
-    """How right the relations of one kind are.
+    """Quality of the relations of one kind.
 
     Attributes
     ----------
@@ -36,11 +36,11 @@ class RelationsAt:
     true : int
         Relations of the truth between objects that were found.
     found, right : int
-        Found relations between objects of the truth, and those of them that hold.
+        Found relations between objects of the truth, and correct ones among them.
     lost : int
         Relations of the truth of an object that was not found.
     precision, recall : float or None
-        right / found, right / true; None where nothing is judged.
+        right / found, right / true; None if nothing is judged.
     """
 
     kind: RelationKind
@@ -60,19 +60,19 @@ def relation_quality(
     walls: Sequence[Wall],
     T_truth_result: Float64Array,
 ) -> tuple[RelationsAt, ...]:
-    """Judge relations.
+    """Evaluate relations against ground truth.
 
     Parameters
     ----------
     truth : Truth
-        With relations.
+        A truth with relations.
     found : mapping of int to sequence of Relation
-        By label.
+        Relations by label.
     label_of : mapping of int to int
-        The label that each judged object of the truth was found as, by its id.
+        Label of each judged object of the truth that was found, by the object's id.
     planes : sequence of SupportPlane
     walls : sequence of Wall
-        Of the result.
+        Walls of the result.
     T_truth_result : (4, 4) float64
     """
     id_of = {label: number for number, label in label_of.items()}
@@ -105,7 +105,7 @@ def _at(kind: RelationKind, true: set[Key], got: set[Key], lost: int) -> Relatio
 
 
 class _Surfaces:
-    """The surfaces of a truth and of a result; those of one height are one."""
+    """The surfaces of a truth and of a result; surfaces in the same plane are one."""
 
     def __init__(
         self, truth: Truth, planes: Sequence[SupportPlane], walls: Sequence[Wall], T_truth_result: Float64Array
@@ -118,7 +118,7 @@ class _Surfaces:
         }
 
     def key_of(self, relation: TruthRelation) -> Key:
-        """Return a relation of the truth, with the first of the surfaces that are the same plane."""
+        """Return the key of a true relation, with the first of the surfaces in the same plane."""
         to = relation.to
         if isinstance(to, str):
             what, _, number = to.partition(":")
@@ -130,7 +130,7 @@ class _Surfaces:
         return relation.subject, relation.kind, to
 
     def end_of(self, relation: Relation, item: TruthObject, id_of: Mapping[int, int]) -> int | str | None:
-        """Return what a found relation is to, in the truth; None where the truth does not speak of it."""
+        """Return the target, in the truth, of a found relation; None if the truth does not cover it."""
         if isinstance(relation.to, int):
             return id_of.get(relation.to)
         what, _, number = relation.to.partition(":")
@@ -141,6 +141,6 @@ class _Surfaces:
             for n, d in self._true[what]
         ]
         if not away or min(away) > SAME_SURFACE_M:
-            # The truth names the surfaces that bear things, and the walls: it does not name what is below others.
+            # The truth lists the supporting surfaces and the walls; it lists no surfaces that are below others.
             return None if relation.kind == "under" else f"another {what}"
         return f"{what}:{int(np.argmin(away))}"

@@ -1,4 +1,4 @@
-"""Results to judge: the result folder of a run, or a plain CSV with the boxes of any other tracker."""
+"""Results to evaluate: the result folder of a run, or a plain CSV with the boxes of any other tracker."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class BoxRows:
     ----------
     frame, label : (N,) int64
     boxes : (N, 15) float64
-        As `geometry.overlap.pack` lays them out.
+        Boxes in the layout of `geometry.overlap.pack`.
     """
 
     frame: IntArray
@@ -63,7 +63,7 @@ class MapBoxes:
     label : (N,) int64
     boxes : (N, 15) float64
     score : (N,) float64
-        Confidence; only its order counts.
+        Confidence; only the order matters.
     """
 
     label: IntArray
@@ -82,19 +82,19 @@ class Result:
         A row for each object seen in a frame.
     objects : MapBoxes
     proposals : BoxRows or None
-        Each frame's own boxes, label 0 where they have none; None where there is no such file.
+        Boxes of single frames, with label 0 if they have none; None if there is no such file.
     frames : (N,) int64 or None
-        Frames that the tracker was given and used; None where the result does not say.
+        Frames that the tracker got and used; None if the result does not list them.
     skipped : int
-        Frames that it was given and could not use.
+        Number of frames that the tracker got but could not use.
     poses : str
-        "given", "estimated", or "" where the result does not say.
+        "given", "estimated", or "" if unknown.
     map_points, trajectory : Path or None
         Files beside the tracks.
     events : tuple of EventRow
-        What happened to objects; empty where there is no such file.
+        Events of objects; empty if there is no such file.
     T_truth_result : (4, 4) float64
-        The motion by which the boxes were transformed to the world of the truth; the files are as they were.
+        Transform that was applied to the boxes, to the world of the truth; the files are unchanged.
     """
 
     path: Path
@@ -110,7 +110,7 @@ class Result:
     T_truth_result: Float64Array = field(default_factory=lambda: np.eye(4))
 
     def moved(self, T_truth_result: Float64Array) -> Result:
-        """Return the same with every box transformed to the truth's world by a rigid motion (4, 4)."""
+        """Return a copy with every box transformed to the truth's world by a rigid motion (4, 4)."""
         tracks, objects, proposals = self.tracks, self.objects, self.proposals
         return replace(
             self,
@@ -125,7 +125,7 @@ class Result:
 def read_result(path: PathLike) -> Result:
     """Read a result folder (``docs/commands.md``), or a CSV with at least the columns of `BoxEntry`.
 
-    The map of a plain CSV is each label's last box, and the more frames a label has, the higher it is ranked.
+    The map of a plain CSV contains each label's last box, with the number of the label's frames as score.
 
     Raises
     ------
@@ -158,13 +158,13 @@ def read_result(path: PathLike) -> Result:
 
 
 def read_boxes(path: Path, kind: type[BoxEntry] | type[OwnBoxEntry] = BoxEntry) -> BoxRows:
-    """Read a CSV whose header names at least the columns of a kind of row, in any order; others are left alone.
+    """Read a CSV with at least the columns of a kind of row, in any order; other columns are ignored.
 
     Parameters
     ----------
     path : Path
     kind : type
-        `BoxEntry`, of which a label stands only once in a frame, or `OwnBoxEntry`.
+        `BoxEntry`, with each label at most once per frame, or `OwnBoxEntry`.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def read_boxes(path: Path, kind: type[BoxEntry] | type[OwnBoxEntry] = BoxEntry) 
 
 
 def read_rects(path: Path, kind: type[RectEntry] | type[OwnRectEntry] = RectEntry) -> RectRows:
-    """Read the rectangles of a CSV; a label stands only once in a frame of `RectEntry`. Raises as `read_boxes`."""
+    """Read the rectangles of a CSV; with `RectEntry`, labels are unique per frame. Raises as `read_boxes`."""
     rows = [(row.frame, row.label, row.x0, row.y0, row.x1, row.y1) for _, row in read_table(path, kind, any_order=True)]
     table = np.array(rows, np.float64).reshape(-1, 6)
     table = table[np.argsort(table[:, 0], kind="stable")]

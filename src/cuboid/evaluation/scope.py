@@ -1,10 +1,9 @@
 """The scope of an evaluation: objects that must be found, objects that may be, boxes that count neither way.
 
-An object must be found in a frame that shows more than `MUST_SEE_FRACTION` of it. It may be found where it is shown
-less: then neither its absence nor its presence counts, as with heavily occluded objects in KITTI (Geiger, Lenz,
-Urtasun, CVPR 2012). The same holds of objects that are not judged and of places to be ignored. A found box that
-pairs with no object to be found is left out where it lies on one of those, or where its centre lies outside of the
-judged region.
+An object must be found in a frame that shows more than `MUST_SEE_FRACTION` of it. In other frames neither its absence
+nor its presence counts, as with heavily occluded objects in KITTI (Geiger, Lenz, Urtasun, CVPR 2012). The same holds
+for objects that are not judged and for ignored places. A found box that pairs with no object to be found is left out if
+it lies on one of those, or if its centre is outside the judged region.
 """
 
 from __future__ import annotations
@@ -22,30 +21,30 @@ from cuboid.geometry.overlap import intersection_matrix, iou_matrix, pack
 
 BoolArray = npt.NDArray[np.bool_]
 
-# Fraction of an object above which a frame must find it: at a tenth, a mug has some hundred pixels left.
+# Visible fraction of an object above which a frame must find it: at a tenth, a mug still has about a hundred pixels.
 MUST_SEE_FRACTION = 0.1
-# Lowest IoU at which anything is called found; what pairs with an object at this is judged, wherever it lies.
+# Minimum IoU of a found object; a box that pairs with an object at this IoU is judged, wherever it lies.
 FOUND_IOU = 0.25
-# A box lies on something that does not count if half of it does (COCO's rule for crowds takes the same fraction of
-# the found box: Lin et al., ECCV 2014), or if both agree as found boxes do.
+# A box lies on something that does not count if at least half of its volume does (COCO's rule for crowds uses the same
+# fraction of the found box: Lin et al., ECCV 2014), or if the IoU of both is at least `FOUND_IOU`.
 LIES_ON_FRACTION = 0.5
-# Turns about the third axis at which the square box of a round object is held against a found box: a quarter of a turn
-# in steps of 5 degrees, so that the best one is at most 2.5 degrees off, which costs less than 0.04 of IoU.
+# Rotations about the third axis at which the square box of a round object is compared with a found box: a quarter turn
+# in steps of 5 degrees. The best one is at most 2.5 degrees off, which costs less than 0.04 of IoU.
 TURNS_RAD = np.radians(np.arange(0.0, 90.0, 5.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Boxes:
-    """How found boxes lie to everything in the truth.
+    """Overlaps of found boxes with everything in the truth.
 
     Attributes
     ----------
     iou : (N, G) float64
-        With the judged objects.
+        IoU with the judged objects.
     on_judged : (N, G) bool
         Whether the box lies on the judged object.
     left_out : (N,) bool
-        Whether it lies outside of the judged region or on something that never counts.
+        Whether the box lies outside the judged region or on something that never counts.
     """
 
     iou: Float64Array
@@ -53,12 +52,12 @@ class Boxes:
     left_out: BoolArray
 
     def of(self, rows: slice) -> Boxes:
-        """Return how some of the boxes lie."""
+        """Return the entries of some of the boxes."""
         return Boxes(self.iou[rows], self.on_judged[rows], self.left_out[rows])
 
 
 class Scope:
-    """The judged objects of a truth, and what else matters for the judgement.
+    """The judged objects of a truth, and everything else that affects the evaluation.
 
     Parameters
     ----------
@@ -69,12 +68,12 @@ class Scope:
     Attributes
     ----------
     objects : tuple of TruthObject
-        The judged ones.
+        Judged objects.
     packed : (G, 15) float64
-        Their boxes in the end.
+        Final boxes of the judged objects.
     frames : (T,) int64
     shown : (T, G) float64 or None
-        Their visible fractions in the judged frames.
+        Visible fractions of the judged objects in the judged frames.
     """
 
     def __init__(self, truth: Truth, frames: IntArray) -> None:
@@ -92,12 +91,12 @@ class Scope:
         self._moves = any(item.path is not None for item in truth.objects)
 
     def _in_frame(self, frame: int) -> tuple[Float64Array, Float64Array]:
-        """Return the boxes of the judged objects in a frame, and of all that counts neither way."""
+        """Return the boxes in a frame of the judged objects, and of everything that counts neither way."""
         aside = [item.at(frame) for item in self._truth.objects if not item.judged]
         return pack([item.at(frame) for item in self.objects]), pack([*aside, *self._truth.ignored])
 
     def boxes(self, found: Float64Array, frame: int | None = None) -> Boxes:
-        """Return how found boxes (N, 15) lie to the truth: as it is in a frame, in the end unless given."""
+        """Return overlaps of found boxes (N, 15) with the truth in a frame; by default at the end."""
         packed, aside = (self.packed, self._aside) if frame is None else self._in_frame(frame)
         on_aside = _stands_on(found, aside, iou_matrix(found, aside)).any(1)
         outside = np.zeros(len(found), bool)
@@ -109,8 +108,8 @@ class Scope:
     def _iou(self, found: Float64Array, packed: Float64Array) -> Float64Array:
         """Return the IoU (N, G) of found boxes (N, 15) with those of the judged objects (G, 15).
 
-        That of a round object is the largest over turns about its third axis, as Objectron's for cups and bottles
-        (Ahmadyan et al., CVPR 2021): where it points to says nothing.
+        For a round object it is the maximum over rotations about the third axis, as in Objectron for cups and bottles
+        (Ahmadyan et al., CVPR 2021): the yaw of a round object has no meaning.
         """
         iou = iou_matrix(found, packed)
         for angle in TURNS_RAD[1:] if len(self._round) else ():
@@ -119,13 +118,13 @@ class Scope:
         return iou
 
     def must_map(self) -> BoolArray:
-        """Tell which judged objects the map must have: those that some judged frame must find, (G,)."""
+        """Tell which judged objects (G,) the map must contain: those that at least one judged frame must find."""
         if self.shown is None:
             return ~self._gone
         return np.asarray((self.shown > MUST_SEE_FRACTION).any(0) & ~self._gone)
 
     def frame_overlaps(self, rows: BoxRows) -> list[FrameOverlap]:
-        """Return for each judged frame what must be found in it, and what was found that counts.
+        """Return for each judged frame the objects that must be found, and the found boxes that count.
 
         `found` of the frames are indices into the sorted distinct labels of `rows`.
         """
@@ -146,7 +145,7 @@ class Scope:
 
 
 def _turned(boxes: Float64Array, angle_rad: float) -> Float64Array:
-    """Return boxes (N, 15) turned about their third axes."""
+    """Return boxes (N, 15) rotated about their third axes."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     turned = boxes.copy()

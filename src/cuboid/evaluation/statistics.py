@@ -1,4 +1,4 @@
-"""How sure a mean over scenes is, and whether one version is better than another: the bootstrap over scenes."""
+"""Confidence intervals of means over scenes, and comparison of two versions, by the bootstrap over scenes."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 
 from cuboid.core.frame import Float64Array
 
-# B. Efron and R. Tibshirani, "An Introduction to the Bootstrap" (1993): percentiles of resampled means want thousands.
+# B. Efron and R. Tibshirani, "An Introduction to the Bootstrap" (1993): percentiles of resampled means need thousands
+# of samples.
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
 
-# Figures that are equal to this many digits are the same: what the last digit of a sum says is no difference.
+# Figures that differ by less than this are equal: rounding in a sum is no difference.
 SAME = 1e-9
 
 
@@ -26,9 +27,9 @@ class Interval:
     ----------
     mean : float
     low, high : float
-        The 95 % confidence interval, resampling scenes; of one scene it is the figure itself.
+        The 95 % confidence interval by resampling scenes; for a single scene, the figure itself.
     scenes : int
-        Scenes that have the figure.
+        Number of scenes with the figure.
     """
 
     mean: float
@@ -43,7 +44,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Paired:
-    """A figure of two versions over the scenes that both have.
+    """A figure of two versions over their common scenes.
 
     Attributes
     ----------
@@ -51,7 +52,7 @@ class Paired:
     difference : Interval
         After minus before, scene by scene.
     up, down, same : int
-        Scenes in which the figure went up, down, stayed.
+        Number of scenes in which the figure went up, went down, or stayed the same.
     """
 
     before: Interval
@@ -63,7 +64,7 @@ class Paired:
 
     @property
     def sure(self) -> bool:
-        """Whether zero lies outside of the interval of the difference."""
+        """Whether zero is outside the interval of the difference."""
         return not self.difference.low <= 0.0 <= self.difference.high
 
     def to_dict(self) -> dict[str, Any]:
@@ -79,7 +80,7 @@ def interval(values: Sequence[float] | Float64Array) -> Interval:
 
 
 def intervals(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str, Interval]:
-    """Return the intervals of figures over the rows that have them; a figure that no row has is left out."""
+    """Return the intervals of figures over the rows that have them; figures without rows are left out."""
     found = {name: [float(row[name]) for row in rows if row.get(name) is not None] for name in names}
     return {name: interval(values) for name, values in found.items() if values}
 
@@ -92,9 +93,9 @@ def compare(
     Parameters
     ----------
     before, after : mapping
-        Figures by scene; scenes that only one has are left out.
+        Figures by scene; scenes that are not in both are left out.
     names : sequence of str
-        Figures; those that no scene has on both sides are left out.
+        Names of figures; those that no scene has on both sides are left out.
     """
     found = {}
     for name in names:

@@ -16,7 +16,7 @@ from cuboid.readers import open_recording
 from cuboid.readers.posetext import Trajectory, parse_numbers, pose_from_quaternion
 from cuboid.readers.recording import DEFAULT_RATE_HZ
 
-# The name by which a file of poses of RGB-D Scenes v2 is known: a line a frame, no times.
+# Suffix of pose files of RGB-D Scenes v2: one line per frame, without times.
 POSE_SUFFIX = ".pose"
 POSE_FIELDS = "qw qx qy qz tx ty tz"
 
@@ -28,9 +28,9 @@ class TimedPoses:
     Attributes
     ----------
     path : Path
-        Where they come from.
+        Source of the poses.
     times_s : (N,) float64
-        Rising.
+        Increasing times, seconds.
     T_world_camera : (N, 4, 4) float64
     """
 
@@ -50,7 +50,7 @@ class TimedPoses:
 
     @property
     def interval_s(self) -> float:
-        """The usual time from one pose to the next; 0 of a single pose."""
+        """The median time between consecutive poses; 0 for a single pose."""
         return float(np.median(np.diff(self.times_s))) if len(self) > 1 else 0.0
 
 
@@ -60,8 +60,8 @@ def read_poses(path: PathLike) -> TimedPoses:
     Parameters
     ----------
     path : path
-        A file of lines ``timestamp tx ty tz qx qy qz qw`` (the TUM form, as in ``trajectory.txt``), a ``.pose`` file
-        of RGB-D Scenes v2 (a line a frame, frame / 30 s), the folder of a result, or a recording with poses.
+        A file of lines ``timestamp tx ty tz qx qy qz qw`` (the TUM format, as in ``trajectory.txt``), a ``.pose`` file
+        of RGB-D Scenes v2 (one line per frame, time = frame / 30 s), the folder of a result, or a recording with poses.
 
     Raises
     ------

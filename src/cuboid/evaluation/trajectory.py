@@ -1,8 +1,8 @@
-"""An estimated camera path against the true one: absolute error, drift, coverage.
+"""Evaluation of an estimated camera path against the true one: absolute error, drift, coverage.
 
 ATE and RPE after Sturm, Engelhard, Endres, Burgard, Cremers, "A Benchmark for the Evaluation of RGB-D SLAM Systems",
 IROS 2012; the motion that aligns the estimate with the truth after Umeyama, "Least-Squares Estimation of Transformation
-Parameters Between Two Point Patterns", PAMI 1991, without his scale: depth cameras know how long a metre is.
+Parameters Between Two Point Patterns", PAMI 1991, without scale: depth cameras measure in metres.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from cuboid.outputs.text import LENGTH, rounded
 
 FORMAT, VERSION = "cuboid-trajectory-evaluation", 1
 
-# Two poses belong together at most this far apart in time: the limit of the TUM benchmark's own tools.
+# Maximum time difference of a pair of poses, seconds: the limit of the TUM benchmark's own tools.
 LIMIT_S = 0.02
-# Fewer pairs than this can always be laid on each other.
+# Minimum number of pairs: fewer can always be aligned without error.
 FEWEST_PAIRS = 3
-# A stretch of one second or one metre may be this fraction longer or shorter, where poses lie far apart.
+# Tolerance of the length of a stretch of one second or one metre, as a fraction, where poses are sparse.
 STRETCH_SLACK = 0.5
 
 IntArray = npt.NDArray[np.intp]
@@ -54,14 +54,14 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """How much a stretch of the path is off by itself (the relative pose error).
+    """The relative pose error: the drift over a stretch of the path.
 
     Attributes
     ----------
     stretches : int
-        How many were compared.
+        Number of compared stretches.
     translation_cm, rotation_deg : Errors or None
-        For each second, or each metre, of a stretch; None where the path is too short for one.
+        Error per second, or per metre; None if the path is too short for a stretch.
     """
 
     stretches: int
@@ -71,27 +71,27 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryErrors:
-    """All that is found of an estimated path.
+    """All results for an estimated path.
 
     Attributes
     ----------
     estimate, truth : str
-        What was compared.
+        Names of the compared paths.
     estimate_poses, truth_poses, pairs : int
-        Poses of both, and how many belong together.
+        Number of poses of both, and of pairs.
     limit_s : float
-        How far apart in time a pair may be.
+        Maximum time difference of a pair, seconds.
     coverage : float
-        Fraction of the truth's poses at whose time there is an estimate: no further away than half its usual interval.
+        Fraction of true poses with an estimate near their time: at most half of the estimate's median interval away.
     length_m : float
-        Of the true path through the pairs.
+        Length of the true path through the pairs.
     duration_s : float
-        From the first pair to the last.
+        Time from the first pair to the last.
     ate_cm : Errors
-        Distance of the positions after the rigid motion that fits them best.
+        Distances of the positions after the best-fitting rigid motion.
     per_second, per_metre : Drift
     T_truth_estimate : (4, 4) float64
-        That motion.
+        The best-fitting rigid motion.
     times_s : (P,) float64
     true_xyz, estimated_xyz : (P, 3) float64
         Positions of the pairs in the world of the truth, metres.
@@ -137,9 +137,9 @@ def evaluate_trajectory(
     Parameters
     ----------
     estimate, truth : TimedPoses or path
-        Each in a world of its own; see `read_poses` for what a path may be.
+        Paths, each in its own world; see `read_poses` for the possible forms.
     limit_s : float
-        Poses further apart in time are no pair, seconds.
+        Maximum time difference of a pair, seconds.
 
     Raises
     ------
@@ -181,16 +181,16 @@ def evaluate_trajectory(
 
 
 def associate(a_s: Float64Array, b_s: Float64Array, limit_s: float) -> tuple[IntArray, IntArray]:
-    """Return indices of the times of a and b, both rising, that are each other's nearest within a limit."""
+    """Return indices of mutually nearest times of a and b, both increasing, within a limit."""
     to_b, to_a = _nearest(a_s, b_s), _nearest(b_s, a_s)
     mine = np.arange(len(a_s))
-    # 1e-9: times written as decimals that are just the limit apart
+    # 1e-9: tolerance for decimal times whose difference equals the limit
     paired = (to_a[to_b] == mine) & (np.abs(a_s - b_s[to_b]) <= limit_s + 1e-9)
     return mine[paired], to_b[paired]
 
 
 def rigid_fit(xyz_a: Float64Array, xyz_b: Float64Array) -> Float64Array:
-    """Return the rigid T_a_b (4, 4) with the least squared distance of points (N, 3) of a and of b."""
+    """Return the rigid T_a_b (4, 4) with the least squared distance between points (N, 3) of a and b."""
     mean_a, mean_b = xyz_a.mean(0), xyz_b.mean(0)
     left, _, right = np.linalg.svd((xyz_a - mean_a).T @ (xyz_b - mean_b))
     rotation = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
@@ -208,9 +208,9 @@ def drift(T_est: Float64Array, T_true: Float64Array, travelled: Float64Array, wi
     T_est, T_true : (N, 4, 4) float64
         T_world_camera of the pairs.
     travelled : (N,) float64
-        Where each is along the path, rising: seconds or metres.
+        Position of each pose along the path, increasing: seconds or metres.
     within : float
-        A stretch may be this much longer or shorter; its error is for each unit of what it is.
+        Tolerance of the length of a stretch; the error is divided by the actual length.
 
     Returns
     -------
@@ -248,7 +248,7 @@ def _angles(T: Float64Array) -> Float64Array:
 
 
 def _nearest(values: Float64Array, among: Float64Array) -> IntArray:
-    """Return for each value the index of the nearest among rising ones, the earlier of equals."""
+    """Return for each value the index of the nearest among increasing values, the earlier one in a tie."""
     after = np.clip(np.searchsorted(among, values), 1, max(len(among) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(among) - 1)

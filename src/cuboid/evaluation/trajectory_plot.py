@@ -1,4 +1,4 @@
-"""A picture of two camera paths: both from above, and how far they are apart over time; as PNG or SVG."""
+"""A plot of two camera paths, from above, and of their distance over time, as PNG or SVG."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from cuboid.outputs.pending import write_whole
 
 ENDINGS = (".png", ".svg")
 TRUE_COLOR, ESTIMATE_COLOR = "#787e88", "#d64526"
-# A path is left open where a step takes this many usual ones: poses without a pair lie there.
+# A path is interrupted where a time step exceeds the median step by this factor: poses without a pair lie there.
 GAP_STEPS = 3
 
 
 def refuse_other_forms(path: Path) -> None:
-    """Refuse, before the work, a plot that cannot be written.
+    """Refuse a plot that cannot be written, before any computation.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def plot(found: TrajectoryErrors, path: Path) -> None:
     Raises
     ------
     InputError
-        The name has another end.
+        The name has another suffix.
     MissingExtraError
         Matplotlib is not installed.
     OutputError
@@ -89,8 +89,8 @@ def _draw_error(axes: Any, found: TrajectoryErrors) -> None:
 def flattened(true_xyz: Float64Array, estimated_xyz: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return both paths (N, 2) along the two directions in which the true one (N, 3) extends most.
 
-    For a camera that goes round a table this is the view from above, or from below; each direction is turned so that
-    its largest component in the world is positive.
+    For a camera that circles a table this is the view from above or below. The sign of each direction makes its largest
+    component in the world positive.
     """
     middle = true_xyz.mean(0)
     axes = np.linalg.svd(true_xyz - middle, full_matrices=True)[2][:2]

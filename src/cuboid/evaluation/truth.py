@@ -1,4 +1,4 @@
-"""Truth files: which objects there are, where they are judged, and which of them each frame shows.
+"""Ground-truth files: the objects, the region in which they are judged, and their visibility in each frame.
 
 ``docs/evaluation.md`` describes the format, "cuboid-truth" version 1.
 """
@@ -27,22 +27,22 @@ NAME = "truth.json"
 
 @dataclass(frozen=True, slots=True)
 class TruthObject:
-    """An object that is there.
+    """A true object.
 
     Attributes
     ----------
     id : int
-        Positive, its own.
+        Positive, unique.
     name : str
-        For people.
+        Name for users.
     judged : bool
-        False where finding it counts neither way.
+        False if a detection of the object counts neither way.
     box : Box
-        In the world of the truth.
+        Box in the world of the truth.
     round : bool
-        Whether it looks alike from all sides: its box may be turned about the third axis.
+        Whether it is rotationally symmetric: its box may be rotated about the third axis.
     path : Path3D or None
-        Where it is in each frame; None where it stays. `box` is where it is in the end.
+        Pose in each frame; None if the object does not move. `box` is the final box.
     """
 
     id: int
@@ -53,24 +53,24 @@ class TruthObject:
     path: Path3D | None = None
 
     def at(self, frame: int) -> Box:
-        """Return its box in a frame."""
+        """Return the object's box in a frame."""
         return self.box if self.path is None else self.path.at(frame, self.box.size)
 
 
 @dataclass(frozen=True, slots=True)
 class TruthRelation:
-    """A relation that holds.
+    """A true relation.
 
     Attributes
     ----------
     subject : int
         Id of the object.
     kind : str
-        What it is to the other: one of `core.results.RELATIONS`.
+        Kind of the relation: one of `core.results.RELATIONS`.
     to : int or str
-        Id of the other; "plane:k" or "wall:k" for one of the truth's planes or walls.
+        Id of the other object; "plane:k" or "wall:k" for one of the truth's planes or walls.
     judged : bool
-        False where it is open whether it holds.
+        False if it is undecided whether the relation holds.
     """
 
     subject: int
@@ -81,7 +81,7 @@ class TruthRelation:
 
 @dataclass(frozen=True, slots=True)
 class JudgedRegion:
-    """The part of the world that the truth speaks about: a prism over a polygon on a plane.
+    """The part of the world that the truth covers: a prism over a polygon on a plane.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class JudgedRegion:
     polygon : (N, 3) float64
         Outline on the plane, in order, metres.
     height_m : (float, float)
-        From and to, along the normal.
+        Lower and upper limit along the normal, metres.
     """
 
     normal: Float64Array
@@ -111,12 +111,12 @@ class JudgedRegion:
 
 @dataclass(frozen=True, slots=True)
 class Path3D:
-    """The place of a box in each frame.
+    """The pose of a box in each frame.
 
     Attributes
     ----------
     frames : (K,) int64
-        Ascending; from each on the box is there until the next one.
+        Increasing frames; each pose holds until the next frame in the list.
     T_truth_box : (K, 4, 4) float64
     """
 
@@ -124,7 +124,7 @@ class Path3D:
     T_truth_box: Float64Array
 
     def at(self, frame: int, size: Float64Array) -> Box:
-        """Return a box of a size in a frame."""
+        """Return the box with the given size in a frame."""
         T = self.T_truth_box[max(int(np.searchsorted(self.frames, frame, "right")) - 1, 0)]
         return Box(T[:3, 3], size, T[:3, :3])
 
@@ -139,9 +139,9 @@ class TruthEvent:
         "appeared", "moved", "gone" or "back".
     id : int
     begin, end : int
-        Frames in which it leaves its place, and in which it is at rest again or out of the scene.
+        Frames in which the object leaves its place, and in which it is at rest again or out of the scene.
     from_m, to_m : (3,) float64 or None
-        Middle of its box before and after; None where it was not, or is not, there.
+        Centre of its box before and after; None if it was not, or is not, in the scene.
     """
 
     event: str
@@ -175,23 +175,23 @@ class Truth:
     path : Path
     name : str
     frames : int or None
-        Of the recording; None where the file does not say.
+        Number of frames of the recording; None if the file does not give it.
     objects : tuple of TruthObject
-        By id.
+        Objects by id.
     region : JudgedRegion or None
-        None: everything is judged.
+        Judged region; None if everything is judged.
     ignored : tuple of Box
-        Places where finding something counts neither way.
+        Places where detections count neither way.
     visibility : (frames, objects) float64 or None
-        Visible fraction of each object in each frame, 0..1; None where the file does not say.
+        Visible fraction of each object in each frame, 0..1; None if the file does not give it.
     events : tuple of TruthEvent or None
-        What happens to objects, in the order in which it ends; None where the file does not say.
+        Events of objects, in the order of their ends; None if the file does not list them.
     agents : tuple of TruthAgent
         People, in rigid parts.
     relations : tuple of TruthRelation or None
-        None where the file does not say.
+        None if the file does not list them.
     planes, walls : tuple of ((3,) float64, float)
-        Normal and offset of the surfaces that relations name.
+        Normal and offset of the surfaces in relations.
     """
 
     path: Path
@@ -209,13 +209,13 @@ class Truth:
 
     @property
     def gone(self) -> frozenset[int]:
-        """Objects that are not there in the end."""
+        """Objects that are gone at the end."""
         last = {one.id: one.event for one in self.events or ()}
         return frozenset(number for number, event in last.items() if event == "gone")
 
 
 def read_truth(path: PathLike) -> Truth:
-    """Read a truth file, or the one named `NAME` in a folder.
+    """Read a truth file, or the file `NAME` in a folder.
 
     Raises
     ------
@@ -276,7 +276,7 @@ def _region(item: RegionOfTruth) -> JudgedRegion:
 
 
 def _visibility(seen: VisibilityOfTruth, ids: list[int]) -> Float64Array:
-    """Return the visible fraction (frames, objects) from its run lengths; of an object without any it is 0."""
+    """Return the visible fraction (frames, objects) from run lengths; 0 for objects without any."""
     fractions = np.zeros((seen.frames, len(ids)))
     for k, number in enumerate(ids):
         runs = seen.objects.get(str(number))

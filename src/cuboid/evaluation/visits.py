@@ -1,4 +1,4 @@
-"""How well labels are kept, and changes found, over several visits of one place."""
+"""Evaluation of labels and changes over several visits of one place."""
 
 from __future__ import annotations
 
@@ -26,27 +26,28 @@ from cuboid.readers.posetext import Trajectory
 from cuboid.scene import Scene
 
 VISITS = "visits.json"
-# A label is a thing's when their boxes overlap by this.
+# Minimum IoU of the boxes of a label and an object that belong together.
 MIN_IOU = 0.2
-# A thing, or the empty place of one, is judged when this many frames show it.
+# Minimum number of frames that show an object, or its empty place, for it to be judged.
 SHOWN_FRAMES = 8
 TOLD = ("moved", "gone", "new")
 
 
 @dataclass(frozen=True, slots=True)
 class VisitsQuality:
-    """Counts of right answers over all pairs of consecutive visits.
+    """Counts of correct answers over all pairs of consecutive visits.
 
     Attributes
     ----------
     unmoved, kept : int
-        Things that were found and did not move, and those of them that have their label still.
+        Objects that were found and did not move, and those among them that kept their label.
     moved, recognised : int
-        Things that were found and moved in sight, and those of them that kept their label and are reported as moved.
+        Objects that were found and moved in sight, and those among them that kept their label and are reported as
+        moved.
     changes, reported, right : int
         True changes (moved, gone, new), reported ones, and correctly reported ones.
     hidden_called_gone : int
-        Things called gone whose place no frame shows empty.
+        Objects reported as gone although no frame shows their place empty.
     """
 
     unmoved: int
@@ -59,7 +60,7 @@ class VisitsQuality:
     hidden_called_gone: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Return counts, and fractions of them."""
+        """Return the counts and their ratios."""
         return {
             **asdict(self),
             "kept_share": ratio(self.kept, self.unmoved),
@@ -70,24 +71,24 @@ class VisitsQuality:
 
 
 def is_visits(path: Path) -> bool:
-    """Tell whether a folder holds the truth of several visits."""
+    """Tell whether a folder contains the truth of several visits."""
     return (path / VISITS).is_file()
 
 
 def evaluate_visits(scene: PathLike, folder: PathLike) -> VisitsQuality:
-    """Judge a scene whose recordings are the visits of a folder, in order.
+    """Evaluate a scene whose recordings are the visits in a folder, in order.
 
     Parameters
     ----------
     scene : path
         The scene file.
     folder : path
-        From `cuboid synth --visits`.
+        Output of `cuboid synth --visits`.
 
     Raises
     ------
     InputError
-        One of them cannot be read, or the scene has other recordings.
+        The scene or the folder cannot be read, or the scene has other recordings.
     """
     folder = as_path(folder)
     visits = read_json(folder / VISITS, VisitsDocument).visits
@@ -119,13 +120,13 @@ def _T_truth_scene(scene: Scene, first: Path) -> Float64Array:
 
 
 def _labels(scene: Scene, number: int, folder: Path, T_truth_scene: Float64Array) -> dict[int, int]:
-    """Return the label that each thing had in a visit, by id, by the boxes at its end."""
+    """Return the label of each object in a visit, by id, from the boxes at its end."""
     truth = read_truth(folder)
     gone = {one.label for one in scene.changes(number) if one.recording == number and one.change == "gone"}
     boxes: dict[int, Box] = {}
     for item in scene.all_objects:
         if item.merged_into is None and item.state != "forgotten" and item.label not in gone:
-            # Objects that were merged into it since had labels and boxes of their own then.
+            # Objects that were merged into it later had their own labels and boxes then.
             boxes |= {past.label: past.box for past in scene.history(item.label) if past.recording == number}
     if not boxes:
         return {}

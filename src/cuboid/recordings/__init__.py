@@ -1,1 +1,1 @@
-"""Recordings as the user meets them: opened and registered, described, converted."""
+"""Operations on recordings for users: opening with registration, inspection, conversion."""

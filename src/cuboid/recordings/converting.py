@@ -1,8 +1,8 @@
-"""Writes the frames of any readable recording as another: a plain folder, the form of TUM, a bag of ROS 2.
+"""Conversion of any readable recording to a plain folder, the TUM format, or a ROS 2 bag.
 
-What is written are the frames as the tracker would get them: without distortion, depth in the color image, poses those
-of the color camera. Color and depth are kept without loss, but that folders have depth to a fifth of a millimetre where
-it was registered to color, as TUM's form always has.
+The frames are written as the tracker would get them: without distortion, with depth registered to color, and with poses
+of the color camera. Color and depth are kept without loss, with one exception: depth in folders is rounded to a fifth
+of a millimetre if it was registered to color, and always in the TUM format.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from cuboid.readers import Recording
 from cuboid.readers.calibration import CAMERA_FILE, write_camera
 from cuboid.readers.depth_camera import DepthCamera
 
-# Units of depth that is not whole in the recording's own: a fifth of a millimetre, up to 13 m.
+# Units per metre of depth that has no integer values in the recording's units: a fifth of a millimetre, up to 13 m.
 CARRIED_UNITS = 5000.0
-# Fewer units a metre are no whole numbers.
+# Minimum units per metre of depth in integers; with fewer, depth is in fractions.
 MIN_UNITS = 100.0
 TUM_UNITS = 5000.0
-# PNG at this effort: a few percent larger than the best, in a tenth of the time.
+# PNG compression level: a few percent larger than the best, in a tenth of the time.
 PNG_EFFORT = 1
 SATURATED = 65535
 # This file marks a folder that a conversion wrote; only such a folder is replaced.
@@ -40,7 +40,7 @@ MARK = ".converted"
 
 
 class RecordingWriter(Protocol):
-    """Writes one form; `finish` comes behind the last frame."""
+    """A writer of one format; `finish` is called after the last frame."""
 
     def __init__(
         self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
@@ -51,19 +51,19 @@ class RecordingWriter(Protocol):
         """Write a frame."""
 
     def finish(self) -> None:
-        """Write what belongs to all frames."""
+        """Write the files that cover all frames."""
 
     def __enter__(self) -> Self:
-        """Return itself."""
+        """Return the writer."""
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close what is open."""
+        """Close open files."""
 
 
 class _Folder:
-    """The properties that both folders share."""
+    """Common parts of both folder writers."""
 
     def __init__(
         self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
@@ -91,7 +91,7 @@ class _Folder:
 
 
 class PlainWriter(_Folder):
-    """The plain folder (docs/recordings.md)."""
+    """Writer of the plain folder (docs/recordings.md)."""
 
     def add(self, frame: Frame) -> None:
         """Write color and depth, named by the frame's number in the recording."""
@@ -110,7 +110,7 @@ class PlainWriter(_Folder):
 
 
 class TumWriter(_Folder):
-    """The form of the TUM RGB-D benchmark, with a `camera.json` beside."""
+    """Writer of the TUM RGB-D format, with an additional `camera.json`."""
 
     def __init__(
         self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
@@ -119,7 +119,7 @@ class TumWriter(_Folder):
         self._names: list[str] = []
 
     def add(self, frame: Frame) -> None:
-        """Write color and depth, named by the time."""
+        """Write color and depth; the file names are timestamps."""
         name = f"{frame.timestamp_s:.6f}.png"
         for kind, image in (("rgb", frame.color[..., ::-1]), ("depth", as_units(frame.depth_m, self._units))):
             (self._folder / kind).mkdir(exist_ok=True)
@@ -162,33 +162,33 @@ def convert_recording(
     force: bool = False,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> dict[int, str]:
-    """Write frames of a recording in another form.
+    """Write frames of a recording in another format.
 
     Parameters
     ----------
     recording : Recording
     output : path
-        Folder; it appears when it is complete.
+        Folder, which appears when it is complete.
     form : str
-        Of `WRITERS`.
+        One of `WRITERS`.
     frames : range
         Numbers of the frames.
     force : bool
-        Whether a folder that an earlier conversion wrote is replaced, when the new one is complete.
+        Whether the folder of an earlier conversion is replaced when the new one is complete.
     progress : callable
-        Told how many frames are done, and of how many.
+        Called with the number of finished frames and the total number.
 
     Returns
     -------
     dict of int to str
-        Frames that were left out, and why.
+        Frames that were left out, with the reason.
 
     Raises
     ------
     InputError
         No frame can be used.
     OutputError
-        The folder exists and `force` is not given or no conversion wrote it, or it cannot be written.
+        The folder exists and `force` is False, or no conversion wrote it; or it cannot be written.
     """
     output, skipped = as_path(output), dict[int, str]()
     units = units_kept(recording.depth_units_per_metre, recording.depth_camera)
@@ -211,7 +211,7 @@ def convert_recording(
 
 @contextmanager
 def _replacing(output: Path, *, force: bool) -> Iterator[Path]:
-    """Give the folder to write: the output, or one beside it that takes the place of an earlier conversion."""
+    """Yield the folder to write: the output, or a temporary one that then replaces an earlier conversion."""
     if not (force and output.exists()):
         yield output
         return
@@ -219,14 +219,14 @@ def _replacing(output: Path, *, force: bool) -> Iterator[Path]:
         raise OutputError(f"{output}: exists and was not written by 'cuboid convert'; name another folder")
     beside = output.with_name(f".{output.name}.new")
     with writing(output):
-        shutil.rmtree(beside, ignore_errors=True)  # of a conversion that was killed
+        shutil.rmtree(beside, ignore_errors=True)  # left by a killed conversion
         yield beside
         shutil.rmtree(output)
         beside.rename(output)
 
 
 def _read(recording: Recording, index: int, skipped: dict[int, str]) -> Frame | None:
-    """Return a frame, without its pose where only that is missing."""
+    """Return a frame, without a pose if only that is unusable; None, with the reason noted, if it cannot be read."""
     try:
         return recording.read(index)
     except FrameError as error:
@@ -242,12 +242,12 @@ def _read(recording: Recording, index: int, skipped: dict[int, str]) -> Frame | 
 
 
 def units_kept(units_per_metre: float, depth_camera: DepthCamera | None) -> float:
-    """Return the units in which depth is written: its own where it is still whole in them."""
+    """Return the units per metre for writing depth: the recording's own if depth still has integer values in them."""
     return units_per_metre if depth_camera is None and units_per_metre >= MIN_UNITS else CARRIED_UNITS
 
 
 def as_units(depth_m: Float32Array, units_per_metre: float) -> npt.NDArray[np.uint16]:
-    """Return depth as 16-bit numbers; 0 where there is no reading or it is beyond what they reach."""
+    """Return depth as 16-bit numbers; 0 where there is no reading or it is out of range."""
     units = np.rint(depth_m * np.float32(units_per_metre))
     return np.where(units < SATURATED, units, 0).astype(np.uint16)
 

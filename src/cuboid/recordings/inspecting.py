@@ -14,15 +14,15 @@ from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float64Array, Frame
 from cuboid.readers import Recording
 
-# Number of frames that are decoded, evenly over all, and of frames whose poses are examined.
+# Number of decoded frames, evenly spaced, and of frames whose poses are examined.
 FRAMES, POSES = 24, 500
-# A step between two times that is longer than this many usual ones is a gap.
+# A time step longer than this multiple of the median step is a gap.
 GAP_STEPS = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Frames that cannot be used: how many of those looked at, the first of them, and its reason."""
+    """Unusable frames of one kind: their number among the examined ones, the first one, and its reason."""
 
     count: int
     frame: int
@@ -31,23 +31,23 @@ class Skipped:
 
 @dataclass(frozen=True, slots=True)
 class RecordingInfo:
-    """The summary.
+    """The summary of a recording.
 
     Attributes
     ----------
     path, format : str
     frames : int
     looked_at : int
-        Frames that were decoded.
+        Number of frames that were decoded.
     size : (int, int)
         Width and height of the frames, pixels.
     intrinsics : (float, float, float, float)
         fx, fy, cx, cy of the frames, pixels.
     intrinsics_source : str
     distortion : tuple of float
-        Taken out of the frames.
+        Distortion coefficients; the frames are undistorted with them.
     depth_camera : dict or None
-        Where depth was registered to color: its camera and T_color_depth, as in `camera.json`.
+        Depth camera and T_color_depth, as in `camera.json`, if depth was registered to color.
     depth_units_per_metre : float
     depth_range_m : (float, float) or None
         5th and 95th percentile of the readings.
@@ -56,21 +56,21 @@ class RecordingInfo:
     has_timestamps : bool
     rate_hz, duration_s : float or None
     gaps : int
-        Steps in time that are much longer than usual.
+        Number of time steps that are much longer than usual.
     poses : int
-        Frames with a pose, of `poses_looked_at`.
+        Number of frames with a pose, out of `poses_looked_at`.
     poses_looked_at : int
     path_length_m : float or None
     up_world : (float, float, float) or None
-        Away from the earth's pull, where the recording says so.
+        Up (opposite to gravity), if the recording has it.
     up_measured : bool
-        Whether it was measured with the frames.
+        Whether up was measured together with the frames.
     depth_off_px : float or None
-        How far depth lies beside color, where that is clear.
+        Offset between depth and color, if it is clear.
     skipped : tuple of Skipped
         Kinds of frames that cannot be used, the most frequent first.
     warnings : tuple of str
-        What the user should know of the files, such as images that were left out.
+        Warnings for the user about the files, such as images that were left out.
     """
 
     path: str
@@ -99,14 +99,14 @@ class RecordingInfo:
     warnings: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it ready for JSON."""
+        """Return the summary, ready for JSON."""
         values = {name: getattr(self, name) for name in self.__slots__}
         values["skipped"] = [{"count": s.count, "frame": s.frame, "reason": s.reason} for s in self.skipped]
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
 def inspect_recording(recording: Recording, *, every_frame: bool = False) -> RecordingInfo:
-    """Look at a recording.
+    """Return a summary of a recording.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def _spread(count: int, most: int) -> list[int]:
 
 
 def _poses(recording: Recording, reasons: dict[int, str], chosen: Sequence[int]) -> tuple[int, float | None, int]:
-    """Return how many frames have a pose, the length of the way, and how many were asked."""
+    """Return the number of frames with a pose, the path length, and the number of examined frames."""
     if not recording.has_poses:
         return 0, None, 0
     places: list[Float64Array] = []
@@ -182,7 +182,7 @@ def _poses(recording: Recording, reasons: dict[int, str], chosen: Sequence[int])
 
 
 def _times(recording: Recording) -> tuple[float | None, float | None, int]:
-    """Return rate, duration, and how many gaps there are."""
+    """Return rate, duration, and number of gaps."""
     times = np.array([recording.timestamp_s(k) for k in range(len(recording))])
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) else 0.0
@@ -200,7 +200,7 @@ def _depth_off_px(recording: Recording, frames: Sequence[int]) -> float | None:
 
 
 def _kinds(reasons: dict[int, str]) -> tuple[Skipped, ...]:
-    """Return the reasons, those that differ only in numbers and names of files together."""
+    """Return the kinds of reasons; reasons that differ only in numbers and file names are one kind."""
     counts: Counter[str] = Counter()
     first: dict[str, int] = {}
     for index, reason in sorted(reasons.items()):

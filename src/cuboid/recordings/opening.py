@@ -1,4 +1,4 @@
-"""Opens a recording as it is tracked: read, and its depth registered to color where the two clearly lie apart."""
+"""Opens a recording for tracking, with depth registered to color if the two are clearly misaligned."""
 
 from __future__ import annotations
 
@@ -24,40 +24,40 @@ def open_recording(
     register: str = AUTO,
     pose_convention: str | None = None,
 ) -> Recording:
-    """Open an RGB-D recording; its layout is recognised from what is in it.
+    """Open an RGB-D recording; its format is recognised from its contents.
 
     Parameters
     ----------
     path : str or path
         A folder, a file, an archive or a URL.
     format : str, optional
-        Name of the layout, where it is not recognised. Options of the format follow a colon, as in
+        Name of the format, if it is not recognised. Options of the format follow a colon, as in
         "ros-bag:color=/camera/color/image_raw".
     intrinsics : sequence of 4 floats or path, optional
-        fx, fy, cx, cy in pixels, instead of those found with the recording; or a file of the form of ``camera.json``,
-        whose depth scale counts too, or of ``camera-intrinsics.txt``.
+        fx, fy, cx, cy in pixels, instead of those in the recording; or a file in the format of ``camera.json``, whose
+        depth scale is used too, or of ``camera-intrinsics.txt``.
     depth_scale : float, optional
         Units per metre of the depth images, instead of the format's own.
     register : {"auto", "on", "off"}
-        Whether depth is registered to color: "auto" where the frames clearly show that depth lies beside color and the
-        recording names no depth camera, "on" also where it lies only a little beside, "off" never. Frames are read to
-        find out; this takes a second.
+        Whether depth is registered to color: "auto" if the frames clearly show a misalignment and the recording names
+        no depth camera, "on" also for a small misalignment, "off" never. The check reads some frames, which takes a
+        second.
     pose_convention : str, optional
-        What the poses of the recording are, where its format says otherwise: "inverse" (world to camera), "opengl" (the
+        Convention of the recording's poses, if it differs from the format's: "inverse" (world to camera), "opengl" (the
         camera's y up, z backward), "mm" or "cm" (translations), "wxyz" or "xyzw" (quaternions), or several, as in
         "inverse,mm".
 
     Returns
     -------
     Recording
-        Its `warnings` say what was registered.
+        Its `warnings` report a registration.
 
     Raises
     ------
     InputError
-        There is no recording, or more than one, or it cannot be used; one line says why.
+        There is no recording, or more than one, or it cannot be used; the message is one line with the reason.
     ValueError
-        `register` is none of these words.
+        `register` is not one of these words.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A scene that lasts: one file a place, with its map, its objects and their labels, opened again and gone on with."""
+"""A persistent scene: one file per place holds its map, objects and labels; later recordings extend it."""
 
 from __future__ import annotations
 

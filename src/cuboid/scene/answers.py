@@ -14,17 +14,17 @@ from cuboid.geometry.box import Box
 class SceneObject(TrackedObject):
     """An object of a scene.
 
-    The other attributes are those of `TrackedObject`: the box is in the scene's world, as known last; `first_frame` and
-    `last_frame` count the frames of all recordings; `points` are the voxels that the box was fitted to.
+    The other attributes are those of `TrackedObject`. The box is the latest one, in the scene's world; `first_frame`
+    and `last_frame` count the frames of all recordings; `points` are the voxels that the box was fitted to.
 
     Attributes
     ----------
     state : str
         "present", "gone", "merged" or "forgotten".
     merged_into : int or None
-        The older label that it was merged into.
+        Older label into which this one was merged.
     first_seen, last_seen : (int, int)
-        Number of the recording, and number of the frame in that recording.
+        Number of the recording, and index of the frame in that recording.
     """
 
     state: str
@@ -35,21 +35,21 @@ class SceneObject(TrackedObject):
 
 @dataclass(frozen=True, slots=True)
 class SceneRecording:
-    """A recording that went into a scene.
+    """A recording that was added to a scene.
 
     Attributes
     ----------
     number : int
-        From 1.
+        Number of the recording, from 1.
     path, format, poses : str
     begun : str
-        When tracking it began, UTC, ISO 8601.
+        Time at which tracking began, UTC, ISO 8601.
     complete : bool
-        False where the run was broken off.
+        False if the run was interrupted.
     frames : int
-        How many it has.
+        Number of frames in the recording.
     frames_used : int
-        Of these, this many have a pose.
+        Number of frames with a pose.
     """
 
     number: int

@@ -1,7 +1,7 @@
-"""How things stood when a visit began: the objects, where each plane had been seen, and what stood without a label.
+"""The scene at the start of a visit: its objects, the seen area of each plane, and occupied cells without a label.
 
-Beginning a visit reads no part of the map. What stood in a cube of it is noted when the cube first comes into memory
-in the visit: until then nothing of it has changed.
+The start of a visit reads no part of the map. The occupied cells of a cube are noted when the cube is first loaded into
+memory during the visit: until then nothing in the cube has changed.
 """
 
 from __future__ import annotations
@@ -30,11 +30,12 @@ from cuboid.surfaces.grid import CELL_M as GROUND_CELL_M
 from cuboid.surfaces.grid import cells_of
 from cuboid.tracking.posed_tracker import PosedTracker
 
-# This many points of an object are remembered, to check whether they are still there.
+# Maximum number of points that are kept of an object, to check later whether they are still there.
 POINTS = 300
-# A place was seen before when this fraction of its ground was. It was empty unless this fraction of what stands there
-# now, so far above its ground, metres, lies in cells of the map, of such a side, that were no object's, or no such
-# fraction of it rises so far: what looked like the room before, or like its ground, is not new.
+# A place was seen before if at least KNOWN_GROUND of an object's footprint was seen. The place was empty if at least
+# STOOD of the object's points are higher than ABOVE_M metres above the plane, and less than STOOD of these lie in cells
+# (side CELL_M metres) that were occupied without a label. Other objects may have been part of the background, or too
+# low to tell from the plane: they do not count as new.
 KNOWN_GROUND, STOOD, ABOVE_M, CELL_M = 0.5, 0.5, 0.02, 0.02
 
 Cells = npt.NDArray[np.int64]
@@ -62,16 +63,16 @@ class Known:
 
 
 class Before:
-    """How things stood when a visit began.
+    """The scene at the start of a visit.
 
     Parameters
     ----------
     known : mapping of int to Known
-        By label.
+        Objects by label.
     ground : mapping of int to (corner, (N, M) bool)
-        Where each plane had been seen by then, by its identity; not where something hid it.
+        Cells of each plane that had been seen, by the plane's identity; cells hidden by objects are not set.
     occupied : sequence of (N,) int64
-        Cells in which something stood by then that had no label, of the cubes that were noted so far.
+        Occupied cells without a label, from the cubes that were noted so far.
     """
 
     def __init__(self, known: Mapping[int, Known], ground: Mapping[int, Ground], occupied: Sequence[Cells]) -> None:
@@ -82,7 +83,7 @@ class Before:
         self._cubes: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]] | None = None
 
     def watch(self, voxels: VoxelMap) -> None:
-        """Note what stands in each cube of a map before the visit changes it; to be called before the visit begins."""
+        """Note the occupied cells of each cube before the visit changes the cube; call this before the visit begins."""
         voxels.stored.before_visit = lambda rows: self._note(voxels, rows)
 
     def _note(self, voxels: VoxelMap, rows: npt.NDArray[np.int64]) -> None:
@@ -92,19 +93,19 @@ class Before:
         self._noted.append(cells)
 
     def take_noted(self) -> Cells:
-        """Return the cells that were noted since the last time, in order: the next commit writes them."""
+        """Return the cells noted since the last call, in order: the next commit writes them."""
         noted, self._noted = self._noted, []
         return _together(noted)
 
     def apply_joins(self, joined: Sequence[Joined]) -> None:
-        """Transform what stood in parts of the scene that were unconnected to where these belong."""
+        """Transform the objects of scene parts that have been connected to other parts."""
         for part in joined:
             inside = {label: part.contains(one.box.center[None])[0] for label, one in self.known.items()}
             self.known = {k: _moved(one, part.T_new_old) if inside[k] else one for k, one in self.known.items()}
             self._cubes = None
 
     def labels_in_viewed_cubes(self, voxels: VoxelMap, since: int) -> set[int]:
-        """Return the labels of what stood in cubes in view since a carving pass; see `VoxelMap.viewed_since`."""
+        """Return labels of old objects in cubes viewed since a carving pass; see `VoxelMap.viewed_since`."""
         if self._cubes is None:
             cubes = [np.unique(keys_of(_cube_of(one.points, voxels.voxel_m))) for one in self.known.values()]
             labels = np.repeat(np.fromiter(self.known, np.int64), [len(keys) for keys in cubes])
@@ -115,7 +116,8 @@ class Before:
     def was_seen(self, tracker: PosedTracker, entry: MapObject) -> bool:
         """Tell whether the ground that an object stands on had been seen before the visit.
 
-        What is narrower than a cell of the ground plan may have stood in one that was seen beside it: nobody knows.
+        The answer is False for an object narrower than a cell of the ground plan: the cell counts as seen even if the
+        camera saw only the ground beside the object.
         """
         support = tracker.support
         if support.T_plan_world is None or entry.box.size[:2].min() < GROUND_CELL_M:
@@ -139,7 +141,7 @@ class Before:
         return float(seen.mean()) >= KNOWN_GROUND
 
     def stood(self, tracker: PosedTracker, entry: MapObject) -> bool:
-        """Tell whether what is an object now was there before the visit, or may have been, without a label."""
+        """Tell whether an object was there, or may have been there, without a label before the visit."""
         plane = tracker.support.find(entry.plane)
         points = entry.points
         if plane is not None:
@@ -157,7 +159,7 @@ class Before:
 
 
 def begin(connection: sqlite3.Connection, tracker: PosedTracker) -> None:
-    """Write down how things stand when a visit begins, within the caller's transaction."""
+    """Write the scene at the start of a visit, within the caller's transaction."""
     for table in ("known", "ground", "occupied"):
         connection.execute(f"DELETE FROM {table}")
     # Objects that were lost with a damaged file have no rows in the map.
@@ -168,7 +170,7 @@ def begin(connection: sqlite3.Connection, tracker: PosedTracker) -> None:
             row = (entry.label, *box_numbers(entry.box), profile, points.tobytes(), entry.label, entry.number)
             places = f"{', '.join('?' * 13)}, (SELECT picture FROM objects WHERE label = ?), ?"
             connection.execute(f"INSERT INTO known VALUES ({places})", row)
-    connection.execute("UPDATE objects SET picture_share = 0")  # each visit takes pictures of its own
+    connection.execute("UPDATE objects SET picture_share = 0")  # each visit takes its own pictures
     for plane in tracker.support.planes:
         seen = plane.plan.seen >= MIN_READINGS
         corner = plane.plan.corner.tolist()
@@ -177,12 +179,12 @@ def begin(connection: sqlite3.Connection, tracker: PosedTracker) -> None:
 
 
 def load(connection: sqlite3.Connection) -> Before:
-    """Return how things stood when the last visit began, as far as it was noted.
+    """Return the scene at the start of the last visit, as far as it was noted.
 
     Raises
     ------
     DamagedError
-        A row makes no sense.
+        A row is invalid.
     """
     known = {}
     columns = columns_of("known", ("label", *BOX, "look", "points", "number"))
@@ -210,7 +212,7 @@ def write_noted(connection: sqlite3.Connection, cells: Cells) -> None:
 
 
 def _cells_in(data: bytes) -> Cells:
-    """Return the cells whose steps from one to the next bytes are; DamagedError where they are none."""
+    """Decode cells from bytes that hold the differences of successive cells; raise DamagedError if invalid."""
     steps = np.frombuffer(data, "<i8") if len(data) % 8 == 0 else np.zeros(1, np.int64)
     cells = np.cumsum(steps)
     if (steps <= 0).any() or (cells <= 0).any():
@@ -219,7 +221,7 @@ def _cells_in(data: bytes) -> Cells:
 
 
 def _together(cells: Sequence[Cells]) -> Cells:
-    """Return the cells of all, in order, each once."""
+    """Return the sorted union of several sets of cells."""
     return cells[0] if len(cells) == 1 else np.unique(np.concatenate([np.zeros(0, np.int64), *cells]))
 
 

@@ -1,7 +1,7 @@
 """Changes between two visits: objects that are gone, new, or moved from one place to another.
 
-Nothing is called gone that was only hidden or out of view: an object goes when free-space carving removes its points,
-as in the tracker. What stood nowhere before and is like what is gone is that object: it was moved.
+An object that was only hidden or out of view is not reported as gone: as in the tracker, free-space carving must have
+removed its points. If a new object is similar to one that is gone, it is the same object: it was moved.
 """
 
 from __future__ import annotations
@@ -22,20 +22,22 @@ from cuboid.scene.localisation import Joined
 from cuboid.scene.standing import Standing, fraction_near, standing
 from cuboid.tracking.posed_tracker import PosedTracker
 
-# An object that lies still has half its old points within this of its new ones, metres, or its middle there.
+# An object is unmoved if at least STILL_FRACTION of its old points lie within STILL_M metres of its new points, or if
+# its centre has moved by at most STILL_MIDDLE_M metres.
 STILL_M, STILL_FRACTION, STILL_MIDDLE_M = 0.025, 0.5, 0.03
-# An object is gone when this fraction of its old points is carved, less than that of them is seen again, and less
-# than this much of it is seen anywhere: a rim at its foot, which looks like what it stood on.
+# An object is gone if at least CARVED of its old points were carved, less than SEEN_AGAIN of them were seen again, and
+# less than LEFT of it is left: a rim at its foot that looks like its support.
 CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
-# An object in the place of an old one is another one when its similarity is at most this, and the old one is gone.
+# An object in the place of an old one is a different object if their similarity is at most this and the old one is
+# gone.
 UNLIKE = 0.15
-# An old object that is still there, but now two objects or a part of another, goes on as the new object that has at
-# least this fraction of its points.
+# An old object may still be there although the map now has it as two objects, or as part of another one. Its label goes
+# to the new object that has at least this fraction of its points.
 MOST_OF_IT = 0.25
-# A new object is a piece of another when this fraction of its points lies this near, metres, to an unchanged or moved
-# object, or to a larger new one.
+# A new object is a piece of another one if at least PIECE of its points lie within PIECE_M metres of an unchanged or
+# moved object, or of a larger new one.
 PIECE, PIECE_M = 0.5, 0.02
-# Objects that were moved are searched for at this interval of frames.
+# Interval, in frames, at which moved objects are searched for.
 EVERY_FRAMES = 10
 
 
@@ -47,13 +49,14 @@ class Change:
     ----------
     label : int
     change : str
-        "unchanged", "moved", "gone", "new", "found" (it stands where nothing was seen before) or "not looked at".
+        "unchanged", "moved", "gone", "new", "found" (its place had not been seen before, or it may have stood there
+        without a label) or "not looked at".
     from_m, to_m : (3,) float64 or None
-        Where its middle was, and is.
+        Old and new position of its centre.
     metres : float or None
-        How far it was moved.
+        Distance between the two.
     sure : float
-        How sure it is that what was moved is the same, 0..1; 1 for the others.
+        Confidence that a moved object is the same one, 0..1; 1 for other changes.
     """
 
     label: int
@@ -65,25 +68,26 @@ class Change:
 
 
 class Changes:
-    """Compares the map with how things stood when a visit began.
+    """Compares the map with the scene at the start of a visit.
 
     Parameters
     ----------
     first_frame : int
-        Of the visit, in the scene's count.
+        First frame of the visit, in the scene's count.
     before : Before
-        How things stood then.
+        The scene at the start of the visit.
     """
 
     def __init__(self, first_frame: int, before: Before) -> None:
         self._first_frame, self._before = first_frame, before
-        # Carving pass and frame since which nothing was compared with what was; 0: all that the visit may have changed.
+        # Carving pass and frame of the last comparison with the old scene; 0: compare everything that the visit may
+        # have changed.
         self._since = self._since_frame = 0
 
     def recognise(self, tracker: PosedTracker, frame: int) -> None:
-        """Find what is gone, what stands in another one's place, and what is gone there and stands here.
+        """Find objects that are gone, that stand in the place of another one, and that were moved.
 
-        Of what no frame since the last time showed, nothing can have changed.
+        Only objects that were in view since the last call are compared.
         """
         known = self._before.known
         viewed = self._before.labels_in_viewed_cubes(tracker.voxels, self._since)
@@ -98,12 +102,12 @@ class Changes:
         self._since, self._since_frame = tracker.voxels.stored.carving_passes, frame + 1
 
     def apply_joins(self, joined: Sequence[Joined]) -> None:
-        """Note that the map was moved, and apply the transforms of parts that were connected to the scene."""
+        """Note that the map was corrected, and transform the parts that were connected to the scene."""
         self._before.apply_joins(joined)
         self._since = self._since_frame = 0
 
     def _hold_against(self, tracker: PosedTracker, entry: MapObject, old: Known) -> None:
-        """Retire an object whose points were carved, or in whose place others stand."""
+        """Retire an object whose points were carved, or whose place is taken by other objects."""
         voxels = tracker.voxels
         carved = float((voxels.rows_at(old.points.astype(np.float64)) < 0).mean())
         fitted_anew = entry.box is not old.box and entry.last_frame >= self._first_frame
@@ -116,7 +120,7 @@ class Changes:
         seen_again = fraction_near(old.points, again, STILL_M)
         gone = seen_again < SEEN_AGAIN and carved >= CARVED and len(again) < LEFT * len(entry.points)
         if gone or (replaced and len(again) and not self._standing(tracker, old).still):
-            # The object that stands there now is found from the frames that follow, not from both visits.
+            # The object that stands there now is found anew from later frames, not from the evidence of both visits.
             tracker.retire(entry)
             entry.box = old.box
 
@@ -124,7 +128,7 @@ class Changes:
         return standing(tracker.voxels, old, self._first_frame)
 
     def _find_again(self, tracker: PosedTracker) -> None:
-        """Let objects that are new go on under the labels of what they are: of what is there still, or was moved."""
+        """Give new objects the labels of the old objects that they are: old ones still there, or moved."""
         known = self._before.known
         entries = tracker.ever_labelled()
         ended = [o for o in entries if o.label in known and not o.confirmed]
@@ -156,7 +160,7 @@ class Changes:
                 taken.add(j)
 
     def _join_what_went_together(self, tracker: PosedTracker) -> bool:
-        """Make one of two that lay side by side and do so elsewhere: pieces of one thing that was moved."""
+        """Merge two objects that lay side by side before and after a move: they are pieces of one object."""
         known = self._before.known
         moved = [o for o in tracker.ever_labelled() if o.confirmed and o.label in known]
         moved = [o for o in moved if not _in_place(o.box, known[o.label].box)]
@@ -175,7 +179,7 @@ class Changes:
         return False
 
     def find(self, tracker: PosedTracker, seen: Mapping[int, object]) -> list[Change]:
-        """Return what became of each object, by label.
+        """Return the change of each object, by label.
 
         Parameters
         ----------
@@ -222,7 +226,7 @@ class Changes:
         return Change(entry.label, "moved", before, now, metres, self._similarity(entry, old))
 
     def _similarity(self, entry: MapObject, old: Known) -> float:
-        """Return the similarity of an object to one that was there, 0..1: in size and in colors from foot to top."""
+        """Return the similarity of an object to an old one, 0..1, by size and by colors from bottom to top."""
         return similarity(color_profile_of(entry), entry.box, old.profile, old.box)
 
 

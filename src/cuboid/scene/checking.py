@@ -1,4 +1,4 @@
-"""Whether a scene file is whole, and what can be saved of one that is not."""
+"""Checks of a scene file, and rescue of the readable contents of a damaged one."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from cuboid.scene.visit import ANY_CAMERA
 Rows = npt.NDArray[np.void]
 Keys = npt.NDArray[np.int64]
 
-# What people and other programs read, in the order in which rows refer to each other.
+# Tables that people and other programs read, in the order in which their rows refer to each other.
 TOLD = ("scene", "recordings", "frames", "planes", "objects", "boxes", "sightings", "pending")
-# Problems of one kind that are said, at most.
+# Maximum number of reported problems of one kind.
 SAID = 8
 
 
 def problems(path: Path) -> list[str]:
-    """Return what is wrong with a scene file, a line each; nothing where it is whole.
+    """Return the problems of a scene file, a line each; empty if the file is intact.
 
     Raises
     ------
     InputError
-        There is none, it is none, or it is of a newer version.
+        There is no file, it is no scene, or it is of a newer version.
     """
     try:
         connection = open_to_read(path)
@@ -46,7 +46,7 @@ def problems(path: Path) -> list[str]:
     try:
         with complaining(path):
             said = connection.execute(f"PRAGMA integrity_check({SAID})").fetchall()
-            # SQLite may tell of several pages in one text.
+            # SQLite may report several pages in one text.
             found = [line for (text,) in said for line in text.splitlines() if line != "ok"]
             broken = connection.execute("PRAGMA foreign_key_check").fetchall()
             found += [f"a row of {table} refers to one of {other} that is not there" for table, _, other, _ in broken]
@@ -60,7 +60,7 @@ def problems(path: Path) -> list[str]:
 
 
 def _row_problems(connection: sqlite3.Connection) -> list[str]:
-    """Return what is wrong with rows, the first few of each table."""
+    """Return the problems of rows, the first few of each table."""
     found: list[str] = []
     for table, kind in TABLES.items():
         if kind.optional and not has_table(connection, table):
@@ -96,7 +96,7 @@ def rescue(path: Path, new: Path) -> list[str]:
     Returns
     -------
     list of str
-        What was lost, a line each.
+        Descriptions of lost contents, a line each.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def rescue(path: Path, new: Path) -> list[str]:
 
 
 def _copied(old: sqlite3.Connection, new: sqlite3.Connection, table: str, lost: list[str]) -> int:
-    """Copy the rows of a table that can be read; return how many."""
+    """Copy the readable rows of a table; return their number."""
     count = 0
     for row in _readable(old, table, lost):
         try:
@@ -145,7 +145,7 @@ def _copied(old: sqlite3.Connection, new: sqlite3.Connection, table: str, lost: 
 
 
 def _readable(old: sqlite3.Connection, table: str, lost: list[str]) -> Iterator[tuple[object, ...]]:
-    """Give the rows of a table from its beginning, and where one cannot be read, those from its end up to there."""
+    """Yield a table's rows from its start up to an unreadable one, then from its end back to that one."""
     seen: set[tuple[object, ...]] = set()
     try:
         keys = [row[1] for row in sorted(old.execute(f"PRAGMA table_info({table})"), key=lambda r: r[5]) if row[5]]
@@ -173,7 +173,7 @@ def _readable(old: sqlite3.Connection, table: str, lost: list[str]) -> Iterator[
 
 
 def _drop_orphans(connection: sqlite3.Connection) -> None:
-    """Drop rows that refer to lost ones."""
+    """Delete rows that refer to lost rows."""
     connection.execute("DELETE FROM frames WHERE recording NOT IN (SELECT id FROM recordings)")
     connection.execute("DELETE FROM pending WHERE recording NOT IN (SELECT id FROM recordings)")
     connection.execute(
@@ -187,7 +187,7 @@ def _drop_orphans(connection: sqlite3.Connection) -> None:
 
 
 def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[str]) -> int:
-    """Let the new file go on with what is left of the map; return how many blocks of it there are."""
+    """Copy the readable rest of the map and the tracker's state; return the number of map blocks."""
     try:
         tracker, poses = load_state_without_map(old, ANY_CAMERA)
     except (InputError, sqlite3.DatabaseError) as error:
@@ -195,12 +195,12 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
         return 0
     blocks = list(_readable_blocks(old, lost))
     rows, keys = (np.concatenate(some) for some in zip((np.zeros(0, ROW), np.zeros(0, np.int64)), *blocks, strict=True))
-    # The first of two rows of one voxel is kept.
+    # Of two rows of one voxel the first is kept.
     _, first = np.unique(np.column_stack([keys, rows["voxel"]]), axis=0, return_index=True)
     tracker.voxels.refill(keys[np.sort(first)], rows[np.sort(first)])
     for entry in tracker.ever_labelled():
         there = tracker.voxels.rows_at(entry.points.astype(np.float64)) >= 0
-        if there.any():  # what no point is left of is known by that
+        if there.any():  # an object whose points are all lost keeps them: they mark its place
             entry.points, entry.colors = entry.points[there], entry.colors[there]
     state = StateFile(new, tracker, poses)
     with transaction(new):
@@ -209,7 +209,7 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
 
 
 def _readable_blocks(old: sqlite3.Connection, lost: list[str]) -> Iterator[tuple[Rows, Keys]]:
-    """Give the living rows, and the keys of their cubes, of each block of the map that can be read."""
+    """Yield the live rows, and the keys of their cubes, of each readable block of the map."""
     last = old.execute("SELECT max(number) FROM blocks").fetchone()[0]
     for number in range(1, 1 if last is None else int(last) + 1):
         try:

@@ -1,4 +1,4 @@
-"""What a detector saw in a scene's objects, classes and kinds: rows of the table `scene`, one a class and label."""
+"""A detector's classes and kinds of a scene's objects: rows of the table `scene`, one per label and class."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from cuboid.outputs.text import LENGTH, rounded
 from cuboid.scene.validation import DamagedError, Row, read_rows
 
-# The key of a row is this, the label, and the place of the class among the object's, the most likely first; its value
-# the probability and the name.
+# A row's key is KEY, the label, and the rank of the class (the most likely first); its value is the probability and the
+# class name.
 KEY = "class"
-# The key of the kind of an object that depth does not read: this, the label, and 0.
+# A row's key for the kind of an object without usable depth: KIND, the label, and 0.
 KIND, KINDS = "kind", ("box", "flat")
-# Classes that are kept: the name and the next three.
+# Maximum number of classes kept per object: its name and the next three.
 KEPT = 4
-# Longer names are cut, characters: the table has no room for more.
+# Maximum length of a class name, characters; longer names are cut.
 LONGEST = 100
 
 
 def write_classes(connection: sqlite3.Connection, classes: Mapping[int, Sequence[tuple[str, float]]]) -> None:
-    """Write the classes of objects that a detector saw, by label, within the caller's transaction."""
+    """Write the detected classes of objects, by label, within the caller's transaction."""
     for label, seen in classes.items():
         if seen:
             _replace(connection, KEY, label, [f"{rounded(score, LENGTH)} {name[:LONGEST]}" for name, score in seen])
@@ -34,18 +34,18 @@ def _replace(connection: sqlite3.Connection, key: str, label: int, values: Seque
 
 
 def write_kinds(connection: sqlite3.Connection, kinds: Mapping[int, str | None]) -> None:
-    """Write of labels which kind of object they are, where it is none that depth reads; None removes it."""
+    """Write the kinds of objects without usable depth, by label; None removes an entry."""
     for label, kind in kinds.items():
         _replace(connection, KIND, label, [] if kind is None else [kind])
 
 
 def read_kinds(connection: sqlite3.Connection) -> dict[int, str]:
-    """Return the kinds of objects that depth does not read, by label.
+    """Return the kinds of objects without usable depth, by label.
 
     Raises
     ------
     DamagedError
-        A row makes no sense.
+        A row is invalid.
     """
     columns = ("scene.key", "scene.value")
     return {
@@ -68,12 +68,12 @@ def read_classes(rows: Iterable[Row]) -> dict[int, list[tuple[str, float]]]:
     Parameters
     ----------
     rows : iterable of (str, str)
-        Key and value, by key.
+        Key and value, sorted by key.
 
     Raises
     ------
     DamagedError
-        A row makes no sense.
+        A row is invalid.
     """
     found: dict[int, list[tuple[str, float]]] = defaultdict(list)
     for key, value in rows:

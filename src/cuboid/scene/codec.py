@@ -1,6 +1,6 @@
-"""States as rows of a scene file and back, exactly: fields as MessagePack, large arrays as rows of their own.
+"""Exact conversion between states and rows of a scene file: fields are MessagePack, large arrays have their own rows.
 
-A record within another one is a row too; its key is its path: `tracker/planes/planes/3` is plane 3. Types come from the
+A nested record has its own row too; its key is its path: `tracker/planes/planes/3` is plane 3. The types come from the
 annotations of the fields: nothing else is read or written.
 """
 
@@ -23,7 +23,7 @@ from cuboid.scene.validation import DamagedError
 R = TypeVar("R", bound=Record)
 AnyArray = npt.NDArray[Any]
 
-# An array larger than this, bytes, is a row of its own in the file, and written only when it changes.
+# An array larger than this, bytes, has its own row in the file, which is written only when the array changes.
 LARGE_BYTES = 512
 
 
@@ -34,10 +34,10 @@ class Part:
     Attributes
     ----------
     fields : bytes
-        MessagePack: a map of the fields by name. A small array is its form and its bytes, a large one its name; of
-        records by number there are the numbers; a single record is left out.
+        MessagePack: a map of the fields by name. A small array is stored as form and bytes, a large one as its name. A
+        dict of records is stored as its keys; a single nested record is left out.
     arrays : dict of str to (str, array)
-        The large ones, by field, each with its form. One that is the same object as before has not changed.
+        Large arrays by field, each with its form. If the array is the same object as before, it has not changed.
     """
 
     fields: bytes
@@ -46,7 +46,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How a class of records is saved: its fields, those that are one record or many, and the type of its row."""
+    """The layout of a record class: field names, fields that hold one record or many, and the row's type."""
 
     names: tuple[str, ...]
     values: Callable[[Record], tuple[Any, ...]]
@@ -81,12 +81,12 @@ def _is_record(kind: object) -> bool:
     return isinstance(kind, type) and issubclass(kind, Record)
 
 
-# A record's class and what its fields hold, by key.
+# Class and field values of each record, by key.
 Taken = dict[str, tuple[Any, tuple[Any, ...]]]
 
 
 def take(record: Record, key: str = "") -> Taken:
-    """Take what the fields of a record, and of all records in it, hold now; the records may change afterwards."""
+    """Return the field values of a record and of all nested records; the records may change afterwards."""
     taken: Taken = {}
     _take(record, key, taken)
     return taken
@@ -108,16 +108,16 @@ def _path(key: str, name: str) -> str:
 
 
 class Encoder:
-    """Encodes states of one scene, one after the other: a record whose fields hold what they held is the same part.
+    """Encodes successive states of one scene: a record with unchanged fields yields the same part object.
 
-    May be used in another thread than the one that takes.
+    It may run in another thread than `take`.
     """
 
     def __init__(self) -> None:
         self._last: dict[str, tuple[tuple[Any, ...], Part]] = {}
 
     def parts(self, taken: Taken, rest: Callable[[], None] = lambda: None) -> dict[str, Part]:
-        """Return the parts of what was taken, by key; `rest` is called now and then."""
+        """Return the parts of a taken state, by key; `rest` is called repeatedly in between."""
         last, self._last = self._last, {}
         for key, (cls, values) in taken.items():
             before = last.get(key)
@@ -156,12 +156,12 @@ def _encoded(cls: Any, values: tuple[Any, ...]) -> Part:
 
 
 def decode(cls: type[R], parts: Mapping[str, Part], key: str = "") -> R:
-    """Return the record whose parts these are.
+    """Return the record that is made of these parts.
 
     Raises
     ------
     DamagedError
-        A part is missing, or is not as the class says.
+        A part is missing, or does not match the class.
     """
     if key not in parts:
         raise DamagedError(f"the state of the tracker is damaged: '{key}' is missing")

@@ -1,4 +1,4 @@
-"""The file of a scene: opened, checked to be one, and written by one process at a time."""
+"""The file of a scene: opening, validation, and the lock that allows one writing process at a time."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from cuboid.outputs.pending import PendingFile
 from cuboid.scene.schema import APPLICATION_ID, TABLES, VERSION
 from cuboid.scene.validation import DamagedError
 
-# Who writes holds a lock on the file of this name beside the scene.
+# The writing process holds a lock on the file with this suffix beside the scene.
 LOCK = "-writer"
-# SQLite keeps files of these names there.
+# Suffixes of SQLite's own files beside the scene.
 BESIDE = ("-journal", "-wal", "-shm")
-# How long one waits for another that has the file for a moment, seconds.
+# Maximum waiting time, seconds, for another process that briefly holds the file.
 LOCK_TIMEOUT_S = 10.0
-# A page of the file, bytes: the map's blocks are much larger.
+# Size of a page of the file, bytes: the map's blocks are much larger.
 PAGE_BYTES = 4096
-# Pages of the log after which they are put where they belong, 64 MB: several commits, most of which write the same
-# blocks. And memory for pages, KiB: with little, they go into the log as they are written, and not all in the end.
+# Pages of the write-ahead log before a checkpoint copies them into the file (64 MB): several commits, most of which
+# write the same blocks. CACHE_KB is the memory for pages, KiB: a small cache makes SQLite write pages to the log
+# continuously, not all at the end.
 LOG_PAGES, CACHE_KB = 16384, 400
 
 
@@ -35,14 +36,14 @@ RESCUE = "'cuboid scene check --rescue NEW' saves what can be read"
 
 @contextmanager
 def complaining(path: Path) -> Iterator[None]:
-    """Turn what SQLite, the system and the validation refuse into one line.
+    """Turn errors of SQLite, the system and the validation into one line.
 
     Raises
     ------
     InputError
         The file is damaged or no scene.
     OutputError
-        It cannot be written.
+        The file cannot be written.
     """
     try:
         yield
@@ -64,7 +65,7 @@ def complaining(path: Path) -> Iterator[None]:
 
 
 class _Connection(sqlite3.Connection):
-    """A connection that says of a damaged file that it is, also where the damage is no text."""
+    """A connection that reports a damaged file as damaged, also where a text is not valid UTF-8."""
 
     def execute(self, *given: Any) -> sqlite3.Cursor:
         try:
@@ -75,35 +76,35 @@ class _Connection(sqlite3.Connection):
 
 @contextmanager
 def transaction(connection: sqlite3.Connection) -> Iterator[None]:
-    """Let all that is written inside be there afterwards, or nothing of it."""
+    """Run a transaction: everything written inside is kept, or nothing."""
     connection.execute("BEGIN IMMEDIATE")
     try:
         yield
         connection.execute("COMMIT")
     except BaseException:
-        if connection.in_transaction:  # SQLite may have ended it: a full disk
+        if connection.in_transaction:  # SQLite may have ended it already: full disk
             connection.execute("ROLLBACK")
         raise
 
 
 def open_to_read(path: Path) -> sqlite3.Connection:
-    """Open a scene that another one may be writing.
+    """Open a scene for reading, while another process may write it.
 
     The file is not changed: one of an earlier version is copied into a temporary database, and the copy is migrated.
 
     Raises
     ------
     InputError
-        There is none, it is none, it is damaged, or of another version.
+        There is no file, it is no scene, it is damaged, or of another version.
     """
     if not path.is_file():
         raise InputError(f"{path}: there is no such scene file")
     _refuse_other(path)
     with complaining(path):
-        try:  # not "ro": whoever closes a scene last tidies up its log
+        try:  # not "ro": the last connection to close a scene cleans up its log
             connection = _connect(path, "rw")
             _refuse_other_version(connection, path)
-        except sqlite3.OperationalError:  # a place where nothing can be written: nobody else does either
+        except sqlite3.OperationalError:  # read-only place: no other process writes there either
             connection = _connect(path, "ro", immutable=True)
             _refuse_other_version(connection, path)
         connection.execute("PRAGMA query_only = ON")
@@ -111,7 +112,7 @@ def open_to_read(path: Path) -> sqlite3.Connection:
 
 
 def open_damaged(path: Path) -> sqlite3.Connection:
-    """Open what is left of a scene, whatever it holds, for reading.
+    """Open a possibly damaged scene for reading, without validation.
 
     Raises
     ------
@@ -126,31 +127,31 @@ def open_damaged(path: Path) -> sqlite3.Connection:
 
 
 def has_table(connection: sqlite3.Connection, name: str) -> bool:
-    """Tell whether a scene has a table, which it may be without."""
+    """Tell whether a scene has an optional table."""
     query = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?"
     return connection.execute(query, (name,)).fetchone() is not None
 
 
 class Writing:
-    """A scene opened by the one that writes it: its connection, and the lock that keeps others from writing.
+    """A scene opened for writing: its connection, and the lock that keeps other processes from writing.
 
     Parameters
     ----------
     path : Path
     create : bool
-        Whether a scene that is not there is made.
+        Whether a missing scene is created.
 
     Attributes
     ----------
     connection : sqlite3.Connection
-        Transactions begin and end where the caller says.
+        The caller begins and ends transactions.
 
     Raises
     ------
     InputError
-        It is no scene, damaged, or of another version; there is none and `create` is not given.
+        The file is no scene, damaged, or of another version; or it is missing and `create` is False.
     OutputError
-        Another one writes it, or it cannot be written.
+        Another process writes the scene, or it cannot be written.
     """
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
@@ -172,12 +173,12 @@ class Writing:
             raise
 
     def close(self) -> None:
-        """Let go of the file, without the room that is free in it; what was not committed is dropped."""
+        """Close the file after releasing its free pages; uncommitted changes are dropped."""
         try:
             with complaining(self._path):
                 if self.connection.in_transaction:
                     self.connection.execute("ROLLBACK")
-                with suppress(sqlite3.OperationalError):  # a full disk keeps its free room
+                with suppress(sqlite3.OperationalError):  # on a full disk the free pages stay
                     self.connection.executescript("PRAGMA incremental_vacuum")
                 self.connection.close()
         finally:
@@ -188,7 +189,7 @@ class Writing:
 
 
 def open_to_write(path: Path, *, create: bool = False) -> Writing:
-    """Open or make a scene to write; see `Writing`."""
+    """Open or create a scene for writing; see `Writing`."""
     return Writing(path, create=create)
 
 
@@ -203,7 +204,7 @@ def _connect(path: Path, mode: str, *, immutable: bool = False) -> sqlite3.Conne
 
 
 def _refuse_other(path: Path) -> None:
-    """Raise InputError where SQLite would take a file that is no database for an empty one, or wait for a device."""
+    """Raise InputError for files that SQLite would take for an empty database, and for devices."""
     with suppress(OSError):
         if path.is_file() and 0 < path.stat().st_size < 100:
             raise InputError(f"{path}: is no scene file of Cuboid")
@@ -217,7 +218,7 @@ def _refuse_other(path: Path) -> None:
 
 
 def _refuse_other_version(connection: sqlite3.Connection, path: Path) -> None:
-    """Raise InputError where a database is no scene, or one of another version."""
+    """Raise InputError if a database is no scene, or of another version."""
     application = connection.execute("PRAGMA application_id").fetchone()[0]
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     if application != APPLICATION_ID:
@@ -229,7 +230,7 @@ def _refuse_other_version(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def _make(path: Path) -> None:
-    """Make an empty scene, which appears when it is whole: whoever reads finds a scene or nothing."""
+    """Create an empty scene that appears only when complete: readers find a whole scene or no file."""
     file = PendingFile(path)
     with file.writing(), complaining(path):
         connection = _connect(file.partial, "rwc")
@@ -243,7 +244,7 @@ def _make(path: Path) -> None:
 
 
 def _prepare(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse what is no scene of this version, and let others read while it is written."""
+    """Refuse a file that is no scene of this version, and allow others to read during writes."""
     _refuse_other_version(connection, path)
     if connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] != "wal":
         raise OutputError(f"{path}: cannot be written: this place allows no write-ahead log")
@@ -257,7 +258,7 @@ def _lock_path(path: Path) -> Path:
 
 
 def _locked(path: Path) -> int:
-    """Return a lock that keeps others from writing until it is released."""
+    """Return a lock that keeps other processes from writing until it is released."""
     try:
         return lock_file(_lock_path(path))
     except BlockingIOError:

@@ -1,4 +1,4 @@
-"""Changes of the rows of a scene file: objects that people merge or remove, parts that moved to where they belong."""
+"""Edits of a scene file: objects that users merge or delete, and parts that were joined to others."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cuboid.tracking.posed_tracker import PosedTracker
 
 @contextmanager
 def edited(connection: sqlite3.Connection, path: str) -> Iterator[PosedTracker]:
-    """Give the tracker of a scene, and save what was done with it."""
+    """Yield the tracker of a scene, and save its changes afterwards."""
     block_store = SceneBlockStore(connection, Path(path))
     tracker, poses = load_state(connection, ANY_CAMERA, block_store=block_store)
     state = StateFile(connection, tracker, poses, block_store)
@@ -36,12 +36,12 @@ def edited(connection: sqlite3.Connection, path: str) -> Iterator[PosedTracker]:
 
 
 def merge(connection: sqlite3.Connection, path: str, one: int, two: int) -> int:
-    """Make one object of two; return the label that stays, the older.
+    """Merge two objects; return the older label, which stays.
 
     Raises
     ------
     InputError
-        One of them is not there, or they are the same.
+        One of the objects does not exist, or both are the same.
     """
     if one == two:
         raise InputError(f"{path}: expected two labels, got {one} twice")
@@ -54,7 +54,7 @@ def merge(connection: sqlite3.Connection, path: str, one: int, two: int) -> int:
 
 
 def forget(connection: sqlite3.Connection, path: str, label: int) -> None:
-    """Let an object be none: its label is never given again, and what is seen there may become another one.
+    """Delete an object: its label is never reused, and what is seen there may become another object.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def _living(tracker: PosedTracker, path: str, label: int) -> MapObject:
     raise InputError(f"{path}: no object that is there has the label {label}")
 
 
-# Rows that have a place, and a turn: table, its columns of the place, those of the quaternion (w first).
+# Tables with a position and rotation: table, position columns, quaternion columns (w first).
 _TURNED = (
     ("frames", "tx ty tz", "qw qx qy qz"),
     ("boxes", "cx cy cz", "qw qx qy qz"),
@@ -93,12 +93,12 @@ _TURNED = (
     ("known", "cx cy cz", "qw qx qy qz"),
 )
 _PLACES = (("changes", "from_x from_y from_z"), ("changes", "to_x to_y to_z"))
-# The key of a row of each table.
+# Key columns of each table.
 _KEYS = {"frames": "recording frame", "changes": "recording label", "boxes": "id", "objects": "label", "known": "label"}
 
 
 def transform_rows(connection: sqlite3.Connection, joined: Sequence[Joined]) -> None:
-    """Carry all rows that lie in parts of the scene which became part of others, within the caller's transaction."""
+    """Transform all rows of scene parts that were joined to others, within the caller's transaction."""
     for part in joined:
         for table, place, turn in _TURNED:
             _transform(connection, part, table, place, turn)

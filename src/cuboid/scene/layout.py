@@ -1,8 +1,9 @@
-"""A place recognised by the layout of its objects: where light or the side that it is seen from are other ones.
+"""Place recognition by the layout of objects, for other light or another viewpoint.
 
-Objects stand where they stood, most of them. Two that are like two known ones, as far apart, say where a part of the
-scene lies, for both stand level; it is believed when many others then meet what they are like, when no other answer is
-nearly as good, and when the rest of both maps lies in the same place.
+Most objects stand where they stood before. Two objects that are similar to two known ones, at the same distance from
+each other, give a hypothesis for the motion of a part of the scene, because both maps are level. A hypothesis is
+accepted if many other objects then coincide with similar known ones, if no other hypothesis is nearly as good, and if
+the points of both maps coincide.
 """
 
 from __future__ import annotations
@@ -18,24 +19,28 @@ from cuboid.geometry.se3 import inverse, level_rotation, transform
 from cuboid.objects.entry import MapObject
 from cuboid.objects.similarity import MIN_SIMILARITY, color_profile_of, similarity
 
-# Objects of the part that are looked for, those seen most often, and known ones that each is held against.
+# Number of objects of the part that are used, those seen most often; number of known objects that each is compared
+# with.
 LOOKED_FOR, CANDIDATES = 16, 20
-# Two pairs are as far apart, and objects meet, within this, metres; two nearer each other than that tell no direction.
+# Tolerances, metres: APART_M for the distance within two pairs, MEET_M for objects that coincide. Two objects nearer to
+# each other than MIN_APART_M give no reliable direction.
 APART_M, MEET_M, MIN_APART_M = 0.03, 0.04, 0.1
-# At least this many objects must meet: in rooms full of objects, three or four meet by chance.
+# Minimum number of objects that coincide: in rooms full of objects, three or four coincide by chance.
 MIN_MET = 5
-# The next best answer that is another one, farther off than this, metres and radians, is so much worse.
+# The best hypothesis must score CLEARER times as high as any hypothesis that differs from it by more than OTHER_M
+# metres or OTHER_RAD radians.
 OTHER_M, OTHER_RAD, CLEARER = 0.1, 0.2, 1.5
-# At least this fraction of the part's points has known points within this distance, metres.
+# At least SAME_FRACTION of the part's points within AROUND_M metres of a place must have a known point within SAME_M
+# metres.
 AROUND_M, SAME_M, SAME_FRACTION = 1.0, 0.03, 0.5
-# Answers that are looked at, those of the most alike pairs.
+# Maximum number of hypotheses, those of the most similar pairs.
 ANSWERS = 500
 
 Numbers = npt.NDArray[np.int64]
 
 
 def find_layout(known: Sequence[MapObject], seen: Sequence[MapObject], up: Float64Array) -> Float64Array | None:
-    """Return the motion T_known_seen (4, 4) about up that lets objects meet known ones; None where it is not clear."""
+    """Return the motion T_known_seen (4, 4) about up that aligns objects with known ones; None if ambiguous."""
     seen = sorted(seen, key=lambda o: (-o.frames_seen, o.label))[:LOOKED_FOR]
     if len(known) < MIN_MET or len(seen) < MIN_MET:
         return None
@@ -61,7 +66,7 @@ def find_layout(known: Sequence[MapObject], seen: Sequence[MapObject], up: Float
 
 
 def same_place(known: Float32Array, seen: Float32Array, T_known_seen: Float64Array, around: Float64Array) -> bool:
-    """Tell whether points of a part (N, 3), some of those around a place in it, lie on known ones (M, 3)."""
+    """Tell whether points of a part (N, 3) around a place in it coincide with known points (M, 3)."""
     near = seen[np.linalg.norm(seen - around, axis=1) < AROUND_M].astype(np.float64)
     there = transform(T_known_seen, near)
     known = known[np.linalg.norm(known - transform(T_known_seen, around), axis=1) < 1.5 * AROUND_M]
@@ -72,7 +77,7 @@ def same_place(known: Float32Array, seen: Float32Array, T_known_seen: Float64Arr
 
 
 def _answers(like: Float64Array, known: Float64Array, seen: Float64Array) -> Float64Array:
-    """Return motions (A, 4), yaw and translation in the level frame, that two pairs of like objects tell."""
+    """Return motions (A, 4), yaw and translation in the level frame, from two pairs of similar objects."""
     best = np.argsort(-like, axis=1, kind="stable")[:, :CANDIDATES]
     i = np.repeat(np.arange(len(seen)), best.shape[1])
     j = best.reshape(-1)
@@ -99,14 +104,14 @@ def _most(values: Float64Array) -> npt.NDArray[np.bool_]:
 
 
 def _moved(motions: Float64Array, points: Float64Array) -> Float64Array:
-    """Return points (N, 3) after each motion (A, N, 3)."""
+    """Return points (N, 3) after each motion, (A, N, 3)."""
     c, s = np.cos(motions[:, :1]), np.sin(motions[:, :1])
     x, y, z = points.T
     return np.stack([c * x - s * y + motions[:, 1:2], s * x + c * y + motions[:, 2:3], z + motions[:, 3:4]], -1)
 
 
 def _scores(motions: Float64Array, like: Float64Array, known: Float64Array, seen: Float64Array) -> Float64Array:
-    """Return how well each motion lets like objects meet, (A,)."""
+    """Return the score of each motion (A,): the summed similarity of objects that coincide."""
     distance, nearest = _nearest(known, _moved(motions, seen))
     meets = np.isfinite(distance)
     found = np.where(meets, like[np.arange(len(seen)), np.where(meets, nearest, 0)], 0.0)
@@ -114,7 +119,7 @@ def _scores(motions: Float64Array, like: Float64Array, known: Float64Array, seen
 
 
 def _met(motion: Float64Array, like: Float64Array, known: Float64Array, seen: Float64Array) -> tuple[Numbers, Numbers]:
-    """Return which objects meet like known ones under a motion, and these."""
+    """Return indices of objects that coincide with similar known ones under a motion, and of these."""
     distance, nearest = _nearest(known, _moved(motion[None], seen)[0])
     met = np.flatnonzero(np.isfinite(distance))
     met = met[like[met, nearest[met]] >= MIN_SIMILARITY]
@@ -122,7 +127,7 @@ def _met(motion: Float64Array, like: Float64Array, known: Float64Array, seen: Fl
 
 
 def _nearest(known: Float64Array, points: Float64Array) -> tuple[Float64Array, Numbers]:
-    """Return how far the nearest known place is from points (..., 3), infinite where none is near, and which it is."""
+    """Return distance (infinite if beyond MEET_M) and index of the known place nearest to points (..., 3)."""
     distance, nearest = cKDTree(known).query(points, distance_upper_bound=MEET_M)
     return np.asarray(distance, np.float64), np.asarray(nearest, np.int64)
 

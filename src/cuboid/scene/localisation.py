@@ -1,8 +1,8 @@
-"""Where the frames of a scene's recordings were taken, in the scene's world; what is not placed yet stands aside.
+"""Camera poses of a scene's recordings in the scene's world; recordings not localised yet are placed far away.
 
-A recording whose world is not known to be the scene's is localised by its appearance. Until then it is a part of its
-own: level as the scene is, but so far aside that nothing of it meets anything else. When it is recognised it is moved
-to where it belongs, with all that was found in it.
+If the world of a recording is not known to be the scene's, the recording is localised by appearance. Until then it is a
+separate part of the scene: level, but so far away that it overlaps nothing else. Once it is recognised, it is moved to
+its true place, with everything that was found in it.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from cuboid.poses.sources import LOST, NO_POSE, Posed
 from cuboid.surfaces.standing import find_flat_areas
 from cuboid.surfaces.up import UpVote
 
-# Parts that are not connected stand so far from each other, metres: farther than any room is wide. Voxels reach 10 km.
+# Distance between unconnected parts, metres: more than the width of any room. Voxel indices reach 10 km.
 ASIDE_M = 200.0
-# Frames of a new part without a level surface, at most: after that the images' up is used.
+# Maximum number of frames of a new part without a level surface; after them the up direction of the images is used.
 MAX_FRAMES_WITHOUT_UP = 30
-# Frames of a recording with poses of its own are searched for at this interval, until this many recognised ones agree:
-# one alone may be a shift along a wall. Then its keyframes are searched for, until this many were recognised: each has
-# an error of a centimetre, and a lever as long as the room.
+# A recording with its own poses: place recognition runs every SEARCH_EVERY frames until AGREEING recognised frames
+# agree (a single one may be shifted along a wall), then for its keyframes until ENOUGH frames are recognised: each has
+# an error of a centimetre, with a lever arm as long as the room.
 SEARCH_EVERY, AGREEING, ENOUGH = 5, 2, 12
-# Two frames that were recognised agree when each puts the other within this of where it was found: metres, radians.
+# Two recognised frames agree if each predicts the pose of the other within these tolerances, metres and radians.
 SAME_M, SAME_RAD = 0.05, 0.05
 
 ESTIMATED, SAME_WORLD, OWN_WORLD = "estimated", "same world", "own world"
@@ -39,27 +39,27 @@ ESTIMATED, SAME_WORLD, OWN_WORLD = "estimated", "same world", "own world"
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """A part that became part of another one.
+    """A part of the scene that was joined to another one.
 
     Attributes
     ----------
     middle : (3,) float64
-        Where it stood in the world: all within half of `ASIDE_M` of it was its.
+        Old position of the part in the world: everything within half of `ASIDE_M` belonged to it.
     T_new_old : (4, 4) float64
-        Transform to where it belongs.
+        Transform to its new place.
     """
 
     middle: Float64Array
     T_new_old: Float64Array
 
     def in_frame(self, T_world_frame: Float64Array) -> Joined:
-        """Return the same motion in another frame than the world."""
+        """Return the same motion, expressed in another coordinate frame than the world."""
         T_frame_world = inverse(T_world_frame)
         middle = transform(T_frame_world, self.middle)
         return Joined(middle, T_frame_world @ self.T_new_old @ T_world_frame)
 
     def contains(self, points: Float64Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Tell which points (N, 3) of the world were the part's."""
+        """Tell which points (N, 3) of the world belonged to the part."""
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) < ASIDE_M / 2)
 
 
@@ -70,26 +70,26 @@ class ScenePosesState(Record):
     Attributes
     ----------
     config : TrackerConfig
-        Configuration at the beginning of the scene; the tracker may have estimated more noise since.
+        Configuration at the beginning of the scene; the tracker may have raised the noise estimate since.
     estimator : PoseEstimatorState
     keyframe_poses : dict of int to (4, 4) float64
-        Pose of each keyframe in the world, as the tracker has it.
+        Pose of each keyframe in the world, as last given to the tracker.
     T_world_part : dict of int to (4, 4) float64
         Pose of each part of the scene in the world.
     joined : tuple of ((3,) float64, (4, 4) float64)
         Parts that were joined to others and are not processed yet; see `Joined`.
     mode : str
-        `ESTIMATED`, `SAME_WORLD` or `OWN_WORLD`: the poses of this recording.
+        Kind of this recording's poses: `ESTIMATED`, `SAME_WORLD` or `OWN_WORLD`.
     part : int
-        Part of the scene to which this recording belongs, if its poses are in a world of its own.
+        Part of the scene to which this recording belongs, if its poses are in its own world.
     T_part_recording : (4, 4) float64
-        Pose of its world in that part.
+        Pose of the recording's world in that part.
     own : tuple of int
-        Its keyframes.
+        Numbers of the recording's keyframes.
     seen_as : tuple of (int, (4, 4) float64, (4, 4) float64)
-        Its recognised frames: part, pose in the part, and pose in the world of the recording.
+        Recognised frames: part, pose in the part, and pose in the world of the recording.
     aligned : bool
-        Whether the pose of its world was found from frames that agree.
+        Whether the pose of the recording's world was found from frames that agree.
     recognised : bool
         Whether the last frame with a pose is in part 0.
     last_part : int
@@ -115,12 +115,12 @@ class ScenePosesState(Record):
 
 
 class ScenePoses:
-    """Tells where frames were taken, of all recordings of a scene; frames have the scene's numbers.
+    """Camera poses of the frames of all recordings of a scene; frames have the scene's numbers.
 
     Parameters
     ----------
     intrinsics : Intrinsics
-        Of the frames that come.
+        Intrinsics of new frames.
     config : TrackerConfig
     """
 
@@ -129,22 +129,22 @@ class ScenePoses:
     def __init__(self, intrinsics: Intrinsics, config: TrackerConfig) -> None:
         self.intrinsics, self._config = intrinsics, config
         self._estimator = PoseEstimator(intrinsics)
-        self._least_m = 0.5 * config.voxel_m  # what moves by less stays in its voxel
+        self._least_m = 0.5 * config.voxel_m  # a smaller displacement stays within a voxel
         self._keyframe_poses: dict[int, Float64Array] = {}  # pose in the world, as last reported
         self._T_world_part: dict[int, Float64Array] = {0: np.eye(4)}
         self._joined: list[tuple[Float64Array, Float64Array]] = []
         self.mode = SAME_WORLD
-        # For a recording with poses of its own: the part, the pose of its world there, and its keyframes.
+        # For a recording with its own poses: the part, the pose of the recording's world in it, and its keyframes.
         self._part = 0
         self._T_part_recording: Float64Array = np.eye(4)
         self._own: list[int] = []
-        # Frames that were recognised: part, pose in it, and pose in the recording's world.
+        # Recognised frames: part, pose in the part, and pose in the recording's world.
         self._seen_as: list[tuple[int, Float64Array, Float64Array]] = []
         self._aligned = self._recognised = False
         self._last_part = self._waited = 0
 
     def state(self) -> ScenePosesState:
-        """Return the state of now; see `PoseEstimator.state`."""
+        """Return the current state; see `PoseEstimator.state`."""
         return ScenePosesState(
             config=self._config,
             estimator=self._estimator.state(),
@@ -164,7 +164,7 @@ class ScenePoses:
 
     @classmethod
     def from_state(cls, state: ScenePosesState, intrinsics: Intrinsics) -> ScenePoses:
-        """Return poses that go on from a state."""
+        """Return poses that continue from a state."""
         poses = cls(intrinsics, state.config)
         poses._estimator = PoseEstimator.from_state(state.estimator, intrinsics)
         poses._keyframe_poses, poses._T_world_part = state.keyframe_poses, state.T_world_part
@@ -176,9 +176,9 @@ class ScenePoses:
         return poses
 
     def begin(self, mode: str, *, first: bool) -> None:
-        """Expect the frames of a recording; the scene's world is that of the first one.
+        """Begin a recording; the first recording defines the scene's world.
 
-        Its poses are `ESTIMATED`, or given, in the `SAME_WORLD` or in its `OWN_WORLD`.
+        Its poses are `ESTIMATED`, or given: in the `SAME_WORLD` as the scene or in its `OWN_WORLD`.
         """
         self.mode = SAME_WORLD if first and mode == OWN_WORLD else mode
         self._own, self._seen_as, self._aligned, self._waited = [], [], False, 0
@@ -191,40 +191,40 @@ class ScenePoses:
 
     @property
     def knows_places(self) -> bool:
-        """Whether there is anything that frames can be recognised by."""
+        """Whether there are keyframes for place recognition."""
         return bool(self._estimator.keyframes)
 
     @property
     def T_world_recording(self) -> Float64Array:
-        """Transform from the world of a recording with poses of its own to the scene's, (4, 4)."""
+        """Transform (4, 4) from the world of a recording with its own poses to the scene's world."""
         return tidied(self._T_world_part.get(self._part, np.eye(4)) @ self._T_part_recording)
 
     @property
     def recognised(self) -> bool:
-        """Whether the last frame that has a pose is in the part of the scene that it began with."""
+        """Whether the last frame with a pose is in part 0, with which the scene began."""
         return self._recognised
 
     def take(self, frame: Frame) -> None:
-        """Take in a frame whose pose is in the scene's world, so that later recordings recognise the place."""
+        """Add a frame with a pose in the scene's world, so that later recordings recognise the place."""
         assert frame.T_world_camera is not None
         number = self._estimator.take(frame, frame.T_world_camera, 0)
         if number is not None:
             self._keyframe_poses[number] = frame.T_world_camera
 
     def locate(self, frame: Frame, up: Float64Array | None) -> Posed:
-        """Return where a frame was taken.
+        """Return the camera pose of a frame in the scene's world.
 
         Parameters
         ----------
         frame : Frame
             With a pose in the recording's own world, unless poses are estimated.
         up : (3,) float64 or None
-            Of the scene; None while unknown.
+            Up direction of the scene; None while unknown.
 
         Raises
         ------
         FrameError
-            Nobody knows.
+            The pose is unknown.
         """
         part, T_part_camera, anchor = self._estimated(frame) if self.mode == ESTIMATED else self._given(frame)
         if part not in self._T_world_part:
@@ -234,7 +234,7 @@ class ScenePoses:
         return Posed(tidied(self._T_world_part[part] @ T_part_camera), anchor, moved)
 
     def trajectory(self, first_frame: int) -> Mapping[int, Float64Array] | None:
-        """Return T_world_camera of the frames from one on as corrected since; None where they never are."""
+        """Return the corrected T_world_camera from a frame on; None if poses are never corrected."""
         if self.mode == SAME_WORLD:
             return None
         return {
@@ -245,7 +245,7 @@ class ScenePoses:
 
     @property
     def part(self) -> int:
-        """The part of the scene that the last frame with a pose is in."""
+        """The part of the scene that contains the last frame with a pose."""
         return self._last_part
 
     def stands_in(self, part: int, place: Float64Array) -> bool:
@@ -254,14 +254,14 @@ class ScenePoses:
         return T is not None and bool(Joined(T[:3, 3], T).contains(place[None])[0])
 
     def connect(self, part: int, T_world_part_now: Float64Array) -> None:
-        """Let a part lie where the layout of its objects says: T_new_old in the world."""
+        """Join a part to part 0 by the motion that the object layout gives: T_new_old in the world."""
         T = T_world_part_now @ self._T_world_part[part]
         self._estimator.join(part, 0, T)
         if self._part == part:
             self._part, self._T_part_recording, self._aligned = 0, tidied(T @ self._T_part_recording), True
 
     def take_joined(self) -> list[Joined]:
-        """Return which parts have become parts of others since the last time."""
+        """Return the parts that were joined to others since the last call."""
         joined, self._joined = self._joined, []
         return [Joined(middle, T) for middle, T in joined]
 
@@ -287,7 +287,7 @@ class ScenePoses:
         return self._part, T_part_camera, self._own[-1]
 
     def _look_for(self, frame: Frame) -> None:
-        """Recognise a frame, and let the recording lie where frames that agree say."""
+        """Try to recognise a frame; place the recording by the recognised frames that agree."""
         assert frame.T_world_camera is not None
         place = self._estimator.find(frame, self._own)
         if place is None:
@@ -313,7 +313,7 @@ class ScenePoses:
         self._T_part_recording, self._aligned = better, True
 
     def _aside(self, part: int, frame: Frame, T_part_camera: Float64Array, up: Float64Array | None) -> Float64Array:
-        """Return where a new part stands: aside, and level."""
+        """Return T_world_part of a new part: far from the others, and level."""
         T = np.eye(4)
         beside = np.array([1.0, 0.0, 0.0]) if up is None else np.eye(3)[int(np.argmin(np.abs(up)))]
         if up is not None:
@@ -324,7 +324,7 @@ class ScenePoses:
         return T
 
     def _up_of(self, frame: Frame, T_part_camera: Float64Array) -> Float64Array:
-        """Return up in a part's world as a frame shows it; raises FrameError while none does."""
+        """Return up in a part's world from a frame; raise FrameError while no frame shows it."""
         c, vote = self._config, UpVote()
         image = thin(frame, self.intrinsics, c.working_width_px, 0)
         up = vote.update(find_flat_areas(image.depth, c), T_part_camera, frame.up_camera)
@@ -334,7 +334,7 @@ class ScenePoses:
         return vote.image_up if up is None else up
 
     def _moved(self) -> dict[int, Float64Array]:
-        """Return how keyframes have moved since the last report, where it matters."""
+        """Return the motion of keyframes since the last report; empty if it is below half a voxel."""
         moved: dict[int, Float64Array] = {}
         now: dict[int, Float64Array] = {}
         farthest_m = 0.0
@@ -358,7 +358,7 @@ class ScenePoses:
         return moved
 
     def _note_joined(self, moved: Mapping[int, Float64Array]) -> None:
-        """Note which parts are no more: all that stood there moves with their keyframes."""
+        """Note parts that no longer exist: their contents move with their keyframes."""
         present = {k.submap for k in self._estimator.keyframes}
         for part in sorted(self._T_world_part.keys() - present - {0}):
             middle = self._T_world_part.pop(part)[:3, 3]
@@ -373,7 +373,7 @@ def _near(T: Float64Array, T_other: Float64Array) -> bool:
 
 
 def _turn(a: Float64Array, b: Float64Array) -> Float64Array:
-    """Return the least rotation (3, 3) from a direction to another."""
+    """Return the smallest rotation (3, 3) that turns one direction into another."""
     axis, cosine = np.cross(a, b), float(a @ b)
     if np.linalg.norm(axis) < 1e-9:
         axis = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))]) if cosine < 0 else axis

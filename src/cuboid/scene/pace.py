@@ -1,32 +1,32 @@
-"""How often a state is committed, and work beside another thread's, spread so that no moment of that has much of it."""
+"""Timing of commits, and pacing of a background thread so that it never slows the main thread much at a time."""
 
 from __future__ import annotations
 
 import time
 from threading import Event
 
-# Processor time that is worked at a stretch, and the least that is rested, by the clock, seconds.
+# Processor time of one stretch of work, and minimum wall-clock rest after it, seconds.
 STRETCH_S, REST_S = 0.002, 0.02
-# Commits have no larger fraction of the processor's time than this, however large the scene; for that they wait at most
-# this many times as long as they should.
+# Maximum fraction of processor time for commits, however large the scene. To keep it, a commit waits at most
+# LONGEST_WAIT times the requested interval.
 COMMIT_FRACTION, LONGEST_WAIT = 0.05, 5.0
-# Where other programs have the processor they wait at most this many times as long as without these: of what little is
-# left they have a larger fraction then, but what is lost with the process stays little.
+# Where other programs use the processor, a commit waits at most this many times as long as on an idle machine. Commits
+# then take a larger fraction of the remaining processor time, but a crash of the process loses little.
 LOADED_WAIT = 2.0
 
 
 class Rhythm:
-    """When to commit.
+    """Decides when to commit.
 
     Parameters
     ----------
     every_s : float
-        How often that should be; less often where it costs too much.
+        Requested interval; commits are rarer if they cost too much.
 
     Attributes
     ----------
     cost_s : float
-        Processor time that the last one has taken so far.
+        Processor time that the last commit has taken so far.
     """
 
     def __init__(self, every_s: float) -> None:
@@ -35,31 +35,31 @@ class Rhythm:
 
     @property
     def wait_s(self) -> float:
-        """How long a commit waits after the one before, by what that cost, where nothing else has the processor."""
+        """Waiting time after the last commit, from the cost of that commit, on an otherwise idle machine."""
         return min(max(self._every_s, self.cost_s / COMMIT_FRACTION), LONGEST_WAIT * self._every_s)
 
     def due(self) -> bool:
-        """Tell whether it is time for one."""
+        """Tell whether a commit is due."""
         waited_s, worked_s = time.monotonic() - self._begun[0], time.process_time() - self._begun[1]
         longest_s = min(LOADED_WAIT * self.wait_s, LONGEST_WAIT * self._every_s)
         return waited_s >= self._every_s and (worked_s >= self.wait_s or waited_s >= longest_s)
 
     def begin(self, cost_s: float) -> None:
-        """Note that one begins, and the processor time that it has taken so far."""
+        """Note that a commit begins, and the processor time that it has taken so far."""
         self._begun, self.cost_s = (time.monotonic(), time.process_time()), cost_s
 
 
 class Pace:
-    """Lets a thread work for a fraction of what the process works.
+    """Limits the work of a thread to a fraction of the process's work.
 
     Parameters
     ----------
     fraction : float
-        Of the process's processor time.
+        Fraction of the process's processor time.
     most_s : float
-        After so long it works without rest: the others may have nothing to do.
+        After this time the thread works without rest: the others may be idle.
     cost_s : float
-        Processor time that the work is likely to take, 0 where that is not known: it rests as `most_s` allows for.
+        Expected processor time of the work, 0 if unknown. It spreads the rests over `most_s`.
     """
 
     def __init__(self, fraction: float = 1.0, most_s: float = 0.0, cost_s: float = 0.0) -> None:
@@ -69,14 +69,14 @@ class Pace:
         self._begun: tuple[float, float] | None = None
 
     def rest(self) -> None:
-        """Rest, where enough was done at a stretch; called by the thread that works, between two pieces of work."""
+        """Rest if the stretch of work is long enough; called by the working thread between two pieces of work."""
         now_s = time.thread_time()
         if self._begun is None:
             self._begun = now_s, time.process_time()
         worked_s, due_s = now_s - self._begun[0], self._begun[1] + (now_s - self._begun[0]) / self._fraction
         if worked_s < STRETCH_S:
             return
-        # Where others have the processor it comes later than by the clock.
+        # Where other programs use the processor, processor time advances slower than the clock.
         until_s = min(self._until_s, time.monotonic() + worked_s * self._stretched)
         while (left_s := due_s - time.process_time()) > 0.0 and not self._hurry.is_set():
             rest_s = min(max(left_s, REST_S), until_s - time.monotonic())
@@ -86,5 +86,5 @@ class Pace:
         self._begun = time.thread_time(), time.process_time()
 
     def hurry(self) -> None:
-        """Let it rest no more: somebody waits."""
+        """End the rests: another thread waits for the work."""
         self._hurry.set()

@@ -1,4 +1,4 @@
-"""Arrays as bytes and back, exactly: bit for bit, with the order in memory that sums depend on."""
+"""Exact conversion between arrays and bytes, bit for bit; it keeps the memory order, which changes float sums."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from cuboid.core.errors import shown
 from cuboid.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 from cuboid.scene.validation import DamagedError
 
-# Images of at least this many pixels a side are kept as PNG, compressed so far.
+# Minimum side, pixels, of images that are stored as PNG; compression level of these.
 SMALLEST_IMAGE, PNG_COMPRESSION = 48, 3
 PNG = b"\x89PNG"
 
-# Items of a form that `form_of` writes: two or three.
+# The two or three items of a form from `form_of`.
 _Form = list[str | tuple[Annotated[int, Meta(ge=0, lt=2**40)], ...]]
 
 AnyArray = npt.NDArray[Any]
 
 
 def deflated(data: bytes) -> bytes:
-    """Return bytes compressed: runs and frequent bytes, which is what sorted bytes of numbers have."""
+    """Return compressed bytes: the coder uses runs and frequent bytes, as in sorted bytes of numbers."""
     packer = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, 9, zlib.Z_RLE)
     return packer.compress(data) + packer.flush()
 
 
 def inflated(data: bytes, check: int, what: str, beside: tuple[int, ...] = ()) -> bytes:
-    """Return what was compressed; with the check sum of it, and of other numbers beside it.
+    """Return decompressed bytes, after comparing the check sum of the bytes and of other numbers beside them.
 
     Raises
     ------
@@ -50,12 +50,12 @@ def inflated(data: bytes, check: int, what: str, beside: tuple[int, ...] = ()) -
 
 
 def check_sum(data: bytes, beside: tuple[int, ...] = ()) -> int:
-    """Return the check sum that stands beside bytes in the file: the CRC-32 of them, and of other numbers there."""
+    """Return the check sum of bytes in the file: the CRC-32 of the bytes and of the numbers beside them."""
     return zlib.crc32(np.array(beside, "<i8").tobytes(), zlib.crc32(data))
 
 
 def form_of(array: AnyArray) -> str:
-    """Return what an array is besides its bytes: type, shape, and strides where its items do not lie in order."""
+    """Return the form of an array: type, shape, and strides if its items are not in C order."""
     return _form(array.dtype.str, array.shape, None if array.flags.c_contiguous else array.strides)
 
 
@@ -65,7 +65,7 @@ def _form(dtype: str, shape: tuple[int, ...], strides: tuple[int, ...] | None) -
 
 
 def from_form(form: str, plain: AnyArray) -> AnyArray:
-    """Return an array of a form with the items of another one; they lie in memory as they did."""
+    """Return an array of the given form, memory order included, with the items of another array."""
     dtype, shape, strides = _parts_of(form)
     if strides is None:
         return plain
@@ -83,7 +83,7 @@ def from_bytes(form: str, data: bytes) -> AnyArray:
 
 @lru_cache(10_000)
 def _parts_of(form: str) -> tuple[np.dtype[Any], tuple[int, ...], tuple[int, ...] | None]:
-    """Return type, shape, and strides where there are any; DamagedError where the form tells none of an array."""
+    """Return type, shape, and strides (or None) of a form; raise DamagedError if the form is invalid."""
     try:
         name, shape, *strides = msgspec.json.decode(form, type=_Form)
         dtype = np.dtype(str(name))
@@ -96,7 +96,7 @@ def _parts_of(form: str) -> tuple[np.dtype[Any], tuple[int, ...], tuple[int, ...
 
 
 def packed(array: AnyArray) -> bytes:
-    """Return an array's bytes, the first of each row first, compressed; images as PNG."""
+    """Return an array's bytes, compressed in planes (see `_planes`); images as PNG."""
     if array.ndim == 2 and array.dtype in (np.uint8, np.uint16) and min(array.shape) >= SMALLEST_IMAGE:
         done, data = cv2.imencode(".png", array, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
         if done:
@@ -120,13 +120,13 @@ def unpacked(data: bytes, check: int, form: str, what: str) -> AnyArray:
 
 
 def packed_block(rows: AnyArray) -> bytes:
-    """Return rows of the map (N,) compressed; as they are where that is no shorter."""
+    """Return rows of the map (N,) compressed, or uncompressed if that is not longer."""
     data = deflated(_planes(rows))
     return data if len(data) < rows.nbytes else rows.tobytes()
 
 
 class BlockRow(NamedTuple):
-    """The columns of a block of the map, beside its bytes, in order."""
+    """The columns of a map block other than its bytes, in order."""
 
     number: int
     cube: int
@@ -136,19 +136,19 @@ class BlockRow(NamedTuple):
 
 
 def unpacked_block(row: BlockRow, check: int, data: bytes) -> AnyArray:
-    """Return the rows (N,) of bytes from `packed_block`, or as they are.
+    """Return the rows (N,) from compressed bytes of `packed_block`, or from uncompressed bytes.
 
     Parameters
     ----------
     row : BlockRow
     check : int
-        Check sum of all.
+        Check sum of the bytes and of the row's numbers.
     data : bytes
 
     Raises
     ------
     DamagedError
-        They are not what was written.
+        The bytes or the numbers are not those that were written.
     """
     rows, what = row.rows, f"block {row.number} of the map"
     size = rows * ROW.itemsize
@@ -163,7 +163,7 @@ def unpacked_block(row: BlockRow, check: int, data: bytes) -> AnyArray:
 
 
 def _planes(array: AnyArray) -> bytes:
-    """Return the bytes of an array's rows: all first ones, then all second ones; numbers alike have runs there."""
+    """Return the bytes in planes: the first bytes of all rows, then the second ones; this gives long runs."""
     if array.size == 0:
         return b""
     rows = np.ascontiguousarray(array).reshape(len(array) if array.ndim else 1, -1).view(np.uint8)
@@ -171,7 +171,7 @@ def _planes(array: AnyArray) -> bytes:
 
 
 def from_planes(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> AnyArray:
-    """Return the array whose rows' first bytes come first, then all second ones, and so on."""
+    """Return the array of bytes from `_planes`."""
     if not data:
         return np.zeros(shape, dtype)
     rows = np.frombuffer(data, np.uint8).reshape(-1, shape[0] if shape else 1)

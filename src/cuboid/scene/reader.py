@@ -1,4 +1,4 @@
-"""A scene that is asked: what its file says of its recordings, its objects and what became of them."""
+"""Queries of a scene file: its recordings, its objects and their changes."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ _CHANGE = (
 
 
 class SceneReader(MapQueries):
-    """The contents of a scene file. Reading takes no lock, and sees what another process commits meanwhile.
+    """The contents of a scene file. Reading takes no lock, and sees the commits of other processes.
 
     Parameters
     ----------
     path : path
-        Of the file; where there is none, there are no recordings and no objects.
+        The scene file; if it is missing, there are no recordings and no objects.
     """
 
     def __init__(self, path: PathLike) -> None:
@@ -66,7 +66,7 @@ class SceneReader(MapQueries):
             self._connection()
 
     def poses(self, recording: int) -> dict[int, tuple[float, Float64Array]]:
-        """Return time and T_world_camera (4, 4) of each used frame of a recording, as estimated then, by frame."""
+        """Return time and T_world_camera (4, 4), as stored, of each used frame of a recording, by frame."""
         columns = columns_of("frames", ("frame", "time_s", "qw", "qx", "qy", "qz", "tx", "ty", "tz"))
         rows = self._rows(columns, "frames WHERE recording = ? ORDER BY frame", (recording,))
         with complaining(self.path):
@@ -93,7 +93,7 @@ class SceneReader(MapQueries):
 
     @property
     def objects(self) -> ObjectTable:
-        """The objects that are there, by label; each is a `SceneObject`."""
+        """The present objects, by label; each is a `SceneObject`."""
         return ObjectTable(item for item in self.all_objects if item.state == "present")
 
     @property
@@ -150,7 +150,7 @@ class SceneReader(MapQueries):
             return None if tracker is None else tracker.up
 
     def map_points(self) -> MapPoints:
-        """Return the global point map, as it was committed last.
+        """Return the global point map of the last commit.
 
         Raises
         ------
@@ -164,9 +164,9 @@ class SceneReader(MapQueries):
 
     @contextmanager
     def _saved_tracker(self) -> Iterator[PosedTracker | None]:
-        """Give the tracker of the scene as it was committed last, within one reading transaction.
+        """Yield the tracker of the scene's last commit, within one reading transaction.
 
-        It is kept until another commit; None where the scene has no state.
+        The tracker is cached until the next commit; it is None if the scene has no state.
         """
         from cuboid.scene.saving import has_state
         from cuboid.scene.visit import load_tracker
@@ -187,7 +187,7 @@ class SceneReader(MapQueries):
                 connection.execute("COMMIT")
 
     def history(self, label: int) -> list[ScenePast]:
-        """Return the sightings of an object, in order of time; those of labels that were merged into it too.
+        """Return the sightings of an object and of labels merged into it, in order of time.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class SceneReader(MapQueries):
             return [_past_of(row) for row in self._rows(_PAST, rest, labels)]
 
     def relation_history(self, label: int) -> list[PastRelation]:
-        """Return the relations that an object has and had, by kind and time: of recordings tracked with relations.
+        """Return present and past relations of an object, by kind and time, from recordings tracked with relations.
 
         Raises
         ------
@@ -222,18 +222,18 @@ class SceneReader(MapQueries):
             return read_relations(rows, labels, survivor, plane)
 
     def changes(self, since: str | int | None = None) -> list[SceneChange]:
-        """Return what each recording found changed, by recording and label.
+        """Return the changes that each recording found, by recording and label.
 
         Parameters
         ----------
         since : str or int, optional
-            A date or time, ISO 8601, UTC: the recordings begun since then; or the number of a recording: those from it
-            on. The last one alone unless given.
+            A date or time, ISO 8601, UTC, selects the recordings that began since then; the number of a recording
+            selects this one and all later ones. Default: only the last recording.
 
         Raises
         ------
         InputError
-            The date is none.
+            The date is invalid.
         """
         if isinstance(since, str):
             try:
@@ -243,7 +243,7 @@ class SceneReader(MapQueries):
                 raise InputError(
                     f"expected a date such as 2026-01-31 or 2026-01-31T12:00, got {shown(since)}"
                 ) from None
-            # written alike, times are in the order of their texts
+            # times in one text format sort as their texts do
             wanted = [one.number for one in self.recordings if one.begun >= moment.isoformat(timespec="seconds")]
         else:
             last = len(self.recordings)
@@ -253,7 +253,7 @@ class SceneReader(MapQueries):
             return [_change_of(row) for row in rows if row[0] in wanted]
 
     def shown_changes(self, recording: int) -> list[SceneChange]:
-        """Return what was moved, is gone, is new or was found in a recording, as the 3D page shows it."""
+        """Return objects that a recording found moved, gone, new or found, as the 3D page shows them."""
         shown = ("moved", "gone", "new", "found")
         return [one for one in self.changes(recording) if one.recording == recording and one.change in shown]
 
@@ -263,7 +263,7 @@ class SceneReader(MapQueries):
         return rows[0][0] if rows else None
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
-        """Return the vectors of the objects: those that were kept, else of the scene's own pictures."""
+        """Return the objects' vectors: the stored ones, else new ones from the scene's pictures."""
         from cuboid.scene.vectors import is_of, read_vectors, vector_of_picture
 
         with complaining(self.path):
@@ -279,7 +279,7 @@ class SceneReader(MapQueries):
         return {label: one.vector for label, one in {**found, **made}.items()}
 
     def _keep_made(self, model: TextModel, made: Mapping[int, SceneVector]) -> None:
-        """Keep vectors that were made of pictures, where the scene can be written."""
+        """Store vectors that were computed from pictures, if the scene can be written."""
 
     def _labels_of(self, label: int) -> list[int]:
         """Return a label and those that were merged into it."""
@@ -332,7 +332,7 @@ class SceneReader(MapQueries):
 
 
 def _seen(begins: Sequence[Row], frame: int) -> tuple[int, int]:
-    """Return recording and frame of a frame by the scene's count; `begins` are recordings with their first frames."""
+    """Return recording and index of a frame in the scene's count; `begins`: recordings with first frames."""
     for number, first in reversed(begins):
         if first <= frame:
             return number, frame - first
@@ -340,7 +340,7 @@ def _seen(begins: Sequence[Row], frame: int) -> tuple[int, int]:
 
 
 def _plane_of(row: Row) -> SupportPlane:
-    """Return the plane of a row; DamagedError where its outline is none."""
+    """Return the plane of a row; raise DamagedError if its outline is invalid."""
     outline = np.array(document(row[4], Outline, "planes.outline"), np.float64)
     return SupportPlane(np.array(row[:3]), row[3], outline.reshape(-1, 3))
 
@@ -350,14 +350,14 @@ def _place_of(numbers: Sequence[float | None]) -> Float64Array | None:
 
 
 def _change_of(row: Row) -> SceneChange:
-    """Return what a row of `_CHANGE` says; DamagedError where its box is none."""
+    """Return the change of a row of `_CHANGE`; raise DamagedError if its box is invalid."""
     recording, label, name, change = row[:4]
     places = _place_of(row[14:17]), _place_of(row[17:20])
     return SceneChange(recording, label, name, change, box_of(row[4:14], "objects"), *places, *row[20:])
 
 
 def _past_of(row: Row) -> ScenePast:
-    """Return the sighting of a row of `_PAST`; DamagedError where its box is none."""
+    """Return the sighting of a row of `_PAST`; raise DamagedError if its box is invalid."""
     label, recording, frame, time_s = row[:4]
     iou, visible, *rect = row[14:]
     return ScenePast(label, recording, frame, time_s, box_of(row[4:14], "boxes"), iou, visible, np.array(rect))

@@ -1,4 +1,4 @@
-"""Rows of a scene for people and other programs: frames, sightings, objects and planes."""
+"""Rows of a scene that people and other programs read: frames, sightings, objects and planes."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from cuboid.tracking.posed_tracker import PosedTracker
 
 Row = tuple[Any, ...]
 
-# An object's picture is taken anew when it is seen this many times better: larger and less hidden.
+# Minimum ratio of qualities at which a new picture replaces the old one: the object is larger or less hidden.
 BETTER = 1.5
-# Longest side of a picture, pixels, how much of what is around it shows, and its quality as JPEG.
+# Longest side of a picture, pixels; margin around the object, as a fraction of its size; JPEG quality.
 PICTURE_PX, AROUND, JPEG_QUALITY = 160, 0.15, 85
 
 OBJECT_COLUMNS = tuple(name for name in TABLES["objects"].columns if name not in ("name", "picture", "picture_share"))
@@ -46,21 +46,21 @@ class Rows:
     Attributes
     ----------
     frames, sightings, boxes : list of tuple
-        In the order of their tables' columns.
+        Rows in the order of their tables' columns.
     planes : list of (int, SupportPlane) or None
-        By identity.
+        Planes with their identities.
     objects : list of (MapObject, int)
-        As they were; and a label of their own, or 0, of those that they took in.
+        Objects as they were, with 0, or with the label of an object that was merged into them.
     merged : list of (int, int)
-        Labels that ended in others, and these.
+        Merged labels, each with the label into which it was merged.
     unread : list of (TrackedObject, int)
-        What depth does not read, as it was, and the label of its row: its own, or one that turned out to be it.
+        Objects without usable depth, as they were, with the label of the row: their own, or one merged into them.
     kinds : dict of int to str or None
-        What kinds labels have become, None those of volumes; of the others the scene says so.
+        New kinds of labels whose kind changed; None for volumes. Labels that are not listed keep the scene's entry.
     ended : list of int
-        Labels of what depth does not read that are there no more.
+        Labels of objects without usable depth that no longer exist.
     pictures : dict of int to (float, bytes)
-        How well each object is seen on its picture, and the picture.
+        Quality of each object's picture, and the picture as JPEG.
     """
 
     frames: list[Row] = field(default_factory=list)
@@ -75,7 +75,7 @@ class Rows:
     ended: list[int] = field(default_factory=list)
 
     def write(self, connection: sqlite3.Connection) -> None:
-        """Write them, within the caller's transaction."""
+        """Write all rows, within the caller's transaction."""
         many = connection.executemany
         many(f"INSERT OR REPLACE INTO frames VALUES ({', '.join('?' * 10)})", self.frames)
         many(f"INSERT INTO boxes VALUES ({', '.join('?' * 12)})", self.boxes)
@@ -102,7 +102,7 @@ class Records:
     Parameters
     ----------
     connection : sqlite3.Connection
-        Of the scene: what it tells is gone on from.
+        Connection to the scene, whose contents are continued.
     recording : int
         Number of the recording.
     pixels : int
@@ -119,7 +119,7 @@ class Records:
         self._kinds = read_kinds(connection)
         self._pixels = pixels
         self._pictures = BestPictures(dict(connection.execute("SELECT label, picture_share FROM objects")))
-        # Of each object that this recording has seen: its first frame, and in how many it was.
+        # First frame and number of frames of each object that this recording has seen, by label.
         self.seen: dict[int, tuple[int, int]] = {
             label: (first, count)
             for label, first, count in connection.execute(
@@ -128,7 +128,7 @@ class Records:
         }
 
     def add(self, frame: Frame, result: FrameResult) -> None:
-        """Take in a frame of the recording, by its own number, and what was found in it."""
+        """Add a frame, numbered within the recording, and its results."""
         w, x, y, z = quat_wxyz_from_rotation(result.T_world_camera[:3, :3]).tolist()
         place = result.T_world_camera[:3, 3].tolist()
         self._rows.frames.append((self._recording, frame.index, frame.timestamp_s, *place, x, y, z, w))
@@ -144,7 +144,7 @@ class Records:
             self._rows.pictures[label] = quality, jpeg
 
     def take(self, tracker: PosedTracker) -> Rows:
-        """Return all rows since the last time, those of the tracker's objects and planes as they now are."""
+        """Return all rows since the last call, with the tracker's objects and planes as they are now."""
         rows, self._rows = self._rows, Rows()
         self._objects(tracker, rows)
         self._unread(tracker, rows)
@@ -168,7 +168,7 @@ class Records:
             counts = entry.frames_seen, entry.last_frame, len(entry.merged_labels)
             now = (entry.box, entry.points, entry.state, *counts, identity, entry.name_log_odds)
             if not _same(self._written.get(entry.label), now):
-                was = copy(entry)  # what its attributes hold is never changed
+                was = copy(entry)  # the attributes' values are replaced, never modified
                 was.plane = identity
                 was.box = tracker.in_world(entry.box)
                 rows.objects += [(was, 0), *((was, k) for k in entry.merged_labels if k not in self._merged)]
@@ -177,7 +177,7 @@ class Records:
                 self._written[entry.label] = now
 
     def _unread(self, tracker: PosedTracker, rows: Rows) -> None:
-        """Take what depth does not read; what was of that and is no more has become a volume, merged, or ended."""
+        """Add objects without usable depth; those missing now became a volume, were merged, or ended."""
         items = tracker.unread_objects()
         now: dict[int, str | None] = {item.label: item.kind for item in items}
         taken_in = [(item, k) for item in items for k in item.merged_labels if k not in self._merged]
@@ -195,19 +195,19 @@ class Records:
 
 
 class BestPictures:
-    """Takes a picture of an object when it is seen much better than before, at most one a frame.
+    """Takes a picture of an object that is seen much better than before, at most one per frame.
 
     Parameters
     ----------
     quality : dict of int to float, optional
-        How well each object is seen on the picture that there is, by label.
+        Quality of each object's present picture, by label.
     """
 
     def __init__(self, quality: dict[int, float] | None = None) -> None:
         self._quality = {} if quality is None else quality
 
     def take(self, frame: Frame, sightings: Iterable[Sighting]) -> tuple[int, float, bytes] | None:
-        """Return label, quality and picture of the object that is seen most times better than on its own so far."""
+        """Return label, quality and JPEG of the object whose quality rose by the largest factor, or None."""
         best: tuple[float, Sighting, float] | None = None
         for seen in sightings:
             x0, y0, x1, y1 = seen.rect_xyxy
@@ -226,7 +226,7 @@ class BestPictures:
 
 
 def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:
-    """Return what a frame shows in a rectangle and a little around it as JPEG; nothing where that is nothing."""
+    """Return a rectangle of a frame's color image, with a margin, as JPEG; empty if the crop is empty."""
     height, width = frame.color.shape[:2]
     x0, y0, x1, y1 = rect_xyxy
     dx, dy = AROUND * (x1 - x0), AROUND * (y1 - y0)
@@ -244,14 +244,14 @@ def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:
 
 
 def _same(before: tuple[object, ...] | None, now: tuple[object, ...]) -> bool:
-    """Tell whether what was before last holds still; arrays and boxes are replaced, never changed."""
+    """Tell whether values are unchanged; arrays and boxes are compared by identity: they are never modified."""
     if before is None:
         return False
     return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(before, now, strict=True))
 
 
 def _object_row(entry: MapObject, label: int = 0) -> dict[str, Any]:
-    """Return an object's row; with a label, that of one that it took in."""
+    """Return an object's row, or with a label the row of an object that was merged into it."""
     colors = entry.colors if len(entry.colors) else np.zeros((1, 3))
     return {
         "label": label or entry.label,
@@ -267,7 +267,7 @@ def _object_row(entry: MapObject, label: int = 0) -> dict[str, Any]:
 
 
 def _unread_row(item: TrackedObject, label: int) -> dict[str, Any]:
-    """Return the row, under this label, of what depth does not read."""
+    """Return the row, under this label, of an object without usable depth."""
     return {
         "label": label,
         "state": "present",
@@ -280,7 +280,7 @@ def _unread_row(item: TrackedObject, label: int) -> dict[str, Any]:
 
 
 def _classes_of(item: TrackedObject) -> list[tuple[str, float]]:
-    """Return the classes that a detector saw, the most likely first."""
+    """Return the detected classes of an object, the most likely first."""
     own = [] if item.name is None or item.name_score is None else [(item.name, item.name_score)]
     return [*own, *item.names]
 

@@ -1,4 +1,4 @@
-"""Which relation held from which recording to which: rows of the table `scene`, one a relation and time."""
+"""Relations and the recordings in which they held: rows of the table `scene`, one per relation and time span."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from cuboid.scene.answers import PastRelation
 from cuboid.scene.validation import DamagedError, Row
 from cuboid.tracking.posed_tracker import PosedTracker
 
-# The key of a row is this, label, kind, what it is to, and the first recording; its value the last one and the score.
+# A row's key is KEY, label, kind, target, and the first recording; its value is the last recording and the score.
 KEY = "relation"
-# The key of the number of the last recording whose relations were noted.
+# Key of the row with the number of the last recording whose relations were noted.
 NOTED = "relations"
-# Supporting planes have numbers that last, walls have none.
+# Supporting planes have persistent numbers, walls have none.
 PLANE, WALL = "plane#", "wall"
 
-# Label, kind, and what it is to: a label, `PLANE` with the plane's own number, or `WALL`.
+# Label, kind, and target: a label, `PLANE` with the plane's persistent number, or `WALL`.
 Held = tuple[int, RelationKind, str]
 
 
@@ -32,9 +32,9 @@ def relations_now(tracker: PosedTracker, walls: Sequence[Wall]) -> dict[Held, fl
     Parameters
     ----------
     tracker : PosedTracker
-        Of the scene.
+        Tracker of the scene.
     walls : sequence of Wall
-        In the scene's world.
+        Walls in the scene's world.
     """
     identities, scores = tracker.plane_identities, dict[Held, float]()
     for label, relations in find_relations(tracker.objects, tracker.planes, tracker.up, walls).items():
@@ -52,7 +52,7 @@ def relations_now(tracker: PosedTracker, walls: Sequence[Wall]) -> dict[Held, fl
 def write_relations(connection: sqlite3.Connection, recording: int, scores: Mapping[Held, float]) -> None:
     """Note the relations at the end of a recording, within the caller's transaction.
 
-    A relation that held also when relations were noted last goes on; any other begins.
+    A relation that was also in the previous note is continued; any other one begins.
     """
     noted = connection.execute("SELECT value FROM scene WHERE key = ?", (NOTED,)).fetchone()
     going = {
@@ -71,23 +71,23 @@ def write_relations(connection: sqlite3.Connection, recording: int, scores: Mapp
 def read_relations(
     rows: Iterable[Row], labels: Sequence[int], survivor: Mapping[int, int], plane: Mapping[int, int]
 ) -> list[PastRelation]:
-    """Return the relations that an object has or had, by kind and time.
+    """Return present and past relations of an object, by kind and time.
 
     Parameters
     ----------
     rows : iterable of (str, str)
         Key and value.
     labels : sequence of int
-        That of the object, and those that were merged into it.
+        Label of the object, and labels that were merged into it.
     survivor : mapping of int to int
-        The label that each merged label is now.
+        Present label of each merged label.
     plane : mapping of int to int
-        Index of each supporting plane by its own number.
+        Index of each supporting plane, by its persistent number.
 
     Raises
     ------
     DamagedError
-        A row makes no sense.
+        A row is invalid.
     """
     order = get_args(RelationKind)
     found = []
@@ -99,7 +99,7 @@ def read_relations(
 
 
 def _now(to: str, survivor: Mapping[int, int], plane: Mapping[int, int]) -> int | str:
-    """Return what a relation is to as it is called now; a plane that is no longer known is only "plane"."""
+    """Return the present name of a relation's target; a plane that is no longer known is only "plane"."""
     if to == WALL:
         return WALL
     number = int(to.removeprefix(PLANE))
@@ -118,7 +118,7 @@ class _Span:
 
 
 def _spans(rows: Iterable[Row]) -> list[_Span]:
-    """Return what rows say; DamagedError where one makes no sense."""
+    """Return the time spans of rows; raise DamagedError if a row is invalid."""
     found = []
     for key, value in rows:
         try:

@@ -1,4 +1,4 @@
-"""A result folder from a scene: what `cuboid track` would have left of one of its recordings."""
+"""A result folder from a scene: the same files as `cuboid track` writes, for one of the scene's recordings."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ NOT_IN_SCENE = "the scene has no pose of this frame"
 
 
 def write_results(scene: Scene, connection: sqlite3.Connection, number: int, folder: Path, *, force: bool) -> None:
-    """Write the results of a recording: its sightings, with the objects' boxes as they were at its end.
+    """Write the results of a recording: its sightings, with the objects' boxes at its end.
 
     Parameters
     ----------
     scene : Scene
     connection : sqlite3.Connection
-        Of it.
+        Connection to the scene.
     number : int
-        Of the recording.
+        Number of the recording.
     folder : Path
     force : bool
-        Whether results that lie there are replaced.
+        Whether existing results are replaced.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
 
 
 def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[TrackedObject]]:
-    """Return the sightings of a recording by frame, and the objects that it saw."""
+    """Return the sightings of a recording by frame, and the objects that were seen in it."""
     frames: dict[int, list[Sighting]] = defaultdict(list)
     objects: list[TrackedObject] = []
     gone = {one.label for one in scene.changes(number) if one.recording == number and one.change == "gone"}

@@ -1,4 +1,4 @@
-"""A run of `cuboid track` whose recording goes into a scene."""
+"""A run of `cuboid track` that adds its recording to a scene."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from cuboid.scene.scene import Scene
 from cuboid.scene.session import COMMIT_EVERY_S, SceneTracker
 from cuboid.scene.visit import Source
 
-# Where the frames that were skipped are kept until the run ends, beside the files of its results.
+# Name under which the scene keeps the skipped frames until the run ends, beside the result files.
 SKIPPED = "skipped"
 
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """The progress of a broken-off run at its last commit.
+    """The progress of an interrupted run at its last commit.
 
     Attributes
     ----------
     next_frame : int
-        Of the recording: where to go on.
+        Frame of the recording at which to continue.
     skipped : tuple of (int, str)
-        Frame and reason.
+        Skipped frames, each with the reason.
     T_world_camera : dict of int to (4, 4) float64
-        Of each used frame.
+        Camera pose of each used frame.
     times_s : dict of int to float
     texts : dict of str to str
-        What the files of the results held, by name.
+        Contents of the result files, by name.
     """
 
     next_frame: int = 0
@@ -47,19 +47,19 @@ class Begun:
 
 @dataclass(frozen=True, slots=True)
 class IntoScene:
-    """The scene that a recording goes into.
+    """The scene to which a recording is added, and how.
 
     Attributes
     ----------
     path : path
-        Of its file, which is made where there is none.
+        The scene file; it is created if it is missing.
     same_world : bool
-        The recording's given poses are in the scene's world; else they are aligned with it by the appearance of the
-        place.
+        Whether the recording's given poses are in the scene's world; else they are aligned with it by the appearance of
+        the place.
     resume : bool
-        Go on with a run that was broken off.
+        Whether to continue an interrupted run.
     commit_every_s : float
-        How often what is new is written.
+        Interval of commits, seconds.
     """
 
     path: PathLike
@@ -68,14 +68,14 @@ class IntoScene:
     commit_every_s: float = COMMIT_EVERY_S
 
     def corrects(self, poses: str) -> bool:
-        """Tell whether the poses of a recording, "given" or "estimated", are corrected while it is tracked."""
+        """Tell whether a recording's poses ("given" or "estimated") are corrected while it is tracked."""
         if poses == "estimated" or self.same_world:
             return poses == "estimated"
         with Scene.open(self.path) as scene:
             return len(scene.recordings) > int(self.resume)
 
     def shown_changes(self) -> list[SceneChange]:
-        """Return what the last recording changed, as the 3D page shows it."""
+        """Return the changes of the last recording, as the 3D page shows them."""
         with Scene.open(self.path) as scene:
             return scene.shown_changes(len(scene.recordings))
 
@@ -88,14 +88,14 @@ class IntoScene:
         proposals: str | ProposalSource | None,
         memory_mb: float,
     ) -> Iterator[SceneRun]:
-        """Open the scene for a run; without `SceneRun.finish` the scene ends as committed last.
+        """Open the scene for a run; without `SceneRun.finish` the scene stays as last committed.
 
         Raises
         ------
         InputError
             The scene cannot be used, or the recording cannot be placed in it.
         OutputError
-            Another one writes the scene, or it cannot be written.
+            Another process writes the scene, or it cannot be written.
         """
         with Scene.open(self.path) as scene:
             tracker = scene.tracker(
@@ -121,7 +121,7 @@ class SceneRun:
     ----------
     tracker : SceneTracker
     begun : Begun
-        What was done before the run was broken off; nothing in a new one.
+        Progress of the run before its interruption; empty for a new run.
     """
 
     def __init__(self, scene: Scene, tracker: SceneTracker) -> None:
@@ -139,31 +139,31 @@ class SceneRun:
         )
 
     def go_on(self, frames: range, writer: ResultWriter | None) -> range:
-        """Let results go on where the run was broken off, and return which frames are left."""
+        """Continue the results of an interrupted run, and return the remaining frames."""
         if writer is not None:
             writer.go_on(self.begun.texts, self.tracker.keep)
         passed = max(0, -(-(self.begun.next_frame - frames.start) // frames.step))
         return frames[min(passed, len(frames)) :]
 
     def poses(self, given: Poses) -> Poses:
-        """Return where poses in the scene's world come from."""
+        """Return the source of poses in the scene's world."""
         return self.tracker.poses(given)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what the user should know of the recording in the scene."""
+        """Return warnings for the user about the recording in the scene."""
         return self.tracker.warnings()
 
     def next_frame(self) -> None:
-        """Commit what is new, where it is time."""
+        """Commit new data if a commit is due."""
         self.tracker.commit_if_due()
 
     def skip(self, index: int, reason: str) -> None:
-        """Tell that a frame was skipped."""
+        """Record that a frame was skipped."""
         self.tracker.keep(SKIPPED, f"{index}\t{reason}\n")
         self.tracker.skip(index)
 
     def finish(self, *, complete: bool, walls: Sequence[Wall] | None = None) -> None:
-        """Commit all; with `complete`, the results are whole and nothing is left to go on with.
+        """Commit everything; with `complete`, the recording is finished and cannot be resumed.
 
         With the walls of the place, the relations of the objects are noted too.
         """

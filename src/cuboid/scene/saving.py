@@ -1,4 +1,4 @@
-"""The state of the tracker in the file: only the parts that changed since the last time are written."""
+"""Saves the tracker's state in the scene file; only the parts that changed since the last save are written."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from cuboid.scene.validation import DamagedError, columns_of, iterate_table, rea
 from cuboid.tracking.posed_tracker import PosedTracker, PosedTrackerState
 
 BESIDE = ", ".join(BlockRow._fields)
-# Blocks that change all the time are written uncompressed, and compressed once they are stable, this many at a time.
+# Changed blocks are first written uncompressed; once stable they are compressed, at most this many per commit.
 PACKED_A_TIME = 64
 
 
 @dataclass(frozen=True, slots=True)
 class SceneState(Record):
-    """All that a scene needs to go on, but for the rows of its map: the root of the parts in the file."""
+    """The complete state of a scene, without the rows of its map: the root of the parts in the file."""
 
     tracker: PosedTrackerState
     poses: ScenePosesState
@@ -50,15 +50,15 @@ class SceneState(Record):
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The state of a scene at one moment: nothing in it changes any more.
+    """The state of a scene at one moment; it does not change afterwards.
 
     Attributes
     ----------
     taken : Taken
     blocks : int
-        One more than the highest number of the map's blocks.
+        Highest block number of the map, plus one.
     changed : dict of int to (int, int, (N,) of type ROW)
-        The map's blocks that have changed since the last snapshot: key of the cube, visit, rows.
+        Map blocks that have changed since the last snapshot, by number: key of the cube, visit, rows.
     """
 
     taken: Taken
@@ -67,37 +67,37 @@ class Snapshot:
 
 
 class SceneBlockStore:
-    """The blocks of a scene: those of the map that are not in memory come from here.
+    """The blocks of a scene file, from which map blocks are loaded into memory.
 
     Parameters
     ----------
     connection : sqlite3.Connection
     path : Path
-        Of the scene, for messages.
+        Path of the scene, for messages.
     """
 
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
         self._connection, self._path = connection, path
         self.voxels: VoxelMap | None = None
-        # The blocks that are being written.
+        # Blocks that are being written.
         self.awaited: npt.NDArray[np.int64] = np.zeros(0, np.int64)
 
     def takes(self, blocks: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-        """Tell which blocks (N,) are in the file as they are now."""
+        """Tell which blocks (N,) are in the file in their current form."""
         if self.voxels is None:
             return np.zeros(len(blocks), bool)
         return ~self.voxels.stored.has_changed(blocks) & ~np.isin(blocks, self.awaited)
 
     def put(self, block: int, rows: npt.NDArray[Any]) -> None:
-        """Do nothing: it is there."""
+        """Do nothing: the block is in the file already."""
 
     def get(self, blocks: Sequence[int], counts: Sequence[int]) -> list[npt.NDArray[Any]]:
-        """Return the rows of blocks that have this many.
+        """Return the rows of blocks, given the number of rows of each.
 
         Raises
         ------
         InputError
-            They are damaged.
+            A block is damaged.
         """
         found, columns = [], columns_of("blocks")
         with complaining(self._path):
@@ -111,16 +111,16 @@ class SceneBlockStore:
 
 
 class StateFile:
-    """Writes the states of one scene, one after the other.
+    """Writes successive states of one scene.
 
     Parameters
     ----------
     connection : sqlite3.Connection
-        Of the scene: what it holds of an earlier state is replaced.
+        Connection to the scene; an earlier state in it is replaced.
     tracker : PosedTracker
     poses : ScenePoses
     block_store : SceneBlockStore, optional
-        Where the map's blocks come from that are not in memory.
+        Source of map blocks that are not in memory.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class StateFile:
     ) -> None:
         self._tracker, self._poses, self._block_store = tracker, poses, block_store
         self._encoder = Encoder()
-        # Digests of what the file holds by part and path, the part itself under ""; b"" where that is not known.
+        # Digests of the file's contents by part and path ("" for the part's own fields); b"" where unknown.
         self._written: dict[tuple[str, str], bytes] = {}
         for query in ("SELECT key, '' FROM parts", "SELECT part, path FROM arrays"):
             self._written |= dict.fromkeys(connection.execute(query), b"")
@@ -144,14 +144,14 @@ class StateFile:
         self._plain = {number for (number,) in connection.execute(query, (ROW.itemsize,))}
 
     def snapshot(self) -> Snapshot:
-        """Take the state of now."""
+        """Return a snapshot of the current state."""
         taken = take(SceneState(self._tracker.state(), self._poses.state()))
         voxels = self._tracker.voxels
         blocks = voxels.stored.take_changed()
         if self._begin:
             blocks, self._begin = np.arange(1, voxels.stored.blocks), False
         changed = dict(zip(blocks.tolist(), voxels.stored.copies(blocks), strict=True))
-        if self._block_store is not None:  # only now: what was put aside before is on another one
+        if self._block_store is not None:  # not earlier: evicted blocks were in another store
             self._block_store.awaited = blocks
             if self._block_store.voxels is not voxels:
                 voxels.stored.use_store(self._block_store)
@@ -161,9 +161,9 @@ class StateFile:
     def write(
         self, connection: sqlite3.Connection, state: Snapshot, pace: Pace | None = None, *, ended: bool = True
     ) -> None:
-        """Write a snapshot, within the caller's transaction; each must be written, in the order of their taking.
+        """Write a snapshot, within the caller's transaction; every snapshot must be written, in order.
 
-        With `ended`, no other follows soon: all is compressed.
+        With `ended`, no other snapshot follows soon: all blocks are compressed.
         """
         pace = pace or Pace()
         self._write_parts(connection, state, pace)
@@ -188,7 +188,7 @@ class StateFile:
         self._plain = set() if ended else {*rest[PACKED_A_TIME:], *state.changed}
 
     def mark_committed(self) -> None:
-        """Tell that what was written last is committed."""
+        """Note that the last written snapshot is committed."""
         if self._block_store is not None:
             self._block_store.awaited = np.zeros(0, np.int64)
 
@@ -229,7 +229,7 @@ class StateFile:
 
 
 def has_state(connection: sqlite3.Connection) -> bool:
-    """Tell whether a scene has a state that can be gone on from."""
+    """Tell whether a scene has a state from which tracking can continue."""
     return connection.execute("SELECT 1 FROM parts LIMIT 1").fetchone() is not None
 
 
@@ -241,7 +241,7 @@ def load_state(
     memory_mb: float = MEMORY_MB,
     block_store: SceneBlockStore | None = None,
 ) -> tuple[PosedTracker, ScenePoses]:
-    """Return a tracker, and where its frames are taken, that go on from the state of a scene.
+    """Return the tracker and the poses that continue from the state of a scene.
 
     Blocks of the map are read when they are accessed.
 
@@ -249,11 +249,11 @@ def load_state(
     ----------
     connection : sqlite3.Connection
     intrinsics : Intrinsics
-        Of the frames that come.
+        Intrinsics of new frames.
     proposals, memory_mb
         As for `Tracker`.
     block_store : SceneBlockStore, optional
-        Where blocks are read from; the same connection unless given.
+        Store from which blocks are read; by default one with the same connection.
 
     Raises
     ------
@@ -276,7 +276,7 @@ def load_state_without_map(
     *,
     memory_mb: float = MEMORY_MB,
 ) -> tuple[PosedTracker, ScenePoses]:
-    """Return as `load_state` a tracker whose voxel map has no rows yet."""
+    """Return tracker and poses as `load_state` does, but with a voxel map that has no rows yet."""
     parts = load_parts(connection)
     with refusing_nonsense():
         state = decode(SceneState, parts)
@@ -285,12 +285,12 @@ def load_state_without_map(
 
 
 def block_rows(connection: sqlite3.Connection) -> list[BlockRow]:
-    """Return what the file says of the map's blocks, ascending by number.
+    """Return the block rows of the map without the voxel data, ascending by number.
 
     Raises
     ------
     DamagedError
-        One makes no sense, or they are not all that the map has.
+        A row is invalid, or blocks of the map are missing.
     """
     blocks = [
         BlockRow(*row)
@@ -308,7 +308,7 @@ def block_rows(connection: sqlite3.Connection) -> list[BlockRow]:
 
 @contextmanager
 def refusing_nonsense() -> Iterator[None]:
-    """Raise DamagedError where live objects cannot be made of what a file holds."""
+    """Raise DamagedError if live objects cannot be made from the contents of a file."""
     try:
         yield
     except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, MemoryError) as error:
@@ -316,7 +316,7 @@ def refusing_nonsense() -> Iterator[None]:
 
 
 def _seal(connection: sqlite3.Connection, pace: Pace | None = None) -> str:
-    """Return a check sum over which parts and arrays there are, of which forms, and over their own check sums."""
+    """Return a check sum over the keys, forms and check sums of all parts and arrays."""
     seal = 0
     for query in (
         "SELECT key, check_sum FROM parts ORDER BY key",
@@ -336,7 +336,7 @@ def load_parts(connection: sqlite3.Connection) -> dict[str, Part]:
     Raises
     ------
     InputError
-        One is damaged.
+        A part or block is damaged.
     """
     sealed = connection.execute("SELECT value FROM scene WHERE key = 'seal'").fetchone()
     if sealed is None or sealed[0] != _seal(connection):
@@ -353,12 +353,12 @@ def load_parts(connection: sqlite3.Connection) -> dict[str, Part]:
 
 
 def load_blocks(connection: sqlite3.Connection) -> Iterator[tuple[BlockRow, npt.NDArray[Any]]]:
-    """Give the map's blocks, and their rows.
+    """Yield the map's blocks with their rows.
 
     Raises
     ------
     InputError
-        One is damaged.
+        A part or block is damaged.
     """
     for row in iterate_table(connection, "blocks"):
         block = BlockRow(*row[:5])

@@ -1,4 +1,4 @@
-"""A scene: one file a place, opened, asked and extended."""
+"""A scene: one file per place that can be opened, queried and extended."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 class Scene(SceneReader):
     """A scene in its file: map, objects and labels, which each recording extends.
 
-    Use it as a context manager. Reading takes no lock: what another one commits meanwhile is seen. The first call
-    that writes takes the only right to write, and keeps it until the scene is closed.
+    Use it as a context manager. Reading takes no lock and sees the commits of other processes. The first call that
+    writes takes the exclusive write lock, and holds it until the scene is closed.
 
     Parameters
     ----------
     path : path
-        Of the file; it is made by the first call that writes.
+        The scene file; the first call that writes creates it.
     """
 
     def __init__(self, path: PathLike) -> None:
@@ -54,7 +54,7 @@ class Scene(SceneReader):
 
     @classmethod
     def open(cls, path: PathLike) -> Scene:
-        """Open a scene, or one that is to be made.
+        """Open a scene that exists or will be created.
 
         Raises
         ------
@@ -79,7 +79,7 @@ class Scene(SceneReader):
             self.close()
 
     def close(self) -> None:
-        """Let the file go; what was not committed is dropped."""
+        """Close the file; uncommitted changes are dropped."""
         if self._tracker is not None:
             self._tracker.drop()
             self._tracker = None
@@ -105,22 +105,22 @@ class Scene(SceneReader):
         commit_every_s: float = COMMIT_EVERY_S,
         memory_mb: float = MEMORY_MB,
     ) -> SceneTracker:
-        """Begin a recording whose frames have poses in the scene's world, or go on with one that was broken off.
+        """Begin a recording whose frames have poses in the scene's world, or resume an interrupted one.
 
         Parameters
         ----------
         intrinsics : Intrinsics
-            Of every frame.
+            Intrinsics of every frame.
         config : TrackerConfig, optional
-            The scene's own, unless it is new.
+            Configuration of a new scene; an existing scene keeps its own.
         proposals : str or ProposalSource, optional
             As for `Tracker`.
         source : Source, optional
-            What the scene records of the recording.
+            Description of the recording that the scene stores.
         same_world : bool
-            Given poses are in the scene's world; else they are aligned with it by `SceneTracker.poses`.
+            Whether given poses are in the scene's world; else `SceneTracker.poses` aligns them with it.
         resume : bool
-            Go on with the last recording, from the frame `visit.next_frame` on.
+            Whether to continue the last recording, from the frame `visit.next_frame` on.
         commit_every_s : float
         memory_mb : float
             As for `Tracker`.
@@ -128,10 +128,10 @@ class Scene(SceneReader):
         Raises
         ------
         InputError
-            The scene's state is damaged; there is nothing to resume; `config` is not that of
-            the scene; poses are to be aligned with a scene that has no keyframes.
+            The scene's state is damaged; there is nothing to resume; `config` differs from the scene's configuration;
+            or poses must be aligned with a scene that has no keyframes.
         OutputError
-            Another one writes the scene, or it cannot be written.
+            Another process writes the scene, or it cannot be written.
         """
         source = source or Source("", "frames", "given", 0, intrinsics, {})
         if self._tracker is not None:
@@ -147,7 +147,7 @@ class Scene(SceneReader):
             if has_state(connection):
                 tracker, poses = load_state(connection, intrinsics, own, memory_mb=memory_mb, block_store=block_store)
                 self._refuse_other_config(tracker.config, config)
-            else:  # it may have had a state, and lost it with a damaged file
+            else:  # a damaged file may have lost its state
                 tracker = PosedTracker(intrinsics, config, own, memory_mb=memory_mb)
                 poses = ScenePoses(intrinsics, tracker.config)
                 tracker.begin_labels(
@@ -176,44 +176,44 @@ class Scene(SceneReader):
         return self._tracker
 
     def _refuse_other_config(self, own: TrackerConfig, asked: TrackerConfig | None) -> None:
-        """Raise InputError where a setting is asked for that is neither the default nor the scene's own."""
+        """Raise InputError if a requested setting is neither the default nor the scene's own."""
         for name, value in (asked or own).to_dict().items():
             if value not in (getattr(TrackerConfig(), name), getattr(own, name)):
                 raise InputError(f"{self.path}: the scene was made with {name} = {getattr(own, name):g}, not {value:g}")
 
     def pending(self) -> dict[str, str]:
-        """Return what the files of the results held when the run that is gone on with was broken off, by name."""
+        """Return the result files' contents, by name, at the interruption of the resumed run."""
         assert self._tracker is not None
         assert self._write is not None
         with complaining(self.path):
             return visits.pending(self._write.connection, self._tracker.visit)
 
     def name(self, label: int, name: str) -> None:
-        """Give an object a name, or take it away with an empty one.
+        """Set the name of an object; an empty name removes it.
 
         Raises
         ------
         InputError
-            No object has the label, or the name is no single line of at most 100 characters.
+            No object has the label, or the name is not a single line of at most 100 characters.
         """
         name = checked_name(self.path, name)
         self._labels_of(label)
         self._change("UPDATE objects SET name = ? WHERE label = ?", (name or None, label))
 
     def merge(self, one: int, two: int) -> int:
-        """Make one object of two that are one; return the label that stays, the older.
+        """Merge two objects that are the same; return the older label, which stays.
 
         Raises
         ------
         InputError
-            One of them is not there, or they are the same.
+            One of the objects does not exist, or both are the same.
         """
         connection = self._writing().connection
         with complaining(self.path):
             return editing.merge(connection, str(self.path), one, two)
 
     def forget(self, label: int) -> None:
-        """Let an object be none: its label is never given again, and what is seen there may become another one.
+        """Delete an object: its label is never reused, and what is seen there may become another object.
 
         Raises
         ------
@@ -226,7 +226,7 @@ class Scene(SceneReader):
             editing.forget(connection, str(self.path), label)
 
     def write_results(self, folder: PathLike, recording: int | None = None, *, force: bool = False) -> None:
-        """Write a result folder, as `cuboid track` leaves it, of a recording: the last one unless given.
+        """Write a result folder of a recording (default: the last one), as `cuboid track` does.
 
         Raises
         ------
@@ -240,19 +240,19 @@ class Scene(SceneReader):
         with complaining(self.path):
             number = len(self.recordings) if recording is None else recording
             connection = self._connection()
-            connection.execute("BEGIN")  # all that is read is of one moment
+            connection.execute("BEGIN")  # all reads see the same commit
             try:
                 write_results(self, connection, number, as_path(folder), force=force)
             finally:
                 connection.execute("COMMIT")
 
     def keep_vectors(self, found: Embeddings) -> None:
-        """Keep vectors of objects by an image-text model, as `Results.embed` returns them, for `find`.
+        """Store objects' vectors by an image-text model, as returned by `Results.embed`, for `find`.
 
         Raises
         ------
         OutputError
-            Another one writes the scene, or it cannot be written.
+            Another process writes the scene, or it cannot be written.
         """
         from cuboid.scene.vectors import SceneVector, write_vectors
 
@@ -264,14 +264,15 @@ class Scene(SceneReader):
     def _keep_made(self, model: TextModel, made: Mapping[int, SceneVector]) -> None:
         from cuboid.scene.vectors import write_vectors
 
-        # Whoever adds a recording meanwhile has the right to write: the vectors are made again next time.
+        # Another process may hold the write lock while it adds a recording: the vectors are then computed again next
+        # time.
         with suppress(OutputError), complaining(self.path):
             connection = self._writing().connection
             with transaction(connection):
                 write_vectors(connection, model.identity, made)
 
     def compact(self) -> None:
-        """Write the file anew without the room that is free in it."""
+        """Rewrite the file without its free space."""
         connection = self._writing().connection
         with complaining(self.path):
             with transaction(connection):

@@ -1,4 +1,4 @@
-"""The tables of a scene file: each column with its values; the file is made, and every row is checked, by them.
+"""The tables of a scene file and the values of each column: they define the file and the check of every row.
 
 ``docs/scene.md`` describes each of them.
 """
@@ -30,7 +30,7 @@ from cuboid.core.values import (
 )
 from cuboid.heatmap.kernels.cubes import BLOCK_ROWS
 
-# "CUBD": what the header of the file says that it is.
+# "CUBD": the application ID in the header of the file.
 APPLICATION_ID = 0x43554244
 # Version of the tables and of the states in them.
 VERSION = 1
@@ -42,7 +42,7 @@ Moment: TypeAlias = Annotated[str, Meta(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\
 CheckSum: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
 BlockRows: TypeAlias = Annotated[int, Meta(ge=0, le=BLOCK_ROWS)]
 Motion: TypeAlias = Annotated[bytes, Meta(min_length=128, max_length=128)]
-# An overlap may be rounded to a little more than all.
+# An overlap may be rounded to slightly more than 1.
 Overlap: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0 + 1e-6)]
 State = Literal["present", "gone", "merged", "forgotten"]
 Change = Literal["unchanged", "moved", "gone", "new", "found", "not looked at"]
@@ -57,13 +57,13 @@ class Table:
     columns : dict of str to type
         The values of each column, in order.
     key : str
-        The columns that tell its rows apart, as in SQL; empty for none.
+        The primary key's columns, as in SQL; empty for none.
     rules : tuple of str
         Further constraints, in SQL.
     rows_by_key : bool
-        Whether the rows lie in the order of the key in the file.
+        Whether the file stores the rows in the order of the key.
     optional : bool
-        Whether a scene has it only once something is written into it.
+        Whether the table exists only after something is written into it.
     """
 
     columns: dict[str, Any]
@@ -73,7 +73,7 @@ class Table:
     optional: bool = False
 
     def sql(self, name: str) -> str:
-        """Return the statement that makes the table, unless it is there."""
+        """Return the SQL statement that creates the table if it does not exist."""
         lines = [*(_column(*one) for one in self.columns.items()), *self.rules]
         lines += [f"PRIMARY KEY ({self.key})"] if self.key else []
         kind = "STRICT, WITHOUT ROWID" if self.rows_by_key else "STRICT"
@@ -107,7 +107,7 @@ WITH_DEFAULT = ("complete", "next_frame", "picture_share")
 QUATERNION = ("qw", "qx", "qy", "qz")
 BOX = ("cx", "cy", "cz", "length", "width", "height", *QUATERNION)
 _BOX: dict[str, Any] = dict(zip(BOX, (*[Metres] * 3, *[Side] * 3, *[QuaternionPart] * 4), strict=True))
-# Fields of an object that have columns as they are: labels, names and planes are kept in ways of their own.
+# Fields of an object that have columns unchanged: labels, names and planes are stored in other forms.
 DESCRIBED = tuple(
     one for one in columns_of(TrackedObject) if one.name not in ("label", "name", "plane", "merged_labels")
 )

@@ -1,4 +1,4 @@
-"""A recording that goes into a scene: frames are tracked in the scene's world, and committed every second or so."""
+"""A recording that is added to a scene: frames are tracked in the scene's world, and committed about every second."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from cuboid.tracking.posed_tracker import PosedTracker
 from cuboid.tracking.types import KeptMap
 
 T = TypeVar("T")
-# How often what is new is written, seconds.
+# Interval of commits, seconds.
 COMMIT_EVERY_S = 1.0
-# A commit is written in small steps beside the frames that follow, with this fraction of their work; where the
-# processor is free, within the time until the next commit.
+# A commit is written in small steps while later frames are tracked, with this fraction of the processor time; on an
+# idle machine it ends before the next commit is due.
 WRITING_FRACTION = 0.06
-# One point of the map in this many is compared with the others.
+# Every n-th point of the map is compared with the others.
 SPARSE = 7
 
 
@@ -51,25 +51,25 @@ class SceneTracker(KeptMap):
     Parameters
     ----------
     path : Path
-        Of the scene.
+        Path of the scene.
     file : Writing
     tracker : PosedTracker
     poses : ScenePoses
-        Saved with the tracker.
+        Poses of the scene's frames, saved with the tracker.
     visit : Visit
         The recording in the scene.
     names : mapping of int to str
-        By label.
+        Names by label.
     commit_every_s : float
     block_store : SceneBlockStore
-        Where parts of the map are that are not in memory.
+        Source of map blocks that are not in memory.
     before : Before
-        How things stood when the recording began.
+        The scene when the recording began.
 
     Attributes
     ----------
     commits_itself : bool
-        Whether `update` commits where it is time; else its caller does, by `commit_if_due`.
+        Whether `update` commits when a commit is due; else its caller must call `commit_if_due`.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class SceneTracker(KeptMap):
         return self._tracker
 
     def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
-        """Let a detector look at each n-th frame; see `Tracker`. It is asked about frames by their own numbers."""
+        """Run a detector on every n-th frame; see `Tracker`. It gets frame numbers of the recording."""
         if detector is None:
             return self._tracker.use_detector(None, every)
         detect = OwnFrames(make_detector(detector))
@@ -126,11 +126,11 @@ class SceneTracker(KeptMap):
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
-        """Classes of the detector, once it has looked at a frame."""
+        """Classes of the detector, available after its first frame."""
         return self._tracker.vocabulary
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
-        """Take in a frame; see `Tracker.update`."""
+        """Process a frame; see `Tracker.update`."""
         if self.commits_itself:
             self.commit_if_due()
         shifted = dataclasses.replace(frame, index=frame.index + self._visit.first_frame)
@@ -144,19 +144,19 @@ class SceneTracker(KeptMap):
         return found
 
     def poses(self, given: Poses) -> Poses:
-        """Return where the poses of the recording's frames in the scene's world come from.
+        """Return the source of the poses of the recording's frames in the scene's world.
 
         Parameters
         ----------
         given : Poses
-            The recording's own, where it has any.
+            The recording's own poses, if it has any.
         """
         if self._poses.mode == SAME_WORLD:
             return given
         return _PosesOfVisit(self._poses, self._visit.first_frame, self._tracker)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what the user should know of the recording in the scene."""
+        """Return warnings for the user about the recording in the scene."""
         if self._poses.recognised:
             return ()
         return (
@@ -172,16 +172,16 @@ class SceneTracker(KeptMap):
         self._joined += joined
 
     def skip(self, index: int) -> None:
-        """Tell that a frame cannot be used."""
+        """Record that a frame cannot be used."""
         self._next_frame = index + 1
 
     def keep(self, file: str, text: str) -> None:
-        """Let a text that goes into a file of the results last until these are whole."""
+        """Store a text of a result file in the scene until the results are complete."""
         self._pending.append((file, text))
 
     @property
     def objects(self) -> ObjectTable:
-        """The confirmed objects that this recording has seen, by label; frames are those of the recording."""
+        """The confirmed objects that this recording has seen, by label; frame numbers are the recording's."""
         first = self._visit.first_frame
         return ObjectTable(self._of_visit(item) for item in self._tracker.objects if item.last_frame >= first)
 
@@ -200,26 +200,26 @@ class SceneTracker(KeptMap):
         return of_recording(super().find_furniture(points), self._visit.first_frame)
 
     def commit_if_due(self) -> None:
-        """Write what is new, where the last time is long enough ago; between two frames."""
+        """Write new data if the last commit is long enough ago; to be called between two frames."""
         if self._writing is not None and self._writing.done():
             self.finish_commit()
         if self._writing is None and self._rhythm.due():
             self._commit()
 
     def close(self, *, complete: bool = True, walls: Sequence[Wall] | None = None) -> None:
-        """Write all that is new and let the scene go.
+        """Write all new data and close the scene.
 
         Parameters
         ----------
         complete : bool
-            Whether the recording was taken in to its end; else it can be gone on with.
+            Whether the recording was processed to its end; else it can be resumed.
         walls : sequence of Wall, optional
-            Walls of the place: with them the relations of all objects of the scene are noted for this recording.
+            Walls of the place; if given, the relations of all objects of the scene are noted for this recording.
 
         Raises
         ------
         OutputError
-            The disk is full; what was committed before is there.
+            The disk is full; earlier commits are kept.
         """
         if not self._open:
             return
@@ -236,7 +236,7 @@ class SceneTracker(KeptMap):
             self._thread.shutdown()
 
     def drop(self) -> None:
-        """Let the scene go as it was committed last."""
+        """Close the scene as it was last committed."""
         if self._open:
             self._open = False
             self._pace.hurry()
@@ -273,13 +273,13 @@ class SceneTracker(KeptMap):
         self._writing = self._thread.submit(write)
 
     def _relations(self, walls: Sequence[Wall]) -> Callable[[sqlite3.Connection], None]:
-        """Return what writes the relations of now."""
+        """Return a function that writes the current relations."""
         from cuboid.scene.relations import relations_now, write_relations
 
         return partial(write_relations, recording=self._visit.number, scores=relations_now(self._tracker, walls))
 
     def finish_commit(self) -> None:
-        """Wait until what is being written is committed; raises OutputError where it could not be."""
+        """Wait until the commit in progress is done; raise OutputError if it failed."""
         if self._writing is not None:
             writing, self._writing = self._writing, None
             self._pace.hurry()
@@ -289,7 +289,7 @@ class SceneTracker(KeptMap):
 
 
 class OwnFrames(Generic[T]):
-    """A source of proposals, or a detector, that is asked about frames by their numbers in the recording.
+    """Wraps a source of proposals, or a detector, that gets frames with their numbers in the recording.
 
     Attributes
     ----------
@@ -302,14 +302,14 @@ class OwnFrames(Generic[T]):
         self.first_frame = 0
 
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> T:
-        """Return what the source finds in a frame that the scene has counted."""
+        """Return the source's output for a frame with the scene's number."""
         if self.first_frame:
             frame = dataclasses.replace(frame, index=frame.index - self.first_frame)
         return self._source(frame, intrinsics)
 
 
 class _PosesOfVisit:
-    """Where the frames of a recording are taken, whose numbers the scene counts on from others."""
+    """Poses of a recording's frames; converts the recording's frame numbers to the scene's."""
 
     def __init__(self, poses: ScenePoses, first_frame: int, tracker: PosedTracker) -> None:
         self._poses, self._first, self._tracker = poses, first_frame, tracker
@@ -322,7 +322,7 @@ class _PosesOfVisit:
         return self._poses.locate(dataclasses.replace(frame, index=frame.index + self._first), self._tracker.up)
 
     def _look_at_layout(self) -> None:
-        """Recognise the part that the recording is in by its objects."""
+        """Recognise the part of the recording by the layout of its objects."""
         part, up, T_world_map = self._poses.part, self._tracker.support.up, self._tracker.T_world_map
         things = [o for o in self._tracker.ever_labelled() if o.confirmed and len(o.points)]
         place = {o.label: transform(T_world_map, o.box.center) for o in things}

@@ -1,4 +1,4 @@
-"""Whether what stood in a place stands there still, whichever objects its points belong to by now."""
+"""Whether an old object is still in its place, whichever objects its points belong to now."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from cuboid.core.frame import Float32Array
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.scene.before import Known
 
-# An object is still there when the first fraction of its points is seen again, and less than the second is carved. On
-# made visits, nine tenths of the points of unmoved objects are seen again, and less than a tenth is carved.
+# An object is still there if at least SAME_PLACE of its points are seen again, and less than CHANGED of them are
+# carved. In synthetic visits, nine tenths of the points of unmoved objects are seen again, and less than a tenth is
+# carved.
 SAME_PLACE, CHANGED = 0.6, 0.15
-# A point is seen again where a frame saw something in its voxel or in one beside it, that itself first.
+# A point is seen again if a frame saw a surface in its voxel or in a neighbouring one; its own voxel comes first.
 AROUND = np.array(sorted(np.ndindex(3, 3, 3), key=lambda k: (np.abs(np.array(k) - 1).sum(), k))) - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """The points of an object at a later visit: seen again, carved, or not in view.
+    """The result of looking for an old object's points at a later visit.
 
     Attributes
     ----------
     still : bool
-        Whether they are there still.
+        Whether the object is still in its place.
     owners : (N,) int32
         Number of the object that each point belongs to now, 0 for none.
     """
@@ -36,14 +37,14 @@ class Standing:
 
 
 def standing(voxels: VoxelMap, old: Known, first_frame: int) -> Standing:
-    """Return what became of the points of an object since a frame.
+    """Return whether an object is still there, and the present owners of its points.
 
     Parameters
     ----------
     voxels : VoxelMap
     old : Known
     first_frame : int
-        Only what this frame or a later one saw is seen again.
+        Only surfaces seen in this frame or a later one count as seen again.
     """
     places = old.points.astype(np.float64) + voxels.voxel_m * AROUND[:, None]
     rows = voxels.rows_at(places.reshape(-1, 3)).reshape(len(AROUND), -1)
@@ -56,7 +57,7 @@ def standing(voxels: VoxelMap, old: Known, first_frame: int) -> Standing:
 
 
 def fraction_near(points: Float32Array, others: Float32Array, within_m: float) -> float:
-    """Return the fraction of points (N, 3) that have others (M, 3) near by."""
+    """Return the fraction of points (N, 3) with another point (M, 3) within a distance, metres."""
     if len(points) == 0 or len(others) == 0:
         return 0.0
     distance, _ = cKDTree(others).query(points, distance_upper_bound=within_m)

@@ -1,4 +1,4 @@
-"""Validation of scene files: what their tables hold, column by column; every row is checked as it is read."""
+"""Validation of scene files: every value is checked against its column as the row is read."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cuboid.scene.schema import QUATERNION, TABLES
 T = TypeVar("T")
 Row = tuple[Any, ...]
 
-# Rows of a large table that are read and checked at a time.
+# Number of rows of a large table that are read and checked at a time.
 ROWS_A_TIME = 64
 
 
@@ -55,22 +55,22 @@ class DamagedError(InputError):
 def read_rows(
     connection: sqlite3.Connection, columns: Iterable[str], rest: str, values: Iterable[Any] = ()
 ) -> list[Row]:
-    """Return the rows of a query, each value as its column must be.
+    """Return the rows of a query, with each value checked against its column.
 
     Parameters
     ----------
     connection : sqlite3.Connection
     columns : iterable of str
-        With their tables: "objects.label".
+        Columns with their tables: "objects.label".
     rest : str
-        What follows "SELECT ... FROM".
+        The query after "SELECT ... FROM".
     values : iterable
-        For the places in it.
+        Values for the placeholders of the query.
 
     Raises
     ------
     DamagedError
-        A value is not as it must be.
+        A value is invalid in its column.
     """
     names = tuple(columns)
     rows = connection.execute(f"SELECT {', '.join(names)} FROM {rest}", tuple(values)).fetchall()
@@ -86,7 +86,7 @@ def iterate_table(connection: sqlite3.Connection, table: str) -> Iterator[Row]:
 
 
 def checked(rows: list[Row], columns: Sequence[str]) -> list[Row]:
-    """Return rows of these columns, which have their tables; raises as `read_rows`."""
+    """Return rows after checking them against columns such as "objects.label"; raises as `read_rows`."""
     try:
         found: list[Row] = msgspec.convert(rows, _kind(tuple(columns)))
         return found
@@ -104,12 +104,12 @@ def _kind(columns: tuple[str, ...]) -> Any:
 
 
 def columns_of(table: str, names: Iterable[str] | None = None) -> tuple[str, ...]:
-    """Return the columns of a table, all or these, each with the table."""
+    """Return all or the named columns of a table, each with the table's name in front."""
     return tuple(f"{table}.{name}" for name in names or TABLES[table].columns)
 
 
 def refuse_no_row(table: str, row: Row) -> None:
-    """Raise DamagedError unless a row of a whole table makes sense."""
+    """Raise DamagedError unless a complete row of a table is valid."""
     checked([row], columns_of(table))
     names = list(TABLES[table].columns)
     if "qw" in names:
@@ -117,7 +117,7 @@ def refuse_no_row(table: str, row: Row) -> None:
 
 
 def document(text: str, kind: type[T], what: str) -> T:
-    """Return what JSON text in a column says; DamagedError where it is not as its kind is."""
+    """Return the contents of JSON text in a column; raise DamagedError if they do not match `kind`."""
     try:
         return msgspec.json.decode(text, type=kind)
     except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
@@ -125,7 +125,7 @@ def document(text: str, kind: type[T], what: str) -> T:
 
 
 def rotation_of(quat_wxyz: Sequence[float], what: str) -> Float64Array:
-    """Return the rotation (3, 3) of a quaternion in a row; DamagedError where it is none."""
+    """Return the rotation (3, 3) of a quaternion in a row; raise DamagedError if it is invalid."""
     try:
         refuse_no_quaternion(*quat_wxyz)
     except ValueError as error:
@@ -134,7 +134,7 @@ def rotation_of(quat_wxyz: Sequence[float], what: str) -> Float64Array:
 
 
 def floats_of(data: bytes, kind: str, what: str) -> npt.NDArray[Any]:
-    """Return the finite numbers, of a type of NumPy's, that bytes in a row are; DamagedError where they are others."""
+    """Return finite numbers of a NumPy type from bytes in a row; raise DamagedError if any is not finite."""
     numbers = np.frombuffer(data, kind) if len(data) % np.dtype(kind).itemsize == 0 else np.array([np.nan])
     if not np.isfinite(numbers).all():
         raise DamagedError(f"{what} is damaged: expected finite numbers")
@@ -142,5 +142,5 @@ def floats_of(data: bytes, kind: str, what: str) -> npt.NDArray[Any]:
 
 
 def box_of(numbers: Sequence[float], what: str) -> Box:
-    """Return the box of centre, size and quaternion (w first) in a row; DamagedError where it is none."""
+    """Return the box of centre, size and quaternion (w first) in a row; raise DamagedError if invalid."""
     return Box(np.array(numbers[:3]), np.array(numbers[3:6]), rotation_of(numbers[6:10], what))

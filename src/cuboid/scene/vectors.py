@@ -1,4 +1,4 @@
-"""The vectors of a scene's objects by an image-text model: a row an object, of the model that was used last."""
+"""Objects' vectors by an image-text model: one row per object, of the model that was used last."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TABLE = "embeddings"
 
 
 class SceneVector(NamedTuple):
-    """The vector of an object, and the check sum of the picture that it is of; None where it is of a run's views."""
+    """An object's vector, and the check sum of its source picture, or None if it comes from a run's views."""
 
     vector: Float32Array
     picture: int | None
@@ -33,7 +33,7 @@ def read_vectors(connection: sqlite3.Connection, model: str) -> dict[int, SceneV
     Raises
     ------
     DamagedError
-        A row makes no sense.
+        A row is invalid.
     """
     if not has_table(connection, TABLE):
         return {}
@@ -50,7 +50,7 @@ def write_vectors(connection: sqlite3.Connection, model: str, vectors: Mapping[i
 
 
 def vector_of_picture(model: TextModel, jpeg: bytes) -> SceneVector | None:
-    """Return the vector of the picture that a scene keeps of an object; None where it is damaged."""
+    """Return the vector of an object's stored picture; None if the picture is damaged."""
     color = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
     if color is None:
         return None
@@ -59,5 +59,5 @@ def vector_of_picture(model: TextModel, jpeg: bytes) -> SceneVector | None:
 
 
 def is_of(one: SceneVector | None, jpeg: bytes | None) -> bool:
-    """Tell whether a vector is of an object as the scene has it now: of a run's views, or of this picture."""
+    """Tell whether a vector is up to date: it comes from a run's views, or from this picture."""
     return one is not None and (one.picture is None or (jpeg is not None and one.picture == zlib.crc32(jpeg)))

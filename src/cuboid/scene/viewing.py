@@ -1,4 +1,4 @@
-"""A scene as the page shows it: the map, what changed in the last recording, and names that are kept."""
+"""A scene for the 3D page: the map, the changes of the last recording, and names that the scene stores."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from cuboid.views.report.server import Viewer
 def scene_viewer(
     path: PathLike, work: Path, recording_path: Path | None = None, model: TextModel | None = None
 ) -> Viewer:
-    """Return what shows a scene after its last recording.
+    """Return the viewer of a scene after its last recording.
 
     Parameters
     ----------
     path : path
         The scene.
     work : Path
-        A folder that is not there yet; results are written into it, and must stay while the page is shown.
+        A folder that does not exist yet; the results in it must stay while the page is shown.
     recording_path : Path, optional
-        Where the last recording is now. Where it is nowhere the page has no pictures of frames.
+        Present path of the last recording. If the recording is missing, the page has no pictures of frames.
     model : TextModel, optional
-        What texts are understood by, which the page ranks objects by.
+        Model for text search: the page ranks objects by their fit to a text.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def scene_viewer(
         kept = {item.label: scene.picture(item.label) for item in scene.objects}
 
     def rename(label: int, name: str) -> TrackedObject:
-        with Scene.open(file) as scene:  # for a moment only: a recording may be added meanwhile
+        with Scene.open(file) as scene:  # closed soon, so that a recording can be added meanwhile
             scene.name(label, name)
         return name_object(work, label, name)
 
@@ -69,7 +69,7 @@ def scene_viewer(
 
 
 def _recording(folder: Path, path: Path | None) -> Recording | None:
-    """Return the recording of results; None where it is not there and nobody said that it is."""
+    """Return the recording of results; None if it is missing and no path is given."""
     try:
         return Results(folder, path).recording
     except InputError:
@@ -79,6 +79,6 @@ def _recording(folder: Path, path: Path | None) -> Recording | None:
 
 
 def _picture(jpeg: bytes) -> Picture:
-    """Return a picture that the scene kept: of which frame, and where the object is in it, is not known."""
+    """Return a stored picture; its frame and the object's place in it are unknown."""
     height, width = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)).shape[:2]
     return Picture(None, jpeg, (width, height), np.zeros((0, 4)))

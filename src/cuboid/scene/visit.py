@@ -1,4 +1,4 @@
-"""A recording in a scene: its row, where its frames are in the scene's count, and how far it has come."""
+"""A recording in a scene: its row, its frames in the scene's count, and its progress."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from cuboid.scene.saving import SceneBlockStore, load_state
 from cuboid.scene.validation import columns_of, document, read_rows
 from cuboid.tracking.posed_tracker import PosedTracker
 
-# Columns of `recordings` that say how one was tracked.
+# Columns of `recordings` with the tracking parameters.
 _HOW = ("camera", "settings", "T_world_recording")
-# A state that is loaded to be read or edited takes no frames: any camera will do.
+# A state that is loaded for reading or editing gets no frames: any camera will do.
 ANY_CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What a scene records of a recording.
+    """The description of a recording that a scene stores.
 
     Attributes
     ----------
     path : str
-        Where it lies.
+        Path of the recording.
     format : str
-        Name of its layout.
+        Name of the recording's format.
     poses : str
         "given" or "estimated".
     frames : int
-        How many it has.
+        Number of frames.
     intrinsics : Intrinsics
     settings : dict
-        What it is tracked with.
+        Settings of the tracking.
     """
 
     path: str
@@ -60,15 +60,15 @@ class Visit:
     Attributes
     ----------
     number : int
-        From 1.
+        Number of the recording, from 1.
     first_frame : int
-        The scene counts the frames of all recordings: its number of this one's first.
+        Scene number of the recording's first frame; the scene counts the frames of all recordings.
     next_frame : int
-        Of the recording: where to go on.
+        Frame of the recording at which to continue.
     T_world_recording : (4, 4) float64
-        Carries the recording's own world, where its poses are given, to the scene's.
+        Transform from the recording's world to the scene's, if its poses are given.
     pixels : int
-        Side of the block of its pixels that one pixel of the tracked frames covers.
+        Side of the block of recorded pixels that one pixel of the tracked frames covers.
     """
 
     number: int
@@ -86,7 +86,7 @@ class Visit:
         complete: bool,
         ended: bool,
     ) -> None:
-        """Write how far it has come, within the caller's transaction."""
+        """Write the progress of the recording, within the caller's transaction."""
         connection.executemany(
             "INSERT INTO pending (recording, file, text) VALUES (?, ?, ?)",
             [(self.number, file, text) for file, text in pending],
@@ -100,14 +100,14 @@ class Visit:
 
 
 def now() -> str:
-    """Return the time as texts in the file have it: UTC, ISO 8601."""
+    """Return the current time as text in the file's format: UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def begin(
     connection: sqlite3.Connection, source: Source, T_world_recording: Float64Array, tracker: PosedTracker
 ) -> Visit:
-    """Add a recording to a scene, and note how things stand; what earlier ones left pending is dropped."""
+    """Add a recording to a scene, and note the scene's present contents; pending texts of earlier runs are dropped."""
     first = connection.execute("SELECT coalesce(max(first_frame + frames), 0) FROM recordings").fetchone()[0]
     with transaction(connection):
         connection.execute("DELETE FROM pending")
@@ -130,12 +130,12 @@ def begin(
 
 
 def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
-    """Return the last recording of a scene, which was broken off, to go on with.
+    """Return the last recording of a scene, which was interrupted, to resume it.
 
     Raises
     ------
     InputError
-        It was not broken off, is another one, or was tracked with other settings.
+        The recording was not interrupted, is another one, or was tracked with other settings.
     """
     columns = ("id", "path", "poses", "complete", "first_frame", "next_frame", *_HOW)
     rows = read_rows(connection, columns_of("recordings", columns), "recordings ORDER BY id DESC LIMIT 1")
@@ -158,12 +158,12 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
 
 
 def load_tracker(connection: sqlite3.Connection, path: Path) -> PosedTracker:
-    """Return the tracker of a scene as it was committed last, to read its map; InputError where it is damaged."""
+    """Return the tracker of a scene's last commit, to read its map; raise InputError if it is damaged."""
     return load_state(connection, ANY_CAMERA, block_store=SceneBlockStore(connection, path))[0]
 
 
 def pending(connection: sqlite3.Connection, visit: Visit) -> dict[str, str]:
-    """Return what the files of the results held when a run was broken off, by name."""
+    """Return the contents of the result files, by name, at the interruption of a run."""
     texts: dict[str, list[str]] = {}
     columns = columns_of("pending", ("file", "text"))
     for file, text in read_rows(connection, columns, "pending WHERE recording = ? ORDER BY id", (visit.number,)):

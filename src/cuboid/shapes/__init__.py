@@ -1,4 +1,4 @@
-"""The surface of an object, from its views: depth fused around it, as a mesh with colors."""
+"""The surface of an object as a colored mesh, from the fused depth of its views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The mesh of an object from its views: fused, cut to the object, closed where asked, colored."""
+"""The mesh of an object from its views: fused, cropped to the object, closed on request, colored."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from cuboid.shapes.fusion import PLANE_LAYER, TRUNCATION_VOXELS, Volume, fuse
 from cuboid.shapes.mesh import EXTRA, ObjectMesh
 from cuboid.shapes.views import MARGIN_M, ObjectView
 
-# A box whose foot is this far from its plane, metres, does not stand on it: the map's voxels are half as large.
+# Maximum distance between the bottom of a box and the plane that it stands on, metres: two voxels of the map.
 MAX_FOOT_M = 0.02
-# Up to this height above the support, metres, depth shows the support as well: noise, and the rim where both meet.
+# Up to this height above the support, metres, readings may belong to the support: noise, and the rim where both meet.
 SUPPORT_M = 0.005
-# A surface belongs to the object within this distance of a point of the map that does, metres: two voxels of the map.
+# Maximum distance between a surface of the object and the object's map points, metres: two voxels of the map.
 OWN_M = 0.02
-# A piece with less than this fraction of the seen surface is none: a few readings that err together, or a guess alone.
+# Minimum fraction of the seen surface for a separate piece of the mesh: smaller ones are correlated errors of a few
+# readings, or are only guessed.
 MIN_PIECE = 0.02
 
 
@@ -40,7 +41,7 @@ def object_mesh(
     close: bool = False,
     complete: bool = False,
 ) -> ObjectMesh:
-    """Return the surface of an object as its views show it.
+    """Return the surface of an object, from its views.
 
     Parameters
     ----------
@@ -49,11 +50,11 @@ def object_mesh(
     planes : sequence of SupportPlane
         `item.plane` is an index into them.
     points : MapPoints
-        The map: points of an object say which surfaces are its own.
+        Labelled map points: they decide which surfaces belong to the object.
     close : bool
-        Let the walls go down to the support, and close the foot.
+        Extend the walls down to the support, and close the bottom.
     complete : bool
-        Close all holes: space that no view saw empty is solid, within the box. It closes the foot too.
+        Close all holes: space within the box that no view saw empty is solid. This closes the bottom too.
 
     Raises
     ------
@@ -81,7 +82,7 @@ def object_mesh(
 
 
 def _foot_m(box: Box, plane: SupportPlane | None) -> float:
-    """Return the height of a box's foot above the plane that it stands on; 0 where it stands on none."""
+    """Return the height of a box's bottom above its supporting plane, metres; 0 if there is none."""
     if plane is None:
         return 0.0
     foot_m = box.foot_m(plane.normal, plane.offset)
@@ -89,10 +90,10 @@ def _foot_m(box: Box, plane: SupportPlane | None) -> float:
 
 
 def _solid(volume: Volume, item: TrackedObject, points: MapPoints) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
-    """Return the distance that is negative in the solid object, (X, Y, Z), and where it was seen.
+    """Return the signed distance (X, Y, Z), negative inside the solid object, and which voxels were seen.
 
-    What no view tells of is solid within the object's box. The distance ends at the plane of the support; the layers
-    just above it, where depth shows the support, are those above them.
+    Voxels that no view observed are solid within the object's box. The solid ends at the plane of the support. Layers
+    just above the plane, where depth may show the support, are copies of the layer above them.
     """
     distance, seen, voxel_m = volume.distance.copy(), volume.seen.copy(), volume.voxel_m
     inside = _inside(volume, item.box)
@@ -103,7 +104,7 @@ def _solid(volume: Volume, item: TrackedObject, points: MapPoints) -> tuple[Floa
     distance[:, :, :above], seen[:, :, :above] = distance[:, :, above : above + 1], False
     height_m = (np.arange(distance.shape[2]) - PLANE_LAYER) * voxel_m
     field = np.maximum(distance, (-height_m / (TRUNCATION_VOXELS * voxel_m)).astype(np.float32))
-    # A layer of air around all, so that what is solid up to the margin ends there.
+    # A layer of air around the volume: a solid that reaches the margin ends there.
     for axis in range(3):
         for side in (0, -1):
             np.moveaxis(field, axis, 0)[side] = 1.0
@@ -112,7 +113,7 @@ def _solid(volume: Volume, item: TrackedObject, points: MapPoints) -> tuple[Floa
 
 
 def _inside(volume: Volume, box: Box) -> npt.NDArray[np.bool_]:
-    """Return which voxels lie in a box of the volume's axes, or below it."""
+    """Return which voxels lie inside or below a box that is aligned with the volume."""
     T = volume.T_world_grid
     origin = box.rotation.T @ (T[:3, 3] - box.center)
     x, y, z = (origin[axis] + np.arange(n) * volume.voxel_m for axis, n in enumerate(volume.distance.shape))
@@ -124,7 +125,7 @@ def _inside(volume: Volume, box: Box) -> npt.NDArray[np.bool_]:
 def _foreign(
     volume: Volume, band: npt.NDArray[np.bool_], item: TrackedObject, points: MapPoints
 ) -> npt.NDArray[np.bool_]:
-    """Return which voxels near a surface are not the object's: far from its points, or nearer to another's."""
+    """Return which voxels near a surface are not the object's: far from its points, or nearer to others."""
     reach = replace(item.box, size=item.box.size + 2 * (MARGIN_M + OWN_M))
     around = reach.contains(points.xyz, MARGIN_M)
     own = points.xyz[around & (points.label == item.label)]
@@ -147,7 +148,7 @@ def _at(values: npt.NDArray[np.bool_], grid: Float64Array) -> npt.NDArray[np.boo
 
 
 def _wanted(mesh: ObjectMesh, foot: npt.NDArray[np.bool_], *, close: bool, complete: bool) -> npt.NDArray[np.bool_]:
-    """Return the faces that are asked for: those seen, with `close` those at the foot (V,), with `complete` all."""
+    """Return the requested faces: seen ones, with `close` also those at the bottom, with `complete` all."""
     if complete:
         return np.ones(len(mesh.faces), np.bool_)
     seen = ~mesh.guessed_faces
@@ -158,7 +159,7 @@ def _wanted(mesh: ObjectMesh, foot: npt.NDArray[np.bool_], *, close: bool, compl
 
 
 def _large_pieces(mesh: ObjectMesh, kept: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Return the faces (F,) of pieces that are no specks."""
+    """Return the faces (F,) of sufficiently large pieces."""
     faces = mesh.faces[kept]
     large = np.zeros(len(mesh.faces), np.bool_)
     if not len(faces):

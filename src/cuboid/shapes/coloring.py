@@ -1,4 +1,4 @@
-"""Colors of the vertices of a mesh: those of the views that see them, the nearest and most frontal most."""
+"""Colors of a mesh's vertices: weighted means over the views, with most weight on near and frontal ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cuboid.geometry import se3
 from cuboid.shapes.mesh import ObjectMesh
 from cuboid.shapes.views import ObjectView
 
-# The weight of a view is the cosine of its angle to the power of this: sharp views count, grazing ones do not.
+# Exponent of the cosine of the viewing angle in a view's weight: frontal views dominate, grazing ones count little.
 SHARPNESS = 4
 
 
@@ -56,7 +56,7 @@ def _add(vertices: Float64Array, normals: Float64Array, view: ObjectView, total:
 
 
 def _normals(mesh: ObjectMesh) -> Float64Array:
-    """Return the unit normal of each vertex (V, 3): the mean of its faces', by area."""
+    """Return the unit normal of each vertex (V, 3): the area-weighted mean of its faces' normals."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     of_face = np.cross(b - a, c - a)
     normals = np.zeros_like(mesh.vertices)

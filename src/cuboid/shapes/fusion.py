@@ -1,7 +1,7 @@
 """Depth fused around an object: a truncated signed distance in voxels along its box.
 
 B. Curless and M. Levoy, "A volumetric method for building complex models from range images" (1996), with the distance
-to the plane of each reading in the place of that along the ray: it is right at slanted surfaces as well.
+to the plane of each reading instead of the distance along the ray: it is also correct at slanted surfaces.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.shapes.views import MARGIN_M, ObjectView
 
-# Edge of a voxel, metres: so many along the longest side of the box, within these limits. Depth cameras resolve no
-# less than the first; beyond the second small things lose their form.
+# Edge of a voxel: the longest side of the box is divided into VOXELS_ALONG voxels, within limits in metres. Depth
+# cameras resolve no detail below FINEST_M; above COARSEST_M small objects lose their shape.
 VOXELS_ALONG = 60
 FINEST_M, COARSEST_M = 0.003, 0.005
-# A reading tells of the space this far from its surface, voxels: noise of 3 mm at 1.2 m, walls of mugs of 4 mm.
+# Truncation distance of a reading, voxels: for noise of 3 mm at 1.2 m, and walls of mugs of 4 mm.
 TRUNCATION_VOXELS = 3.0
-# Surfaces that are seen at a more grazing angle than this count for nothing, as the cosine: 80 degrees.
+# Minimum cosine between ray and surface normal for a reading to be used: 80 degrees.
 MIN_COSINE = 0.17
-# Normals are those of neighbours this many pixels apart to both sides, 2 cm at 1 m with common cameras.
+# Distance of the neighbours from which a normal is computed, pixels to both sides: 2 cm at 1 m with common cameras.
 NORMAL_PIXELS = 4
-# The plane of the support lies halfway between the second and the third layer from below; the lowest one is air.
+# Layer coordinate of the support's plane: halfway between the second and third layer from below; the lowest is air.
 PLANE_LAYER = 1.5
-# A voxel is known from this many views: one alone may err at an edge.
+# Minimum number of views of a seen voxel: a single view may be wrong at an edge.
 MIN_VIEWS = 2
 
 
@@ -43,13 +43,13 @@ class Volume:
     Attributes
     ----------
     T_world_grid : (4, 4) float64
-        Carries the middle of voxel (i, j, k), at (i, j, k) times the edge, to the world; z is the box's up.
+        Transform to the world of the centre of voxel (i, j, k), which is (i, j, k) times the edge; z is the box's up.
     voxel_m : float
-        Edge.
+        Edge of a voxel.
     distance : (X, Y, Z) float32
         Signed distance to the surface, positive outside, as a fraction of the truncation, -1..1.
     seen : (X, Y, Z) bool
-        Whether enough views tell of the voxel.
+        Whether enough views observe the voxel.
     """
 
     T_world_grid: Float64Array
@@ -100,14 +100,14 @@ def _add(
     weights: Float32Array,
     count: npt.NDArray[np.uint8],
 ) -> None:
-    """Add what one view tells of each voxel."""
+    """Add the observations of one view to the sums of each voxel."""
     depth = without_mixed(np.ascontiguousarray(view.depth_m))
     cosine = facing(depth, view)
     index, z = _projected(view, T_world_grid, voxel_m, total.shape)
     behind_m = depth.ravel()[index] - z
     reading = depth.ravel()[index]
     slope = cosine.ravel()[index]
-    # Along the normal of the reading's surface; far before it the way along the ray is as good.
+    # Along the normal of the reading's surface. Readings without a normal are used only for free space: along the ray.
     distance = np.where(slope > 0, behind_m * slope, behind_m) / np.float32(truncation_m)
     free = distance > 1.0
     used = (reading > 0) & (z > NEAREST_M) & (distance > -1.0) & (free | (slope >= MIN_COSINE))
@@ -122,7 +122,7 @@ def _add(
 def _projected(
     view: ObjectView, T_world_grid: Float64Array, voxel_m: float, shape: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.int64], Float32Array]:
-    """Return for each voxel the pixel of a view, as a flat index, and its depth, metres; depth 0 where it has none."""
+    """Return for each voxel its pixel in a view, as a flat index, and its depth, metres; 0 outside the view."""
     T = se3.inverse(view.T_world_camera) @ T_world_grid
     steps = [(np.arange(n) * voxel_m).astype(np.float32) for n in shape]
     x, y, z = (
@@ -141,10 +141,9 @@ def _projected(
 
 
 def facing(depth_m: Float32Array, view: ObjectView) -> Float32Array:
-    """Return for each pixel of a view the cosine between its ray and the surface's normal; 0 where there is none.
+    """Return per pixel the cosine between ray and surface normal, times the ray's length at unit depth; 0 if unknown.
 
-    It is the cosine times the length of the ray of unit depth: times a difference of depths it is the distance along
-    the normal.
+    Multiplied by a difference of depths, this is the distance along the normal.
     """
     camera, n = view.camera, NORMAL_PIXELS
     smooth = np.asarray(cv2.medianBlur(depth_m, 5), np.float32) if min(depth_m.shape) >= 5 else depth_m

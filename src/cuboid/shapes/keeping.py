@@ -1,4 +1,4 @@
-"""Views of the objects of a run, kept for their shapes where its frames are gone afterwards: `views.zip`.
+"""Views of a run's objects, stored in `views.zip` for their shapes when the frames are gone afterwards.
 
 ::
 
@@ -7,8 +7,8 @@
       000000.png            depth of that part of the frame, 16 bits, a fifth of a millimetre
       000000.jpg            its color
 
-A view is kept where the camera sees an object from a new side, so many an object; where there are more, they lie
-farther apart.
+A view is kept if the camera sees an object from a new side. If an object has too many views, the minimum angle between
+them is increased.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack, unpack
 from cuboid.shapes.views import MAX_VIEWS, MIN_VISIBLE, Candidate, ObjectView, chosen, view_of
 
-# Two views of an object are different where their directions are apart by this much, radians, or one is nearer by this
-# factor.
+# Two views of an object differ if the angle between their directions is at least APART_RAD, radians, or if the distance
+# of the new one is less than NEARER times that of the old one.
 APART_RAD, NEARER = 0.1, 0.7
-# More views than `MAX_VIEWS` lie this many times as far apart.
+# Factor by which the minimum angle grows when an object has more than `MAX_VIEWS` views.
 WIDER = 1.3
-# All views of a run, bytes: a hundred objects of common size.
+# Maximum size of all views of a run, bytes: enough for a hundred objects of common size.
 MAX_BYTES = 256 << 20
 # Units of depth per metre, up to 13 m; quality of the JPEG.
 DEPTH_UNITS_PER_M, JPEG_QUALITY = 5000, 90
@@ -47,7 +47,7 @@ DATE = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptView:
-    """A view as it is kept; fields as of `Candidate`, and its images."""
+    """A stored view: the fields of `Candidate`, and its encoded images."""
 
     frame: int
     box: Box
@@ -59,11 +59,11 @@ class KeptView:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
         return len(self.png) + len(self.jpeg)
 
     def opened(self, camera: Intrinsics, T_world_camera: Float64Array) -> ObjectView:
-        """Return the view with its images, of the camera of the whole frame."""
+        """Return the view with decoded images; `camera` is that of the whole frame."""
         raw = cv2.imdecode(np.frombuffer(self.png, np.uint8), cv2.IMREAD_UNCHANGED)
         color = cv2.imdecode(np.frombuffer(self.jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
         if raw is None or color is None or raw.shape != color.shape[:2] or raw.dtype != np.uint16:
@@ -81,7 +81,7 @@ class ViewKeeper:
     Attributes
     ----------
     camera : Intrinsics
-        Of the frames.
+        Camera of the frames.
     """
 
     camera: Intrinsics
@@ -90,7 +90,7 @@ class ViewKeeper:
     _bytes: int = 0
 
     def add(self, frame: Frame, T_world_camera: Float64Array, sightings: Sequence[Sighting]) -> None:
-        """Keep the views of the objects seen in a frame that show a new side of them."""
+        """Keep the views in a frame that show a new side of their objects."""
         for seen in sightings:
             if seen.visible >= MIN_VISIBLE:
                 self._add(frame, T_world_camera, seen)
@@ -98,7 +98,7 @@ class ViewKeeper:
     def _add(self, frame: Frame, T_world_camera: Float64Array, seen: Sighting) -> None:
         views = self._views.setdefault(seen.label, [])
         if views and not iou_matrix(pack([views[-1].box]), pack([seen.box]))[0, 0] > 0:
-            self._drop(seen.label, [])  # it was put elsewhere
+            self._drop(seen.label, [])  # the object was moved
             views = self._views[seen.label]
         apart_rad = self._apart_rad.setdefault(seen.label, APART_RAD)
         if not _is_new(T_world_camera, views, seen.box, apart_rad):
@@ -117,7 +117,7 @@ class ViewKeeper:
             views = self._drop(seen.label, _spread(views, seen.box, self._apart_rad[seen.label]))
 
     def _drop(self, label: int, kept: list[KeptView]) -> list[KeptView]:
-        """Keep only these views of an object."""
+        """Replace the views of an object by some of them; return these."""
         self._bytes -= sum(view.size for view in self._views[label]) - sum(view.size for view in kept)
         self._views[label] = kept
         return kept
@@ -125,12 +125,12 @@ class ViewKeeper:
     def views(
         self, item: TrackedObject, T_world_camera: Mapping[int, Float64Array], most: int | None = None
     ) -> list[ObjectView]:
-        """Return the views of an object, at most so many, with the poses of their frames as known now."""
+        """Return at most `most` views of an object, with the current poses of their frames."""
         kept = [view for label in (item.label, *item.merged_labels) for view in self._views.get(label, ())]
         return opened(kept, self.camera, item.box, T_world_camera, most)
 
     def content(self) -> bytes:
-        """Return the file `views.zip`."""
+        """Return the contents of the file `views.zip`."""
         rows: list[dict[str, Any]] = []
         target = io.BytesIO()
         with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
@@ -184,14 +184,14 @@ def opened(
     T_world_camera: Mapping[int, Float64Array],
     most: int | None = None,
 ) -> list[ObjectView]:
-    """Return those of the views to use, `most` as of `chosen`, opened, with the poses of their frames."""
+    """Select views as `chosen` does, and return them opened, with the poses of their frames."""
     known = {view.frame: view for view in sorted(kept, key=lambda view: view.frame) if view.frame in T_world_camera}
     candidates = [Candidate(view.frame, view.box, view.visible, T_world_camera[k]) for k, view in known.items()]
     return [known[one.frame].opened(camera, one.T_world_camera) for one in chosen(candidates, box, most)]
 
 
 def _is_new(T_world_camera: Float64Array, views: Sequence[KeptView], box: Box, apart_rad: float) -> bool:
-    """Tell whether a camera sees an object from another side than the views do, or from much nearer."""
+    """Tell whether a camera sees an object from another side than all views, or from much nearer."""
     if not views:
         return True
     towards = np.array([T_world_camera[:3, 3], *(view.T_world_camera[:3, 3] for view in views)]) - box.center
@@ -202,7 +202,7 @@ def _is_new(T_world_camera: Float64Array, views: Sequence[KeptView], box: Box, a
 
 
 def _spread(views: Sequence[KeptView], box: Box, apart_rad: float) -> list[KeptView]:
-    """Return the views without those that are alike to an earlier one."""
+    """Return the views that differ from all earlier ones."""
     kept: list[KeptView] = []
     for view in views:
         if _is_new(view.T_world_camera, kept, box, apart_rad):

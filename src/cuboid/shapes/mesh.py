@@ -29,7 +29,7 @@ class ObjectMesh:
         Rows of `vertices`, counter-clockwise seen from outside.
     rgb : (V, 3) uint8
     guessed : (V,) bool
-        Vertices that no camera saw: those of a closed foot, and of holes that were filled.
+        Vertices that no camera saw: in a closed bottom, and in filled holes.
     views : int
         Views that were fused.
     """
@@ -56,7 +56,7 @@ class ObjectMesh:
         return replace(self, vertices=se3.transform(T, self.vertices))
 
     def part(self, faces: npt.NDArray[np.bool_]) -> ObjectMesh:
-        """Return the mesh of some of the faces, a mask (F,), without the vertices that no other has."""
+        """Return the mesh of the faces in a mask (F,), without unused vertices."""
         kept, rows = np.unique(self.faces[faces], return_inverse=True)
         return ObjectMesh(
             self.label,
@@ -69,9 +69,9 @@ class ObjectMesh:
         )
 
     def to_trimesh(self) -> Any:
-        """Return it as `trimesh.Trimesh` with vertex colors, in the world; its method `export` writes files.
+        """Return the mesh as `trimesh.Trimesh` with vertex colors, in the world; its method `export` writes files.
 
-        Its `vertex_attributes` have "guessed", which a PLY file keeps.
+        The `vertex_attributes` contain "guessed", which a PLY file keeps.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A view of an object: the part of a frame that shows it; which frames to take."""
+"""A view of an object (the part of a frame that shows it), and the selection of frames."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
 
-# What is fused reaches this far beyond the box, metres: boxes err by a voxel of the map, and a mesh ends in the open.
+# Margin of the fused volume around the box, metres: boxes have errors of a voxel, and a mesh must end in free space.
 MARGIN_M = 0.01
-# Pixels around them: for the normals at their rim.
+# Margin of a view, pixels: for the normals at its border.
 RIM_PIXELS = 6
-# A view shows at least this fraction of the object's near side: less is a view of what hides it.
+# Minimum visible fraction of the object's near side in a view: with less, it mainly shows the occluder.
 MIN_VISIBLE = 0.3
-# Views fused: their noise is averaged to a seventh, and more add time alone.
+# Maximum number of fused views: they reduce the noise to a seventh, and more views only add time.
 MAX_VIEWS = 48
 
 
@@ -30,11 +30,11 @@ class ObjectView:
     Attributes
     ----------
     depth_m : (h, w) float32
-        Metres, 0 none.
+        Depth, metres; 0 for no reading.
     color : (h, w, 3) uint8
         RGB.
     camera : Intrinsics
-        Of this part.
+        Intrinsics of this part.
     T_world_camera : (4, 4) float64
     """
 
@@ -65,7 +65,7 @@ class Candidate:
 
 
 def view_of(frame: Frame, camera: Intrinsics, T_world_camera: Float64Array, box: Box) -> ObjectView | None:
-    """Return the part of a frame that shows a box with its margin; None where it shows none of it."""
+    """Return the part of a frame that shows a box with its margin; None if the box is not in view."""
     rectangle = window(box, camera, T_world_camera)
     if rectangle is None:
         return None
@@ -89,18 +89,19 @@ def window(box: Box, camera: Intrinsics, T_world_camera: Float64Array) -> tuple[
 
 
 def chosen(candidates: Sequence[Candidate], box: Box, most: int | None = None) -> list[Candidate]:
-    """Return the frames to fuse, in their order: since the object stands where it is, from as many sides as there are.
+    """Return the frames to fuse, in order: those since the object's last move, from many different sides.
 
-    The first is the best view, each next one the farthest in direction from all before, weighed by how much it shows.
+    The first selected frame is the best view. Each next one has the largest angle to all selected ones, weighted by its
+    quality.
 
     Parameters
     ----------
     candidates : sequence of Candidate
-        By frame.
+        Candidates in the order of their frames.
     box : Box
-        Where the object stands at last.
+        Final box of the object.
     most : int, optional
-        Frames wanted; `MAX_VIEWS` unless given.
+        Maximum number of frames; default `MAX_VIEWS`.
     """
     most = most or MAX_VIEWS
     here = [one for one in _since_it_stands(candidates, box) if one.visible >= MIN_VISIBLE]
@@ -121,7 +122,7 @@ def chosen(candidates: Sequence[Candidate], box: Box, most: int | None = None) -
 
 
 def _since_it_stands(candidates: Sequence[Candidate], box: Box) -> list[Candidate]:
-    """Return those after the last frame at which the object stood where its box now has no part."""
+    """Return the candidates after the last one whose box does not overlap the final box."""
     if not candidates:
         return []
     common = iou_matrix(pack([one.box for one in candidates]), pack([box]))[:, 0]

@@ -1,6 +1,6 @@
-"""The store: what was found in many recordings, as Parquet tables that others read too.
+"""The store: results of many recordings as Parquet tables that other programs can read.
 
-It needs the packages of the extra `cluster`; `cuboid.core.extras` says in one line where they are missing.
+It needs the packages of the extra `cluster`; if they are missing, `cuboid.core.extras` raises an error of one line.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A store for a team: its pages and a read-only API, as an ASGI application."""
+"""A server for a store, as an ASGI application: its pages and a read-only API."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PATHS = {
 
 
 class Store:
-    """The store behind the pages: one question at a time, each to the tables as they are then."""
+    """The store behind the pages: it answers one query at a time, from the tables as they are then."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -65,23 +65,23 @@ class Store:
 def application(
     url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_NAMES, model: TextModel | None = None
 ) -> Starlette:
-    """Return the application.
+    """Return the ASGI application of a store.
 
     Parameters
     ----------
     url : str
-        Of the store.
+        URL of the store.
     token : str or None
-        What who asks must know; None lets everybody in who can reach it.
+        Token that a request must contain; with None every request is answered.
     hosts : tuple of str
-        Names under which it is answered; ``*`` for any.
+        Host names for which requests are answered; ``*`` for any.
     model : TextModel, optional
-        What texts are understood by, which objects are ranked by.
+        Model for text search, which ranks the objects.
 
     Raises
     ------
     InputError
-        There is no store.
+        There is no store at the URL.
     """
     store = Store(url)
 
@@ -149,7 +149,7 @@ def application(
 
 
 def openapi(*, secured: bool) -> dict[str, Any]:
-    """Return what the API is, as an OpenAPI 3.1 document."""
+    """Return the description of the API, as an OpenAPI 3.1 document."""
     answer = {"200": {"description": "rows", "content": {"application/json": {"schema": {"type": "object"}}}}}
     wrong = {"400": {"description": "what is wrong with the question, in one line"}}
     document: dict[str, Any] = {
@@ -185,7 +185,7 @@ def _rows(name: str, rows: list[dict[str, Any]]) -> Response:
 
 
 def _file(url: str, path: str) -> Response:
-    """Return a file of a result folder; nothing else of the store, and nothing beside it."""
+    """Return a file of a result folder; files elsewhere in the store, or outside it, are refused."""
     parts = path.split("/")
     if parts[-1] not in OUTPUT_NAMES or any(part in ("", ".", "..") or part.startswith(".") for part in parts):
         return PlainTextResponse("not there", 404)

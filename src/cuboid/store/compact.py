@@ -1,4 +1,4 @@
-"""Gather the many small files that runs leave into few large ones."""
+"""Compaction: merges the many small files that runs write into few large ones."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from cuboid.store.query import connected, read
 from cuboid.store.schema import TABLES
 from cuboid.store.snapshot import Manifest, Part, Snapshot, manifest_name, manifests, name_of, snapshot
 
-# A gathered file that has grown so large is left as it is: a day costs no more to add to than this.
+# Gathered files of at least this size are not rewritten: this bounds the cost of adding to a day.
 LARGE_BYTES = 32 << 20
 
-# Manifests that stay: whoever has just looked which one is the newest still finds it.
+# Number of manifests that are kept: a reader that has just looked up the newest one still finds it.
 KEPT = 2
 
 
@@ -36,7 +36,7 @@ class Compaction:
     runs : int
         Runs whose files were gathered.
     files_before, files_after : int
-        Files of all tables that count.
+        Number of valid files of all tables.
     """
 
     runs: int
@@ -45,7 +45,7 @@ class Compaction:
 
 
 def compact(place: Place) -> Compaction:
-    """Gather the parts of a store, a file a table and day; killed at any moment, nothing is lost and nothing doubled.
+    """Merge the parts of a store, one file per table and day; an interruption loses and duplicates no rows.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def compact(place: Place) -> Compaction:
     Returns
     -------
     Compaction
-        Of no run where there was nothing to gather, or another process has just done it.
+        With 0 runs if there was nothing to gather, or if another process has just done it.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def compact(place: Place) -> Compaction:
 
 
 def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[str]]:
-    """Write the gathered files; return all that count with them, by table, and the new ones."""
+    """Write the gathered files; return all valid gathered files by table, and the new ones."""
     files: dict[str, list[str]] = {}
     written: list[str] = []
     for table, kind in TABLES.items():
@@ -107,7 +107,7 @@ def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[
 
 
 def _rows(place: Place, names: list[str], table: str) -> pa.Table:
-    """Return the rows of all files, small ones, which DuckDB opens quickly; FileNotFoundError where one is gone."""
+    """Return the rows of many small files, read by DuckDB; raise FileNotFoundError if one is gone."""
     with connected(place, {"threads": 1}) as connection:
         try:
             rows = connection.sql(read(connection, place, table, names, partitioned=False))
@@ -129,9 +129,9 @@ def _by_day(parts: Iterable[Part], table: str) -> dict[str, list[str]]:
 
 
 def tidy(place: Place) -> int:
-    """Remove what the killed left, tables that count nowhere and partial results, and say how much.
+    """Remove unreferenced table files and partial results of killed processes; return their number.
 
-    What is young may be at work, and stays.
+    Young files stay: their process may still be running.
     """
     found = snapshot(place)
     known = {name for table in TABLES for name in found.files(table)}
@@ -143,7 +143,7 @@ def tidy(place: Place) -> int:
 
 
 def _tidy_results(place: Place, young: datetime) -> int:
-    """Remove partial folders of results; say how many."""
+    """Remove partial folders of results; return their number."""
     if place.local is None:
         return 0
     partial = [path for path in place.local.glob(f"{RESULTS}/**/.*.partial") if path.is_dir()]

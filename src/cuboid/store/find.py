@@ -1,4 +1,4 @@
-"""Find objects in a store by what people know of them: how large, where, when, which color, like which one."""
+"""Search for objects in a store by size, place, time, color, text, or similarity to another object."""
 
 from __future__ import annotations
 
@@ -12,33 +12,32 @@ from cuboid.store.schema import OBJECTS, RUNS
 from cuboid.text_search import TextQuery
 
 SIDES, CENTER = ("longest_m", "middle_m", "shortest_m"), ("center_x_m", "center_y_m", "center_z_m")
-# Columns that every answer has; and all that are shown.
+# Columns that are never null; all columns that are shown.
 NEVER_NULL = ("recording", "label", *SIDES, *CENTER, "frames_seen")
 SHOWN = (*NEVER_NULL[:-1], "name", "color", "score", "frames_seen", "first_frame", "last_frame", "last_seen", "run")
 
 NEWEST = f"run not in (select run from {SUPERSEDED})"
 
-# An object is of a color where this many of its points are: of two colors, both find it.
+# Minimum fraction of an object's points that have a color for the object to match it; an object can match two colors.
 COLORED = 0.3
 
-# Sizes that differ by e in every side, colors that have nothing in common, or shapes that have nothing in common, make
-# two objects equally unlike.
+# Dissimilarity: sizes that differ by a factor of e in every side, disjoint colors and disjoint shapes weigh the same.
 _SIZE = " + ".join(f"abs(ln(greatest({side}, 1e-3) / greatest(?, 1e-3)))" for side in SIDES)
 UNLIKE = f"({_SIZE}) / 3 + list_distance(colors, ?::FLOAT[]) / sqrt(2) + list_distance(shape, ?::FLOAT[]) / sqrt(2)"
-# Cosine of the angle between an object's vector and another one, both of length 1; lists that lie beside nulls are
-# refused by DuckDB, arrays are not.
+# Cosine of the angle between an object's vector and another one, both of length 1. They are cast to arrays, because
+# DuckDB refuses lists in a column with nulls.
 FITTING = "array_inner_product(try_cast(embedding as FLOAT[{n}]), ?::FLOAT[{n}])"
 
 
 def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[dict[str, Any]]:
-    """Return objects of the newest runs as rows: the nearest, most alike or best fitting, or the last seen come first.
+    """Return objects of the newest runs as rows; the nearest, most similar, best matching or last seen is first.
 
     Parameters
     ----------
     tables : Tables
     filters : Filters
     pictures : bool
-        Whether each row has its picture.
+        Whether each row includes the object's picture.
 
     Returns
     -------
@@ -49,8 +48,8 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
     Raises
     ------
     InputError
-        The object that others are to be like is not there, or there are several; no object has a vector of the
-        text's model; or the store is damaged.
+        The reference object of `like` does not exist or is ambiguous; no object has a vector of the text's model; or
+        the store is damaged.
     """
     where, values = _conditions(filters)
     extra, order = [], ["last_seen desc"]
@@ -83,7 +82,7 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
 
 
 def _conditions(filters: Filters) -> tuple[list[str], list[Any]]:
-    """Return conditions in SQL and the values in them."""
+    """Return conditions in SQL and the values of their placeholders."""
     where: list[str] = []
     values: list[Any] = []
 
@@ -94,7 +93,7 @@ def _conditions(filters: Filters) -> tuple[list[str], list[Any]]:
     if filters.size_m is not None:
         add("longest_m between ? and ?", *filters.size_m)
     if filters.near is not None:
-        for axis, value in zip("xyz", filters.near, strict=True):  # skips groups of rows by their extremes
+        for axis, value in zip("xyz", filters.near, strict=True):  # lets DuckDB skip row groups by minimum and maximum
             add(f"center_{axis}_m between ? and ?", value - filters.within_m, value + filters.within_m)
         add(f"{_distance(filters.near)} <= ?", filters.within_m)
     if filters.recording is not None:
@@ -118,7 +117,7 @@ def _conditions(filters: Filters) -> tuple[list[str], list[Any]]:
 
 
 def _relation(kind: str, to: str) -> tuple[Any, ...]:
-    """Return the condition that an object has a relation, and the values in it."""
+    """Return the condition that an object has a relation, and the values of its placeholders."""
     label = label_of(to)
     if label is not None or is_surface(to):
         end = "surface" if label is None else "label"
@@ -131,7 +130,7 @@ def _relation(kind: str, to: str) -> tuple[Any, ...]:
 
 
 def _near_object(to: str, within_m: float) -> tuple[Any, ...]:
-    """Return the condition that an object is near another one of its recording, and the values in it."""
+    """Return the condition that an object is near another one of its recording, and its values."""
     label = label_of(to)
     which = "lower(b.name) = lower(?)" if label is None else "b.label = ?"
     away = " + ".join(f"(a.center_{axis}_m - b.center_{axis}_m)**2" for axis in "xyz")
@@ -146,7 +145,7 @@ def _distance(near: tuple[float, float, float]) -> str:
 
 
 def _the_one(tables: Tables, recording: str, label: int) -> dict[str, Any]:
-    """Return the object that others are to be like."""
+    """Return the reference object of a similarity search."""
     columns = ", ".join(("run", "label", *SIDES, "colors", "shape"))
     found = tables.rows(
         f"select {columns} from {OBJECTS} where recording = ? and label = ? and {NEWEST}", [recording, label]
@@ -163,7 +162,7 @@ def _the_one(tables: Tables, recording: str, label: int) -> dict[str, Any]:
 
 
 def _refuse_other_model(tables: Tables, query: TextQuery) -> None:
-    """Raise InputError where no object has a vector of the length that the text's model gives."""
+    """Raise InputError if no object has a vector of the same length as the text's vector."""
     found = tables.rows(
         f"select len(embedding) as n from {OBJECTS} where embedding_model = ? and len(embedding) > 0 limit 1",
         [query.model],

@@ -1,4 +1,4 @@
-"""Hints at failure in the results of a recording, without any truth: for looking at the worst first."""
+"""Indicators of failure in a recording's results, without ground truth, so that the worst can be inspected first."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from cuboid.core.frame import Float64Array
 from cuboid.core.results import TrackedObject
 from cuboid.geometry.overlap import intersection_matrix, overlap_min_matrix, pack
 
-# Boxes of two objects hardly share this fraction of the smaller one; those of leaning neighbours overlap by less.
+# Correct boxes of two objects rarely share this fraction of the smaller box; leaning neighbours overlap by less.
 OVERLAPPING = 1.0 / 3.0
 
-# An object lies on a surface no farther from it than this, metres: two voxels and the noise of a plane.
+# Maximum distance between an object and a surface that it touches, metres: two voxels plus the noise of a plane.
 TOUCHING_M = 0.03
 
-# Who is seen in fewer frames was hardly confirmed: a label takes about three.
+# Objects seen in fewer frames were barely confirmed: a label takes about three frames.
 BRIEF_FRAMES = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Indicators:
-    """How many objects look wrong.
+    """Numbers of objects that look wrong.
 
     Attributes
     ----------
     overlapping : int
-        Overlap another object by `OVERLAPPING` or more of the smaller box.
+        Objects that overlap another one by `OVERLAPPING` or more of the smaller box.
     floating : int
-        Stand in free space: no plane supports them and no other object touches them.
+        Objects in free space: no plane supports them and no other object touches them.
     brief : int
-        Were seen in fewer than `BRIEF_FRAMES` frames.
+        Objects seen in fewer than `BRIEF_FRAMES` frames.
     """
 
     overlapping: int
@@ -54,7 +54,7 @@ def indicators(objects: Sequence[TrackedObject]) -> Indicators:
 
 
 def _touching(objects: Sequence[TrackedObject], boxes: Float64Array) -> list[bool]:
-    """Tell of each object whether another one is within `TOUCHING_M` of it."""
+    """Tell for each object whether another one is within `TOUCHING_M` of it."""
     grown = pack([replace(item.box, size=item.box.size + 2 * TOUCHING_M) for item in objects])
     common = intersection_matrix(grown, boxes)
     np.fill_diagonal(common, 0.0)

@@ -1,4 +1,4 @@
-"""A whole store against its truths: a row of figures a recording, made by the workers."""
+"""Evaluation of a whole store against ground truth: a row of figures per recording, computed by the workers."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Judged:
     Attributes
     ----------
     rows : dict of str to dict
-        By recording: figures of `cuboid.evaluation.figures`, and what the run took.
+        Figures of `cuboid.evaluation.figures` and the cost of the run, by recording.
     without_truth : tuple of str
-        Recordings of which no truth is there.
+        Recordings without ground truth.
     refused : dict of str to str
-        Recordings that cannot be judged, and why.
+        Recordings that cannot be evaluated, with the reason.
     not_done : dict of str to str
-        Recordings that failed, and why: they have no figures, which is worse than bad ones.
+        Recordings that failed, with the reason: they have no figures, which is worse than bad figures.
     """
 
     rows: dict[str, dict[str, Any]]
@@ -51,22 +51,22 @@ class Judged:
 def judge_store(
     client: Client, url: str, truths: Path, *, version: str | None = None, settings: str | None = None
 ) -> Judged:
-    """Judge the newest run of each recording by its truth.
+    """Evaluate the newest run of each recording against its ground truth.
 
     Parameters
     ----------
     client : distributed.Client
     url : str
-        The store.
+        URL of the store.
     truths : Path
         Folder that holds ``NAME/truth.json`` or ``NAME.json`` for a recording NAME.
     version, settings : str, optional
-        Runs of this version, or with these settings, alone.
+        Use only runs of this version, or with these settings.
 
     Raises
     ------
     InputError
-        There is no store, no such version in it, or no truth of any recording.
+        There is no store, no such version in it, or no ground truth for any recording.
     """
     runs = _runs(Tables(url), version, settings)
     done = [run for run in runs if run["state"] == DONE]
@@ -85,7 +85,7 @@ def judge_store(
 
 
 def truth_of(truths: Path, recording: str) -> Path | None:
-    """Return the truth file of a recording."""
+    """Return the ground-truth file of a recording, or None."""
     places = (truths / recording / TRUTH, truths / f"{recording}.json")
     return next((place for place in places if place.is_file()), None)
 
@@ -110,7 +110,7 @@ def _runs(tables: Tables, version: str | None, settings: str | None) -> list[dic
 
 
 def _judge(asked: tuple[dict[str, Any], Path], url: str) -> dict[str, Any] | str:
-    """Return the figures of a run, or in one line why it has none; a worker does it."""
+    """Return the figures of a run, or the reason why it has none in one line; runs on a worker."""
     run, truth = asked
     place = Place(url)
     try:
@@ -124,7 +124,7 @@ def _judge(asked: tuple[dict[str, Any], Path], url: str) -> dict[str, Any] | str
 
 
 def _costs(run: dict[str, Any]) -> dict[str, Any]:
-    """Return what a run took."""
+    """Return the cost of a run."""
     stages = {stage["stage"]: stage for stage in run["stages"]}
     return {
         "ms_frame": stages["frame"]["median_ms"],
@@ -136,7 +136,7 @@ def _costs(run: dict[str, Any]) -> dict[str, Any]:
 
 
 def _from_tables(tables: Tables, run: dict[str, Any]) -> Result:
-    """Return the result of a run of which no files were kept: without the frames' own boxes."""
+    """Return the result of a run without result files, from the tables; it lacks the boxes of single frames."""
     if run["poses"] == "estimated":
         raise InputError(f"{run['recording']}: its poses were estimated, and without its files no one knows them")
     seen = tables.rows(
@@ -178,7 +178,7 @@ def _boxes(rows: Sequence[dict[str, Any]]) -> Float64Array:
 
 
 def _unit(row: dict[str, Any]) -> tuple[float, float, float, float]:
-    """Return the quaternion of a row as a unit one: the tables have seven digits of it."""
+    """Return the quaternion of a row, normalised: the tables have only seven digits."""
     quat = np.array([row["qw"], row["qx"], row["qy"], row["qz"]], np.float64)
     w, x, y, z = quat / np.linalg.norm(quat)
     return float(w), float(x), float(y), float(z)

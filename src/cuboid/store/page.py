@@ -1,4 +1,4 @@
-"""Pages of a store: how its recordings went, and what was found; each one file without scripts."""
+"""Pages of a store: the outcome of its recordings, and search results; each page is one file without scripts."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from cuboid.views.report.page import own, style
 
 NAME = "index.html"
 
-# This many recordings are on the page: the worst of them; `cuboid sql` has all.
+# Number of recordings on the page, the worst first, and of further ones in a folded list; `cuboid sql` has all.
 WORST, MORE = 10, 490
 
-# Beside the style that all pages share.
+# CSS in addition to the style that all pages share.
 STYLE = """
 .document > * + h2 { padding-top: 28px; }
 .scrolls { overflow-x: auto; }
@@ -54,16 +54,16 @@ def summary_page(
     links: Mapping[str, str] | None = None,
     asked: Mapping[str, str] | None = None,
 ) -> str:
-    """Return how the recordings of a store went, as HTML; their addresses are relative to it.
+    """Return the summary of a store's recordings as HTML; links to the recordings are relative to the store.
 
     Parameters
     ----------
     summary : StoreSummary
     title : str
     links : mapping, optional
-        As in `html`.
+        Links of the page, as in `html`.
     asked : mapping, optional
-        Parameters of the request, which the search form begins with; a page that is a file has no form.
+        Parameters of the request, as initial values of the search form; a page in a file has no form.
     """
     totals = summary.totals
     shown = {
@@ -127,21 +127,21 @@ def found_page(
     fault: str = "",
     names: Sequence[str] = tuple(PARAMETERS),
 ) -> str:
-    """Return objects that were found, with their pictures, as HTML.
+    """Return search results with pictures, as HTML.
 
     Parameters
     ----------
     rows : sequence of mapping
-        From `find`, with pictures.
+        Rows from `find`, with pictures.
     title : str
     links : mapping, optional
-        As in `html`.
+        Links of the page, as in `html`.
     asked : mapping, optional
-        Parameters of the request, which the search form begins with; a page that is a file has no form.
+        Parameters of the request, as initial values of the search form; a page in a file has no form.
     fault : str
-        Why the request was refused.
+        Reason why the request was refused.
     names : sequence of str
-        Parameters that the form has a field for.
+        Parameters that have a field in the form.
     """
     last = next((name for name in ("text_score", "unlike", "distance_m") if rows and name in rows[0]), None)
     heads = ["object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else [])]
@@ -165,7 +165,7 @@ def _counted(count: int) -> str:
 
 
 def _similar(row: Mapping[str, Any]) -> str:
-    """Return a link to the objects most similar to one."""
+    """Return a link to the objects most similar to a given one."""
     question = urlencode({"like": f"{row['recording']}#{row['label']}"})
     return f'<a href="objects?{escape(question)}">similar</a>'
 
@@ -184,7 +184,7 @@ def _lines(names: Sequence[str], lines: Sequence[str], left: int = 1) -> str:
 
 
 def html(title: str, body: str, links: Mapping[str, str] | None = None) -> str:
-    """Return a page; `links` are addresses by their names, the empty one is the page's own."""
+    """Return a page as HTML; `links` are addresses by name, an empty address is the page itself."""
     leads = "".join(
         f'<a href="{quote(address)}">{escape(name)}</a>' if address else f'<a aria-current="page">{escape(name)}</a>'
         for name, address in (links or {}).items()
@@ -192,7 +192,7 @@ def html(title: str, body: str, links: Mapping[str, str] | None = None) -> str:
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)} - cuboid</title>'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<link rel="icon" href="data:,">'  # else browsers ask for /favicon.ico
+        '<link rel="icon" href="data:,">'  # otherwise browsers request /favicon.ico
         f"<style>{style(STYLE, FORM_STYLE)}</style></head><body><header>{own('mark.svg')}<h1>{escape(title)}</h1>"
         f"{f'<nav>{leads}</nav>' if leads else ''}</header>"
         f'<main class="document">{body}</main></body></html>\n'

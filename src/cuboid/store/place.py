@@ -1,4 +1,4 @@
-"""Where a store lies: a folder of this machine or of an object store, of which a file appears whole or not at all."""
+"""The place of a store: a local folder or one in an object store; files appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from cuboid.core.errors import CuboidError, InputError, OutputError, one_line
 from cuboid.formats.reading import MAX_BINARY_BYTES, UnreadableError, read_bytes
 from cuboid.outputs.pending import PendingFile
 
-# Whose errors are refusals of an object store.
+# Packages whose errors are refusals of an object store.
 CLOUD_PACKAGES = ("botocore", "aiobotocore", "gcsfs", "azure", "aiohttp")
-# The folder of a store that holds the result folders.
+# Folder of the result folders within a store.
 RESULTS = "results"
 
-# With fewer rows dictionaries of values take as long to make as everything else, and spare nothing.
+# Minimum number of rows for Parquet dictionaries: with fewer rows they double the writing time and save no space.
 DICTIONARY_ROWS = 10_000
 
 
 class Place:
-    """A folder that is written file by file.
+    """A folder of files, local or in an object store.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Place:
     Raises
     ------
     InputError
-        Nobody knows this kind of URL, a package for it is missing, or it names no place.
+        The kind of URL is unknown, a package for it is missing, or it names no place.
     """
 
     def __init__(self, url: str) -> None:
@@ -62,30 +62,30 @@ class Place:
 
     @property
     def fs(self) -> Any:
-        """The file system of fsspec."""
+        """The fsspec file system."""
         return self._opened[0]
 
     @property
     def root(self) -> str:
-        """The folder, as the file system calls it."""
+        """The folder's path in the file system."""
         return self._opened[1]
 
     @property
     def local(self) -> Path | None:
-        """The folder, where it is of this machine."""
+        """The folder's local path, or None if it is remote."""
         return None if is_remote(self.url) else Path(self.root)
 
     def path(self, name: str) -> str:
-        """Return what the file system calls a file of the folder."""
+        """Return a file's path in the file system."""
         return f"{self.root.rstrip('/')}/{name}"
 
     def address(self, name: str) -> str:
-        """Return what DuckDB calls a file of the folder: a path, or a URL of the file system."""
+        """Return a file's address for DuckDB: a path, or a URL of the file system."""
         path = self.path(name)
         return path if self.local is not None else str(self.fs.unstrip_protocol(path))
 
     def names(self, folder: str) -> list[str]:
-        """Return all files below a folder, relative to the store, sorted; none where there is no such folder."""
+        """Return all files below a folder, relative to the store, sorted; none if the folder is missing."""
         start = len(self.path(""))
         with refusals(self.url, "read"):
             try:
@@ -95,12 +95,12 @@ class Place:
         return sorted(str(name)[start:] for name in found if not Path(str(name)).name.startswith("."))
 
     def read(self, name: str) -> bytes:
-        """Return what a file holds; FileNotFoundError where there is none.
+        """Return the contents of a file; raise FileNotFoundError if it is missing.
 
         Raises
         ------
         InputError
-            It cannot be read: it is none, or the place refuses.
+            It cannot be read: it is no file, or the file system refuses.
         """
         if self.local is not None:
             try:
@@ -113,12 +113,12 @@ class Place:
             return bytes(self.fs.cat_file(self.path(name)))
 
     def put(self, name: str, content: bytes) -> None:
-        """Write a file that appears, or replaces the one that is there, when it is whole.
+        """Write a file atomically; it replaces an existing one.
 
         Raises
         ------
         OutputError
-            It cannot be written.
+            The file cannot be written.
         """
         if self.local is None:
             with refusals(f"{self.url}/{name}", "written"):
@@ -131,7 +131,7 @@ class Place:
             file.show()
 
     def create(self, name: str, content: bytes) -> bool:
-        """Write a file that appears whole; False, and nothing is written, where there is one of this name already."""
+        """Create a file atomically; return False, without writing, if the name is already taken."""
         if self.local is None:
             with refusals(f"{self.url}/{name}", "written"):
                 try:
@@ -144,7 +144,7 @@ class Place:
             file.path.parent.mkdir(parents=True, exist_ok=True)
             file.partial.write_bytes(content)
             try:
-                os.link(file.partial, file.path)  # fails where the name is taken; a rename would replace
+                os.link(file.partial, file.path)  # fails if the name is taken; a rename would replace the file
             except FileExistsError:
                 return False
             finally:
@@ -152,7 +152,7 @@ class Place:
         return True
 
     def remove(self, names: Iterable[str]) -> None:
-        """Remove files; those that are gone already are no fault."""
+        """Remove files; missing ones are ignored."""
         for name in names:
             try:
                 self.fs.rm_file(self.path(name))
@@ -162,20 +162,20 @@ class Place:
                 raise OutputError(f"{self.url}/{name}: cannot be removed: {error}") from error
 
     def put_table(self, name: str, table: pa.Table, group_rows: int) -> None:
-        """Write a table as a file of Parquet, in groups of this many rows."""
+        """Write a table as a Parquet file, in groups of `group_rows` rows."""
         content = io.BytesIO()
         many = len(table) >= DICTIONARY_ROWS
         pq.write_table(table, content, compression="zstd", row_group_size=group_rows, use_dictionary=many)
         self.put(name, content.getvalue())
 
     def read_table(self, name: str, schema: pa.Schema) -> pa.Table:
-        """Return columns of the table in a file of Parquet; FileNotFoundError where there is none.
+        """Return columns of the table in a Parquet file; raise FileNotFoundError if it is missing.
 
         Parameters
         ----------
         name : str
         schema : pyarrow.Schema
-            Of the columns.
+            Schema of the columns.
 
         Raises
         ------
@@ -189,19 +189,19 @@ class Place:
             raise InputError(f"{self.url}/{name}: is no table of a store, or damaged: {one_line(str(error))}") from None
 
     def put_folder(self, folder: Path, name: str, last: str) -> None:
-        """Copy the files of a local folder, the one that makes them whole last."""
+        """Copy the files of a local folder; `last`, which marks the copy as complete, is copied last."""
         for file in sorted(folder.iterdir(), key=lambda file: (file.name == last, file.name)):
             self.put(f"{name}/{file.name}", file.read_bytes())
 
 
 def is_remote(url: str) -> bool:
-    """Tell whether a path is a URL of another place than this machine."""
+    """Tell whether a path is a URL of a remote place."""
     return "://" in url and not url.startswith("file://")
 
 
 @contextmanager
 def refusals(what: str, verb: str) -> Iterator[None]:
-    """Turn what a file system refuses into one line; FileNotFoundError and FileExistsError pass."""
+    """Turn errors of a file system into one line; FileNotFoundError and FileExistsError pass."""
     try:
         yield
     except (FileNotFoundError, FileExistsError):

@@ -1,4 +1,4 @@
-"""The tables of a store through DuckDB, in this process: a view a table, of the files that count."""
+"""The tables of a store through DuckDB, in this process: one view per table, over its valid files."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from cuboid.store.snapshot import ATTEMPTS, Snapshot, snapshot
 
 Found = TypeVar("Found")
 
-# Memory of a query; DuckDB spills nothing, and reports where this is not enough.
+# Memory limit of a query; DuckDB does not spill to disk, and raises an error if the limit is too low.
 MEMORY_LIMIT = "400MB"
 
-# Runs of recordings that were done again since, with other settings or by another version: no one looks for these.
+# Table of runs whose recording has a newer run, with other settings or by another version: searches leave them out.
 SUPERSEDED = "superseded"
 
 
 class Tables:
-    """The tables of a store, as they are when it is opened.
+    """The tables of a store, as they are when this object is made.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Tables:
             except (duckdb.Error, UnreadableError) as error:
                 if attempt == ATTEMPTS - 1 or snapshot(self._place) == self._files:
                     raise InputError(f"{self.url}: is damaged: {_first_line(error)}") from None
-                # else the files were gathered into others meanwhile
+                # otherwise the files were gathered meanwhile: try again
 
     def _connect(self) -> None:
         self._connection = connected(self._place, {"threads": self._threads, "memory_limit": MEMORY_LIMIT})
@@ -68,7 +68,7 @@ class Tables:
         )
 
     def _refuse_other(self, table: str, schema: pa.Schema) -> None:
-        """Raise InputError where a table has not the columns that it must have."""
+        """Raise InputError if a table lacks required columns."""
         found = self._answer(f"select * from {table} limit 0", None)
         try:
             found.select(schema.names).cast(schema)
@@ -82,17 +82,17 @@ class Tables:
         return read(self._connection, self._place, table, names, partitioned=True)
 
     def refresh(self) -> None:
-        """Take the tables as they are now."""
+        """Update the tables to the present files."""
         if snapshot(self._place) != self._files:
             self._open()
 
     def ask(self, question: str, values: object = None) -> pa.Table:
-        """Return the answer to a question in SQL.
+        """Return the result of an SQL query.
 
         Raises
         ------
         InputError
-            DuckDB does not understand it.
+            DuckDB cannot run the query.
         """
         return self._asked(lambda: self._answer(question, values))
 
@@ -101,7 +101,7 @@ class Tables:
         return pa.table({}) if answer is None else answer.to_arrow_table()
 
     def rows(self, question: str, values: object = None) -> list[dict[str, Any]]:
-        """Return the answer as a dict a row; raises as `ask`."""
+        """Return the result as one dict per row; raises as `ask`."""
         rows: list[dict[str, Any]] = self.ask(question, values).to_pylist()
         return rows
 
@@ -117,7 +117,7 @@ class Tables:
 
 
 def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection:
-    """Return a DuckDB in memory that can read the files of a place."""
+    """Return an in-memory DuckDB connection that can read the files of a place."""
     connection = duckdb.connect(config=config)
     if place.local is None:
         connection.register_filesystem(place.fs)
@@ -125,7 +125,7 @@ def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection
 
 
 def empty(connection: duckdb.DuckDBPyConnection, table: str) -> str:
-    """Return the name of a relation with the columns of a table and no row."""
+    """Return the name of an empty relation with the columns of a table."""
     connection.register(f"_{table}", pa.Table.from_pylist([], schema=TABLES[table].schema))
     return f"_{table}"
 
@@ -133,7 +133,7 @@ def empty(connection: duckdb.DuckDBPyConnection, table: str) -> str:
 def read(
     connection: duckdb.DuckDBPyConnection, place: Place, table: str, names: Iterable[str], *, partitioned: bool
 ) -> str:
-    """Return the query for the rows of a table in files; columns that a file lacks, being older, are null."""
+    """Return the query for the rows of a table in files; columns missing in older files are null."""
     options = f"hive_partitioning = {str(partitioned).lower()}"
     if not TABLES[table].has_added:
         return f"select * from read_parquet({listed(place, names)}, {options})"
@@ -142,7 +142,7 @@ def read(
 
 
 def listed(place: Place, names: Iterable[str]) -> str:
-    """Return files of a place as a list in SQL; UnreadableError where one is no file, for which DuckDB would wait."""
+    """Return files as an SQL list; raise UnreadableError for anything else (DuckDB would wait for a pipe)."""
     names = list(names)
     if place.local is not None:
         for name in names:

@@ -1,4 +1,4 @@
-"""From the results of a run to its rows in the tables."""
+"""Conversion of a run's results to rows of the tables."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABL
 from cuboid.text_search import Embeddings
 from cuboid.views.report.pictures import Picture, encode_jpeg
 
-# A picture in a table is so wide at most: a line of a list shows it, and a million of them are three gigabytes.
+# Maximum side of a picture in a table, pixels, and JPEG quality: enough for a list; a million pictures take 3 GB.
 PICTURE_PX, PICTURE_QUALITY = 120, 75
 
 
 @dataclass(frozen=True, slots=True)
 class RunHead:
-    """Values that all rows of a run share, known before the run.
+    """Values that are known before a run and shared by all of its rows.
 
     Attributes
     ----------
     run, recording, source, version, settings : str
-        As the columns of `runs` say.
+        As in the columns of `runs`.
     newest : datetime
-        Of the files of the recording.
+        Time of the newest file of the recording.
     size_bytes : int
-        Of all of them.
+        Total size of the recording's files.
     """
 
     run: str
@@ -52,7 +52,7 @@ class RunHead:
     size_bytes: int
 
     def row(self, state: str, reason: str | None) -> dict[str, Any]:
-        """Return the part of the row in `runs` that a run has whether or not it is done."""
+        """Return the part of the row in `runs` that finished and failed runs share."""
         return {
             "run": self.run,
             "recording": self.recording,
@@ -67,7 +67,7 @@ class RunHead:
 
 @dataclass(frozen=True, slots=True)
 class ReadAs:
-    """How a recording was read.
+    """The properties of a recording as it was read.
 
     Attributes
     ----------
@@ -84,18 +84,18 @@ class ReadAs:
 
 
 def recorded(head: RunHead, results: Results) -> datetime:
-    """Return when a recording begins: by its own times where they are those of a calendar, else by its newest file."""
+    """Return the start of a recording: its first timestamp if that is a calendar time, else its newest file."""
     first_s = next((row.timestamp_s for row in results.poses.values()), 0.0)
     return datetime.fromtimestamp(first_s, UTC) if first_s >= CALENDAR_S else head.newest
 
 
 def day_of(moment: datetime) -> str:
-    """Return the folder of a moment within a table."""
+    """Return the folder, within a table, of the day of a time."""
     return f"day={moment.astimezone(UTC).date().isoformat()}"
 
 
 def failure(head: RunHead, state: str, reason: str) -> pa.Table:
-    """Return the table of `runs` of a recording that is not done."""
+    """Return the table of `runs` for a recording that failed or was set aside."""
     return TABLES[RUNS].table([head.row(state, reason)])
 
 
@@ -107,7 +107,7 @@ def tables_of(
     folder: str | None,
     embeddings: Embeddings | None = None,
 ) -> dict[str, pa.Table]:
-    """Return the rows of a run that is done, by table.
+    """Return the rows of a finished run, by table.
 
     Parameters
     ----------
@@ -115,11 +115,11 @@ def tables_of(
     results : Results
     read_as : ReadAs
     pictures : mapping of int to Picture
-        By label.
+        Pictures by label.
     folder : str or None
-        Where the result files are in the store.
+        Folder of the result files in the store.
     embeddings : Embeddings, optional
-        Of the objects.
+        Vectors of the objects.
     """
     whose = {"run": head.run, "recording": head.recording}
     begin = recorded(head, results)
@@ -133,7 +133,7 @@ def tables_of(
 
 
 def settings_text(settings: Mapping[str, Any]) -> str:
-    """Return settings as the tables have them: the same settings are the same text."""
+    """Return settings as text in canonical form: equal settings give equal texts."""
     return json.dumps(settings, sort_keys=True, ensure_ascii=False, allow_nan=False)
 
 
@@ -160,7 +160,7 @@ def _run(results: Results) -> dict[str, Any]:
 
 
 def _labels(results: Results) -> int:
-    """Return how many labels were given; one is seen, or was merged into another."""
+    """Return the number of labels that were given: seen ones and merged ones."""
     given = {row.label for row in results.tracks} | set(results.survivor)
     return len(given)
 
@@ -198,7 +198,7 @@ def _recording(head: RunHead, results: Results, read_as: ReadAs, begin: datetime
 
 
 def _boxes(boxes: Sequence[Box]) -> list[dict[str, float]]:
-    """Return the columns of boxes, a dict a box."""
+    """Return the columns of boxes, one dict per box."""
     if not boxes:
         return []
     quats = quats_wxyz_from_rotations([box.rotation for box in boxes])
@@ -241,7 +241,7 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
 
 
 def _relations(item: TrackedObject) -> list[dict[str, Any]] | None:
-    """Return the relations of an object; None where it has none, or nobody asked for them."""
+    """Return the relations of an object; None if it has none, or if they were not requested."""
     rows = [
         {"kind": one.kind, "label": one.to, "surface": None, "score": one.score}
         if isinstance(one.to, int)
@@ -252,7 +252,7 @@ def _relations(item: TrackedObject) -> list[dict[str, Any]] | None:
 
 
 def _look(item: TrackedObject, results: Results) -> dict[str, Any]:
-    """Return what one like it is found by."""
+    """Return the columns for similarity search: colors and shape of an object."""
     cloud = results.cloud(item.label)
     colors = color_fractions(cloud.rgb)
     red, green, blue = (round(float(value)) for value in item.mean_color)

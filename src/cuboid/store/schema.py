@@ -13,7 +13,7 @@ from cuboid.core.records import Column as RecordColumn
 from cuboid.core.records import columns_of
 from cuboid.core.results import Sighting, TrackedObject
 
-# The table of runs says which recordings are done: its file is written last.
+# The table of runs marks a recording as done: its file is written last.
 RUNS, RECORDINGS, OBJECTS, SIGHTINGS = "runs", "recordings", "objects", "sightings"
 
 TIME = pa.timestamp("us", tz="UTC")
@@ -25,19 +25,19 @@ DONE, FAILED, SET_ASIDE = "done", "failed", "set aside"
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column: its name (with the unit at its end), its type, and its meaning."""
+    """A column: its name (which ends in the unit), its type, and its meaning."""
 
     name: str
     type: pa.DataType
     what: str
-    added: bool = False  # files of earlier versions lack it: it is null there
+    added: bool = False  # missing in files of earlier versions: null there
 
 
 @dataclass(frozen=True, slots=True)
 class TableKind:
     """A table: the meaning of a row, its columns, the columns by which rows are sorted in a file, and rows per group.
 
-    A group is the smallest unit that a reader reads or skips, by the minimum and maximum of its columns.
+    A reader reads or skips a whole group, by the minimum and maximum of its columns.
     """
 
     name: str
@@ -57,7 +57,7 @@ class TableKind:
         return any(column.added for column in self.columns)
 
     def table(self, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-        """Return rows as a table; a column that a row does not have is null."""
+        """Return rows as a table; missing columns of a row are null."""
         return self.sorted(pa.Table.from_pylist(list(rows), schema=self.schema))
 
     def sorted(self, table: pa.Table) -> pa.Table:
@@ -91,7 +91,7 @@ _TYPES = {float: SMALL, int: COUNT, str: TEXT, tuple: pa.list_(COUNT)}
 
 
 def _described(record: type) -> Iterator[Column]:
-    """Iterate over the columns of a record's fields; that of its label is the first, and its box is not among them."""
+    """Iterate over the columns of a record's fields, the label first, without the box."""
     for one in columns_of(record):
         if one.stored:
             for name, what in zip_longest(_stored_names(one), (one.what,), fillvalue=""):
@@ -99,7 +99,7 @@ def _described(record: type) -> Iterator[Column]:
 
 
 def _stored_names(column: RecordColumn) -> tuple[str, ...]:
-    """Return the columns of a field: the parts of an array are pixels."""
+    """Return the column names of a field; the parts of an array are pixel coordinates."""
     return tuple(f"{name}_px" for name in column.parts) or (column.name,)
 
 

@@ -1,4 +1,4 @@
-"""The search form of a served page: plain HTML that asks for the same page with other parameters."""
+"""The search form of a served page: plain HTML that requests the same page with other parameters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from html import escape
 
 from cuboid.queries.parameters import PARAMETERS, SELDOM
 
-# Beside the style of the store's pages.
+# CSS in addition to the style of the store's pages.
 STYLE = """
 .search {
   display: grid;
@@ -52,13 +52,13 @@ def search_form(address: str, names: Sequence[str], asked: Mapping[str, str], fa
     Parameters
     ----------
     address : str
-        Of the page that answers it, relative to the page that has the form.
+        Address of the page that answers the form, relative to the page with the form.
     names : sequence of str
         Keys of `PARAMETERS`.
     asked : mapping
-        Values of the request that the page answers; the fields begin with them.
+        Values of the present request, as initial values of the fields.
     fault : str
-        Why the request was refused, in one line.
+        Reason why the request was refused, in one line.
     """
     fields = "".join(_field(name, asked.get(name, "")) for name in names if name not in SELDOM)
     seldom = [name for name in names if name in SELDOM]

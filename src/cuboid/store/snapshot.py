@@ -1,9 +1,9 @@
-"""Which files of a store count at one moment, so that a row is there once, whatever is being written or was killed.
+"""The valid files of a store at one moment: each row appears once, also during writes and after killed processes.
 
-A recording that is done puts a file into each table, that of `runs` last: what `runs` does not name does not count.
-`compact` gathers such parts into larger files and says so in a manifest, which is created under the next number: of two
-that compact at once one wins, and the other takes its files back. A part whose run is in a gathered file counts no
-more, whether or not it has been removed.
+A finished recording writes a file into each table, `runs` last: files of a run without a file in `runs` are not valid.
+`compact` gathers such parts into larger files and lists these in a manifest with the next number. If two processes
+compact at the same time, one creates the manifest and the other removes its own files. A part whose run is in a
+gathered file is no longer valid, whether or not it has been removed.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from cuboid.store.place import Place
 from cuboid.store.schema import DONE, RUNS, TABLES
 
 MANIFESTS = "_manifests"
-# So often what is being compacted is looked at anew.
+# Maximum number of attempts to read a store that is being compacted.
 ATTEMPTS = 5
 _PART = re.compile(r"(?P<table>\w+)/(?P<day>day=[\d-]{10})/(?P<key>(?:part|fail)-[0-9a-f]{20})\.parquet")
-# A file that was gathered lies in the folder of a table and day: no other is opened, or removed.
+# A gathered file lies in the folder of a table and day: no other files are opened or removed.
 _Gathered = Annotated[str, msgspec.Meta(pattern=r"^\w+/day=[\d-]{10}/gathered-[0-9a-f]{20}\.parquet\Z")]
-# The column that names runs in a file.
+# The columns that identify runs in a file.
 _KEYS = pa.schema([TABLES[RUNS].schema.field(name) for name in ("run", "state")])
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):
-    """Which gathered files count: names within the store, by table."""
+    """The valid gathered files: names within the store, by table."""
 
     format: Literal["cuboid-store"] = "cuboid-store"
     version: Literal[1] = 1
@@ -46,37 +46,37 @@ class Part:
     Attributes
     ----------
     key : str
-        ``part-`` and the run where it is done, ``fail-`` and the run where it failed; such a one has only its row in
+        ``part-`` and the run if it is done, ``fail-`` and the run if it failed; a failed run has only its row in
         `runs`.
     day : str
-        Folder within a table.
+        Folder of the day within a table.
     """
 
     key: str
     day: str
 
     def names(self) -> dict[str, str]:
-        """Return its file by table."""
+        """Return the file names of the part, by table."""
         tables = TABLES if self.key.startswith("part-") else (RUNS,)
         return {table: name_of(table, self.day, self.key) for table in tables}
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The files that count.
+    """The valid files of a store at one moment.
 
     Attributes
     ----------
     number : int
-        Of the manifest; 0 where nothing was gathered yet.
+        Number of the manifest; 0 if nothing was gathered yet.
     gathered : dict of str to list of str
-        By table.
+        Gathered files by table.
     parts : tuple of Part
-        Not gathered yet, sorted.
+        Parts that are not gathered yet, sorted.
     leftovers : tuple of Part
-        Gathered, but not yet removed.
+        Parts that are gathered, but not yet removed.
     keys : frozenset of str
-        Of all runs, as `Part.key`; where every key was asked for.
+        Keys of all runs, as `Part.key`, if they were requested.
     """
 
     number: int
@@ -106,18 +106,18 @@ def key_of(run: str, state: str) -> str:
 
 
 def snapshot(place: Place, *, every_key: bool = False) -> Snapshot:
-    """Return the files of a store that count now; none where there is no store yet.
+    """Return the valid files of a store; none if there is no store yet.
 
     Parameters
     ----------
     place : Place
     every_key : bool
-        Whether `keys` is wanted, for which the gathered files must be read.
+        Whether to fill `keys`, which requires reading the gathered files.
 
     Raises
     ------
     InputError
-        It cannot be read, or it is of another version.
+        The store cannot be read, or it is of another version.
     """
     for _ in range(ATTEMPTS):
         try:
@@ -153,7 +153,7 @@ def manifests(place: Place) -> list[int]:
 
 
 def _newest(place: Place) -> tuple[int, Manifest]:
-    """Return the newest manifest and its number; FileNotFoundError where it was replaced meanwhile."""
+    """Return the newest manifest and its number; raise FileNotFoundError if it was replaced meanwhile."""
     numbers = manifests(place)
     if not numbers:
         return 0, Manifest()

@@ -1,4 +1,4 @@
-"""How the recordings of a store went, the worst first: what a person looks at of ten thousand."""
+"""Summary of a store's recordings, the worst first: the ones to inspect among thousands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from cuboid.store.query import SUPERSEDED, Tables
 from cuboid.store.schema import DONE, RUNS
 
-# Fractions that hint at failure, each 0 (good) to 1, as SQL; their sum is the order of the page.
+# Fractions that indicate failure, each from 0 (good) to 1, as SQL; the page is sorted by their sum.
 INDICATORS = {
     "frames not used": "1 - frames_used / greatest(frames_read, 1)",
     "overlapping": "overlapping / greatest(objects, 1)",
@@ -26,11 +26,11 @@ class StoreSummary:
     Attributes
     ----------
     totals : dict
-        Over the newest runs: recordings, frames, objects, hours of computing.
+        Sums over the newest runs: recordings, frames, objects, hours of computing.
     worst : list of dict
-        Recordings that are done, the worst first: name, run, results, counts, and each of `INDICATORS`.
+        Finished recordings, the worst first: name, run, results, counts, and each of `INDICATORS`.
     failed : list of dict
-        Of those that are not done: state, reason, how many, and one of them.
+        Unfinished recordings by kind of reason: state, reason, number of recordings, and one example.
     """
 
     totals: dict[str, Any]
@@ -39,7 +39,7 @@ class StoreSummary:
 
 
 def summarise_store(tables: Tables, limit: int, recording: str | None = None) -> StoreSummary:
-    """Return how recordings went, at most `limit` of them; `recording` is a glob of their names."""
+    """Return the summary with at most `limit` recordings; `recording` is a glob of their names."""
     named, values = ("recording glob ?", [recording]) if recording is not None else ("true", [])
     newest = f"{RUNS} where state = '{DONE}' and {named} and run not in (select run from {SUPERSEDED})"
     totals = tables.rows(
@@ -57,7 +57,7 @@ def summarise_store(tables: Tables, limit: int, recording: str | None = None) ->
         values,
     )
     failed = tables.rows(
-        # names, numbers and sizes apart, the same reason is one kind
+        # reasons that differ only in words with digits are one kind
         "select state, any_value(reason order by recording) as reason, count(*) as count, "
         f"min(recording) as recording from {RUNS} as r where state <> '{DONE}' and {named} and not exists "
         f"(select 1 from {RUNS} as later where later.source = r.source and later.state = '{DONE}' "

@@ -1,7 +1,7 @@
-"""Recordings with exact truth, from a seed: scenes, camera paths, sensors, faults.
+"""Synthetic recordings with exact ground truth, from a seed: scenes, camera paths, sensors, faults.
 
-`make_scene` (or `demo_scene`) decides what stands where and how the camera goes; `render_recording` writes
-the recording and its truth.
+`make_scene` (or `demo_scene`) places the objects and plans the camera path; `render_recording` writes the recording and
+its ground truth.
 """
 
 from __future__ import annotations

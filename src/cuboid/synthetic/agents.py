@@ -1,4 +1,4 @@
-"""Parts of people that move through a scene: a hand with its arm, and somebody who walks by."""
+"""People that move through a scene, in rigid parts: a hand with its arm, and a person who walks by."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ HIP_M, SHOULDER_M = 0.9, 1.42
 def hand(rng: np.random.Generator) -> tuple[Model, Model, Model, Model]:
     """Return palm, fingers, thumb and arm.
 
-    The origin of the palm lies between the fingertips, z up. Fingers and thumb have theirs at their tips; the arm has
-    its own at the wrist, and goes along its z.
+    The origin of the palm lies between the fingertips, z up. The origins of fingers and thumb are at their tips; the
+    origin of the arm is at the wrist, and the arm extends along its z.
     """
     skin = Material(SKINS[int(rng.integers(len(SKINS)))], shine=0.1)
     cloth = Material(*two_paints(rng), Texture.SPECKLE, 0.02)
@@ -44,18 +44,18 @@ def hand(rng: np.random.Generator) -> tuple[Model, Model, Model, Model]:
 def hand_agents(
     models: Sequence[Model], poses: Float64Array, open_m: Float64Array, shoulder: Float64Array
 ) -> list[Agent]:
-    """Return the parts of a hand that goes along a path.
+    """Return the parts of a hand that moves along a path.
 
     Parameters
     ----------
     models : sequence of Model
-        From `hand`.
+        Output of `hand`.
     poses : (N, 4, 4) float64
         T_room_palm in each frame.
     open_m : (N,) float64
         Half of the distance between fingers and thumb.
     shoulder : (3,) float64
-        Where the arm comes from, in the room.
+        Position of the shoulder in the room.
     """
     palm, fingers, thumb, arm = models
     to = [np.array([shift((side * x, 0, 0)) for x in open_m]) for side in (1, -1)]
@@ -65,7 +65,7 @@ def hand_agents(
 
 
 def _along(start: Float64Array, end: Float64Array) -> Float64Array:
-    """Return a pose (4, 4) at `start` whose z points to `end`."""
+    """Return a pose (4, 4) at `start` with z towards `end`."""
     z = (end - start) / np.linalg.norm(end - start)
     x = np.cross((0.0, 0.0, 1.0), z)
     x /= max(float(np.linalg.norm(x)), 1e-9)
@@ -75,7 +75,7 @@ def _along(start: Float64Array, end: Float64Array) -> Float64Array:
 
 
 def walker(rng: np.random.Generator, steps: Float64Array) -> list[Agent]:
-    """Return the parts of somebody who walks.
+    """Return the parts of a walking person.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Open boxes and trays on a table, with things in them, on them and beside them."""
+"""Open boxes and trays on a table, with objects in them, on them and beside them."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from cuboid.synthetic.shapes import Model, turned
 
 # Thickness of the walls and the floor of a container, metres.
 WALL_M, FLOOR_M = 0.008, 0.008
-# Gap between things in a container, and to its walls, metres.
+# Gap between objects in a container, and to its walls, metres.
 GAP_M = 0.012
-# Where containers stand, in half sides of the table.
+# Positions of containers, as fractions of the table's half sides.
 PLACES = ((-0.5, -0.35), (0.5, -0.3), (0.0, 0.45))
-# What lies in a container.
+# Kinds of objects in a container.
 CONTENTS = ("can", "jar", "mug", "ball", "carton")
 
 
 def build_containers(draft: Draft) -> None:
-    """A table with open boxes and trays that hold things, a pile, and things that stand between them."""
+    """Build a table with filled open boxes and trays, a pile, and objects between them."""
     rng = draft.rng
     add_room(draft)
     add_middle_table(draft)
@@ -44,7 +44,7 @@ def build_containers(draft: Draft) -> None:
 
 
 def build_sideboard(draft: Draft) -> None:
-    """A board along a wall: things pushed against the wall, others in front, and an open box that holds some."""
+    """Build a sideboard along a wall: objects against the wall, others in front, and a filled open box."""
     rng, half_m = draft.rng, 2.6
     add_room(draft, half=half_m)
     height, deep, long = rng.uniform(0.7, 0.9), rng.uniform(0.22, 0.28), rng.uniform(0.75, 0.9)
@@ -66,7 +66,7 @@ def build_sideboard(draft: Draft) -> None:
 
 
 def _filled(draft: Draft, place: tuple[float, float], long_m: float = 0.29) -> None:
-    """Put up a container about so long, turned anyhow where there is room, and things in it."""
+    """Place a container of about this length at a random free yaw angle, with objects in it."""
     rng = draft.rng
     inner = np.array([long_m + rng.uniform(-0.05, 0.05), 0.72 * long_m + rng.uniform(-0.03, 0.03)])
     height, angle = float(rng.uniform(0.04, 0.14)), float(rng.uniform(0, np.pi))
@@ -81,7 +81,7 @@ def _floor_of(container: SceneObject, table_m: float, inner: Float64Array, angle
 
 
 def open_walls(inner: Sequence[float], wall_m: float, floor_m: float) -> list[Mesh]:
-    """Return the floor and the four walls around a room `inner`: length, width and height, metres."""
+    """Return floor and four walls around an inner space `inner`: length, width and height, metres."""
     x, y, z = inner
     walls = [box((x + 2 * wall_m, y + 2 * wall_m, floor_m))]
     for sign in (-1, 1):
@@ -91,7 +91,7 @@ def open_walls(inner: Sequence[float], wall_m: float, floor_m: float) -> list[Me
 
 
 def open_box(rng: np.random.Generator, inner: Sequence[float]) -> Model:
-    """Return a box without a lid, of cardboard or painted: `inner` is its room, length, width and height, metres."""
+    """Return an open box, cardboard or painted; `inner` is the inner length, width and height, metres."""
     walls = open_walls(inner, WALL_M, FLOOR_M)
     color, second = two_paints(rng) if rng.random() < 0.5 else CARD
     return Model("open box", ((merged(walls), Material(color, second, Texture.MARBLE, 0.05)),))

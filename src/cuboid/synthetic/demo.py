@@ -1,4 +1,4 @@
-"""The scene of `cuboid demo`: a laid table, a passer-by in the way, a look aside and back."""
+"""The scene of `cuboid demo`: a table with objects, a screen that hides some, a look aside and back."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cuboid.synthetic.scene import Scene, Surface
 from cuboid.synthetic.shapes import MAKERS, Model, turned
 
 DEMO_FRAMES = 150
-# The objects: kind, seed, place on the table (-1..1), turn in degrees.
+# The objects: kind, seed, position on the table (-1..1), yaw in degrees.
 _LAID: tuple[tuple[str, int, float, float, float], ...] = (
     ("carton", 13, -0.62, 0.45, 20.0),
     ("bowl", 3, 0.05, 0.42, 0.0),
@@ -32,7 +32,7 @@ _LAID: tuple[tuple[str, int, float, float, float], ...] = (
 def demo_scene(frames: int = DEMO_FRAMES) -> Scene:
     """Return the scene of the demo: eight objects, one of which is hidden for a while, and a look aside.
 
-    The world is the first camera's frame, as it is where the poses were estimated from the video.
+    The world is the first camera's frame, as for poses that are estimated from the video.
     """
     rng = np.random.default_rng(11)
     surface = Surface("table", 0.72, np.zeros(2), np.array([0.62, 0.42]))

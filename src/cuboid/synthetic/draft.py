@@ -1,4 +1,4 @@
-"""A scene in the making, and the room, the table and the way round it that several kinds share."""
+"""A draft of a scene, and the room, the table and the circular path that several kinds share."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from cuboid.synthetic.placement import Arrangement
 from cuboid.synthetic.scene import Agent, Furniture, Scene, SceneEvent, Surface
 from cuboid.synthetic.shapes import MAKERS, Model
 
-# Gap between objects where nothing else is said, metres.
+# Default gap between objects, metres.
 APART_M = 0.06
-# From the middle of a room to its walls, metres.
+# Distance from the middle of a room to its walls, metres.
 ROOM_HALF_M = 2.6
-# Small things for shelves and crowded tables.
+# Small objects for shelves and crowded tables.
 SMALL = ("can", "mug", "carton", "jar", "milk", "bowl", "bottle", "plant")
 
 
 @dataclass
 class Draft:
-    """A scene in the making.
+    """A draft of a scene.
 
     Attributes
     ----------
     rng : numpy.random.Generator
     frames : int
     camera : str
-        Of `CAMERAS`.
+        One of `CAMERAS`.
     meshes : sequence of Model
-        The user's own; they come before the made ones.
+        The user's meshes, which are used before generated models.
     furniture : list of Furniture
     objects : Arrangement
-        Set when the surfaces are known.
+        Objects; set when the surfaces are known.
     waypoints : (K, 6) float64
     whole : bool
-        Whether the way must be flown to its end.
+        Whether the path must be flown to its end.
     style : Style or None
-        How the camera is carried; that of `camera` unless given.
+        Motion style of the camera; default: that of `camera`.
     roll_rad : float
-        By which the camera is turned about its sight.
+        Roll of the camera about its optical axis.
     agents : list of Agent
     events : list of SceneEvent
     """
@@ -63,11 +63,11 @@ class Draft:
     events: list[SceneEvent] = field(default_factory=list)
 
     def add(self, model: Model, T_room_model: Float64Array, *, doubtful: bool = False) -> None:
-        """Put up furniture."""
+        """Add furniture."""
         self.furniture.append(Furniture(model, T_room_model, doubtful))
 
     def models(self, count: int, names: Sequence[str] = tuple(MAKERS)) -> list[Model]:
-        """Draw models, the same kind at most as often as needed; the user's own come first."""
+        """Draw random models, the user's first; a kind is repeated only after all kinds are used."""
         own = [self.meshes[int(k)] for k in self.rng.permutation(len(self.meshes))][:count]
         drawn: list[str] = []
         while len(drawn) < count - len(own):
@@ -95,12 +95,12 @@ def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64A
 
 
 def on_floor(surface: Surface) -> Float64Array:
-    """Return T_room_model (4, 4) of furniture whose top is a surface."""
+    """Return T_room_model (4, 4) of furniture on the floor whose top is a surface."""
     return shift((*surface.center, 0)) @ turn(surface.angle_rad)
 
 
 def add_room(draft: Draft, half: float = ROOM_HALF_M) -> None:
-    """Put up floor, ceiling, walls, and a curtain at -y."""
+    """Add floor, ceiling, walls, and a curtain at -y."""
     draft.add(made.floor(draft.rng, half + 0.1), np.eye(4))
     draft.add(made.ceiling(half + 0.1), np.eye(4))
     for k in range(4):
@@ -109,7 +109,7 @@ def add_room(draft: Draft, half: float = ROOM_HALF_M) -> None:
 
 
 def add_middle_table(draft: Draft) -> None:
-    """Put up a table, round or not, in the middle of the room: the first surface."""
+    """Add a round or rectangular table in the middle of the room: the first surface."""
     rng = draft.rng
     height, angle = rng.uniform(0.42, 0.85), rng.uniform(0, np.pi)
     if rng.random() < 0.3:
@@ -126,7 +126,7 @@ def add_middle_table(draft: Draft) -> None:
 def circling(
     draft: Draft, surface: int, radius: float, height: float | None = None, *, steady: bool = False
 ) -> Float64Array:
-    """Return waypoints round a surface, as far as the frames allow."""
+    """Return waypoints around a surface, as far as the number of frames allows."""
     rng, top = draft.rng, draft.objects.surfaces[surface]
     middle = (*top.center, top.height_m + 0.05)
     level = top.height_m + rng.uniform(0.5, 0.85) if height is None else height

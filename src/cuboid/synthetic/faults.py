@@ -1,4 +1,4 @@
-"""Breaks a recording on purpose, each time in one of the ways in which recordings are broken."""
+"""Deliberate faults in a recording, as they occur in practice."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _edit_pose(folder: Path, frame: int, change: Callable[[list[str]], list[str]
 
 
 def _drop_last_poses(folder: Path, frame: int) -> None:
-    """Leave out the poses of `frame` and all later ones."""
+    """Remove the poses of `frame` and all later frames."""
     path = folder / "poses.txt"
     lines = path.read_text(encoding="utf-8").splitlines()
     path.write_text("\n".join(lines[: frame + 1]) + "\n", encoding="utf-8")
@@ -81,7 +81,7 @@ def _scale_depth(folder: Path, frame: int) -> None:
 
 Fault = Callable[[Path, int], None]
 
-# A frame each.
+# Faults of a single frame.
 FRAME_FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
         "truncated-color": lambda folder, k: _cut(_color(folder, k)),
@@ -100,7 +100,7 @@ FRAME_FAULTS: Mapping[str, Fault] = MappingProxyType(
         "no-pose": lambda folder, k: _edit_pose(folder, k, lambda w: None),
     }
 )
-# The end of the recording, or all of it.
+# Faults of the end of the recording, or of all of it.
 WHOLE_FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
         "few-poses": _drop_last_poses,
@@ -109,17 +109,17 @@ WHOLE_FAULTS: Mapping[str, Fault] = MappingProxyType(
     }
 )
 FAULTS: Mapping[str, Fault] = MappingProxyType({**FRAME_FAULTS, **WHOLE_FAULTS})
-# The last frames that "few-poses" leaves without a pose.
+# Fraction of the frames, at the end, whose poses "few-poses" removes.
 FEW_POSES_FRACTION = 0.1
 
 
 def named(words: Sequence[str], frames: int) -> tuple[str, ...]:
-    """Return the faults that words name, for a recording of this many frames; `all` is those of single frames.
+    """Return the named faults, for a recording of this many frames; `all` stands for all single-frame faults.
 
     Raises
     ------
     InputError
-        A word is not the name of a fault, or there are fewer frames than faults of frames.
+        A word is not the name of a fault, or there are fewer frames than single-frame faults.
     """
     names: list[str] = []
     for word in words:
@@ -133,27 +133,27 @@ def named(words: Sequence[str], frames: int) -> tuple[str, ...]:
 
 
 def _first_without_pose(names: Sequence[str], frames: int) -> int:
-    """Return the first frame that "few-poses" leaves without a pose, else the number of frames."""
+    """Return the first frame without a pose due to "few-poses", else the number of frames."""
     return frames - max(1, round(FEW_POSES_FRACTION * frames)) if "few-poses" in names else frames
 
 
 def spoil(folder: Path, faults: Sequence[str], frames: int, rng: np.random.Generator) -> None:
-    """Break a whole recording, each fault of a frame in a frame of its own, and note it in `faults.json`.
+    """Add faults to an intact recording, at most one per frame, and list them in `faults.json`.
 
     Parameters
     ----------
     folder : Path
-        A recording of this package.
+        A synthetic recording.
     faults : sequence of str
-        Of `FAULTS`.
+        Names in `FAULTS`.
     frames : int
-        Its number of frames.
+        Number of frames of the recording.
     rng : numpy.random.Generator
 
     Raises
     ------
     InputError
-        A fault is not known, or there are fewer frames than faults of frames.
+        A fault is unknown, or there are fewer frames than single-frame faults.
     """
     names = named(faults, frames)
     single = [name for name in names if name in FRAME_FAULTS]

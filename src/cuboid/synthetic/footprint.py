@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
 
-# Widest over narrowest extent of what is round: a ten-sided prism has 1.052, a square 1.41.
+# Maximum ratio of widest to narrowest extent of a round outline: a ten-sided prism has 1.052, a square 1.41.
 ROUND_EXTENT = 1.06
 
 
@@ -23,8 +23,8 @@ def hull(points: npt.ArrayLike) -> Float64Array:
 def smallest_rectangle(outline: Float64Array) -> tuple[Float64Array, Float64Array, float]:
     """Return centre (2,), size (2,) and angle of the rectangle of least area around a convex outline (K, 2).
 
-    One side of it lies on a side of the outline (Freeman and Shapira, 1975), so that those are all to be
-    tried. The first size is the larger one; the angle (radians) is that of its axis.
+    One of its sides lies on a side of the outline (Freeman and Shapira, 1975), so only these directions are tried. The
+    first size is the larger one; the angle (radians) is that of its axis.
     """
     sides = np.roll(outline, -1, axis=0) - outline
     angles = np.arctan2(sides[:, 1], sides[:, 0])
@@ -41,7 +41,7 @@ def smallest_rectangle(outline: Float64Array) -> tuple[Float64Array, Float64Arra
 
 
 def is_round(outline: Float64Array) -> bool:
-    """Tell whether a convex outline (K, 2) is about as wide in one direction as in any other."""
+    """Tell whether a convex outline (K, 2) has about the same width in all directions."""
     angles = np.radians(np.arange(0.0, 180.0, 3.0))
     extent = np.ptp(outline @ np.array([np.cos(angles), np.sin(angles)]), axis=0)
     return bool(extent.max() <= ROUND_EXTENT * extent.min())
@@ -55,7 +55,7 @@ def gap_m(first: Float64Array, second: Float64Array) -> float:
 
 
 def _overlap(first: Float64Array, second: Float64Array) -> bool:
-    """Tell whether no side of either outline parts the two (separating axes)."""
+    """Tell whether two convex outlines overlap, by the separating axis theorem."""
     for outline in (first, second):
         sides = np.roll(outline, -1, axis=0) - outline
         normals = np.column_stack([sides[:, 1], -sides[:, 0]])

@@ -1,4 +1,4 @@
-"""Things that objects stand on, and things that stand around: tables, shelves, walls, chairs, screens."""
+"""Furniture that supports objects or stands around: tables, shelves, walls, chairs, screens."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def shelf(rng: np.random.Generator, size: Sequence[float], boards: Sequence[floa
 
 
 def bay(rng: np.random.Generator, size: Sequence[float], boards: Sequence[float]) -> Model:
-    """Return a shelf of two compartments side by side: as `shelf`, a wall between, mirroring boards."""
+    """Return a `shelf` with mirroring boards and a dividing wall between two compartments side by side."""
     _, y, height = size
     body = shelf(rng, size, boards)
     lacquer = Material((0.88, 0.87, 0.84), (0.84, 0.83, 0.8), Texture.MARBLE, 0.3, 0.3, mirror=0.4)
@@ -73,7 +73,7 @@ def ceiling(half_m: float) -> Model:
 
 
 def wall(rng: np.random.Generator, length_m: float, height_m: float = WALL_M) -> Model:
-    """Return a wall along x with a skirting and two pictures, its face at y = 0 looking to -y."""
+    """Return a wall along x with a skirting and two pictures; its face is at y = 0, towards -y."""
     tint = float(rng.uniform(0.0, 0.08))
     plaster = Material((0.86 - tint, 0.85 - tint, 0.80), (0.80 - tint, 0.79 - tint, 0.74), Texture.MARBLE, 0.25)
     parts = [
@@ -89,7 +89,7 @@ def wall(rng: np.random.Generator, length_m: float, height_m: float = WALL_M) ->
 
 
 def curtain(rng: np.random.Generator, length_m: float, height_m: float = 2.5) -> Model:
-    """Return a curtain in deep folds along x that looks to -y: a big surface without a plane."""
+    """Return a curtain with deep folds along x, facing -y: a large surface that is not planar."""
     x = np.linspace(-length_m / 2, length_m / 2, int(length_m / 0.02))
     fold = 0.09 * np.sin(2 * np.pi * x / 0.31 + rng.uniform(0, 6)) + 0.04 * np.sin(2 * np.pi * x / 0.13)
     drop = np.linspace(0, height_m, 12)
@@ -101,7 +101,7 @@ def curtain(rng: np.random.Generator, length_m: float, height_m: float = 2.5) ->
 
 
 def chair(rng: np.random.Generator) -> Model:
-    """Return a chair that looks to +x."""
+    """Return a chair that faces +x."""
     legs = merged(box((0.035, 0.035, 0.44), (a * 0.19, b * 0.19, 0)) for a in (-1, 1) for b in (-1, 1))
     posts = merged(box((0.03, 0.035, 0.46), (-0.2, b * 0.19, 0.47)) for b in (-1, 1))
     rails = merged(box((0.02, 0.38, 0.08), (-0.2, 0, z)) for z in (0.62, 0.78))
@@ -117,7 +117,7 @@ def chair(rng: np.random.Generator) -> Model:
 
 
 def sofa(rng: np.random.Generator, length_m: float = 1.7) -> Model:
-    """Return a sofa along y that looks to +x."""
+    """Return a sofa along y that faces +x."""
     color, second = CLOTH[int(rng.integers(len(CLOTH)))]
     body = [
         box((0.8, length_m, 0.25), (0, 0, 0.08)),
@@ -146,7 +146,7 @@ def screen(rng: np.random.Generator, width_m: float, height_m: float) -> Model:
 
 
 def crate(rng: np.random.Generator, size: Sequence[float]) -> Model:
-    """Return a large moving box: as an object too large, as an occluder just right."""
+    """Return a large moving box, used as an occluder: it is too large for an object."""
     look = Material((0.70, 0.54, 0.37), (0.62, 0.46, 0.30), Texture.MARBLE, 0.06)
     tape = box((size[0] + 0.001, 0.06, 0.0006), (0, 0, size[2]))
     return Model("crate", ((box(size), look), (tape, Material((0.82, 0.74, 0.58), shine=0.3))))

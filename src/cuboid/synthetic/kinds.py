@@ -1,4 +1,4 @@
-"""The kinds of scenes: what stands where and how the camera goes, drawn from a seed."""
+"""The kinds of scenes: placement of objects and camera path, drawn from a seed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Builder = Callable[[Draft], None]
 
 
 def build_table(draft: Draft) -> None:
-    """One table in the middle of a room; the camera goes round it."""
+    """Build one table in the middle of a room; the camera moves around it."""
     add_room(draft)
     add_middle_table(draft)
     for model in draft.models(int(draft.rng.integers(6, 10))):
@@ -33,12 +33,12 @@ def build_table(draft: Draft) -> None:
 
 
 def path_table(draft: Draft) -> None:
-    """Let the camera go round the table."""
+    """Plan a camera path around the table."""
     draft.waypoints = circling(draft, 0, radius=draft.rng.uniform(1.1, 1.45))
 
 
 def build_occluders(draft: Draft) -> None:
-    """A table behind screens and large boxes, which the camera passes."""
+    """Build a table behind screens and large boxes, which the camera passes."""
     add_room(draft)
     add_middle_table(draft)
     for model in draft.models(int(draft.rng.integers(6, 9))):
@@ -58,7 +58,7 @@ def build_occluders(draft: Draft) -> None:
 
 
 def build_leave(draft: Draft) -> None:
-    """A table that the camera turns away from for a second or more, and comes back to."""
+    """Build a table; the camera turns away from it for a second or more, and comes back."""
     add_room(draft)
     add_middle_table(draft)
     for model in draft.models(int(draft.rng.integers(5, 9))):
@@ -67,7 +67,7 @@ def build_leave(draft: Draft) -> None:
 
 
 def path_leave(draft: Draft) -> None:
-    """Let the camera turn away from the table and come back."""
+    """Plan a camera path that turns away from the table and comes back."""
     angle = draft.rng.uniform(np.radians(70), np.radians(95)) * (1 if draft.rng.random() < 0.5 else -1)
     turning = 2 * abs(angle) / STEP_RAD
     walk = max(draft.frames - turning, 0.25 * draft.frames)
@@ -76,7 +76,7 @@ def path_leave(draft: Draft) -> None:
 
 
 def build_tables(draft: Draft) -> None:
-    """Two tables of other heights and a shelf; the camera walks from one to the next and back."""
+    """Build two tables of different heights and a shelf; the camera walks from one to the next and back."""
     rng = draft.rng
     add_room(draft, half=3.0)
     surfaces = [
@@ -106,14 +106,14 @@ def build_tables(draft: Draft) -> None:
 
 
 def path_tables(draft: Draft) -> None:
-    """Let the camera walk from one table to the next, to the shelf, and back."""
+    """Plan a camera path from one table to the other, to the shelf, and back."""
     draft.waypoints = _tour(
         draft, [0, 1, 3, 1, 0], eyes=((-0.7, -0.45), (0.6, -0.35), (1.05, -0.75)), order=(0, 1, 2, 1, 0)
     )
 
 
 def build_clutter(draft: Draft) -> None:
-    """A crowded table: gaps of 2 to 4 cm, two pairs that touch, one object on another."""
+    """Build a crowded table: gaps of 2 to 4 cm, two pairs that touch, one object on another."""
     rng = draft.rng
     add_room(draft)
     add_middle_table(draft)
@@ -131,7 +131,7 @@ def build_clutter(draft: Draft) -> None:
 
 
 def build_room(draft: Draft) -> None:
-    """A living room, first seen at a curtain: table, shelf, sofa, chair, and things on the floor."""
+    """Build a living room with table, shelf, sofa, chair, and objects on the floor; the curtain is seen first."""
     rng = draft.rng
     add_room(draft, half=3.0)
     board = rng.uniform(0.75, 0.9)
@@ -162,7 +162,7 @@ def build_room(draft: Draft) -> None:
 
 
 def path_room(draft: Draft) -> None:
-    """Let the camera turn from the curtain to the table and walk through the room."""
+    """Plan a camera path that turns from the curtain to the table and goes through the room."""
     tour = _tour(draft, [0, 2, 1, 0], eyes=((-0.6, -0.75), (0.3, -1.85), (1.15, 0.1), (0.9, -0.75)), order=(0, 1, 2, 3))
     draft.waypoints = np.concatenate([_curtain_first(tour[0]), tour])
 
@@ -185,11 +185,11 @@ KINDS: Mapping[str, Builder] = MappingProxyType(
         "sideboard": build_sideboard,
     }
 )
-# How the camera goes where a place is visited again.
+# Camera paths for repeated visits of a place.
 WAYS: Mapping[str, Builder] = MappingProxyType(
     {"table": path_table, "leave": path_leave, "tables": path_tables, "clutter": path_table, "room": path_room}
 )
-# Frames of a recording where none are asked for: what the way of the kind takes.
+# Default number of frames: the duration of the kind's camera path.
 FRAMES: Mapping[str, int] = MappingProxyType(
     {"table": 160, "occluders": 200, "leave": 220, "tables": 360, "clutter": 160, "room": 460}
     | {
@@ -218,20 +218,20 @@ def make_scene(
     Parameters
     ----------
     kind : str
-        Of `KINDS`.
+        One of `KINDS`.
     seed : int
         0 or more.
     frames : int, optional
-        Length of the recording; what suits the kind unless given.
+        Number of frames; default: the kind's own.
     camera : str, optional
-        Of `CAMERAS`: how the camera is carried; drawn from the seed unless given.
+        One of `CAMERAS`: motion style of the camera; by default drawn from the seed.
     meshes : sequence of Model, optional
-        The user's own objects, which are taken before the made ones.
+        The user's objects, which are used before generated ones.
 
     Raises
     ------
     InputError
-        If the kind or the camera is not known.
+        The kind or the camera is unknown.
     """
     if kind not in KINDS:
         raise InputError(f"no kind of scene is called '{kind}'; there are {', '.join(KINDS)}")
@@ -246,14 +246,14 @@ def make_scene(
 
 
 def _leaving(draft: Draft, surface: int, angle: float, length_m: float) -> Float64Array:
-    """Return waypoints that look at a surface, then `angle` beside it, then at it again."""
+    """Return waypoints that look at a surface, turn away from it by `angle`, and look at it again."""
     rng, top = draft.rng, draft.objects.surfaces[surface]
     radius, level = rng.uniform(1.15, 1.45), top.height_m + rng.uniform(0.5, 0.8)
     start, arc = rng.uniform(0, 2 * np.pi), length_m / radius
     middle = (*top.center, top.height_m + 0.05)
     angles = start + arc * np.array([0, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0])
     waypoints = around(middle, angles, radius, level)
-    # Turned away, the target swings about the camera's place; in steps, so that the curve keeps its distance.
+    # The target moves around the camera's position in steps, so that the curve keeps the distance.
     rows = [waypoints[:3]]
     eye, toward = waypoints[3, :3], np.arctan2(*(waypoints[3, 3:5] - waypoints[3, :2])[::-1])
     for fraction in (0.25, 0.5, 0.75, 1.0, 1.0, 0.75, 0.5, 0.25):
@@ -267,7 +267,7 @@ def _leaving(draft: Draft, surface: int, angle: float, length_m: float) -> Float
 def _tour(
     draft: Draft, surfaces: Sequence[int], eyes: Sequence[tuple[float, float]], order: Sequence[int]
 ) -> Float64Array:
-    """Return waypoints that look at one surface after the other, from places in the room."""
+    """Return waypoints that look at one surface after the other, from given positions in the room."""
     rows = []
     for surface, eye in zip(surfaces, order, strict=True):
         top = draft.objects.surfaces[surface]
@@ -281,7 +281,7 @@ def _tour(
 
 
 def _curtain_first(first: Float64Array) -> Float64Array:
-    """Return waypoints at the place of another, (6,), that look at the curtain and turn round to it."""
+    """Return waypoints at the position of a waypoint (6,), which look at the curtain and then turn to its target."""
     eye, toward = first[:3], first[3:] - first[:3]
     end = np.arctan2(toward[1], toward[0])
     far = float(np.linalg.norm(toward[:2]))
@@ -296,7 +296,7 @@ def _curtain_first(first: Float64Array) -> Float64Array:
 
 
 def _stack(draft: Draft) -> None:
-    """Put a can or a jar on a wide flat object that touches none; the two may be called one object."""
+    """Put a can or a jar on a wide flat object that touches no other; the two may count as one object."""
     flat = [o for o in draft.objects.objects if o.model.name in ("book", "parcel") and not o.touches]
     if flat:
         top = draft.objects.put_on(MAKERS[("can", "jar")[int(draft.rng.integers(2))]](draft.rng), flat[0])

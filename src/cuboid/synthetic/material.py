@@ -1,4 +1,4 @@
-"""The look of a surface: two colors, a texture by position on the body, a shine."""
+"""The material of a surface: two colors, a texture by position on the body, and a shine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Color = tuple[float, float, float]
 
 
 class Texture(IntEnum):
-    """How the two colors are mixed, by the position on the body."""
+    """The pattern that mixes the two colors, by position on the body."""
 
     PLAIN = 0
     CHECKER = 1
@@ -27,19 +27,19 @@ class Texture(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """The look of a part.
+    """The material of a part.
 
     Attributes
     ----------
     color, second : (r, g, b)
-        As in an image, 0..1 (sRGB).
+        Colors as in an image, 0..1 (sRGB).
     texture : Texture
     scale_m : float
         Size of the texture's features, metres.
     shine : float
         Strength of the highlight, 0..1.
     mirror : float
-        Fraction of the light, and of the depth readings, that comes from what a level face mirrors, 0..1.
+        Fraction of the light, and of the depth readings, from the mirror image in a level face, 0..1.
     """
 
     color: Color
@@ -89,6 +89,6 @@ def wood(rng: np.random.Generator, scale_m: float = 0.05) -> Material:
 
 
 def linear(color: Color) -> Float64Array:
-    """Return a color (3,) as amounts of light."""
+    """Return an sRGB color as linear light (3,)."""
     amounts: Float64Array = np.asarray(color, np.float64) ** 2.2
     return amounts

@@ -1,4 +1,4 @@
-"""Triangle meshes and the few ways to make one: lathe, prism, tube, grid; metres, z up."""
+"""Triangle meshes and functions that generate them: lathe, prism, tube, grid; metres, z up."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cuboid.geometry import se3
 
 Faces = npt.NDArray[np.int32]
 
-# Neighbouring faces that meet at less than this are one smooth surface to the light, degrees.
+# Maximum angle between neighbouring faces that are shaded as one smooth surface, degrees.
 CREASE_DEG = 38.0
 # Corners closer than this are one vertex, metres.
 WELD_M = 1e-6
@@ -44,7 +44,7 @@ class Mesh:
         return corners
 
     def area_normals(self) -> Float64Array:
-        """Return for each face its normal, as long as twice its area in square metres, (F, 3)."""
+        """Return the normal of each face (F, 3), with twice the face's area (square metres) as length."""
         a, b, c = np.moveaxis(self.corners(), 1, 0)
         normals: Float64Array = np.cross(b - a, c - a)
         return normals
@@ -89,7 +89,7 @@ def prism(outline: npt.ArrayLike, height: float, top_scale: float = 1.0) -> Mesh
 
 
 def lathe(profile: npt.ArrayLike, segments: int = 48) -> Mesh:
-    """Return the surface that a profile (K, 2) of radius and height sweeps around z.
+    """Return the surface of revolution around z of a profile (K, 2) of radius and height.
 
     The outside lies to the right of the profile's direction: up on the outer wall, down on the inner one.
     """
@@ -103,7 +103,7 @@ def lathe(profile: npt.ArrayLike, segments: int = 48) -> Mesh:
 
 
 def tube(path: npt.ArrayLike, radius: npt.ArrayLike, segments: int = 14) -> Mesh:
-    """Return a round tube along a path (K, 3) that lies in the x-z plane; `radius` is one or (K,)."""
+    """Return a round tube along a path (K, 3) in the x-z plane; `radius` is a number or (K,)."""
     line = np.asarray(path, np.float64)
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -119,7 +119,7 @@ def tube(path: npt.ArrayLike, radius: npt.ArrayLike, segments: int = 14) -> Mesh
 
 
 def grid(points: npt.ArrayLike) -> Mesh:
-    """Return the sheet through a grid of points (A, B, 3), its outside along (direction of B) x (that of A)."""
+    """Return the sheet through a grid of points (A, B, 3); its outside is (direction of B) x (direction of A)."""
     sheet = np.asarray(points, np.float64)
     return Mesh(sheet.reshape(-1, 3), _strip_faces(sheet.shape[0], sheet.shape[1], wrap=False))
 
@@ -127,8 +127,8 @@ def grid(points: npt.ArrayLike) -> Mesh:
 def corner_normals(mesh: Mesh, crease_deg: float = CREASE_DEG) -> Float64Array:
     """Return the shading normal of each corner of each face, (F, 3, 3), smooth up to creases.
 
-    A corner's normal is the mean (by area) of the faces around its vertex that meet its own face at less
-    than the crease angle.
+    A corner's normal is the area-weighted mean over the faces around its vertex whose angle to the corner's own face is
+    below the crease angle.
     """
     normals = mesh.area_normals()
     units = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -163,14 +163,14 @@ def sample_surface(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[Fl
 
 
 def shift(translation: Sequence[float] | Float64Array) -> Float64Array:
-    """Return the (4, 4) motion by a translation (3,), metres."""
+    """Return the translation by (3,) metres as a (4, 4) motion."""
     T = np.eye(4)
     T[:3, 3] = translation
     return T
 
 
 def turn(angle_rad: float, axis: int = 2) -> Float64Array:
-    """Return the (4, 4) turn about the x (0), y (1) or z (2) axis."""
+    """Return the (4, 4) rotation about the x (0), y (1) or z (2) axis."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
     T = np.eye(4)
     T[a, a] = T[b, b] = np.cos(angle_rad)
@@ -190,7 +190,7 @@ def _strip_faces(rows: int, columns: int, *, wrap: bool) -> Faces:
 
 
 def _without_slivers(mesh: Mesh) -> Mesh:
-    """Drop the faces without area that a ring shrunk to a point leaves, and the vertices nobody uses."""
+    """Remove faces without area, which a ring shrunk to a point leaves, and unused vertices."""
     kept = mesh.faces[np.linalg.norm(mesh.area_normals(), axis=1) > 1e-14]
     used, faces = np.unique(kept, return_inverse=True)
     return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32))

@@ -1,4 +1,4 @@
-"""A table at which things happen while the camera runs: a hand moves things, somebody walks by, a door opens."""
+"""A table with events while the camera runs: a hand moves objects, a person walks by, a door opens."""
 
 from __future__ import annotations
 
@@ -19,34 +19,35 @@ from cuboid.synthetic.paths import STILL, around, smooth_noise
 from cuboid.synthetic.scene import FRAMES_PER_S, Agent, Furniture, SceneEvent, SceneObject
 from cuboid.synthetic.shapes import Model
 
-# Gap between things: a finger goes between them, metres.
+# Gap between objects, wide enough for a finger, metres.
 GAP_M = 0.07
-# A moved thing goes at least this far, metres; one that is put back stands within this of its old place.
+# Minimum displacement of a moved object; maximum displacement of one that is put back, metres.
 MOVE_M, SAME_PLACE_M = 0.15, 0.01
-# Frames without any motion: first, so that everything can be labelled, and last, so that what was moved can be.
+# Frames without any motion: at the start, so that all objects get labels, and at the end, for the moved objects.
 FIRST_FRAMES, LAST_FRAMES = 45, 80
-# Frames of a hand's moves: to a thing or away from it, closing or opening, up or down (and for each metre of height);
-# its speed with a thing in it, metres a frame; and all that it takes to move a thing, at most.
+# Durations of a hand's motions, frames: to or from an object, closing or opening, up or down (and per metre of height);
+# speed with an object, metres per frame; maximum number of frames to move an object.
 REACH_FRAMES, GRIP_FRAMES, LIFT_FRAMES, LIFTED_FRAMES, CARRY_M, MOST_FRAMES = 13, 4, 7, 25, 0.035, 115
-# A hand that waits sways by this, metres, this far beyond the edge of the table, and comes from this height above it.
+# A waiting hand: amplitude of its sway, distance from the edge of the table, and height above the table, metres.
 SWAY_M, BESIDE_M, ABOVE_M = 0.05, 0.4, 0.35
-# Room between a carried thing and what it passes over, and the widest thing that a hand takes from above, metres.
+# Clearance below a carried object, and maximum width of an object that a hand grips from above, metres.
 CLEAR_M, WIDEST_M = 0.04, 0.17
-# A hand goes straight down to a thing from this height above it, metres.
+# Height above an object from which a hand moves straight down to it, metres.
 OVER_M = 0.14
-# Where things are that are not in the scene, and people who do not walk by: below the floor.
+# Pose of absent objects and people: below the floor.
 AWAY = shift((0.0, 0.0, -8.0))
-# Sides and wall of the open box, metres.
+# Name, inner sides and wall thickness of the open box, metres.
 OPEN_BOX, OPEN_BOX_M, WALL_M = "open box", (0.26, 0.2, 0.1), 0.004
-# How far a walker passes from the middle of the table, and how far aside the walk begins and ends, metres; its speed.
+# Distance at which a walker passes the middle of the table; lateral distance at which the walk begins and ends, metres;
+# walking speed.
 PASSES_M, BEGINS_M, WALK_M_PER_S = 1.85, 2.3, 1.0
-# How far a door opens, radians, and in how many frames.
+# Opening angle of a door, radians, and duration in frames.
 OPENED_RAD, OPENED_FRAMES = 1.2, 50
 
 
 @dataclass(frozen=True, slots=True)
 class _Carry:
-    """A thing that a hand moves from one frame to another."""
+    """An object that a hand carries, and the first and last frame."""
 
     id: int
     begin: int
@@ -54,32 +55,32 @@ class _Carry:
 
 
 class _Story:
-    """What a hand does at a table, one thing after the other.
+    """The sequence of a hand's actions at a table.
 
     Parameters
     ----------
     draft : Draft
-        With the things in place.
+        Draft with the objects in place.
     shoulder : (3,) float64
-        Where the hand comes from, in the room.
+        Position of the shoulder in the room.
     """
 
     def __init__(self, draft: Draft, shoulder: Float64Array) -> None:
         self._draft, self._rng, self._shoulder = draft, draft.rng, shoulder
         self.frame = FIRST_FRAMES
         self.events: list[SceneEvent] = []
-        # Where each thing is at first, and where it is now.
+        # First and current pose of each object.
         self._first = {o.id: o.T_room_model for o in draft.objects.objects}
         self._now = dict(self._first)
-        # Keys of the hand: frame, place (3), yaw, half its opening; and what it holds.
+        # Keys of the hand (frame, position (3), yaw, half the opening), and the objects that it carries.
         self._keys: list[tuple[float, ...]] = [(0.0, *self._aside(), 0.0, 0.03)]
         self._carries: list[_Carry] = []
         self._busy: set[int] = set()
-        # Things and frames from which, and places where, they are without being carried.
+        # Poses of objects that are not carried: object, first frame, pose.
         self._set: list[tuple[int, int, Float64Array]] = []
 
     def _aside(self) -> Float64Array:
-        """Return a place beside the table where the hand waits."""
+        """Return a waiting position of the hand beside the table."""
         top = self._draft.objects.surfaces[0]
         out = self._shoulder[:2] - top.center
         edge = float(top.half.max()) + BESIDE_M
@@ -95,7 +96,7 @@ class _Story:
             self._keys.append((float(frame), *last[1:]))
 
     def _grip(self, body: SceneObject) -> tuple[Float64Array, float, float, float]:
-        """Return where a hand takes a thing as it stands now: place, yaw, half its width, its height."""
+        """Return the grip on an object in its current pose: position, yaw, half width, height."""
         points = body.model.mesh().moved(self._now[body.id]).vertices
         center, size, angle = smallest_rectangle(hull(points[:, :2]))
         low, top = float(points[:, 2].min()), float(points[:, 2].max())
@@ -104,7 +105,7 @@ class _Story:
         return np.array([*center, tips]), yaw, float(min(size)) / 2, top - low
 
     def _clearance(self, body: SceneObject, to: Float64Array) -> float:
-        """Return how far a thing is lifted to pass over all that stands near its way, metres."""
+        """Return the height, metres, to which an object is lifted to pass over all objects near its path."""
         start = self._now[body.id][:2, 3]
         along = np.linspace(0, 1, 12)[:, None] * (to - start) + start
         heights = [0.0]
@@ -116,7 +117,7 @@ class _Story:
         return max(heights) + CLEAR_M
 
     def _carry(self, body: SceneObject, T_end: Float64Array, height_m: float) -> tuple[int, int]:
-        """Take a thing, lift it, put it somewhere else; return the frames in which it leaves and rests."""
+        """Grip an object, lift it, put it elsewhere; return the frames in which it leaves and comes to rest."""
         place, yaw, half, _ = self._grip(body)
         start = self._now[body.id]
         turned = np.arctan2(*(T_end @ inverse(start))[1::-1, 0][:2])
@@ -145,7 +146,7 @@ class _Story:
         self.events.append(SceneEvent(event, body.id, *frames, *places))
 
     def _free_thing(self, *, narrow: bool = True) -> SceneObject | None:
-        """Draw a thing that nothing has happened to yet, and that a hand can take."""
+        """Draw an object that has not been moved yet and that a hand can grip."""
         bodies = [o for o in self._draft.objects.objects if o.id not in self._busy and not o.touches]
         bodies = [o for o in bodies if not narrow or 2 * self._grip(o)[2] <= WIDEST_M]
         if not bodies:
@@ -155,7 +156,7 @@ class _Story:
         return body
 
     def _spot(self, body: SceneObject, near_m: float = 0.0) -> Float64Array | None:
-        """Return a free place (4, 4) for a thing, turned any way; with `near_m` no farther than that, unturned."""
+        """Return a free pose (4, 4) for an object, with random yaw; with `near_m`, within that distance, same yaw."""
         place, surface = self._draft.objects, self._draft.objects.surfaces[body.surface]
         old = place.take(body.id)
         start, found = self._now[body.id], None
@@ -176,11 +177,11 @@ class _Story:
 
     @property
     def has_time(self) -> bool:
-        """Whether the frames suffice to move another thing."""
+        """Whether enough frames are left to move another object."""
         return self.frame + MOST_FRAMES + LAST_FRAMES <= self._draft.frames
 
     def lift(self) -> None:
-        """Lift a thing and put it elsewhere."""
+        """Lift an object and put it elsewhere."""
         body = self._free_thing()
         T = None if body is None else self._spot(body)
         if body is not None and T is not None:
@@ -188,14 +189,14 @@ class _Story:
             self._happened("moved", body, self._carry(body, T, self._clearance(body, T[:2, 3])), start, T)
 
     def put_back(self) -> None:
-        """Lift a thing and put it back where it stood: nothing has happened to it then."""
+        """Lift an object and put it back in its place, which is no event."""
         body = self._free_thing()
         if body is not None:
             off = shift((*self._rng.uniform(-SAME_PLACE_M, SAME_PLACE_M, 2) / 2, 0.0))
             self._carry(body, off @ self._now[body.id], self._rng.uniform(0.1, 0.2))
 
     def push(self) -> None:
-        """Push a thing over the table: the hand stays at it, and does not lift it."""
+        """Push an object over the table without lifting it."""
         body = self._free_thing()
         T = None if body is None else self._spot(body, near_m=0.25)
         if body is not None and T is not None:
@@ -203,7 +204,7 @@ class _Story:
             self._happened("moved", body, self._carry(body, T, 0.0), start, T)
 
     def take_and_bring_back(self) -> None:
-        """Take a thing out of the scene, and bring it back elsewhere."""
+        """Take an object out of the scene, and bring it back to another place."""
         body = self._free_thing()
         T = None if body is None else self._spot(body)
         if body is None or T is None:
@@ -216,7 +217,7 @@ class _Story:
             self._happened("back", body, self._carry_in(body, T), start, T)
 
     def bring(self) -> None:
-        """Bring a thing that was not there."""
+        """Bring a new object into the scene."""
         model = self._draft.models(1, ("can", "mug", "jar", "milk", "carton", "bottle"))[0]
         body = self._draft.objects.put(model, 0, GAP_M, 0.85)
         if body is not None:
@@ -226,7 +227,7 @@ class _Story:
             self._happened("appeared", body, self._carry_in(body, T), None, T)
 
     def put_into(self) -> None:
-        """Put a small thing into the open box."""
+        """Put a small object into the open box."""
         into = [o for o in self._draft.objects.objects if o.model.name == OPEN_BOX and not o.touches]
         small = [o for o in self._draft.objects.objects if self._fits_into(o, into)]
         small = [o for o in small if o.id not in self._busy and not o.touches]
@@ -266,13 +267,13 @@ class _Story:
         return begin, end
 
     def _out(self) -> Float64Array:
-        """Return a place in the room where the camera does not look: under the one whose hand it is, far aside."""
+        """Return a position in the room outside the camera's view: below the hand's owner, far aside."""
         middle = self._draft.objects.surfaces[0].center
         out = self._shoulder[:2] - middle
         return np.asarray(middle + out / np.linalg.norm(out) * 1.6)
 
     def end(self) -> tuple[list[SceneObject], list[Agent]]:
-        """Return the things with their paths, and the parts of the hand."""
+        """Return the objects with their paths, and the parts of the hand."""
         frames = self._draft.frames
         self._wait_until(frames)
         poses, open_m = _hand_path(np.array(self._keys), frames, self._rng)
@@ -300,14 +301,15 @@ class _Story:
 def _hand_path(keys: Float64Array, frames: int, rng: np.random.Generator) -> tuple[Float64Array, Float64Array]:
     """Return T_room_palm (N, 4, 4) and half the opening (N,) in each frame, from keys (K, 6): see `_Story`.
 
-    From key to key it goes smoothly; a hand that waits sways.
+    The motion between keys is smooth; a waiting hand sways.
     """
     at = np.arange(frames)
     k = np.clip(np.searchsorted(keys[:, 0], at, side="right") - 1, 0, len(keys) - 2)
     part = np.clip((at - keys[k, 0]) / np.maximum(keys[k + 1, 0] - keys[k, 0], 1e-9), 0.0, 1.0)
     smooth = part * part * (3.0 - 2.0 * part)
     values = keys[k, 1:] + smooth[:, None] * (keys[k + 1, 1:] - keys[k, 1:])
-    # It waits where both keys are the same place, and sways there as much as it is far from either end of the wait.
+    # The hand waits where both keys have the same position; its sway grows with the distance from either end of the
+    # wait.
     waits = np.linalg.norm(keys[k + 1, 1:4] - keys[k, 1:4], axis=1) == 0.0
     inside = np.minimum(at - keys[k, 0], keys[k + 1, 0] - at).clip(0, 10) / 10.0
     values[:, :3] += (waits * inside)[:, None] * SWAY_M * smooth_noise(frames, 3, 0.8, rng)
@@ -324,7 +326,7 @@ def open_box(rng: np.random.Generator) -> Model:
 
 
 def build_moving(draft: Draft) -> None:
-    """A table at which a hand moves things, for a camera that is carried or, in half of the seeds, stands."""
+    """Build a table at which a hand moves objects; the camera is carried or, for half of the seeds, fixed."""
     rng = draft.rng
     add_room(draft)
     add_middle_table(draft)
@@ -352,7 +354,7 @@ def build_moving(draft: Draft) -> None:
 
 
 def _place_camera(draft: Draft) -> float:
-    """Let the camera go round the table or stand; return where it is first, as an angle about the table."""
+    """Move the camera around the table or fix it; return its first bearing as an angle about the table."""
     rng, top = draft.rng, draft.objects.surfaces[0]
     if rng.random() < 0.5:
         draft.waypoints = circling(draft, 0, radius=rng.uniform(1.15, 1.4))
@@ -365,7 +367,7 @@ def _place_camera(draft: Draft) -> float:
 
 
 def _walk(draft: Draft, bearing: float) -> Float64Array:
-    """Return the poses (N, 4, 4) of somebody who passes behind the table, as the first camera sees it."""
+    """Return the poses (N, 4, 4) of a person who passes behind the table, as seen by the first camera."""
     rng, frames = draft.rng, draft.frames
     side = np.round((bearing + np.pi) / (np.pi / 2)) * np.pi / 2
     line = (

@@ -1,4 +1,4 @@
-"""Ways of a camera: waypoints, the curve through them at a hand's or a drone's speed, and its tremble."""
+"""Camera paths: waypoints, the curve through them at the speed of a hand or a drone, and its tremble."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from cuboid.geometry import se3
 from cuboid.synthetic.mesh import turn
 from cuboid.synthetic.scene import FRAMES_PER_S
 
-# The fastest motion a frame at 30 frames a second: 0.5 m/s, 36 degrees/s.
+# Maximum motion per frame at 30 frames per second: 0.5 m/s, 36 degrees/s.
 STEP_M = 0.0165
 STEP_RAD = np.radians(1.2)
-# A camera has weight: its way is smooth over this many frames.
+# The camera's inertia: its path is smoothed over this many frames.
 INERTIA_FRAMES = 5.0
-# Waypoints are joined by this many pieces a step at most; their poses are read off between them.
+# Maximum number of curve pieces between waypoints; poses are interpolated between them.
 _PIECES = 2400
 
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How a camera is carried.
+    """The motion style of a camera.
 
     Attributes
     ----------
     sway_m, sway_rad : float
-        Size of the slow sway in place and direction.
+        Amplitude of the slow sway in position and direction.
     hertz : float
-        Its highest frequency.
+        Highest frequency of the sway.
     bank : float
-        Roll into a curve: radians per metre a frame sideways.
+        Roll in curves: radians per sideways metre per frame.
     """
 
     sway_m: float
@@ -50,12 +50,12 @@ CAMERAS = {
 }
 
 
-# A camera on a stand: it trembles by a fraction of a millimetre.
+# A camera on a stand, which trembles by a fraction of a millimetre.
 STILL = Style(0.0002, np.radians(0.01), 0.5, 0.0)
 
 
 def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, roll_rad: float = 0.0) -> Float64Array:
-    """Return T_room_camera (4, 4) of a camera at `eye` that looks at `target`, upright but for a roll."""
+    """Return T_room_camera (4, 4) of a camera at `eye` that looks at `target`, upright except for a roll."""
     place = np.asarray(eye, np.float64)
     forward = np.asarray(target, np.float64) - place
     forward /= np.linalg.norm(forward)
@@ -70,8 +70,8 @@ def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, roll_rad: float = 0.0) ->
 def fly(waypoints: npt.ArrayLike, frames: int, style: Style, rng: np.random.Generator, *, whole: bool) -> Float64Array:
     """Return the poses (frames, 4, 4) of a camera that passes waypoints (K, 6) of eye and target.
 
-    The speed is even and within `STEP_M` and `STEP_RAD` a frame. Where the frames do not suffice, the way
-    ends early; with `whole` it is flown faster instead.
+    The speed is constant and at most `STEP_M` and `STEP_RAD` per frame. If there are too few frames, the path ends
+    early; with `whole` it is flown faster instead.
     """
     from scipy.interpolate import PchipInterpolator
     from scipy.ndimage import gaussian_filter1d
@@ -117,7 +117,7 @@ def smooth_noise(frames: int, channels: int, hertz: float, rng: np.random.Genera
 def around(
     center: npt.ArrayLike, angles_rad: npt.ArrayLike, radius_m: npt.ArrayLike, height_m: npt.ArrayLike
 ) -> Float64Array:
-    """Return waypoints (K, 6) on an arc about a point (3,), looking at it; heights are the room's."""
+    """Return waypoints (K, 6) on an arc around a point (3,), looking at it; heights are above the floor."""
     angle, radius, height = np.broadcast_arrays(np.asarray(angles_rad, np.float64), radius_m, height_m)
     middle = np.asarray(center, np.float64)
     eye = np.column_stack([middle[0] + radius * np.cos(angle), middle[1] + radius * np.sin(angle), height])
@@ -125,28 +125,28 @@ def around(
 
 
 def random_motion(rng: np.random.Generator) -> Float64Array:
-    """Return a motion (4, 4): a turn drawn evenly from all turns, and a shift of some metres."""
+    """Return a random motion (4, 4): a uniformly distributed rotation, and a translation of some metres."""
     return se3.compose(rng.standard_normal(4), rng.uniform(-2, 2, 3))
 
 
 PoseNoise = Callable[[Float64Array, np.random.Generator], Float64Array]
 
-# Deviation of a frame's own error (it adds up): after 200 frames about 1.4 cm and 0.4 degrees, which is what
-# good odometry without loop closure leaves on the way round a table.
+# Standard deviation of the error of each frame, which accumulates: after 200 frames about 1.4 cm and 0.4 degrees, as
+# with good odometry without loop closure around a table.
 DRIFT_M, DRIFT_RAD = 0.001, np.radians(0.03)
-# A jump: how often, how far, and for how long, as when a tracker is lost and finds its place again.
+# A jump, as when tracking is lost and recovered: mean interval, size of translation and rotation.
 JUMP_EVERY_FRAMES = 45
 JUMP_M, JUMP_RAD = (0.01, 0.035), (np.radians(0.4), np.radians(1.5))
 JUMP_FRAMES = (6, 20)
 
 
 def none(T_world_camera: Float64Array, rng: np.random.Generator) -> Float64Array:
-    """Return the poses (N, 4, 4) as they are."""
+    """Return the poses (N, 4, 4) unchanged."""
     return T_world_camera
 
 
 def drift(T_world_camera: Float64Array, rng: np.random.Generator) -> Float64Array:
-    """Return poses (N, 4, 4) whose errors add up from frame to frame, the first being exact."""
+    """Return poses (N, 4, 4) with errors that accumulate from frame to frame; the first pose is exact."""
     wrong = np.empty_like(T_world_camera)
     wrong[0] = T_world_camera[0]
     for k in range(1, len(wrong)):
@@ -156,7 +156,7 @@ def drift(T_world_camera: Float64Array, rng: np.random.Generator) -> Float64Arra
 
 
 def jumps(T_world_camera: Float64Array, rng: np.random.Generator) -> Float64Array:
-    """Return poses (N, 4, 4) that are off by a few centimetres for some frames now and then."""
+    """Return poses (N, 4, 4) with occasional errors of a few centimetres that last for some frames."""
     wrong = T_world_camera.copy()
     k = int(rng.integers(10, JUMP_EVERY_FRAMES))
     while k < len(wrong):
@@ -175,5 +175,5 @@ POSE_NOISES: Mapping[str, PoseNoise] = MappingProxyType({"none": none, "drift": 
 
 
 def _small(translation: Float64Array, rotation_rad: Float64Array) -> Float64Array:
-    """Return the motion (4, 4) of a translation and a small turn by a vector."""
+    """Return the motion (4, 4) of a translation and a small rotation vector."""
     return se3.compose((1.0, *(rotation_rad / 2)), translation)

@@ -1,4 +1,4 @@
-"""Puts models on surfaces: apart, side by side with a given gap, or one on another."""
+"""Places models on surfaces: at random, side by side with a given gap, or one on another."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from cuboid.synthetic.mesh import shift
 from cuboid.synthetic.scene import SceneObject, Surface
 from cuboid.synthetic.shapes import Model, turned
 
-# Draws for a free place before a model is left out.
+# Maximum number of random draws for a free place before a model is left out.
 TRIES = 300
-# Objects keep this much from the edge of what supports them, metres.
+# Minimum distance of objects from the edge of their support, metres.
 EDGE_M = 0.025
-# Below this gap (metres) two objects count as touching: no depth camera tells it from none.
+# Below this gap (metres) two objects count as touching: depth cameras cannot resolve it.
 TOUCH_M = 0.002
 
 
@@ -29,7 +29,7 @@ class Arrangement:
     surfaces : sequence of Surface
     rng : numpy.random.Generator
     objects : sequence of SceneObject
-        What stands there already.
+        Objects that are already placed.
     """
 
     def __init__(
@@ -45,8 +45,8 @@ class Arrangement:
     ) -> SceneObject | None:
         """Put a model anywhere on a surface, at least `gap` metres from all others.
 
-        `within` is the fraction of the surface, around its middle, where the model's centre may lie; `number` is what
-        it is called, the next one unless given. Returns None where there is no room.
+        `within` is the fraction of the surface, around its middle, where the model's centre may lie; `number` is the
+        object's id, by default the next one. Returns None if there is no room.
         """
         model = turned(model, self._rng.uniform(0, 2 * np.pi))
         outline = hull(model.mesh().vertices[:, :2])
@@ -57,28 +57,28 @@ class Arrangement:
         return None
 
     def take(self, number: int) -> SceneObject:
-        """Take an object away."""
+        """Remove an object and return it."""
         taken = next(o for o in self.objects if o.id == number)
         self.objects = [o for o in self.objects if o is not taken]
         del self._outlines[number]
         return taken
 
     def restore(self, body: SceneObject) -> None:
-        """Let an object stand where it says."""
+        """Add a removed object again, in its own pose."""
         self.objects.append(body)
         self.objects.sort(key=lambda o: o.id)
         self._outlines[body.id] = hull(body.mesh().vertices[:, :2])
 
     def fits(self, body: SceneObject, gap: float) -> bool:
-        """Tell whether an object has room where it says."""
+        """Tell whether there is room for an object in its own pose."""
         return self._free(hull(body.mesh().vertices[:, :2]), body.surface, gap)
 
     def put_at(self, model: Model, surface: int, place: tuple[float, float]) -> SceneObject:
-        """Put a model at a place (coordinates -1..1 of the surface), as it is."""
+        """Put a model at a place (coordinates -1..1 of the surface), unrotated."""
         return self._add(model, self.surfaces[surface].at(*place), surface)
 
     def put_beside(self, model: Model, other: SceneObject, gap: float, others_gap: float) -> SceneObject | None:
-        """Put a model `gap` metres from another, on the same surface; `others_gap` from the rest."""
+        """Put a model `gap` metres from another object on the same surface, and `others_gap` from the rest."""
         for _ in range(TRIES // 5):
             model = turned(model, self._rng.uniform(0, 2 * np.pi))
             outline = hull(model.mesh().vertices[:, :2])
@@ -125,7 +125,7 @@ class Arrangement:
         return None
 
     def not_judged(self, *ids: int) -> None:
-        """Let objects count neither way."""
+        """Mark objects as counting neither way."""
         self.objects = [replace(o, judged=o.judged and o.id not in ids) for o in self.objects]
 
     def _free(self, outline: Float64Array, surface: int, gap: float, ignoring: int = 0) -> bool:

@@ -1,4 +1,4 @@
-"""The kinds of scenes that robots see: a table from above, a tote, a counter along a wall, flush stacks."""
+"""Kinds of scenes for robots: a table from above, a tote, a counter along a wall, flush stacks."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from cuboid.synthetic.shapes import Model
 
 # Thickness of the walls of a tote, metres.
 TOTE_WALL_M = 0.012
-# Things that stand upright on a counter.
+# Upright objects on a counter.
 UPRIGHT = ("bottle", "milk", "carton", "can", "jar", "mug")
 
 
 def build_overhead(draft: Draft) -> None:
-    """A table under a fixed camera that looks down in any roll; the table reaches out of the picture."""
+    """Build a table under a fixed camera that looks down with random roll; the table extends beyond the image."""
     rng = draft.rng
     add_room(draft)
     add_middle_table(draft)
@@ -37,7 +37,7 @@ def build_overhead(draft: Draft) -> None:
 
 
 def build_bin(draft: Draft) -> None:
-    """A tote with things that touch and lie on each other; the camera looks into it from above."""
+    """Build a tote with objects that touch and lie on each other; the camera looks into it from above."""
     rng = draft.rng
     add_room(draft)
     half, height = np.array([rng.uniform(0.24, 0.3), rng.uniform(0.17, 0.2)]), rng.uniform(0.14, 0.2)
@@ -58,7 +58,7 @@ def build_bin(draft: Draft) -> None:
 
 
 def build_counter(draft: Draft) -> None:
-    """Thin upright things on a counter against a wall, seen from two to three and a half metres."""
+    """Build a counter at a wall with thin upright objects, seen from two to three and a half metres."""
     rng = draft.rng
     half_m = 2.6
     add_room(draft, half=half_m)
@@ -77,7 +77,7 @@ def build_counter(draft: Draft) -> None:
 
 
 def build_shelf(draft: Draft) -> None:
-    """Compartments of a shelf whose lacquered boards mirror what stands on them; the camera looks in from near by."""
+    """Build shelf compartments with boards that mirror the objects on them; the camera looks in from close by."""
     rng = draft.rng
     half_m, deep, wide = 2.6, 0.36, 0.9
     add_room(draft, half=half_m)
@@ -101,7 +101,7 @@ def build_shelf(draft: Draft) -> None:
 
 
 def build_stacks(draft: Draft) -> None:
-    """Books on books, and blocks that are flush and equally deep and differ in color alone."""
+    """Build stacks of books, and of flush blocks with equal depth that differ only in color."""
     rng = draft.rng
     add_room(draft)
     add_middle_table(draft)
@@ -116,7 +116,7 @@ def build_stacks(draft: Draft) -> None:
 
 
 def _pile(draft: Draft, place: tuple[float, float], models: Sequence[Model]) -> None:
-    """Put models one on another."""
+    """Stack models on each other."""
     below: SceneObject = draft.objects.put_at(models[0], 0, place)
     for model in models[1:]:
         below = draft.objects.put_on(model, below)
@@ -133,7 +133,7 @@ def _plastic(rng: np.random.Generator) -> Material:
 
 
 def _tote(half: Float64Array, height_m: float) -> list[Mesh]:
-    """Return floor and walls of a tote whose inside is `half` (2,) to either side."""
+    """Return floor and walls of a tote; `half` (2,) is half of its inner length and width."""
     x, y = half + TOTE_WALL_M
     walls = [box((2 * x, 2 * y, 0.01))]
     for sign in (-1, 1):

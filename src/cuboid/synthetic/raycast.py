@@ -1,4 +1,4 @@
-"""First hits of all pixels of a camera, by Embree."""
+"""Ray casting with Embree: the first hit of each pixel of a camera."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cuboid.core.extras import require
 from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 
 MODULES, EXTRA = ("embreex.rtcore_scene", "embreex.mesh_construction"), "synth"
-# A ray from a surface starts this far off its surface, metres: single precision at 5 m is 0.5 micrometres.
+# Offset of a ray's start from its surface, metres: far above the 0.5 micrometres of single precision at 5 m.
 SHADOW_BIAS_M = 2e-3
 
 
@@ -22,14 +22,14 @@ class Hits:
     Attributes
     ----------
     depth_m : (H, W) float32
-        Along the optical axis; 0 where nothing is hit.
+        Depth along the optical axis; 0 where nothing is hit.
     face : (H, W) int32
-        -1 where nothing is hit.
+        Index of the hit face, -1 where nothing is hit.
     u, v : (H, W) float32
         Barycentric coordinates: weights of the face's second and third corner.
     eye : (3,) float32
     rays : (H, W, 3) float32
-        The rays that were cast: what a pixel sees is at eye + depth * ray.
+        The rays that were cast: the hit of a pixel is at eye + depth * ray.
     """
 
     depth_m: Float32Array
@@ -46,7 +46,7 @@ class RayCaster:
     Parameters
     ----------
     corners : (F, 3, 3) float64
-        Of the faces, metres.
+        Corners of the faces, metres.
 
     Raises
     ------
@@ -66,9 +66,9 @@ class RayCaster:
         ----------
         eye : (3,) float32
         rays : (H, W, 3) float32
-            Of unit depth (`pixel_rays`), so that the parameter of a hit is its depth.
+            Rays of unit depth (`pixel_rays`), so that the parameter of a hit is its depth.
         start_m : (H, W) float32, optional
-            Depth at which each ray begins; at the eye unless given.
+            Depth at which each ray begins; default: at the eye.
         """
         shape, directions = rays.shape[:2], rays.reshape(-1, 3)
         begin = np.zeros(shape, np.float32) if start_m is None else start_m
@@ -79,14 +79,14 @@ class RayCaster:
         return Hits(depth, face, hit["u"].reshape(shape), hit["v"].reshape(shape), eye, rays)
 
     def reaches(self, points: Float32Array, target: Float32Array | Float64Array) -> npt.NDArray[np.uint8]:
-        """Tell for points (N, 3) whether nothing lies between them and a target (3,) or (N, 3): 1 or 0."""
+        """Return 1 for points (N, 3) with a free line of sight to a target (3,) or (N, 3), else 0."""
         towards = target.astype(np.float32) - points
         blocked = self._scene.run(points, towards, dists=np.ones(len(points), np.float32), query="OCCLUDED")
         return np.asarray(blocked != 0, np.uint8)
 
 
 def pixel_rays(intrinsics: Intrinsics, T_room_camera: Float64Array) -> Float32Array:
-    """Return the way from the camera to depth 1 of each pixel, turned to the room, (H, W, 3)."""
+    """Return each pixel's ray to depth 1, in the room's axes, (H, W, 3)."""
     rays = np.ones((intrinsics.height, intrinsics.width, 3))
     rays[..., 0] = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
     rays[..., 1] = ((np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy)[:, None]

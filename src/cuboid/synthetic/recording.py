@@ -1,4 +1,4 @@
-"""Renders a scene into a plain recording folder, with its truth beside it.
+"""Renders a scene into a plain recording folder, with its ground truth beside it.
 
 ::
 
@@ -44,11 +44,11 @@ from cuboid.synthetic.view import Rendered, SceneView
 # Units of the depth images: 0.2 mm, a seventh of a structured-light step at 0.7 m; up to 13 m.
 DEPTH_UNITS_PER_M = 5000
 JPEG_QUALITY = 92
-# Fast, and a few percent larger than the best.
+# Fast, and a few percent larger than with the best compression.
 PNG_COMPRESSION = 1
-# Frames and pixels that the labelled cloud is made of.
+# Every n-th frame and pixel contributes to the labelled cloud.
 CLOUD_EVERY_FRAMES, CLOUD_EVERY_PIXELS = 5, 3
-# The smallest image: below it an object is a few pixels.
+# Minimum image size: below it an object has only a few pixels.
 SMALLEST_SIZE = (64, 48)
 
 Progress = Callable[[int, int], None]
@@ -57,7 +57,7 @@ CloudPart = tuple[Float32Array, UInt8Array, npt.NDArray[np.int32]]
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """Results of a rendered frame besides its images: visible fractions (M,), those of ghosts, points of the cloud."""
+    """Results of a rendered frame besides images: visible fractions (M,), those of ghosts, cloud points."""
 
     fractions: Float64Array
     empty: Float64Array
@@ -66,14 +66,14 @@ class _Done:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """In how many frames a recording shows a fair fraction of each thing.
+    """Number of frames in which a recording shows a sufficient fraction of each object.
 
     Attributes
     ----------
     objects : dict of int to int
-        By number.
+        Frames by object id.
     ghosts : dict of int to int
-        That the place of what is no more there is empty.
+        Frames that show the empty place of an object that is gone, by id.
     """
 
     objects: dict[int, int]
@@ -101,7 +101,7 @@ class _Renderer:
     def _cloud(self, rendered: Rendered) -> CloudPart:
         each = (slice(None, None, CLOUD_EVERY_PIXELS),) * 2
         hits, depth = rendered.hits, rendered.hits.depth_m[each]
-        # What moves is in another place in another frame: it is in no cloud.
+        # Moving bodies have no fixed place, so they are left out of the cloud.
         seen = (depth > 0) & ~self._view.face_moves[hits.face[each]]
         points = se3.transform(self._T_world_room, (hits.eye + hits.rays[each] * depth[..., None])[seen])
         return points.astype(np.float32), rendered.color[each][seen], self._view.labels(hits)[each][seen]
@@ -125,21 +125,21 @@ def render_recording(
     ----------
     scene : Scene
     path : path
-        The folder; it appears when it is complete.
+        The folder, which appears when it is complete.
     sensor : str
-        Of `SENSORS`.
+        One of `SENSORS`.
     pose_noise : str
-        Of `POSE_NOISES`: what becomes of the poses that are written; the truth keeps the true ones.
+        One of `POSE_NOISES`: errors of the written poses; the ground truth has the exact ones.
     faults : sequence of str
-        Of `cuboid.synthetic.faults.FAULTS`: what is broken in the end.
+        Names in `cuboid.synthetic.faults.FAULTS`: faults that are added at the end.
     size : (int, int)
         Width and height of the images, pixels.
     workers : int
-        Processes that render; they change the time it takes and nothing else.
+        Number of rendering processes; it has no effect on the result.
     force : bool
-        Whether a made recording that lies at `path` may be replaced.
+        Whether a synthetic recording at `path` may be replaced.
     progress : callable, optional
-        Called with the number of frames done, from 0, and of all.
+        Called with the number of finished frames, from 0, and the total number.
 
     Returns
     -------
@@ -148,13 +148,13 @@ def render_recording(
     Raises
     ------
     InputError
-        An argument is unknown or out of its range.
+        An argument is unknown or out of range.
     OutputError
-        The folder exists and is no made recording or `force` is not given, or it cannot be written.
+        The folder exists and is no synthetic recording, or `force` is False; or it cannot be written.
     """
     path = as_path(path)
     _check(sensor, pose_noise, size)
-    require(MODULES[0], "cuboid synth", EXTRA)  # said here, not by the processes that render
+    require(MODULES[0], "cuboid synth", EXTRA)  # raised here, not in the rendering processes
     named(faults, scene.frames)
     if force and (path / truth.TRUTH).is_file():
         with writing(path):
@@ -235,10 +235,10 @@ _renderer: _Renderer | None = None
 
 
 def _begin(make: Callable[[], _Renderer]) -> None:
-    """Make a worker's own renderer."""
+    """Create the renderer of a worker process."""
     global _renderer
     cv2.setNumThreads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all; the parent ends its workers
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent ends its workers
     _renderer = make()
 
 
@@ -249,9 +249,9 @@ def _render(frame: int) -> _Done:
 
 @contextmanager
 def _results(make: Callable[[], _Renderer], frames: int, workers: int) -> Iterator[Iterator[_Done]]:
-    """Give the rendered frames in order.
+    """Yield the rendered frames in order.
 
-    The first is rendered here: it compiles the kernels, and the workers load them.
+    The first frame is rendered in this process: this compiles the kernels, and the workers load them.
     """
     render = make()
     if workers <= 1:

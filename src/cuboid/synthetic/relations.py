@@ -1,4 +1,4 @@
-"""The true relations of a made scene: by the meanings of `cuboid.relations`, from the exact bodies."""
+"""The true relations of a synthetic scene, as defined in `cuboid.relations`, from the exact bodies."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from cuboid.relations.finding import AGAINST_M, BESIDE_M, MOST
 from cuboid.synthetic.footprint import gap_m, hull, smallest_rectangle
 from cuboid.synthetic.scene import Furniture, Scene
 
-# The furniture that is a wall: its face looks to its own -y.
+# Name of wall furniture; a wall faces its own -y.
 WALL = "wall"
-# A gap this near to the limit of a relation, metres, makes it one that counts neither way: the limit is a convention,
-# and sides of found boxes err by as much.
+# Margin, metres, around the limit of a relation in which it counts neither way: the limit is a convention, and sides of
+# found boxes have errors of this size.
 OPEN_M = 0.02
-# The same of the fraction of a footprint.
+# The same margin for the fraction of a footprint.
 OPEN_FRACTION = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class _Body:
-    """An object in the room: its outline from above (K, 2), that of its box (4, 2), the heights of foot and top."""
+    """An object in the room: outlines from above of body (K, 2) and box (4, 2), heights of bottom and top."""
 
     id: int
     outline: Float64Array
@@ -49,7 +49,7 @@ def true_walls(scene: Scene) -> list[dict[str, Any]]:
 def true_relations(scene: Scene) -> list[dict[str, Any]]:
     """Return the relations of a scene, ready for JSON.
 
-    Each has `from`, an id, `is`, a kind, `to`, an id, "plane:k" or "wall:k", and `judged`, false where it is open.
+    Each has `from` (an id), `is` (a kind), `to` (an id, "plane:k" or "wall:k") and `judged` (false if undecided).
     """
     bodies = [_body(one.id, one.mesh().vertices) for one in scene.objects]
     found: list[tuple[int, str, int | str]] = []
@@ -63,7 +63,7 @@ def true_relations(scene: Scene) -> list[dict[str, Any]]:
         common = _common_area(a.outline, b.outline)
         apart = max(common / _area(one.outline) for one in (a, b)) < MOST
         if {(a.id, b.id), (b.id, a.id)}.isdisjoint(rest) and apart and _level(a, b):
-            # The box around a body is nearer than the body.
+            # The gap between boxes is at most the gap between the bodies.
             near, far = gap_m(a.rectangle, b.rectangle), gap_m(a.outline, b.outline)
             _sort((a.id, "beside", b.id), near, far, BESIDE_M, OPEN_M, found, open_ones)
         if a.middle < b.low and common > 0.0:
@@ -93,7 +93,7 @@ def _sort(
     found: list[tuple[int, str, int | str]],
     open_ones: list[tuple[int, str, int | str]],
 ) -> None:
-    """Put a relation that holds up to a limit among those that hold, or those that are open, or among neither."""
+    """Add a relation with an upper limit to the true ones, to the undecided ones, or to neither list."""
     if most <= limit - margin:
         found.append(relation)
     elif least <= limit + margin:
@@ -105,7 +105,7 @@ def _walls(scene: Scene) -> list[Furniture]:
 
 
 def _face(T_to_wall: Float64Array) -> tuple[Float64Array, float]:
-    """Return normal and offset of the face of a wall that stands at a place (4, 4)."""
+    """Return normal and offset of the face of a wall with the pose (4, 4)."""
     normal = -T_to_wall[:3, 1]
     return normal, -float(normal @ se3.transform(T_to_wall, (0.0, 0.0, 0.0)))
 
@@ -119,7 +119,7 @@ def _body(number: int, vertices: Float64Array) -> _Body:
 
 
 def _level(a: _Body, b: _Body) -> bool:
-    """Tell whether the lower one's range of heights is mostly the other's too."""
+    """Tell whether the height ranges of two bodies overlap by most of the smaller range."""
     return min(a.high, b.high) - max(a.low, b.low) >= MOST * min(a.high - a.low, b.high - b.low)
 
 
@@ -128,5 +128,5 @@ def _area(outline: Float64Array) -> float:
 
 
 def _common_area(one: Float64Array, other: Float64Array) -> float:
-    """Return the area that two convex outlines have in common, square metres."""
+    """Return the common area of two convex outlines, square metres."""
     return float(cv2.intersectConvexConvex(one.astype(np.float32), other.astype(np.float32))[0])

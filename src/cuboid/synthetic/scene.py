@@ -1,4 +1,4 @@
-"""A scene: what stands where, what supports it, and the camera's path; all in a room whose z is up."""
+"""A scene: objects, their supports, and the camera's path, all in a room frame with z up."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Surface:
     ----------
     name : str
     height_m : float
-        Above the room's floor.
+        Height above the room's floor.
     center : (2,) float64
     half : (2,) float64
-        Half its size along its own axes, metres; a round one has twice the same.
+        Half the size along the surface's axes, metres; both are equal for a round surface.
     angle_rad : float
-        Of its first axis.
+        Direction of the first axis.
     round : bool
     """
 
@@ -42,7 +42,7 @@ class Surface:
     round: bool = False
 
     def contains(self, points: Float64Array, margin_m: float) -> bool:
-        """Tell whether points (N, 2) in the room all lie on it, `margin_m` from its edge."""
+        """Tell whether all points (N, 2) of the room lie on the surface, at least `margin_m` from its edge."""
         c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
         own = (points - self.center) @ np.array([[c, -s], [s, c]])
         if self.round:
@@ -50,7 +50,7 @@ class Surface:
         return bool((np.abs(own) <= self.half - margin_m).all())
 
     def at(self, first: float, second: float) -> Float64Array:
-        """Return the point (2,) in the room at coordinates -1..1 along its axes."""
+        """Return the point (2,) in the room at coordinates -1..1 along the surface's axes."""
         c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
         point: Float64Array = self.center + np.array([[c, -s], [s, c]]) @ (self.half * (first, second))
         return point
@@ -64,9 +64,9 @@ class Placed:
     ----------
     model : Model
     T_room_model : (4, 4) float64
-        Of what moves, where it stands in the end.
+        Pose; for moving bodies the final pose.
     path : (N, 4, 4) float64 or None
-        T_room_model in each frame; None for what stays.
+        T_room_model in each frame; None for static bodies.
     """
 
     model: Model
@@ -74,30 +74,30 @@ class Placed:
     path: Float64Array | None = field(default=None, kw_only=True)
 
     def mesh(self) -> Mesh:
-        """Return all its parts in the room."""
+        """Return all parts as one mesh in the room."""
         return self.model.mesh().moved(self.T_room_model)
 
     def at(self, frame: int) -> Self:
-        """Return it as it is in a frame."""
+        """Return the body with its pose in a frame."""
         return self if self.path is None else replace(self, T_room_model=self.path[frame])
 
 
 @dataclass(frozen=True, slots=True)
 class SceneObject(Placed):
-    """A thing that a tracker should find.
+    """An object that a tracker should find.
 
     Attributes
     ----------
     id : int
-        From 1.
+        Id of the object, from 1.
     surface : int
-        Of `Scene.surfaces`; what it stands on, directly or by what lies between.
+        Index in `Scene.surfaces` of its support, direct or below other objects.
     judged : bool
-        False where it is open whether it is one object: it counts neither way.
+        False if it is undecided whether it is one object: it counts neither way.
     touches : tuple of int
-        Objects at no distance.
+        Ids of touching objects.
     on, inside : int
-        The object that it lies on, and the one that it stands in; 0 for none.
+        Id of the object on which it lies, and of the object in which it stands; 0 for none.
     """
 
     id: int = 0
@@ -110,12 +110,12 @@ class SceneObject(Placed):
 
 @dataclass(frozen=True, slots=True)
 class Furniture(Placed):
-    """A thing that is no object: what supports objects, walls, and obstacles.
+    """A body that is no object: supports, walls, and obstacles.
 
     Attributes
     ----------
     doubtful : bool
-        True for what stands alone, such as a chair, which others may well call an object.
+        True for free-standing furniture such as a chair, which may also count as an object.
     """
 
     doubtful: bool = False
@@ -123,7 +123,7 @@ class Furniture(Placed):
 
 @dataclass(frozen=True, slots=True)
 class Agent(Placed):
-    """A rigid part of a person: it moves by itself, and is no object."""
+    """A rigid part of a person: it moves, and is no object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,11 +135,11 @@ class SceneEvent:
     event : str
         "appeared", "moved", "gone" or "back".
     id : int
-        Of the object.
+        Id of the object.
     begin, end : int
-        Frames in which it leaves its place, and in which it is at rest again, or out of the scene.
+        Frames in which the object leaves its place, and in which it is at rest again or out of the scene.
     T_room_from, T_room_to : (4, 4) float64 or None
-        Where it stood, and stands; None where it was, or is, not in the scene.
+        Pose before and after; None if it was not, or is not, in the scene.
     """
 
     event: str
@@ -162,19 +162,19 @@ class Scene:
     furniture : tuple of Furniture
     surfaces : tuple of Surface
     T_world_room : (4, 4) float64
-        Turned and shifted any way: in the world, up is no axis.
+        Random rotation and translation: up is not an axis of the world.
     T_room_camera : (N, 4, 4) float64
-        True poses.
+        True camera poses.
     focal_px : float
-        At a width of 640 pixels.
+        Focal length at an image width of 640 pixels.
     lamp : (L, 3) float64
         Points of the lamp, in the room.
     ghosts : tuple of SceneObject
-        What stood there at an earlier visit and does not any more.
+        Objects of an earlier visit that are gone.
     agents : tuple of Agent
         Parts of people.
     events : tuple of SceneEvent
-        What happens to objects, in the order in which it ends.
+        Events of objects, in the order of their ends.
     """
 
     name: str
@@ -210,7 +210,7 @@ class Scene:
         return poses
 
     def intrinsics(self, width: int = 640, height: int = 480) -> Intrinsics:
-        """Return the pinhole for images of a size; the horizontal field of view stays."""
+        """Return the intrinsics for an image size, with the same horizontal field of view."""
         focal = self.focal_px * width / 640
         return Intrinsics(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)
 
@@ -221,7 +221,7 @@ class Scene:
         return normal, -float(normal @ point)
 
     def box(self, placed: Placed) -> Box:
-        """Return the box of least footprint around a body that stands upright, in the world."""
+        """Return the box with the smallest footprint around an upright body, in the world."""
         points = placed.mesh().vertices
         center, size, angle = smallest_rectangle(hull(points[:, :2]))
         low, high = float(points[:, 2].min()), float(points[:, 2].max())
@@ -234,5 +234,5 @@ class Scene:
         )
 
     def is_round(self, placed: Placed) -> bool:
-        """Tell whether a body that stands upright looks alike from all sides."""
+        """Tell whether an upright body looks the same from all sides."""
         return is_round(hull(placed.mesh().vertices[:, :2]))

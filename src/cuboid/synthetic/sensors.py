@@ -1,4 +1,4 @@
-"""Errors of depth cameras: noise, steps, holes, shadows, wrong pixels at edges.
+"""Error models of depth cameras: noise, steps, holes, shadows, wrong pixels at edges.
 
 ==================  ==============================================================================
 `structured-light`  Kinect v1. Deviation and step of depth: Khoshelham and Oude Elberink, "Accuracy
@@ -28,25 +28,25 @@ Sensor = Callable[[Float32Array, Float32Array, Intrinsics, np.random.Generator],
 Mask = npt.NDArray[np.bool_]
 
 # Khoshelham: one step of disparity is 2.85e-5 / cm of inverse depth, and depth deviates by half a step,
-# 1.425e-3 z^2 m. The rounding to steps makes 1/sqrt(12) of a step of that, noise before it the rest.
+# 1.425e-3 z^2 m. Rounding to steps contributes 1/sqrt(12) of a step; noise before rounding contributes the rest.
 STEP_PER_M = 2.85e-3
 NOISE_STEPS = float(np.sqrt(0.5**2 - 1 / 12))
-# Disparity is found in windows: noise of neighbours is alike over this many pixels.
+# Disparity is computed in windows: noise is correlated over this many pixels.
 WINDOW_PX = 0.8
 # Nguyen: lateral deviation 0.8 + 0.035 t / (pi/2 - t) pixels at the angle t of incidence, and beyond 60
 # degrees depth deviates by 0.0001 / sqrt(z) t^2 / (pi/2 - t)^2 metres more.
 LATERAL_PX, LATERAL_SLANT_PX = 0.8, 0.035
 SLANT_M = 1e-4
-# The distance of projector and camera, and where depth begins and ends (Kinect v1).
+# Distance between projector and camera, and depth range (Kinect v1), metres.
 BASELINE_M = 0.075
 STRUCTURED_LIGHT_RANGE_M = (0.45, 5.0)
-# Kinect v2.
+# Depth range of Kinect v2, metres.
 TIME_OF_FLIGHT_RANGE_M = (0.5, 4.5)
 CLEAN_RANGE_M = (0.05, 12.0)
 
 # Neighbours that differ by more than this fraction of their depth, plus 1 cm, lie on two surfaces.
 EDGE_FRACTION = 0.02
-# Fraction of pixels without reading: at an edge, and anywhere.
+# Fraction of pixels without a reading: at edges, and elsewhere.
 EDGE_HOLES, STRAY_HOLES = 0.35, 0.0008
 # Angles of incidence (degrees) from which readings begin to be lost, and at which all are.
 GRAZING_DEG = (74.0, 85.0)
@@ -63,7 +63,7 @@ def structured_light(
     depth_m : (H, W) float32
         True depth, 0 where there is nothing.
     cosine : (H, W) float32
-        Of the angle between ray and surface normal.
+        Cosine of the angle between ray and surface normal.
     intrinsics : Intrinsics
     rng : numpy.random.Generator
     """
@@ -126,7 +126,7 @@ def _incidence(cosine: Float32Array) -> tuple[Float32Array, Float32Array]:
 
 
 def _filled(depth_m: Float32Array) -> Float32Array:
-    """Return depth with nothing as far away."""
+    """Return depth with a far value where nothing is hit."""
     return np.where(depth_m > 0, depth_m, _NOWHERE_M)
 
 
@@ -134,14 +134,14 @@ def _edges(depth_m: Float32Array) -> Mask:
     """Tell which pixels have a neighbour on another surface."""
     depth = _filled(depth_m)
     jump = cv2.dilate(depth, _CROSS) - cv2.erode(depth, _CROSS)
-    # A slanted surface has even steps: what half the jump to either side explains is no edge.
+    # A slanted surface has equal steps to both sides, so its second difference is small: it is no edge.
     bend = np.abs(cv2.Laplacian(depth, cv2.CV_32F, ksize=1))
     edge: Mask = (jump > EDGE_FRACTION * depth + 0.01) & (bend > 0.3 * jump)
     return edge
 
 
 def _ragged(depth_m: Float32Array, edge: Mask, slant: Float32Array, rng: np.random.Generator) -> Float32Array:
-    """Let pixels near an edge read what a neighbour sees, by the lateral deviation."""
+    """Shift the readings of pixels near an edge to those of neighbours, by the lateral deviation."""
     rows, columns = np.nonzero(cv2.dilate(edge.astype(np.uint8), _CROSS))
     deviation = np.minimum(LATERAL_PX + LATERAL_SLANT_PX * slant[rows, columns], 2.0)
     off = np.rint(rng.standard_normal((2, len(rows)), np.float32) * deviation).astype(np.int64)
@@ -153,7 +153,7 @@ def _ragged(depth_m: Float32Array, edge: Mask, slant: Float32Array, rng: np.rand
 
 
 def _window_noise(shape: tuple[int, ...], rng: np.random.Generator) -> Float32Array:
-    """Return noise (H, W) of deviation 1 that is alike for neighbours."""
+    """Return noise (H, W) of deviation 1 that is correlated between neighbours."""
     kernel = cv2.getGaussianKernel(5, WINDOW_PX).astype(np.float32)
     noise = rng.standard_normal(shape, np.float32)
     blurred = cv2.sepFilter2D(noise, cv2.CV_32F, kernel, kernel)
@@ -185,8 +185,8 @@ def projector_shadow(depth_m: Float32Array, disparity_at_1_m: float, shadow: Mas
     disparity_at_1_m : float
         Focal length times baseline, pixels metre.
     shadow : (H, W) bool
-        Filled here. Each surface between two neighbouring pixels is drawn into the row of the projector's
-        image, the nearest kept; a pixel is in the shadow where something nearer was drawn at its place.
+        Filled here. Each surface between two neighbouring pixels is drawn into the row of the projector's image, with
+        the nearest kept; a pixel is in the shadow if a nearer surface was drawn at its place.
     """
     height, width = depth_m.shape
     nearest = np.zeros(width, np.float32)
@@ -196,7 +196,7 @@ def projector_shadow(depth_m: Float32Array, disparity_at_1_m: float, shadow: Mas
             if depth_m[r, c] <= 0 or depth_m[r, c + 1] <= 0:
                 continue
             d0, d1 = disparity_at_1_m / depth_m[r, c], disparity_at_1_m / depth_m[r, c + 1]
-            if abs(d1 - d0) > 1.0:  # two surfaces, or one that the projector sees from behind
+            if abs(d1 - d0) > 1.0:  # two surfaces, or a surface that faces away from the projector
                 continue
             low, high = int(np.ceil(c - d0)), int(np.floor(c + 1 - d1))
             for k in range(max(low, 0), min(high, width - 1) + 1):

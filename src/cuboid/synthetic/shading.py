@@ -1,7 +1,7 @@
-"""From hits to a color image: Lambert's law under a lamp and a bright sky, with textures by position.
+"""Shading of hits to a color image: Lambert's law with a lamp and ambient light, and textures by position.
 
-The lamp is a few points, so that shadows have soft edges; shadow rays are cast for every second pixel of
-every second row, and spread over neighbours on the same part.
+The lamp consists of a few points, so that shadows have soft edges. Shadow rays are cast for every second pixel of every
+second row, and the results are spread to neighbours on the same part.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.synthetic.material import Material, linear
 from cuboid.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster
 
-# Light from everywhere, at a surface that looks down and at one that looks up; the rest is the lamp's.
+# Ambient light on a surface that faces down, and on one that faces up; the rest comes from the lamp.
 AMBIENT_DOWN, AMBIENT_UP = 0.27, 0.42
-# The lamp: light at a distance of 1 m, falling with its square, and the most it gives near by.
+# The lamp's light at a distance of 1 m, which falls with the square of the distance, and its maximum.
 LAMP, LAMP_MOST = 4.8, 1.3
 # Strength of highlights.
 GLOSS = 0.55
-# Size of the fine unevenness that every surface has, metres.
+# Size of the fine texture noise of every surface, metres.
 FINE_M = 0.012
-# The blur of a small lens, pixels; it also softens the steps of one ray a pixel.
+# The blur of a small lens, pixels; it also smooths the aliasing of one ray per pixel.
 BLUR_PX = 0.55
 # Noise of the color sensor, grey levels.
 COLOR_NOISE = 1.6
@@ -38,13 +38,13 @@ _GAMMA = np.rint(np.linspace(0.0, 1.0, 4096) ** (1 / 2.2) * 255).astype(np.uint8
 
 @dataclass(frozen=True, slots=True)
 class ShadingParameters:
-    """The surfaces of a scene, as the shading needs them.
+    """The surfaces of a scene, as tables for the shading.
 
     Attributes
     ----------
     face_part : (F,) int32
     normals : (F, 3, 3) float32
-        Of each face's corners, in the room.
+        Normals of each face's corners, in the room.
     parts : (P, 21) float64
         color, second (linear), texture, scale, shine, T_body_room (3 x 4, by rows).
     lamp : (L, 3) float64
@@ -91,7 +91,7 @@ def shade(
 def _lit_fraction(
     caster: RayCaster, look: ShadingParameters, points: Float32Array, normals: Float32Array
 ) -> Float32Array:
-    """Return the fraction of the lamp that reaches points (h, w, 3) with normals (h, w, 3), (h, w)."""
+    """Return the visible fraction of the lamp (h, w) for points (h, w, 3) with normals (h, w, 3)."""
     start = np.ascontiguousarray((points + normals * np.float32(SHADOW_BIAS_M)).reshape(-1, 3))
     lit = np.zeros(len(start), np.float32)
     for point in look.lamp:
@@ -118,7 +118,7 @@ def _noise_at(noise: Float32Array, x: float, y: float, z: float) -> float:  # pr
 
 @kernel
 def _cell(noise: Float32Array, x: float, y: float, z: float) -> float:  # pragma: no cover (compiled)
-    """Return a number 0..1 that is one for each cell of the unit lattice."""
+    """Return the random number, 0..1, of the cell of the unit lattice at a position."""
     i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
     return float(noise[(i * 7 + j * 3) & 31, (j * 11 + k * 5) & 31, (k * 13 + i) & 31])
 
@@ -161,7 +161,7 @@ def _second_fraction(
 
 @kernel
 def _smooth_lit(lit: Float32Array, part: npt.NDArray[np.int32], r: int, c: int) -> float:  # pragma: no cover (compiled)
-    """Spread the lamp's fraction from the pixels that have it to their neighbours on the same part."""
+    """Return a pixel's lamp fraction, interpolated from neighbours with a value on the same part."""
     total, weight = 0.0, 1e-6
     for i in range((r - 1) // 2, (r + 1) // 2 + 1):
         for j in range((c - 1) // 2, (c + 1) // 2 + 1):
@@ -185,7 +185,7 @@ def _places(
     normals: Float32Array,
     cosine: Float32Array,
 ) -> None:  # pragma: no cover (compiled)
-    """Fill the place (H, W, 3) that each pixel sees, its normal toward the camera, and its ray's cosine."""
+    """Fill each pixel's surface point (H, W, 3), its normal towards the camera, and its ray's cosine."""
     for r in range(depth_m.shape[0]):
         for c in range(depth_m.shape[1]):
             f, z = face[r, c], depth_m[r, c]
@@ -219,7 +219,7 @@ def _colors(
     gamma: UInt8Array,
     color: UInt8Array,
 ) -> None:  # pragma: no cover (compiled)
-    """Fill `color` (H, W, 3) from what `_places` found and the tables of `ShadingParameters`."""
+    """Fill `color` (H, W, 3) from the output of `_places` and the tables of `ShadingParameters`."""
     for r in range(part.shape[0]):
         for c in range(part.shape[1]):
             if part[r, c] < 0:

@@ -1,6 +1,6 @@
-"""Things that stand on tables, made from nothing but numbers: each is a function of a random generator.
+"""Procedural models of objects on tables: each is a function of a random generator.
 
-A model stands on z = 0 around the origin; sizes are those of household things, metres.
+A model stands on z = 0 around the origin; sizes are those of household objects, metres.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cuboid.synthetic.mesh import Mesh, box, grid, lathe, merged, prism, shift, 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A body of parts, each with its look, standing on z = 0.
+    """A body of parts, each with a material, standing on z = 0.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ def parcel(rng: np.random.Generator) -> Model:
 
 
 def can(rng: np.random.Generator) -> Model:
-    """Return a drinks or food can: a printed wall, a metal rim, a lid set in."""
+    """Return a drinks or food can with a printed wall, a metal rim and a recessed lid."""
     r, h = ((0.033, 0.122), (0.037, 0.11), (0.05, 0.12))[int(rng.integers(3))]
     wall = lathe([(0, 0), (r - 0.006, 0), (r, 0.006), (r, h - 0.01)])
     rim = lathe(
@@ -315,5 +315,5 @@ MAKERS: Mapping[str, Maker] = MappingProxyType(
 
 
 def turned(model: Model, angle_rad: float) -> Model:
-    """Return the model turned about its upright axis."""
+    """Return the model rotated about its vertical axis."""
     return Model(model.name, tuple((mesh.moved(turn(angle_rad)), look) for mesh, look in model.parts))

@@ -1,6 +1,6 @@
-"""The files that say what a made recording shows: `truth.json`, the true trajectory, the labelled cloud.
+"""The ground-truth files of a synthetic recording: `truth.json`, the true trajectory, the labelled cloud.
 
-``docs/synthetic.md`` describes them; the form of `truth.json` is that of truth files of real recordings.
+``docs/synthetic.md`` describes them; `truth.json` has the format of truth files of real recordings.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TRUTH, TRAJECTORY, CLOUD = "truth.json", "true_trajectory.txt", "true_cloud.ply"
 
 # An object is judged if at least this fraction of it is visible in at least this many frames.
 SHOWN_FRACTION, SHOWN_FRAMES = 0.3, 8
-# Points of the cloud are thinned to one in a cube of this size, metres.
+# The cloud is thinned to one point per cube of this size, metres.
 CLOUD_CELL_M = 0.008
 
 
@@ -39,7 +39,7 @@ def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, fractions: Flo
     path : Path
     scene : Scene
     intrinsics : Intrinsics
-        Of the recording.
+        Intrinsics of the recording.
     fractions : (N, M) float64
         Visible fraction of each object in each frame, in the order of `scene.objects`.
     """
@@ -70,7 +70,7 @@ def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, fractions: Flo
 
 
 def run_lengths(values: npt.ArrayLike) -> list[list[float | int]]:
-    """Return values as [value, how often in a row]."""
+    """Return the run-length encoding of values: [value, length] of each run."""
     runs: list[list[float | int]] = []
     for value in np.asarray(values, np.float64).tolist():
         if runs and runs[-1][0] == value:
@@ -98,7 +98,7 @@ def _box(box: Box) -> dict[str, Any]:
 
 
 def _moves(scene: Scene, path: Float64Array, T_model_box: Float64Array) -> list[list[float | int]]:
-    """Return where a box is that moves with a model, [frame, x, y, z, qw, qx, qy, qz], for each change."""
+    """Return the pose changes of a box that moves with a model, [frame, x, y, z, qw, qx, qy, qz]."""
     rows: list[list[float | int]] = []
     for frame, T in enumerate(scene.T_world_room @ path @ T_model_box):
         if frame == 0 or (path[frame] != path[frame - 1]).any():
@@ -173,13 +173,13 @@ def pose_lines(keys: Sequence[str], T_world_camera: Float64Array) -> str:
 
 
 def write_trajectory(path: Path, T_world_camera: Float64Array) -> None:
-    """Write the true poses (N, 4, 4) in the TUM form, `timestamp tx ty tz qx qy qz qw`."""
+    """Write the true poses (N, 4, 4) in the TUM format, `timestamp tx ty tz qx qy qz qw`."""
     times = [number(k / FRAMES_PER_S, LENGTH) for k in range(len(T_world_camera))]
     path.write_text(pose_lines(times, T_world_camera), encoding="utf-8")
 
 
 class LabelledCloud:
-    """The surfaces that the camera saw, thinned, each point with the object it lies on."""
+    """The thinned surfaces that the camera saw; each point has the label of its object."""
 
     def __init__(self) -> None:
         self._parts: list[tuple[Float32Array, UInt8Array, npt.NDArray[np.int32]]] = []
@@ -189,7 +189,7 @@ class LabelledCloud:
         self._parts.append((xyz, rgb, label))
 
     def write(self, path: Path) -> None:
-        """Write the cloud in the form of `map.ply`; heat is 1 on objects and 0 elsewhere."""
+        """Write the cloud in the format of `map.ply`; heat is 1 on objects and 0 elsewhere."""
         xyz, rgb, label = (np.concatenate(columns) for columns in zip(*self._parts, strict=True))
         cell = np.floor(xyz / CLOUD_CELL_M).astype(np.int64)
         first = np.sort(np.unique(cell, axis=0, return_index=True)[1])

@@ -18,16 +18,16 @@ from cuboid.synthetic.mesh import Mesh, shift, turn
 from cuboid.synthetic.shapes import Model
 
 EXTENSIONS = (".obj", ".glb", ".ply")
-# A file whose longest side is in this range is in metres; else, if a thousandth of it is, in millimetres.
-# A mesh in neither unit becomes an object of 18 cm.
+# A mesh whose longest side is in this range is in metres; if a thousandth of it is, in millimetres. A mesh in neither
+# unit is scaled to 18 cm.
 LONGEST_M = (0.04, 0.6)
 OTHERWISE_M = 0.18
-# More would make the rays slow and add nothing at this distance.
+# Maximum number of faces: more would slow the ray casting and add nothing at this distance.
 MAX_FACES = 200_000
-# The largest file, and the largest coordinate (of a mesh in micrometres): such meshes have more faces than that.
+# Maximum file size (larger files have more faces than allowed), and maximum coordinate (of a mesh in micrometres).
 MAX_MESH_BYTES = 256 << 20
 LARGEST = 1e9
-# The thinnest side, metres: below it a body has no inside and its outline no area.
+# Minimum thickness, metres: below it a body has no volume and its outline no area.
 THINNEST_M = 0.004
 
 
@@ -52,12 +52,12 @@ def load_meshes(folder: PathLike) -> list[Model]:
 
 
 def load_mesh(path: Path) -> Model:
-    """Return a mesh file as a model that stands on z = 0, with the color of the file where it has one.
+    """Return a mesh file as a model that stands on z = 0, with the color in the file if there is one.
 
     Raises
     ------
     InputError
-        It cannot be read, has no faces or too many, has numbers that are not finite, or is flat.
+        The file cannot be read, has no faces or too many, has numbers that are not finite, or is flat.
     """
     trimesh = require("trimesh", "cuboid synth --meshes", "synth")
 
@@ -65,7 +65,7 @@ def load_mesh(path: Path) -> Model:
         try:
             beside = trimesh.resolvers.FilePathResolver(str(path))  # materials and textures
             loaded = trimesh.load(file, file_type=path.suffix[1:].lower(), resolver=beside, force="mesh")
-        except Exception as error:  # the readers of a dozen formats raise what they like
+        except Exception as error:  # the readers of a dozen formats raise many kinds of errors
             raise InputError(f"{path}: cannot be read as a mesh: {str(error)[:80]}") from None
     vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), np.float64)
     faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), np.int32)
@@ -102,13 +102,13 @@ def _standing(mesh: Mesh, path: Path) -> Mesh:
         raise InputError(f"{path}: is flat, its thinnest side is {sides.min():.3g} m")
     try:
         middle, _, _ = smallest_rectangle(hull(mesh.vertices[:, :2]))
-    except (RuntimeError, ValueError, IndexError):  # Qhull has an error of its own
+    except (RuntimeError, ValueError, IndexError):  # Qhull has its own error class
         raise InputError(f"{path}: is flat, seen from above it has no area") from None
     return mesh.moved(shift((-middle[0], -middle[1], -mesh.vertices[:, 2].min())))
 
 
 def _color(loaded: object) -> Color:
-    """Return the mean color of a mesh, or a paint where it has none."""
+    """Return the mean color of a mesh, or a paint if it has no color."""
     visual = getattr(loaded, "visual", None)
     try:
         if visual is not None and hasattr(visual, "to_color"):

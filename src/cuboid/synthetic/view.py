@@ -1,7 +1,7 @@
-"""A scene ready to be looked at: its triangles, and what belongs to which object.
+"""A scene ready for rendering: its triangles, and the object of each triangle.
 
-Rays are cast in the room, where walls and tops lie along the axes: their bounding boxes are then thin, and
-the rays three times as fast as in a world that is turned.
+Rays are cast in the room frame, where walls and tops are aligned with the axes: their bounding boxes are thin, and rays
+are three times as fast as in the rotated world.
 """
 
 from __future__ import annotations
@@ -19,23 +19,24 @@ from cuboid.synthetic.scene import Placed, Scene, SceneObject
 from cuboid.synthetic.sensors import SENSORS
 from cuboid.synthetic.shading import ShadingParameters, part_rows, shade
 
-# Points an object's surface is sampled with for its visible fraction: 0.05 is then 30 of them.
+# Number of sample points on an object's surface for its visible fraction: a fraction of 0.05 has 30 points.
 SURFACE_POINTS = 600
-# An object is looked at from these directions to find the part of its surface that can be seen at all: the
-# inside of a hollow body and the face it stands on cannot. From level to straight above.
+# Directions, from level to straight above, from which the visible part of an object's surface is determined: the inside
+# of a hollow body and the bottom face cannot be seen.
 _BEARINGS = np.arange(0, 2 * np.pi, np.pi / 6)
 _VIEWS = np.array(
     [[np.cos(b) * np.cos(e), np.sin(b) * np.cos(e), np.sin(e)] for e in (0.02, 0.5, 1.0) for b in _BEARINGS]
     + [[0.0, 0.0, 1.0]]
 )
 FAR_M = 3.0
-# A point is seen where true depth agrees with its own, metres.
+# Maximum difference between true depth and a point's depth for the point to be visible, metres.
 AGREES_M = 0.02
-# A face mirrors where its normal is within 8 degrees of up, and its height is told apart to this, metres.
+# A mirroring face has a normal within 8 degrees of up; faces are distinguished by height to this accuracy, metres.
 LEVEL_COSINE, LEVEL_M = 0.99, 2e-3
-# A patch of a mirroring face reads the face or its mirror image: the side of a patch, metres, and how many differ.
+# In each patch of a mirroring face, depth is that of the face or of its mirror image: side of a patch, metres, and
+# number of different patches.
 PATCH_M, PATCHES = 0.03, 64
-# The depth of a mirror image is read up to this far from the face, metres: a farther one is too faint for the sensor.
+# Maximum distance from the face of a mirror image in depth, metres: a farther one is too faint for the sensor.
 MIRRORED_M = 0.15
 UPSIDE_DOWN = np.array([1, 1, -1], np.float32)
 # Steps of the visible fraction.
@@ -51,7 +52,7 @@ class Rendered:
     color : (H, W, 3) uint8
         RGB.
     depth_m : (H, W) float32
-        As the sensor measured it.
+        Depth as measured by the sensor.
     hits : Hits
         The true first hits.
     """
@@ -85,7 +86,7 @@ class SceneView:
         self.face_moves: npt.NDArray[np.bool_] = np.repeat(np.array(moving, np.bool_), faces)
         self._face_part = np.repeat(np.arange(len(parts), dtype=np.int32), faces)
         self._materials, self._lamp = materials, scene.lamp
-        # Each part as it stands, with the normals of its corners.
+        # Mesh of each part in its current pose, with the normals of its corners.
         self._standing: dict[int, tuple[Mesh, Float32Array]] = {}
         self._stand(0)
         self._mirrors = np.array([material.mirror for material in materials], np.float32)
@@ -95,7 +96,7 @@ class SceneView:
         self._ghosts = [_surface(scene, body) for body in scene.ghosts]
 
     def _stand(self, frame: int) -> None:
-        """Let everything stand where it is in a frame."""
+        """Move all bodies to their poses in a frame."""
         parts, poses = [], []
         every = [(body, mesh) for body in self._placed for mesh, _ in body.model.parts]
         for k, (body, mesh) in enumerate(every):
@@ -113,7 +114,7 @@ class SceneView:
         )
 
     def render(self, frame: int, sensor: str) -> Rendered:
-        """Render a frame with a sensor of `SENSORS`."""
+        """Render a frame with one of `SENSORS`."""
         if self._moves:
             self._stand(frame)
         T = self._poses[frame]
@@ -126,7 +127,7 @@ class SceneView:
         return Rendered(color, depth, hits)
 
     def _mirrored(self, hits: Hits, color: UInt8Array, rng: np.random.Generator) -> tuple[UInt8Array, Float32Array]:
-        """Return color and depth with what level faces mirror: its depth is that of the mirror image below the face."""
+        """Return color and depth with mirror images in level faces; their depth is below the face."""
         part = np.where(hits.face >= 0, self._look.face_part[hits.face], 0)
         mirror = np.where(hits.face >= 0, self._mirrors[part], np.float32(0))
         mirror = np.where(self._look.normals[hits.face, 0, 2] > LEVEL_COSINE, mirror, np.float32(0))
@@ -149,11 +150,11 @@ class SceneView:
         return color, depth_m
 
     def labels(self, hits: Hits) -> npt.NDArray[np.int32]:
-        """Return the object that each pixel sees, (H, W) int32, 0 for none."""
+        """Return the object id of each pixel, (H, W) int32, 0 for none."""
         return np.where(hits.face >= 0, self.face_label[hits.face], 0).astype(np.int32)
 
     def visible_fractions(self, frame: int, hits: Hits) -> Float64Array:
-        """Return for each object the fraction of its points facing the camera that is seen, in 0.05 steps."""
+        """Return for each object the visible fraction of its points that face the camera, in steps of 0.05."""
         T_camera_room = se3.inverse(self._poses[frame])
         return np.array(
             [
@@ -163,7 +164,7 @@ class SceneView:
         )
 
     def empty_fractions(self, frame: int, hits: Hits) -> Float64Array:
-        """Return for each ghost the fraction of its points facing the camera at or through which the camera sees."""
+        """Return for each ghost the fraction of its camera-facing points at or behind which a surface is seen."""
         T_camera_room = se3.inverse(self._poses[frame])
         return np.array([self._share(*ghost, T_camera_room, hits, through=True) for ghost in self._ghosts])
 
@@ -192,14 +193,14 @@ class SceneView:
 
 
 def _moved_since(body: Placed, frame: int) -> Float64Array:
-    """Return the motion (4, 4) in the room from where a body stands in the end to where it is in a frame."""
+    """Return the motion (4, 4) in the room from a body's final pose to its pose in a frame."""
     if body.path is None:
         return np.eye(4)
     return np.asarray(body.path[frame] @ se3.inverse(body.T_room_model))
 
 
 def _surface(scene: Scene, body: SceneObject) -> tuple[Float64Array, Float64Array]:
-    """Return points of an object's surface that can be seen from somewhere, and their normals."""
+    """Return points of an object's surface that are visible from outside, and their normals."""
     mesh = body.mesh()
     rng = np.random.default_rng([scene.seed, body.id])
     points, normals = sample_surface(mesh, 4 * SURFACE_POINTS, rng)

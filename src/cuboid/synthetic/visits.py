@@ -1,4 +1,4 @@
-"""Several recordings of one place: between them things move, turn, go and come, and light and path change.
+"""Several recordings of one place; in between, objects move, turn, go and come, and light and path change.
 
 ::
 
@@ -30,15 +30,15 @@ from cuboid.synthetic.scene import Scene, SceneObject
 from cuboid.synthetic.shapes import Model
 
 VISITS = "visits.json"
-# Number of objects that move between two visits; besides, one turns in place, one is taken, one comes.
+# Number of objects that move between two visits; in addition, one turns in place, one is removed, one is added.
 MOVED = 2
-# A moved object stands at least this far from its old place, metres.
+# Minimum distance of a moved object from its old place, metres.
 MIN_MOVE_M = 0.15
-# The middle of an object that turns in place stays within this distance, metres.
+# Maximum displacement of the centre of an object that turns in place, metres.
 TURNED_M = 0.05
-# How far the lamp goes, metres.
+# Maximum displacement of the lamp between visits, metres.
 LAMP_M = (0.9, 0.9, 0.15)
-# A visit's random numbers are its own.
+# Seed offset per visit: each visit has its own random numbers.
 VISIT_SEED = 100_003
 
 
@@ -51,22 +51,22 @@ def make_visits(
     camera: str | None = None,
     meshes: Sequence[Model] = (),
 ) -> list[Scene]:
-    """Make a scene and what becomes of it by later visits; the same arguments make the same scenes.
+    """Make a scene and its changed versions at later visits; the same arguments make the same scenes.
 
     Parameters
     ----------
     kind : str
-        Of `WAYS`.
+        One of `WAYS`.
     seed : int
     count : int
-        Visits, the first one included.
+        Number of visits, including the first one.
     frames, camera, meshes
         As for `make_scene`.
 
     Raises
     ------
     InputError
-        The kind or the camera is not known, or the kind has no visits.
+        The kind or the camera is unknown, or the kind has no visits.
     """
     scenes = [make_scene(kind, seed, frames=frames, camera=camera, meshes=meshes)]
     if kind not in WAYS:
@@ -81,7 +81,7 @@ def make_visits(
 def _next(
     scenes: Sequence[Scene], kind: str, seed: int, visit: int, known: int, frames: int, camera: str | None
 ) -> tuple[Scene, int]:
-    """Return the scene of the next visit, and the last number given to a thing."""
+    """Return the scene of the next visit, and the last object id in use."""
     before = scenes[-1]
     rng = np.random.default_rng([seed, sorted(WAYS).index(kind), visit])
     place = Arrangement(before.surfaces, rng, before.objects)
@@ -104,7 +104,7 @@ def _next(
 
 
 def _moved(place: Arrangement, number: int, rng: np.random.Generator) -> SceneObject | None:
-    """Move a thing to another place; return it as it stood, None where there is no room."""
+    """Move an object to another place; return its old state, or None if there is no room."""
     old = place.take(number)
     for _ in range(20):
         new = place.put(old.model, int(rng.integers(len(place.surfaces))), APART_M, 0.85, number)
@@ -118,7 +118,7 @@ def _moved(place: Arrangement, number: int, rng: np.random.Generator) -> SceneOb
 
 
 def _turn(place: Arrangement, number: int, rng: np.random.Generator) -> None:
-    """Turn a thing where it stands, as far as it goes without touching another."""
+    """Turn an object in place, as far as possible without touching another one."""
     old = place.take(number)
     angle = float(rng.uniform(0.5, np.pi))
     center = old.T_room_model[:3, 3]
@@ -134,32 +134,32 @@ def render_visits(
     progress: Progress | None = None,
     **options: Any,
 ) -> dict[str, Any]:
-    """Render visits, each into a recording of its own, and tell what happened between them.
+    """Render visits, each into its own recording, and write the changes between them.
 
     Parameters
     ----------
     scenes : sequence of Scene
-        From `make_visits`.
+        Output of `make_visits`.
     path : path
-        The folder of all.
+        The folder of all visits.
     force : bool
-        Whether made visits that lie there are replaced.
+        Whether existing synthetic visits are replaced.
     progress : callable, optional
-        Called with the number of frames done and of all.
+        Called with the number of finished frames and the total number.
     **options
         As for `render_recording`.
 
     Returns
     -------
     dict
-        What `visits.json` holds.
+        Contents of `visits.json`.
 
     Raises
     ------
     InputError
-        An argument is unknown or out of its range.
+        An argument is unknown or out of range.
     OutputError
-        The folder exists and `force` is not given, or it cannot be written.
+        The folder exists and `force` is False, or it cannot be written.
     """
     path = as_path(path)
     if path.exists() and not (force and (path / VISITS).is_file()):
@@ -178,15 +178,15 @@ def render_visits(
 
 
 def _from(progress: Progress | None, done: int, frames: int) -> Progress | None:
-    """Return what counts the frames of one of several recordings."""
+    """Return the progress callback for one of several recordings."""
     return None if progress is None else lambda own, _: progress(done + own, frames)
 
 
 def changes_between(before: Scene, after: Scene, shown: Shown) -> list[dict[str, Any]]:
-    """Return what became of each thing between two visits, by number.
+    """Return the change of each object between two visits, by id.
 
-    Each has ``id``, ``name``, ``change`` (unchanged, moved, gone, new), ``judged``, where it stood and stands (``from``
-    and ``to``), and in how many frames of the later visit these places are shown (``empty_frames``, ``seen_frames``).
+    Each has ``id``, ``name``, ``change`` (unchanged, moved, gone, new), ``judged``, the old and new place (``from`` and
+    ``to``), and the number of frames of the later visit that show these places (``empty_frames``, ``seen_frames``).
     """
     old, new = ({body.id: body for body in scene.objects} for scene in (before, after))
     rows = []
