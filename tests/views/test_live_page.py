@@ -116,10 +116,13 @@ def test_the_page_follows_a_run_to_its_end(watched: Watched) -> None:
         page.click("#look-through")
         page.wait_for_function("document.getElementById('look-through').getAttribute('aria-pressed') === 'true'")
         page.set_viewport_size({"width": 390, "height": 780})  # a phone
-        for button in page.locator("button:visible").all():
-            place = button.bounding_box()
-            assert place is not None
-            assert 0 <= place["x"] < place["x"] + place["width"] <= 390
+        # all at once: the list is made anew with every moment
+        places = page.locator("button").evaluate_all(
+            "buttons => buttons.map((one) => one.getBoundingClientRect()).filter(({width}) => width)"
+            ".map(({left, right}) => [left, right])"
+        )
+        assert len(places) > 10
+        assert all(0 <= left < right <= 390 for left, right in places)
         assert page.locator("#objects .object").is_visible()
         assert page.locator("#scale").is_visible()
         assert not page.locator("#notice").is_visible()  # it would cover the scale bar
