@@ -12,13 +12,13 @@ import pytest
 
 from cuboid.core.errors import InputError, OutputError
 from cuboid.outputs import read_objects, read_run, read_tracks, read_trajectory
-from cuboid.outputs.folder import EMBEDDINGS, EVENTS, OUTPUT_NAMES, REPORT, TRAJECTORY_ONLINE, VIDEO, VIEWS
+from cuboid.outputs.folder import AGENTS, EMBEDDINGS, EVENTS, OUTPUT_NAMES, REPORT, TRAJECTORY_ONLINE, VIDEO, VIEWS
 from cuboid.pipeline.run import track_recording
 from cuboid.poses.sources import GivenPoses
 from cuboid.tracking.types import RunOutcome
 from fakes import FakeRecording, FakeTracker
 
-RESULTS = sorted(set(OUTPUT_NAMES) - {EVENTS, VIDEO, TRAJECTORY_ONLINE, VIEWS, EMBEDDINGS})
+RESULTS = sorted(set(OUTPUT_NAMES) - {EVENTS, AGENTS, VIDEO, TRAJECTORY_ONLINE, VIEWS, EMBEDDINGS})
 
 
 def track(recording: FakeRecording, output: Path | None, **options: Any) -> RunOutcome:
