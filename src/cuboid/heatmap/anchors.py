@@ -1,9 +1,9 @@
 """Anchors of the map's points: keyframes, whose pose corrections are applied to the points lazily.
 
-A correction moves keyframes, and no point. Each point names its anchor: a keyframe at some state of its pose. When a
-keyframe moves, its motion is pending for all points of its anchor; points that are seen from it afterwards get another
-anchor, for which nothing is pending. Each anchor lists the cubes that its points are in, so that points with a pending
-motion are found without a search of any other cube.
+A correction moves keyframes, but no points. Each point stores its anchor: a keyframe with one of its poses. When a
+keyframe moves, its motion becomes pending for all points of its anchor; points that are seen from it later get a new
+anchor without a pending motion. Each anchor lists the cubes that contain its points, so that points with a pending
+motion are found without a search in other cubes.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from cuboid.core.frame import Float64Array
 from cuboid.core.state import Record
 from cuboid.heatmap.kernels.cubes import ANCHORS
 
-# Keyframes up to this one are distinguished: hours of video. They are anchors of that number; higher numbers are those
-# of keyframes that have moved since some of their points last did.
+# Largest keyframe number that is distinguished: hours of video. Up to it, a keyframe's first anchor has the keyframe's
+# number; higher numbers are anchors of keyframes that have moved since some of their points were placed.
 LAST_KEYFRAME = ANCHORS // 2 - 1
 
 Numbers = npt.NDArray[np.int64]
@@ -35,9 +35,9 @@ class Anchor(Record):
     number : int
     keyframe : int
     cubes : (N,) int32
-        Cubes that may hold its points, ascending.
+        Cubes that may contain its points, ascending.
     T_new_old : (4, 4) float64 or None
-        Pending motion of its points in the world; None where there is none.
+        Pending motion of its points in the world; None if there is none.
     """
 
     number: int
@@ -53,9 +53,9 @@ class AnchorsState(Record):
     Attributes
     ----------
     all : dict of int to Anchor
-        By number.
+        The anchors by number.
     now : dict of int to int
-        Current anchor of each keyframe, by its number.
+        Current anchor of each keyframe, by the number of the keyframe.
     last_number : int
         Number of the last anchor that a moved keyframe got.
     """
@@ -71,16 +71,16 @@ class Anchors:
     Attributes
     ----------
     pending : (ANCHORS,) bool
-        Whether a motion of their points is pending.
+        Whether a motion of each anchor's points is pending.
     motions : (ANCHORS, 3, 4) float64
-        These.
+        The pending motions.
     """
 
     NOT_SAVED = frozenset({"pending", "motions", "_keyframes", "_of", "_pairs"})
 
     def __init__(self) -> None:
         self._all: dict[int, Anchor] = {}
-        # The anchor of what is seen from a keyframe now.
+        # Anchor of new points from each keyframe.
         self._now: dict[int, int] = {}
         self._last_number = LAST_KEYFRAME
         self.pending: npt.NDArray[np.bool_] = np.zeros(ANCHORS, bool)
@@ -90,7 +90,7 @@ class Anchors:
         self._pairs: tuple[CubeNumbers, CubeNumbers] | None = None
 
     def state(self) -> AnchorsState:
-        """Return the state of now; nothing in it changes any more, once each anchor's attributes are taken."""
+        """Return the current state; it shares the anchors, so copy their attributes before the next update."""
         return AnchorsState(dict(self._all), dict(self._now), self._last_number)
 
     @classmethod
@@ -102,7 +102,7 @@ class Anchors:
         return anchors
 
     def _remake(self) -> None:
-        """Recompute what follows from the anchors."""
+        """Recompute the tables that follow from the anchors."""
         self.pending[:], self._keyframes[:], self._of, self._pairs = False, np.arange(ANCHORS), {}, None
         for one in self._all.values():
             self._note(one)
@@ -117,7 +117,7 @@ class Anchors:
 
     @property
     def cubes(self) -> int:
-        """One more than the highest number of a cube in which points may be."""
+        """One more than the highest number of a cube that may contain points."""
         return max((int(one.cubes.max(initial=-1)) + 1 for one in self._all.values()), default=0)
 
     def keyframes(self, anchors: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
@@ -125,7 +125,7 @@ class Anchors:
         return self._keyframes[anchors]
 
     def current_anchor(self, keyframe: int) -> int:
-        """Return the anchor of what is seen from a keyframe now; no motion is pending for it."""
+        """Return the anchor for new points from a keyframe; no motion is pending for it."""
         number = self._now.get(keyframe)
         if number is None:
             number = keyframe if keyframe not in self._all else self._free()
@@ -142,20 +142,20 @@ class Anchors:
 
     @property
     def crowded(self) -> bool:
-        """Whether numbers may run out, if all keyframes move and are seen from again."""
+        """Whether anchor numbers may run out if all keyframes move and are used again."""
         others = sum(number > LAST_KEYFRAME for number in self._all)
         return others + len(self._of) > ANCHORS - 1 - LAST_KEYFRAME
 
     def has_points_in(self, number: int, cubes: Numbers) -> None:
-        """Let points of an anchor be in some cubes, each named once."""
+        """Record that cubes, each listed once, contain points of an anchor."""
         one = self._all[number]
-        # The known ones are sorted already; `np.isin` would sort them again.
+        # The known cubes are sorted; `np.isin` would sort them again.
         new = cubes[np.searchsorted(one.cubes, cubes, "left") == np.searchsorted(one.cubes, cubes, "right")]
         if len(new):
             one.cubes = np.sort(np.concatenate([one.cubes, new.astype(np.int32)]))
 
     def add_pending(self, moved: Mapping[int, Float64Array]) -> CubeNumbers:
-        """Add motions (T_new_old) to those pending for keyframes; return the cubes in which points of them may be."""
+        """Add motions (T_new_old) to the pending ones of keyframes; return the cubes that may contain their points."""
         cubes = [np.zeros(0, np.int32)]
         for keyframe, T_new_old in moved.items():
             for number in sorted(self._of.get(keyframe, ())):
@@ -170,7 +170,7 @@ class Anchors:
 
     @property
     def pending_cubes(self) -> tuple[CubeNumbers, CubeNumbers]:
-        """The cubes with points whose motion is pending, (N,), and the anchor, (N,), of each such pair."""
+        """Cubes with points whose motion is pending, (N,), and the anchor of each such pair, (N,)."""
         if self._pairs is None:
             those = [one for one in self._all.values() if one.T_new_old is not None]
             cubes = np.concatenate([np.zeros(0, np.int32), *(one.cubes for one in those)])
@@ -179,7 +179,7 @@ class Anchors:
         return self._pairs
 
     def clear_pending(self, cubes: Numbers) -> None:
-        """Note that no motion is pending in some cubes any more."""
+        """Record that no motion is pending in some cubes any more."""
         of, numbers = self.pending_cubes
         gone = np.isin(of, cubes)
         touched = np.unique(numbers[gone]).tolist()
@@ -196,7 +196,7 @@ class Anchors:
         self.pending[one.number], self._keyframes[one.number] = False, one.number
 
     def now(self, anchors: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
-        """Return by anchor (ANCHORS,) the anchor of the points of some (N,) once their pending motions are applied."""
+        """Return for each anchor (ANCHORS,) that of its points once pending motions of `anchors` (N,) are applied."""
         to = np.arange(ANCHORS, dtype=np.uint16)
         used = np.flatnonzero(np.bincount(anchors, minlength=1))
         for number in used[self.pending[used]].tolist():
@@ -204,7 +204,7 @@ class Anchors:
         return to
 
     def begin_anew(self, anchors: npt.NDArray[np.uint16], cubes: Numbers) -> None:
-        """Have these points alone, by anchor (N,) and cube (N,): nothing is pending for an anchor that is not known."""
+        """Replace all points by these, with anchors (N,) and cubes (N,); unknown anchors have no pending motion."""
         for one in self._all.values():
             one.cubes = np.zeros(0, np.int32)
         for number, some in of_each(anchors, cubes):
@@ -218,8 +218,8 @@ class Anchors:
 
 
 def of_each(anchors: npt.NDArray[np.uint16], cubes: Numbers) -> Iterator[tuple[int, Numbers]]:
-    """Give each anchor of points (N,), ascending, and the cubes (M,) that any of these (N,) is in, ascending."""
+    """Yield each anchor of points (N,), ascending, and the cubes (M,) that contain its points, ascending."""
     pairs = (anchors.astype(np.int64) << 32) | cubes
-    pairs = np.unique(pairs[np.flatnonzero(np.diff(pairs, prepend=-1))])  # few differ from those before them
+    pairs = np.unique(pairs[np.flatnonzero(np.diff(pairs, prepend=-1))])  # drop repeated pairs before sorting
     numbers, firsts = np.unique(pairs >> 32, return_index=True)
     yield from zip(numbers.tolist(), np.split(pairs & 0xFFFFFFFF, firsts[1:])[: len(numbers)], strict=True)

@@ -1,4 +1,4 @@
-"""The fine level of the map: what belongs to small objects is kept in voxels of half the edge as well."""
+"""The fine level of the map: points of small objects are also kept in voxels of half the edge."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cuboid.heatmap.stored_points import Rows, StoredPoints
 
 
 class FinePoints:
-    """Points that are there a second time, finer: those of fine cubes, whose voxels have half the edge.
+    """Finer copies of points, in fine cubes whose voxels have half the edge.
 
-    They lie in cubes, blocks and rows as all others do, are moved, evicted and carved as these;
-    nothing is decided by them. Whom a fine point belongs to is what the voxel of the map around it says: no owner and
-    no votes are kept of it, and where that voxel holds no point it is not there.
+    They are stored in cubes, blocks and rows like all other points, and are moved, evicted and carved like them; no
+    decision depends on them. The owner of a fine point is the owner of the map voxel around it: a fine point has no
+    owner and no votes, and does not count if that voxel has no point.
 
     Parameters
     ----------
@@ -35,12 +35,12 @@ class FinePoints:
 
     @property
     def reach_m(self) -> float:
-        """How far from the world's origin, along each axis, fine cubes have keys, metres: 168 km at voxels of 1 cm."""
+        """Largest coordinate for which fine cubes have keys, along each axis, metres: 168 km for voxels of 1 cm."""
         return KEY_OFFSET * CUBE_SIDE * self.fine_m
 
     @property
     def small_m(self) -> float:
-        """Longest side of what is worth finer voxels, metres: no more voxels of the map than a cube has."""
+        """Longest side of objects that get fine voxels, metres: the side of a cube."""
         return CUBE_SIDE * self._stored.voxel_m
 
     def refine(
@@ -51,18 +51,18 @@ class FinePoints:
         numbers: npt.NDArray[np.bool_],
         far_m: float,
     ) -> None:
-        """Fuse what a frame shows of some objects into fine voxels, after it was fused and voted.
+        """Fuse a frame's points of some objects into fine voxels, after the frame was fused and its votes counted.
 
         Parameters
         ----------
         seen : Observation
         heat : (h, w) float32
         slots : (h, w) int32
-            The rows that it was fused to.
+            The rows into which its pixels were fused.
         numbers : (M,) bool
-            Tells of the objects by number; there is no such object from M on.
+            Whether each object, by number, is refined; objects from M on are not.
         far_m : float
-            Readings beyond are not distinguished so finely.
+            Readings beyond this distance are not precise enough for fine voxels.
         """
         stored, image = self._stored, seen.image
         chosen = np.empty_like(image.depth_m)
@@ -79,14 +79,14 @@ class FinePoints:
         stored.last_viewed[fused_in] = stored.carving_passes
 
     def fine_replacements(self, xyz: Float32Array, which: npt.NDArray[np.bool_]) -> tuple[Rows, Rows]:
-        """Return the rows (M,) of fine points that are what points of the map are, finer, and which (M,) these are.
+        """Return the rows (M,) of fine points that replace points of the map, and the indices (M,) of the latter.
 
         Parameters
         ----------
         xyz : (N, 3) float32
             Points of the map in the world.
         which : (N,) bool
-            Those that are asked for.
+            The points to replace.
         """
         fine, own = self._stored.living(fine=True), np.flatnonzero(which)
         keys, asked = self._voxels_of(xyz[own]), self._voxels_of(self._stored.xyz(fine))
@@ -97,5 +97,5 @@ class FinePoints:
         return fine[there], own[order[at[there]]]
 
     def _voxels_of(self, points: Float32Array) -> npt.NDArray[np.int64]:
-        """Return a number for the map's voxel that each point (N, 3) lies in."""
+        """Return a unique number of the map's voxel that contains each point (N, 3)."""
         return keys_of(np.floor(points.astype(np.float64) / self._stored.voxel_m).astype(np.int64))

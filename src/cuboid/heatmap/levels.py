@@ -1,4 +1,4 @@
-"""Levels of detail of the map: background that is out of view is kept in cells of two voxels a side."""
+"""Levels of detail of the map: background out of view is stored in cells of two voxels per side."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from cuboid.heatmap.kernels import levels as kernel
 from cuboid.heatmap.kernels.cubes import BLOCK_BITS, CUBE_BITS
 from cuboid.heatmap.stored_points import Rows, StoredPoints, rows_of_a_cube, words_of
 
-# A camera that has gone this far, metres, has left what it saw behind: an arm's length.
+# After this distance, metres, a camera has left the region that it saw: an arm's length.
 LEFT_BEHIND_M = 1.2
-# Moments (see `LevelsState`) after which what is out of view is kept in cells: the camera has gone by an arm's length,
-# or turned by 46 degrees. Hands that shake, or look aside and back, part none.
+# Number of moments (see `LevelsState`) after which a region out of view is stored in cells: the camera has moved by an
+# arm's length, or turned by 46 degrees. Shaking, or a short look aside, does not reach it.
 MAX_UNVIEWED_MOMENTS = round(LEFT_BEHIND_M / DRIFT_M)
-# Rows that are thinned in a frame, up to the next whole cube; more where the backlog would not be done within as many
-# frames as moments.
+# Rows that are thinned per frame, up to the next whole cube; more if the backlog would not be finished within as many
+# frames as `MAX_UNVIEWED_MOMENTS`.
 THINNED_ROWS_PER_FRAME = 1024
 
 
@@ -33,10 +33,10 @@ class LevelsState(Record):
     first_frame : int or None
         First frame of this visit.
     moments : int
-        Number of moments; a new one begins when the camera has moved.
+        Number of moments; a new moment begins when the camera has moved.
     parted : (N, 2) int64
-        Cubes of which each voxel has a row of its own since it was accessed, and that moment; those out of view for
-        longest first.
+        Cubes in which each voxel has its own row because they were accessed, and the moment of that; those out of
+        view for longest first.
     """
 
     first_frame: int | None
@@ -45,11 +45,12 @@ class LevelsState(Record):
 
 
 class Levels:
-    """Levels of detail: points without an owner share rows, cell by cell, in cubes that were out of view for a while.
+    """Levels of detail: points without an owner share one row per cell in cubes that were out of view for a while.
 
-    Which voxels hold a point, whether more than one frame saw it, and whether it is hot, is known of each voxel still;
-    place (of each layer of the cell), color and numbers of frames are means. Voxels have rows of their own again as
-    soon as their cube is accessed. All of that follows from the frames alone, not from what is in memory.
+    For each voxel it stays known whether it holds a point, whether more than one frame saw it, and whether it is hot;
+    the position (for each layer of the cell), the color and the numbers of frames are averaged. Voxels get rows of
+    their own again as soon as their cube is accessed. All this depends only on the frames, not on which cubes are in
+    memory.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ class Levels:
     Attributes
     ----------
     first_frame, moments, parted
-        As of `LevelsState`.
+        As in `LevelsState`.
     """
 
     NOT_SAVED = frozenset({"_stored"})
@@ -69,32 +70,32 @@ class Levels:
         self.moments, self.parted = 0, np.zeros((0, 2), np.int64)
 
     def state(self) -> LevelsState:
-        """Return the state of now; nothing in it changes any more."""
+        """Return the current state; later updates do not change it."""
         return LevelsState(self.first_frame, self.moments, self.parted.copy())
 
     @classmethod
     def from_state(cls, state: LevelsState, stored: StoredPoints) -> Levels:
-        """Return levels that go on from a state."""
+        """Return levels that continue from a state."""
         levels = cls(stored)
         levels.first_frame, levels.moments, levels.parted = state.first_frame, state.moments, state.parted
         return levels
 
     def begin_visit(self) -> None:
-        """Note that a visit begins: none of its frames was seen yet."""
+        """Begin a visit: no frame of it has been seen yet."""
         self.first_frame = None
         self.forget()
 
     def forget(self) -> None:
-        """Forget which cubes were accessed: the map begins anew."""
+        """Forget which cubes were accessed, because the map begins anew."""
         self.parted = self.parted[:0]
 
     def note_frame(self, frame: int) -> None:
-        """Note that a frame is seen: the first is that of the visit."""
+        """Record that a frame is seen; the first one is the first frame of the visit."""
         if self.first_frame is None:
             self.first_frame = frame
 
     def load(self, cubes: Rows) -> None:
-        """Load cubes (N,), with a row of its own for each voxel, and an index of these."""
+        """Load cubes (N,) with one row per voxel and an index of the rows."""
         stored = self._stored
         if stored.cubes.bits[cubes].all():
             return
@@ -108,7 +109,7 @@ class Levels:
         self.mark_viewed(bare[parted])
 
     def mark_viewed(self, cubes: Rows) -> None:
-        """Note that cubes (N,), each named once, are accessed now."""
+        """Record that cubes (N,), each listed once, are accessed now."""
         stored = self._stored
         cubes = cubes[~stored.is_fine(cubes)]
         stored.marks[cubes] = True
@@ -119,12 +120,12 @@ class Levels:
         self.parted = np.concatenate([others, now])
 
     def thin_all(self) -> None:
-        """Thin all cubes: the visit has ended."""
+        """Thin all cubes, because the visit has ended."""
         self._thin(self.parted[:, 0])
         self.forget()
 
     def schedule_thinning(self, seen: Rows) -> None:
-        """Mark cubes (N,) as viewed by a frame, and thin those that have been out of view for long enough."""
+        """Mark cubes (N,) as viewed by a frame, and thin cubes that have been out of view for long enough."""
         self.mark_viewed(seen)
         due = int(np.searchsorted(self.parted[:, 1], self.moments - MAX_UNVIEWED_MOMENTS))
         if due:
@@ -152,11 +153,11 @@ class Levels:
 
 
 def split_rows(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return rows (N,) of type ROW of one cube as a row (M,) for each voxel that they stand for."""
+    """Return rows (N,) of type ROW of one cube expanded to one row (M,) for each voxel that they represent."""
     bits = np.unpackbits(np.where(rows["mark"] > 0, rows["mark"], 1)[:, None], axis=1, bitorder="little")
     of, eighth = np.nonzero(bits)
     every, shared = rows[of], rows["mark"][of] > 0
-    # As `kernels.levels` has it.
+    # The same layout as in `kernels.levels`.
     layer = (eighth[shared, None] >> np.array([2, 1, 0])) & 1
     every["place"][shared] = (((every["place"][shared] >> (8 * layer)) & 255) << 8) | 128
     every["voxel"][shared] |= (layer << np.array([2 * CUBE_BITS, CUBE_BITS, 0])).sum(1).astype(np.uint16)

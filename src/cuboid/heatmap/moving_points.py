@@ -17,12 +17,12 @@ from cuboid.heatmap.kernels.cubes import BLOCK_BITS, columns_of
 from cuboid.heatmap.levels import Levels
 from cuboid.heatmap.stored_points import Rows, StoredPoints
 
-# Fewer empty cubes than this are no burden.
+# Up to this number, empty cubes are tolerated.
 MIN_EMPTY_CUBES = 64
 
 
 class MovingPoints:
-    """Moves points with the keyframes that they are anchored to; see `Anchors`.
+    """Moves points with the keyframes to which they are anchored; see `Anchors`.
 
     Parameters
     ----------
@@ -35,28 +35,28 @@ class MovingPoints:
         self._anchors = stored.anchors
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move points with the keyframes that they are anchored to, lazily: when their region is accessed.
+        """Move points with their keyframes, lazily: when the region of the points is accessed.
 
-        Those that then meet in one voxel become one: of two, the oldest object's keeps the owner; hits and passes add
-        up.
+        Points that then meet in one voxel are merged: the owner is the oldest of their objects; hits and passes are
+        added.
 
         Parameters
         ----------
         moved : mapping of int to (4, 4) float64
-            T_new_old of each keyframe whose surroundings move.
+            T_new_old of each keyframe that moved.
         """
-        # Past motions may have left many empty cubes: then the map is rebuilt without these.
+        # Past motions may have left many empty cubes: then the map is rebuilt without them.
         cubes = np.flatnonzero(~self._stored.is_fine(np.arange(self._stored.cubes.used[0])))
         if self._anchors.crowded or 2 * self._count_empty(cubes) > max(MIN_EMPTY_CUBES, len(cubes)):
             self.relocate_all()
         self._stored.cubes.index_stale[self._anchors.add_pending(moved)] = True
 
     def _count_empty(self, cubes: Rows) -> int:
-        """Return how many of some cubes (N,) have no living row."""
+        """Return the number of cubes among some (N,) without a living row."""
         return int(np.count_nonzero(self._stored.cubes.rows[cubes] == self._stored.cubes.dead[cubes]))
 
     def relocate_in(self, spaces: Float64Array) -> None:
-        """Apply all pending motions of points that lie, or come to lie, in a region; see `lookup.cubes_meeting`."""
+        """Apply all pending motions of points that lie in a region, or move into it; see `lookup.cubes_meeting`."""
         cube, anchor = self._anchors.pending_cubes
         if not len(cube):
             return
@@ -68,13 +68,13 @@ class MovingPoints:
             self._relocate(np.unique(cube[meets]).astype(np.int64))
 
     def relocate_around(self, points: Float64Array, beside_m: float) -> None:
-        """Apply all pending motions around points (N, 3) of the world, up to a distance."""
+        """Apply all pending motions around points (N, 3) of the world, within a distance."""
         if len(points) and len(self._anchors.pending_cubes[0]):
             low, high = points.min(0) - beside_m, points.max(0) + beside_m
             self.relocate_in(np.column_stack([np.concatenate([np.eye(3), -np.eye(3)]), np.concatenate([-low, high])]))
 
     def _relocate(self, cubes: Rows) -> None:
-        """Apply the pending motions in cubes (N,), ascending; insert the points into the cubes they come to lie in."""
+        """Apply the pending motions in cubes (N,), ascending, and insert the points into their new cubes."""
         self._levels.load(cubes)
         rows = np.empty(int(self._stored.cubes.rows[cubes].sum()), np.int64)
         rows = rows[: kernel.pending_rows(cubes, self._stored.cubes, self._stored.points, rows)]
@@ -98,7 +98,7 @@ class MovingPoints:
         self._anchors.clear_pending(cubes)
 
     def _enter(self, keys: npt.NDArray[np.int64], taken: npt.NDArray[Any]) -> None:
-        """Let points that have moved enter the cubes of these keys."""
+        """Insert moved points into the cubes with these keys."""
         columns = columns_of(taken)
         now, begun, rows = self._anchors.now(columns.anchor), self._stored.blocks, np.empty(len(keys), np.int64)
         kernel.insert_points(keys, columns, now, self._stored.cubes, self._stored.points, rows)

@@ -14,25 +14,25 @@ from cuboid.core.working import WorkingImage
 from cuboid.heatmap.kernels import votes as kernel
 from cuboid.proposals.types import JoinedMasks, Proposals
 
-# Votes are compared with at least this mean weight of the strongest proposals: weak ones alone make no heat.
+# Lower limit of the mean weight to which votes are compared: weak proposals alone make no heat.
 MIN_STRENGTH = 0.1
-# The strongest proposals that say how much weight counts as sure.
+# Number of strongest proposals whose mean weight is the unit of votes.
 STRONGEST = 10
 
 
 class WeighedProposals(NamedTuple):
-    """The proposals of a frame with the weight that depth gives them.
+    """The proposals of a frame with weights from depth.
 
     Attributes
     ----------
     rectangles : (N, 4) int64
-        The working pixels in each box, end exclusive.
+        The rectangle of working pixels in each box, end exclusive.
     starts : (N + 1,) int64
-        Where these begin when they are laid out row by row, one box after the other.
+        Begin of each rectangle in the flat array of all rectangles, row by row.
     covered : (L,) uint8
-        Laid out so, 1 for each candidate that the proposal covers.
+        For each pixel of the flat array, 1 for a candidate that the proposal covers.
     weights : (N,) float32
-        0..1; 0 for those that are no object's.
+        Weight, 0..1; 0 if the proposal shows no object.
     """
 
     rectangles: npt.NDArray[np.int64]
@@ -42,7 +42,7 @@ class WeighedProposals(NamedTuple):
 
 
 def weigh(image: WorkingImage, candidate: UInt8Array, proposals: Proposals, config: TrackerConfig) -> WeighedProposals:
-    """Weigh a frame's proposals by what depth says of them.
+    """Weigh a frame's proposals by their depth readings.
 
     Parameters
     ----------
@@ -50,13 +50,13 @@ def weigh(image: WorkingImage, candidate: UInt8Array, proposals: Proposals, conf
     candidate : (h, w) uint8
         1 where a reading may belong to an object: off every supporting plane.
     proposals : Proposals
-        In pixels of the full image. Boxes without masks mean all that lies in them.
+        In pixels of the full image. A box without a mask covers all its pixels.
     config : TrackerConfig
-        Sizes of objects, and the sensor's noise.
+        Sizes of objects.
     """
     rectangles = _working(proposals.boxes_xyxy, image)
     if proposals.masks is None:
-        # All working pixels of each box.
+        # A box without a mask covers all its working pixels.
         flat = np.ones((rectangles[:, 2:] - rectangles[:, :2]).prod(1).sum(), np.uint8)
         grid, step, phase = rectangles, 1, np.zeros(2, np.int64)
     else:
@@ -79,7 +79,7 @@ def _one_after_another(masks: Sequence[UInt8Array]) -> UInt8Array:
 
 
 def _working(boxes: npt.NDArray[np.int32], image: WorkingImage) -> npt.NDArray[np.int64]:
-    """Return the working pixels (N, 4) in boxes (N, 4) of the full image, clipped to the picture."""
+    """Return the rectangles (N, 4) of working pixels in boxes (N, 4) of the full image, clipped to the image."""
     height, width = image.depth_m.shape
     inside = (boxes.astype(np.int64) - np.array([*image.phase, *image.phase]) + image.step - 1) // image.step
     inside = np.clip(inside, 0, [width, height, width, height])
@@ -89,9 +89,9 @@ def _working(boxes: npt.NDArray[np.int32], image: WorkingImage) -> npt.NDArray[n
 def pixel_heat(image: WorkingImage, weighed: WeighedProposals) -> Float32Array:
     """Return the heat (h, w) of each working pixel, 0..1.
 
-    Votes v become 1 - exp(-v / r), with r the mean weight of the frame's strongest proposals: one sure proposal
-    gives 0.63, several agreeing ones approach 1, and neither the number of proposals nor the scale of a source's
-    scores matters.
+    Votes v become 1 - exp(-v / r), where r is the mean weight of the frame's strongest proposals: one strong proposal
+    gives 0.63, and several that agree approach 1. The result depends neither on the number of proposals nor on the
+    scale of a source's scores.
     """
     heat = np.zeros(image.depth_m.shape, np.float32)
     if len(weighed.weights) == 0:

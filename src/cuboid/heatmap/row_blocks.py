@@ -1,4 +1,4 @@
-"""Which blocks of the map's rows contain points of an object; all others need not be searched."""
+"""The blocks of rows that contain points of each object; other blocks need not be searched."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class RowBlocksState(Record):
 
 
 class RowBlocks:
-    """Keeps the blocks of each object; one that has no row of it does no harm."""
+    """Stores the blocks of each object; a listed block without rows of the object does no harm."""
 
     NOT_SAVED: frozenset[str] = frozenset()
 
@@ -36,7 +36,7 @@ class RowBlocks:
         self._of: dict[int, set[int]] = {}
 
     def state(self) -> RowBlocksState:
-        """Return the state of now; nothing in it changes any more."""
+        """Return the current state; later updates do not change it."""
         return RowBlocksState({number: tuple(sorted(blocks)) for number, blocks in self._of.items()})
 
     @classmethod
@@ -47,13 +47,13 @@ class RowBlocks:
         return blocks
 
     def add(self, numbers: npt.NDArray[np.int64], blocks: Blocks) -> None:
-        """Let objects (N,), ascending, have rows of blocks (N,)."""
+        """Record that objects (N,), ascending, have rows in blocks (N,)."""
         bounds = [*np.flatnonzero(np.diff(numbers, prepend=-1)).tolist(), len(numbers)]
         for begin, end in pairwise(bounds):
             self._of.setdefault(int(numbers[begin]), set()).update(blocks[begin:end].tolist())
 
     def add_rows(self, owner: npt.NDArray[np.int32], blocks: Blocks) -> None:
-        """Let the owners of rows (N,), 0 for none, have rows of the blocks (N,) that these lie in."""
+        """Record that the owners of rows (N,), 0: none, have rows in the blocks (N,) of these rows."""
         owned = owner > 0
         pairs = np.unique((owner[owned].astype(np.int64) << 32) | blocks[owned])
         self.add(pairs >> 32, pairs & 0xFFFFFFFF)
@@ -63,7 +63,7 @@ class RowBlocks:
         self._of.setdefault(kept, set()).update(self._of.pop(gone, set()))
 
     def release(self, numbers: Iterable[int]) -> Blocks:
-        """Let objects have no rows; return the blocks in which they may have had some, ascending."""
+        """Remove objects; return the blocks in which they may have had rows, ascending."""
         return np.array(sorted(set().union(*(self._of.pop(number, ()) for number in numbers))), np.int64)
 
     def of(self, number: int) -> Blocks:

@@ -1,6 +1,6 @@
-"""The rows of the map in memory, and evicted to disk.
+"""The rows of the map, in memory or evicted to disk.
 
-As much memory as there may ever be is reserved, and taken page by page as it is written.
+The largest possible amount of memory is reserved; the system provides it page by page when it is written.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ import numpy.typing as npt
 from cuboid.core.errors import OutputError
 from cuboid.heatmap.kernels.cubes import BLOCK_ROWS, ROW, TABLE_BITS, Cubes, Points, columns_of, empty_cubes
 
-# Blocks of rows that there is room for, at most and at least; what cannot be reserved is halved. Windows counts what is
-# reserved as used: 0.6 GB of rows and 2.1 GB of tables.
+# Largest and smallest number of blocks to reserve; if a reservation fails, the number is halved. Windows counts
+# reserved memory as used: 0.6 GB of rows and 2.1 GB of tables.
 MAX_BLOCKS, MIN_BLOCKS = 1 << (14 if sys.platform == "win32" else 18), 1 << 8
 BLOCK_BYTES = BLOCK_ROWS * ROW.itemsize
 _STATM = Path("/proc/self/statm")
-# Linux need not have room for what is only reserved; Python names this since 3.13.
+# Linux flag for memory that is only reserved; Python has a name for it since 3.13.
 _NO_RESERVE = 0x4000 if sys.platform == "linux" else 0
 
 
 class RowMemory:
-    """Rows, and the tables that find them, at fixed places; what is freed begins again as zeros.
+    """Rows, and the tables that find them, at fixed addresses; freed parts read as zeros again.
 
     Attributes
     ----------
     rows : (N,) of type ROW
     points : Points
-        Their columns: views.
+        The columns of the rows, as views.
     cubes : Cubes
     """
 
@@ -54,12 +54,12 @@ class RowMemory:
         self.cubes: Cubes = empty_cubes(blocks, np.frombuffer(self._index, np.uint16))
 
     def block(self, block: int) -> npt.NDArray[Any]:
-        """Return the rows of a block that are in use: a view."""
+        """Return the used rows of a block, as a view."""
         first = block * BLOCK_ROWS
         return self.rows[first : first + self.rows_in(block)]
 
     def rows_in(self, block: int) -> int:
-        """Return how many rows of a block are in use."""
+        """Return the number of used rows of a block."""
         count = int(self.cubes.rows[self.cubes.cube_of[block]]) - int(self.cubes.turn[block]) * BLOCK_ROWS
         return min(max(count, 0), BLOCK_ROWS)
 
@@ -69,7 +69,7 @@ class RowMemory:
         return [int(block) for block in blocks[blocks > 0]]
 
     def free(self, cube: int) -> None:
-        """Give the memory of a cube back."""
+        """Release the memory of a cube."""
         for block in self.blocks_of(cube):
             _discard_pages(self._rows, block * BLOCK_BYTES, BLOCK_BYTES)
         if self.cubes.bits[cube]:
@@ -77,7 +77,7 @@ class RowMemory:
             self.cubes.bits[cube] = 0
 
     def shrink(self, cube: int, before: int) -> None:
-        """Give the memory of a cube's table back, and of the rows that it had before and has no longer: zeros."""
+        """Release the memory of a cube's table, and of rows that it no longer uses; it had `before` rows."""
         for block in self.blocks_of(cube):
             used = -(-self.rows_in(block) * ROW.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
             had = min(max(before - int(self.cubes.turn[block]) * BLOCK_ROWS, 0), BLOCK_ROWS) * ROW.itemsize
@@ -88,7 +88,7 @@ class RowMemory:
             self.cubes.bits[cube] = 0
 
     def bytes_of(self, cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Return the memory that cubes (N,) take when they are in memory: pages of rows, and their tables."""
+        """Return the memory of cubes (N,) when they are loaded, bytes: pages of rows, and tables."""
         held = self.cubes.rows[cubes].astype(np.int64)
         whole, rest = held // BLOCK_ROWS, held % BLOCK_ROWS
         rows = whole * BLOCK_BYTES + -(-rest * ROW.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
@@ -97,7 +97,7 @@ class RowMemory:
 
 
 def resident_mb() -> float | None:
-    """Return the memory that this process holds, in units of 2**20 bytes; None where the system does not tell."""
+    """Return the resident memory of this process, in units of 2**20 bytes; None if the system does not report it."""
     try:
         return int(_STATM.read_bytes().split()[1]) * mmap.PAGESIZE / 2**20
     except OSError:
@@ -107,13 +107,13 @@ def resident_mb() -> float | None:
 if sys.platform == "win32":
 
     def _reserved(size: int) -> mmap.mmap:
-        """Return zeros."""
+        """Return zeroed memory."""
         return mmap.mmap(-1, size)
 
 else:
 
     def _reserved(size: int) -> mmap.mmap:
-        """Return zeros that take memory page by page."""
+        """Return zeroed memory that the system provides page by page."""
         memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _NO_RESERVE)
         if hasattr(mmap, "MADV_NOHUGEPAGE"):
             memory.madvise(mmap.MADV_NOHUGEPAGE)
@@ -131,42 +131,42 @@ Rows = npt.NDArray[Any]
 
 
 class BlockStore(Protocol):
-    """Keeps blocks of rows by number."""
+    """Stores blocks of rows by number."""
 
     def takes(self, blocks: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-        """Tell which blocks (N,) may be put here now."""
+        """Return which blocks (N,) may be stored now."""
 
     def put(self, block: int, rows: Rows) -> None:
-        """Keep the rows (N,) of a block.
+        """Store the rows (N,) of a block.
 
         Raises
         ------
         OutputError
-            They cannot be written.
+            If they cannot be written.
         """
 
     def get(self, blocks: Sequence[int], counts: Sequence[int]) -> list[Rows]:
-        """Return the rows of blocks that have this many.
+        """Return the rows of blocks, with `counts` rows each.
 
         Raises
         ------
         InputError
-            They are damaged.
+            If they are damaged.
         """
 
 
 class TemporaryBlockStore:
-    """A temporary file, which is gone with the process."""
+    """A temporary file that is removed when the process ends."""
 
     def __init__(self) -> None:
         self._file: RawIOBase | None = None
 
     def takes(self, blocks: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-        """Tell which blocks (N,) may be put here now: all."""
+        """Return which blocks (N,) may be stored now: all."""
         return np.ones(len(blocks), bool)
 
     def put(self, block: int, rows: Rows) -> None:
-        """Keep the rows (N,) of a block; raises OutputError where the disk is full."""
+        """Store the rows (N,) of a block; raises OutputError if the disk is full."""
         try:
             if self._file is None:
                 file = tempfile.TemporaryFile(prefix="cuboid-map-", buffering=0)  # noqa: SIM115 as long as the map
@@ -179,7 +179,7 @@ class TemporaryBlockStore:
             raise OutputError(f"{tempfile.gettempdir()}: parts of the map cannot be evicted: {error}") from error
 
     def get(self, blocks: Sequence[int], counts: Sequence[int]) -> list[Rows]:
-        """Return the rows of blocks that have this many."""
+        """Return the rows of blocks, with `counts` rows each."""
         return [self._read(block, count) for block, count in zip(blocks, counts, strict=True)]
 
     def _read(self, block: int, count: int) -> Rows:

@@ -1,4 +1,4 @@
-"""The points of the map in memory: rows in blocks, those of each object, and eviction of what is out of view."""
+"""The points of the map in memory: rows in blocks, rows of each object, and eviction of regions out of view."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from cuboid.heatmap.row_memory import BlockStore, RowMemory, TemporaryBlockStore
 
 Rows = npt.NDArray[np.int64]
 
-# A cube is packed when this fraction of its rows is dead, and this many.
+# A cube is packed if this fraction of its rows, and at least this number, is dead.
 DEAD_FRACTION, MIN_DEAD = 0.125, 32
-# Eviction frees this much more memory than is missing, in units of 2**20 bytes, so that it does not recur each frame.
+# Eviction frees this much more memory than needed, in units of 2**20 bytes, so that it does not recur each frame.
 SPARE_MB = 8.0
 
 
@@ -35,9 +35,9 @@ class StoredPointsState(Record):
     Attributes
     ----------
     visit : int
-        Number of earlier visits of the place.
+        Number of earlier visits to the place.
     most_hits : int
-        Maximum weight of the sightings of earlier visits, in sightings.
+        Largest weight of the sightings of earlier visits, in sightings.
     carving_passes : int
         Number of frames that have carved free space.
     owned_blocks : RowBlocksState
@@ -50,42 +50,42 @@ class StoredPointsState(Record):
 
 
 class StoredPoints:
-    """Rows of points in cubes of voxels, and the object that each belongs to.
+    """Rows of points in cubes of voxels, and the object that owns each point.
 
-    Cubes that are out of view are evicted where memory is short, and loaded again when they are accessed; no result
-    depends on it. Points with a pending motion of their keyframe (`Anchors`) keep their place until their region is
-    accessed. Rows of points keep their numbers while their cube is not packed, which happens between frames, and where
-    a region with pending motions is accessed.
+    Cubes out of view are evicted if memory is short, and loaded again when they are accessed; results do not depend on
+    it. Points with a pending motion of their keyframe (`Anchors`) keep their position until their region is accessed.
+    Row numbers are valid until the cube is packed, which happens between frames and when a region with pending motions
+    is accessed.
 
     Parameters
     ----------
     voxel_m : float
         Edge of the map's voxels, metres.
     anchors : Anchors
-        Of the points.
+        Anchors of the points.
     memory_mb : float
-        Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are evicted.
+        Memory limit of the process, in units of 2**20 bytes, above which cubes out of view are evicted.
 
     Attributes
     ----------
     before_visit : callable or None
-        Called with rows of points that are as they were before the visit, when these are to be made ready for it.
+        Called with rows of points from earlier visits before they are prepared for the current visit.
     visit, most_hits, carving_passes, owned_blocks
-        As of `StoredPointsState`.
+        As in `StoredPointsState`.
     memory : RowMemory
     points, cubes
-        Columns of the rows, and the tables that find them: views of the memory.
+        Columns of the rows, and the tables that find them, as views of the memory.
     seen, marks
-        Room for numbers of cubes, and a mark for each: kernels write into these.
+        Buffers for kernels: numbers of cubes, and a mark for each cube.
     unindexed : (N,) bool
-        Of each cube, whether its rows are in memory without an index.
+        For each cube, whether its rows are in memory without an index.
     last_viewed : (N,) int32
-        Of each cube, the last carving pass that had it in view.
+        For each cube, the last carving pass in which it was in view.
     ready : (M,) uint16
-        Of each block, the visit that it was made ready for.
+        For each block, the visit for which it was prepared.
     """
 
-    # Rows are saved in blocks; what finds them follows from these.
+    # The rows are saved block by block; the tables that find them follow from the rows.
     NOT_SAVED = frozenset(
         {
             *("voxel_m", "memory_mb", "before_visit", "anchors", "memory", "block_store", "points", "cubes"),
@@ -103,12 +103,12 @@ class StoredPoints:
         self._begin(TemporaryBlockStore())
 
     def state(self) -> StoredPointsState:
-        """Return the state of now; nothing in it changes any more."""
+        """Return the current state; later updates do not change it."""
         return StoredPointsState(self.visit, self.most_hits, self.carving_passes, self.owned_blocks.state())
 
     @classmethod
     def from_state(cls, state: StoredPointsState, voxel_m: float, anchors: Anchors, memory_mb: float) -> StoredPoints:
-        """Return points that go on from a state, without their rows: `restore` or `refill` must follow."""
+        """Return points that continue from a state, without their rows: `restore` or `refill` must follow."""
         stored = cls(voxel_m, anchors, memory_mb)
         stored.visit, stored.most_hits, stored.carving_passes = state.visit, state.most_hits, state.carving_passes
         stored.owned_blocks = RowBlocks.from_state(state.owned_blocks)
@@ -126,34 +126,34 @@ class StoredPoints:
 
     @property
     def owner(self) -> npt.NDArray[np.int32]:
-        """Number of the object that each row belongs to, 0 none; written by this class alone."""
+        """Number of the object that owns each row, 0: none."""
         return self.points.owner
 
     @property
     def hits(self) -> npt.NDArray[np.uint16]:
-        """Frames that saw each row."""
+        """Number of frames that saw each row."""
         return self.points.hits
 
     def keyframe(self, rows: Rows) -> npt.NDArray[np.uint16]:
-        """Return the keyframe that the last frame to see each row (N,) is anchored to."""
+        """Return the keyframe to which the last frame that saw each row (N,) is anchored."""
         return self.anchors.keyframes(self.points.anchor[rows])
 
     def keyframe_of(self, rows: Rows) -> int:
-        """Return the keyframe that most of some rows (N,) are anchored to, of equals the first; 0 if there are none."""
+        """Return the keyframe to which most of rows (N,) are anchored, the first of equals; 0 without rows."""
         return int(np.bincount(self.keyframe(rows), minlength=1).argmax())
 
     @property
     def revisited(self) -> bool:
-        """Whether something may be known from before this visit."""
+        """Whether the map may contain points from before this visit."""
         return self.visit > 0
 
     @property
     def blocks(self) -> int:
-        """One more than the highest number of a block; no block is 0."""
+        """One more than the highest block number; number 0 is not used."""
         return int(self.cubes.used[1])
 
     def note_new_blocks(self, begun: int) -> None:
-        """Note that the blocks from a number on were made in this visit."""
+        """Record that the blocks from a number on were created in this visit."""
         self.ready[begun : self.blocks] = self.visit
 
     def fuse(
@@ -167,7 +167,7 @@ class StoredPoints:
         slots: npt.NDArray[np.int32],
         level: int = 0,
     ) -> Rows:
-        """Fuse the pixels of a frame; return the cubes that it has points in. See `kernels.voxels.fuse`."""
+        """Fuse the pixels of a frame; return the cubes that contain its points. See `kernels.voxels.fuse`."""
         begun, anchor = self.blocks, self.anchors.current_anchor(keyframe)
         kernel.fuse(pixels, voxel_m, far_m, frame, turn, anchor, level, self.cubes, self.points, slots)
         self.note_new_blocks(begun)
@@ -176,21 +176,21 @@ class StoredPoints:
         return touched
 
     def take_changed(self) -> Rows:
-        """Return the blocks of rows in which any has changed since this was asked last, ascending."""
+        """Return the blocks with rows that have changed since the last call, ascending."""
         changed = np.flatnonzero(self.cubes.changed[: self.blocks])
         self.cubes.changed[:] = False
         return changed
 
     def has_changed(self, blocks: Rows) -> npt.NDArray[np.bool_]:
-        """Tell which blocks (N,) have changed since `take_changed`."""
+        """Return which blocks (N,) have changed since `take_changed`."""
         return self.cubes.changed[blocks]
 
     def copies(self, blocks: Rows) -> list[tuple[int, int, npt.NDArray[Any]]]:
-        """Return of each block (N,) the key of its cube, the visit that it is ready for, and a copy of its rows."""
+        """Return for each block (N,) the key of its cube, the visit that it is prepared for, and a copy of its rows."""
         cubes = self.cubes.cube_of[blocks].astype(np.int64)
         self.load(cubes)
         keys, visits = self.cubes.key[cubes].tolist(), self.ready[blocks].tolist()
-        # As bytes: NumPy copies records field by field.
+        # Copied as bytes: NumPy copies records field by field.
         copied = self.memory.rows.view(np.uint8).reshape(-1, BLOCK_ROWS * ROW.itemsize)[blocks].view(ROW)
         rows = [copied[k, : self.memory.rows_in(block)] for k, block in enumerate(blocks.tolist())]
         return list(zip(keys, visits, rows, strict=True))
@@ -201,7 +201,7 @@ class StoredPoints:
         Parameters
         ----------
         blocks : iterable of (int, int, int, int, int)
-            Number, key of the cube, rows, living ones among them, and visit of each, ascending by number.
+            Block number, key of the cube, number of rows, number of living rows, and visit, ascending by number.
         block_store : BlockStore
         """
         self._begin(block_store)
@@ -220,25 +220,25 @@ class StoredPoints:
             raise ValueError(f"points are in {self.anchors.cubes} cubes, expected {cubes.used[0]}")
 
     def begin_anew(self) -> None:
-        """Have no points."""
+        """Remove all points."""
         self._begin(
             self.block_store if not isinstance(self.block_store, TemporaryBlockStore) else TemporaryBlockStore()
         )
         self.owned_blocks = RowBlocks()
 
     def use_store(self, block_store: BlockStore) -> None:
-        """Evict to another block store from now on; all blocks are in memory."""
+        """Evict to another block store from now on; all blocks must be in memory."""
         self.block_store = block_store
 
     def refill(self, keys: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> None:
-        """Have these points and no others.
+        """Replace all points by these.
 
         Parameters
         ----------
         keys : (N,) int64
-            Of their cubes.
+            Keys of their cubes.
         rows : (N,) of type ROW
-            Each of another voxel.
+            One row per voxel.
         """
         self.begin_anew()
         place = np.empty(len(keys), np.int64)
@@ -252,9 +252,9 @@ class StoredPoints:
         self.cubes.index_stale[self.anchors.pending_cubes[0]] = True
 
     def begin_visit(self, most_hits: int) -> None:
-        """Let what was seen so far count as no more than this many sightings: the world may have changed since.
+        """Limit the weight of earlier sightings to `most_hits`: the world may have changed since.
 
-        What is not in memory is made ready when it comes back.
+        Cubes that are not in memory are prepared when they are loaded.
         """
         self.most_hits = most_hits
         self.visit += 1
@@ -278,9 +278,9 @@ class StoredPoints:
             self.ready[block] = self.visit
 
     def viewed_since(self, keys: npt.NDArray[np.int64], since: int) -> npt.NDArray[np.bool_]:
-        """Tell which cubes (N,), by their keys, were in view from a carving pass on.
+        """Return which cubes (N,), by their keys, were in view since a carving pass.
 
-        With 0, those of which this visit may have changed anything, in earlier processes too.
+        For 0, return the cubes that this visit may have changed, in earlier processes too.
         """
         used = int(self.cubes.used[0])
         seen = self.last_viewed[:used] >= since
@@ -292,16 +292,16 @@ class StoredPoints:
         return np.asarray((cubes >= 0) & seen[np.maximum(cubes, 0)]) if used else np.zeros(len(keys), bool)
 
     def is_fine(self, cubes: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-        """Tell which cubes (N,) are fine ones: their voxels have half the edge; see `FinePoints`."""
+        """Return which cubes (N,) are fine ones: their voxels have half the edge; see `FinePoints`."""
         return np.asarray(self.cubes.key[cubes] < 0)
 
     def in_memory(self) -> npt.NDArray[np.bool_]:
-        """Tell of each cube whether its rows are in memory."""
+        """Return for each cube whether its rows are in memory."""
         used = int(self.cubes.used[0])
         return np.asarray((self.cubes.bits[:used] > 0) | self.unindexed[:used])
 
     def load(self, cubes: Rows) -> None:
-        """Load the rows of cubes (N,) as they are: some may stand for several voxels."""
+        """Load the rows of cubes (N,) as stored: a row may represent several voxels."""
         away = cubes[(self.cubes.bits[cubes] == 0) & ~self.unindexed[cubes]]
         if not len(away):
             return
@@ -315,7 +315,7 @@ class StoredPoints:
         self._ready_for_visit(away)
 
     def evict(self, keep: Rows | None = None) -> None:
-        """Evict cubes where memory is short, those out of view for longest first; not those to keep."""
+        """Evict cubes if memory is short, those out of view for longest first; `keep` are never evicted."""
         held = resident_mb() if self.memory_mb < float("inf") else None
         if held is None or held <= self.memory_mb:
             return
@@ -340,7 +340,7 @@ class StoredPoints:
         self.pack_all(cubes[(dead >= MIN_DEAD) & (dead > DEAD_FRACTION * self.cubes.rows[cubes])])
 
     def pack_all(self, cubes: Rows) -> None:
-        """Pack cubes (N,): no row of them is dead then."""
+        """Pack cubes (N,): dead rows are removed."""
         if not len(cubes):
             return
         plain = self.memory.rows.view(np.uint8).reshape(-1, ROW.itemsize)
@@ -356,42 +356,42 @@ class StoredPoints:
 
     @property
     def count(self) -> int:
-        """Rows in use, dead ones included."""
+        """Number of used rows, dead ones included."""
         return int(self.cubes.rows[: self.cubes.used[0]].sum())
 
     @property
     def alive(self) -> int:
-        """How many points there are."""
+        """Number of points."""
         return self.count - int(self.cubes.dead[: self.cubes.used[0]].sum())
 
     @property
     def nbytes(self) -> int:
-        """Memory of the points that are in it, and of the tables that find them, bytes."""
+        """Memory of the loaded points and of the tables that find them, bytes."""
         used = int(self.cubes.used[0])
         held = np.flatnonzero(self.in_memory())
         places = sum(column[:1].nbytes for column in self.cubes if column.ndim == 2 or column is self.cubes.key)
         return int(self.memory.bytes_of(held).sum()) + used * places
 
     def living(self, *, fine: bool = False) -> Rows:
-        """Return the rows of all points of the map's voxels, of which some may stand for several; or of fine ones."""
+        """Return the rows of all points in the map's voxels (a row may represent several), or in fine voxels."""
         rows = self.all_living()
         return np.asarray(rows[self.is_fine(self.cubes.cube_of[rows >> BLOCK_BITS]) == fine])
 
     def all_living(self) -> Rows:
-        """Return the rows of all points, fine ones included."""
+        """Return the rows of all points, including fine ones."""
         self.load(np.arange(self.cubes.used[0]))
         rows = np.flatnonzero(self.points.weight[BLOCK_ROWS : self.blocks * BLOCK_ROWS] > 0)
         return np.asarray(rows + BLOCK_ROWS)
 
     def spread(self, rows: Rows) -> tuple[Float32Array, Rows]:
-        """Return the world points (M, 3) of all voxels that rows (N,) stand for, and which of the rows each is of."""
+        """Return the world points (M, 3) of all voxels that rows (N,) represent, and the index of the row of each."""
         marks = self.points.mark[rows]
         bits = np.unpackbits(np.where(marks > 0, marks, 1)[:, None], axis=1, bitorder="little")
         of, eighth = np.nonzero(bits)
         return self._places(rows[of], eighth.astype(np.uint8)), of
 
     def xyz(self, rows: Rows) -> Float32Array:
-        """Return world points (N, 3) of these rows, which stand for one voxel each."""
+        """Return the world points (N, 3) of these rows, which represent one voxel each."""
         return self._places(rows, np.zeros(len(rows), np.uint8))
 
     def _places(self, rows: Rows, eighths: npt.NDArray[np.uint8]) -> Float32Array:
@@ -404,7 +404,7 @@ class StoredPoints:
         return np.minimum(np.rint(self.points.color[rows] / LEVELS), 255).astype(np.uint8)
 
     def weight(self, rows: Rows) -> Float64Array:
-        """Return the summed weight (N,) of the sightings of these rows: the larger, the nearer and the more."""
+        """Return the summed weight (N,) of the sightings of these rows: larger for nearer and for more sightings."""
         return np.asarray(self.points.weight[rows], dtype=np.float64)
 
     def heat(self, rows: Rows) -> Float32Array:
@@ -412,16 +412,16 @@ class StoredPoints:
         return np.asarray(self.points.heat[rows] / np.float32(HEATS - 1), dtype=np.float32)
 
     def seen_since(self, rows: Rows, frame: int) -> npt.NDArray[np.bool_]:
-        """Tell of which rows (N,) a frame from some number on saw the point."""
+        """Return which rows (N,) were seen by a frame from a number on."""
         return np.asarray(self.points.last_frame[rows] >= frame)
 
     def owned(self) -> dict[int, Rows]:
-        """Return the rows of each object, by number, ascending."""
+        """Return the rows of each object by number, ascending."""
         found = ((number, self.rows_of(number)) for number in self.owned_blocks.numbers())
         return {number: rows for number, rows in found if len(rows)}
 
     def owns(self, number: int) -> bool:
-        """Tell whether an object may have rows: it has none in the whole map where not."""
+        """Return whether an object may have rows; if False, it has none in the whole map."""
         return len(self.owned_blocks.of(number)) > 0
 
     def rows_of(self, number: int) -> Rows:
@@ -430,18 +430,18 @@ class StoredPoints:
         return np.asarray(rows[self.points.weight[rows] > 0], dtype=np.int64)
 
     def has_rows(self, number: int, least: int) -> bool:
-        """Tell whether an object has this many rows: faster than `rows_of`."""
+        """Return whether an object has at least this many rows: faster than `rows_of`."""
         blocks = self.blocks_of(number)
         return bool(owners.has_rows(number, blocks, BLOCK_ROWS, self.owner, self.points.weight, least))
 
     def blocks_of(self, number: int) -> Rows:
-        """Have the blocks in memory that may hold rows of an object, and return them, ascending."""
+        """Load the blocks that may contain rows of an object, and return them, ascending."""
         blocks = self.owned_blocks.of(number)
         self.load(self.cubes.cube_of[blocks].astype(np.int64))
         return blocks
 
     def _all_of(self, number: int) -> Rows:
-        """Return the rows of an object, dead ones too."""
+        """Return the rows of an object, including dead ones."""
         blocks = self.blocks_of(number)
         rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)
         return rows[: owners.rows_of(number, blocks, BLOCK_ROWS, self.owner, rows)]
@@ -454,7 +454,7 @@ class StoredPoints:
         self.owned_blocks.transfer(gone, kept)
 
     def remove(self, number: int) -> None:
-        """Remove all rows of an object: there is nothing where it was."""
+        """Remove all points of an object from the map."""
         rows = self.rows_of(number)
         p, blocks = self.points, rows >> BLOCK_BITS
         p.weight[rows], p.hits[rows], p.passes[rows] = 0.0, 0, 0
@@ -462,7 +462,7 @@ class StoredPoints:
         self.cubes.changed[blocks] = True
 
     def release(self, numbers: Sequence[int]) -> None:
-        """Let objects have no rows: these are no one's, and no votes hold them."""
+        """Remove the ownership and the votes of objects from all their rows."""
         if not numbers:
             return
         blocks, gone = self.owned_blocks.release(numbers), np.zeros(max(numbers) + 1, bool)
@@ -472,12 +472,12 @@ class StoredPoints:
 
 
 def words_of(rows: npt.NDArray[Any]) -> npt.NDArray[np.uint32]:
-    """Return rows (N,) of type ROW as words (N, W): a view."""
+    """Return rows (N,) of type ROW as words (N, W), as a view."""
     return rows.view(np.uint32).reshape(-1, ROW.itemsize // 4)
 
 
 @cache
 def rows_of_a_cube() -> tuple[npt.NDArray[np.uint32], Points]:
-    """Return room for as many rows as a cube may have, as words and as columns: rows go through it."""
+    """Return a buffer for the largest number of rows of a cube, as words and as columns."""
     rows = np.empty(MAX_BLOCKS * BLOCK_ROWS, ROW)
     return words_of(rows), columns_of(rows)

@@ -23,24 +23,24 @@ from cuboid.heatmap.levels import Levels, LevelsState
 from cuboid.heatmap.moving_points import MovingPoints
 from cuboid.heatmap.stored_points import Rows, StoredPoints, StoredPointsState
 
-# Points that a frame carves: all in view where these are few, else a part of them in turn.
+# Points that a frame carves: all in view if there are few, otherwise a part of them in turn.
 MAX_CARVED_POINTS = 40_000
-# Votes that a voxel keeps for its owner: this many frames of another opinion change it.
+# Largest number of votes of a voxel for its owner: this many frames with another opinion change it.
 MAX_VOTES = MIN_READINGS
-# A voxel is its owner's when the votes are one in this many of the frames that saw it.
+# A voxel belongs to its owner if the votes are at least 1/VOTES_RATIO of the frames that saw it.
 VOTES_RATIO = 3
 
 
 @dataclass(frozen=True, slots=True)
 class PixelVoxels:
-    """The voxel at each working pixel, and what the map knows of it.
+    """The voxel at each working pixel, with its owner.
 
     Attributes
     ----------
     slots : (h, w) int32
-        Row of the voxel, -1 none; valid until the next frame is fused.
+        Row of the voxel, -1: none; valid until the next frame is fused.
     owner : (h, w) int32
-        Number of the object that it belongs to, 0 none.
+        Number of the object that owns it, 0: none.
     known : (h, w) bool
         Whether the map had a point there before this frame.
     """
@@ -76,27 +76,27 @@ class VoxelMapState(Record):
 
 
 class VoxelMap:
-    """Points of the scene with color, heat, and the object that each belongs to, in cubes of voxels.
+    """Points of the scene with color, heat and owning object, in cubes of voxels.
 
     Parameters
     ----------
     voxel_m : float
     noise_per_m : float
-        Standard deviation of depth is this times z squared.
+        The standard deviation of depth is this value times z squared.
     max_depth_m : float
     memory_mb : float
-        Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are evicted.
+        Memory limit of the process, in units of 2**20 bytes, above which cubes out of view are evicted.
 
     Attributes
     ----------
     stored : StoredPoints
-        The points: how they lie in memory, and where else; whose they are.
+        The points, their storage, and their owners.
     levels : Levels
-        Which of them share a row.
+        Levels of detail: points that share a row.
     moving : MovingPoints
-        How they follow corrections of poses.
+        Pose corrections of the points.
     fine : FinePoints
-        Which of them are there finer as well.
+        Finer copies of points of small objects.
     """
 
     NOT_SAVED = frozenset({"voxel_m", "noise_per_m", "_max_depth_m", "moving", "fine"})
@@ -109,11 +109,11 @@ class VoxelMap:
         self.voxel_m, self.noise_per_m, self._max_depth_m = stored.voxel_m, noise_per_m, max_depth_m
         self.stored, self.anchors, self.levels = stored, stored.anchors, levels
         self.moving, self.fine = MovingPoints(stored, levels), FinePoints(stored)
-        # The cube that the next carving pass begins with; the fine one; frames since the last pass.
+        # First cube and first fine cube of the next carving pass; number of frames since the last pass.
         self._next_look = self._next_fine_look = self._waiting = 0
 
     def state(self) -> VoxelMapState:
-        """Return the state of now; nothing in it changes any more."""
+        """Return the current state; later updates do not change it."""
         parts = self.stored.state(), self.anchors.state(), self.levels.state()
         return VoxelMapState(*parts, self._waiting, self._next_look, self._next_fine_look)
 
@@ -121,7 +121,7 @@ class VoxelMap:
     def from_state(
         cls, state: VoxelMapState, voxel_m: float, noise_per_m: float, max_depth_m: float, memory_mb: float
     ) -> VoxelMap:
-        """Return a map that goes on from a state, without its rows: `restore` or `refill` must follow."""
+        """Return a map that continues from a state, without its rows: `restore` or `refill` must follow."""
         voxels = cls.__new__(cls)
         stored = StoredPoints.from_state(state.stored, voxel_m, Anchors.from_state(state.anchors), memory_mb)
         voxels._assemble(stored, Levels.from_state(state.levels, stored), noise_per_m, max_depth_m)
@@ -130,12 +130,12 @@ class VoxelMap:
         return voxels
 
     def refill(self, keys: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> None:
-        """Have these points and no others; see `StoredPoints.refill`."""
+        """Replace all points by these; see `StoredPoints.refill`."""
         self.levels.forget()
         self.stored.refill(keys, rows)
 
     def begin_visit(self, most_hits: int) -> None:
-        """Let what was seen so far count as no more than this many sightings; see `StoredPoints.begin_visit`."""
+        """Limit the weight of earlier sightings to `most_hits`; see `StoredPoints.begin_visit`."""
         self.levels.begin_visit()
         self.stored.begin_visit(most_hits)
 
@@ -147,11 +147,11 @@ class VoxelMap:
         return np.array(stored.seen[: lookup.cubes_in_frustum(*asked)])
 
     def relocate_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
-        """Apply the pending motions of points that lie, or come to lie, in the camera's frustum."""
+        """Apply the pending motions of points that lie in the camera's frustum, or move into it."""
         if not len(self.anchors.pending_cubes[0]):
             return
         c, R, t = image.camera, T_camera_world[:3, :3], T_camera_world[:3, 3]
-        # A pixel more on each side than there is.
+        # One pixel larger on each side than the image.
         sides = [(c.fx, 0, c.cx + 1), (-c.fx, 0, c.width - c.cx), (0, c.fy, c.cy + 1), (0, -c.fy, c.height - c.cy)]
         normals = np.array([*sides, (0, 0, 1), (0, 0, -1)], np.float64)
         normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -167,7 +167,7 @@ class VoxelMap:
         anchor: int = 0,
         new_viewpoint: bool = True,
     ) -> npt.NDArray[np.int32]:
-        """Fuse a frame: points that match a point of the map are averaged with it, others are added.
+        """Fuse a frame: points in an occupied voxel are averaged with its point, others are added.
 
         Parameters
         ----------
@@ -176,15 +176,15 @@ class VoxelMap:
         T_world_camera : (4, 4) float64
         frame : int
         anchor : int
-            Keyframe that the frame is anchored to: its points move with it; see `apply_correction`.
+            Keyframe to which the frame is anchored: its points move with it; see `apply_correction`.
         new_viewpoint : bool
-            Whether the frame, or the one before it, is from a new viewpoint: else what is cold, walls and floors, is
-            left out.
+            Whether the frame, or the previous one, is from a new viewpoint; otherwise cold pixels, such as walls and
+            floors, are not fused.
 
         Returns
         -------
         (h, w) int32
-            Row of each working pixel, -1 where it was not fused; valid until the next call.
+            Row of each working pixel, -1 if it was not fused; valid until the next call.
         """
         T_camera_world, stored = inverse(T_world_camera), self.stored
         self.relocate_in_frustum(image, T_camera_world)
@@ -207,8 +207,8 @@ class VoxelMap:
     def carve_free_space(self, image: WorkingImage, T_camera_world: Float64Array, new_viewpoint: bool = True) -> None:
         """Carve free space: count the points that rays of this frame pass, and remove those passed more often than hit.
 
-        From the viewpoint of the last pass (not `new_viewpoint`) a frame carves the same: the next pass counts for it
-        too.
+        A frame from the same viewpoint as the last pass (`new_viewpoint` is False) would carve the same points: the
+        next pass counts for it, too.
         """
         self.stored.carving_passes += 1
         self._waiting += 1
@@ -222,7 +222,7 @@ class VoxelMap:
         self._waiting = 0
 
     def _carve_in_turn(self, seen: Rows, first: int, image: WorkingImage, T_camera_world: Float64Array) -> int:
-        """Carve the points of some cubes (N,), as many as a pass may, from one on; return the next one."""
+        """Carve the points of cubes (N,) within the limit of a pass, starting at cube `first`; return the next cube."""
         in_turn = np.concatenate([seen[seen >= first], seen[seen < first]])
         stored = self.stored
         count = np.cumsum(stored.cubes.rows[in_turn])
@@ -234,15 +234,15 @@ class VoxelMap:
         return int(now[-1]) + 1 if len(now) < len(in_turn) else 0
 
     def solid_rows_of(self, number: int, hot: float, votes: int) -> Rows:
-        """Return the rows of an object, ascending, that are hot and whose votes bear it out.
+        """Return the rows of an object, ascending, that are hot and have enough votes.
 
         Parameters
         ----------
         number : int
         hot : float
-            Least heat.
+            Smallest heat.
         votes : int
-            Least votes.
+            Smallest number of votes.
         """
         blocks, p, warm = self.stored.blocks_of(number), self.stored.points, np.float32(hot)
         rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)
@@ -266,19 +266,19 @@ class VoxelMap:
         self.stored.owned_blocks.add(pairs >> 32, pairs & 0xFFFFFFFF)
 
     def claim(self, rows: Rows, number: int) -> None:
-        """Let an object have rows (N,) that are no one's: as many votes as there can be say so."""
+        """Assign rows (N,) without an owner to an object, with the largest number of votes."""
         rows = np.unique(rows[self.stored.owner[rows] == 0])
         self.stored.owner[rows], self.stored.points.confidence[rows] = number, MAX_VOTES
         self.stored.owned_blocks.add_rows(self.stored.owner[rows], rows >> BLOCK_BITS)
 
     def look_up(self, slots: npt.NDArray[np.int32]) -> PixelVoxels:
-        """Return what the map knows of the voxel (h, w) of each pixel, -1 none."""
+        """Return the owner of the voxel (h, w) of each pixel, -1: no voxel, and whether it was mapped before."""
         owner, known = np.empty(slots.shape, np.int32), np.empty(slots.shape, np.bool_)
         owners.owner_of(slots, self.stored.owner, self.stored.hits, owner, known)
         return PixelVoxels(slots, owner, known)
 
     def rows_at(self, points: Float64Array) -> Rows:
-        """Return the rows (N,) of the voxels at places (N, 3) of the world, -1 where there is no point."""
+        """Return the rows (N,) of the voxels at world points (N, 3), -1 if there is no point."""
         points = np.ascontiguousarray(points)
         self.moving.relocate_around(points, self.voxel_m)
         rows, missing = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
@@ -288,9 +288,9 @@ class VoxelMap:
         return rows
 
     def is_occupied_around(self, ground: Float64Array, axes: Float64Array, least: int) -> npt.NDArray[np.bool_]:
-        """Tell at which places (N, 3) on a plane `least` of the nine voxels around, one up or down, hold a point.
+        """Return where on a plane, of places (N, 3), `least` of the nine voxels around, one up or down, are occupied.
 
-        `axes` (3, 3) are, row by row, two axes of the plane and its normal.
+        The rows of `axes` (3, 3) are two axes of the plane and its normal.
         """
         ground, missing = np.ascontiguousarray(ground), np.empty(27 * len(ground), np.int64)
         self.moving.relocate_around(ground, 2 * self.voxel_m)
@@ -301,6 +301,6 @@ class VoxelMap:
         return seen
 
     def owner_at(self, points: Float64Array) -> npt.NDArray[np.int32]:
-        """Return the owner of what was seen more than once at places (N, 3) of the world, -1 where nothing was."""
+        """Return the owner of what was seen more than once at world points (N, 3); 0: no owner, -1: no such point."""
         rows = self.rows_at(points)
         return np.where((rows >= 0) & (self.stored.hits[rows] > 1), self.stored.owner[rows], -1).astype(np.int32)

@@ -1,7 +1,7 @@
 """Pairwise affinity of objects: the log-odds that two of them are one, accumulated over all frames.
 
-A proposal that covers most of the visible part of two objects is evidence that they are one; a proposal for each, side
-by side, that they are two. A single frame errs; the sum over all frames seldom does.
+A proposal that covers most of the visible part of two objects is evidence that they are one; separate proposals side by
+side are evidence that they are two. A single frame may be wrong; the sum over all frames seldom is.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from cuboid.core.state import Record
 CERTAIN_LOG_ODDS = log(99.0)
 Pair = tuple[int, int]
 
-# Over-segmentation (one in three frames) is more frequent than under-segmentation (one in seven): what a frame adds to
-# the log-odds that two are one, or takes off.
+# Over-segmentation (one frame in three) is more frequent than under-segmentation (one in seven). From these rates
+# follow the log-odds that a frame adds or subtracts.
 SPLIT_RATE, JOIN_RATE = 0.35, 0.15
 SAME_LOG_ODDS, DIFFERENT_LOG_ODDS = log((1.0 - SPLIT_RATE) / JOIN_RATE), log(SPLIT_RATE / (1.0 - JOIN_RATE))
-# Log-odds saturate here, of an object as of a pair, so that early mistakes can be corrected.
+# Limit of the log-odds, of an object and of a pair, so that early mistakes can be corrected.
 MAX_LOG_ODDS = 2.0 * CERTAIN_LOG_ODDS
 
 
@@ -53,7 +53,7 @@ class Affinity:
         self._partners: dict[int, set[int]] = {}
 
     def state(self) -> AffinityState:
-        """Return the state of now; nothing in it changes any more."""
+        """Return the current state; later updates do not change it."""
         odds = self._log_odds
         pairs = np.array(list(odds), np.int64).reshape(-1, 2)
         return AffinityState(pairs, np.fromiter(odds.values(), np.float64, len(odds)))
@@ -71,7 +71,7 @@ class Affinity:
         self._add(a, b, (SAME_LOG_ODDS if one else DIFFERENT_LOG_ODDS) * novelty)
 
     def add_attachment(self, a: int, b: int, novelty: float) -> None:
-        """Add that one of two is attached to the other: borders seen between them were those of a part."""
+        """Add the evidence that one object is attached to the other: earlier evidence for two objects is reset."""
         evidence = self.of(a, b)
         self._add(a, b, SAME_LOG_ODDS * novelty - min(0.0, evidence or 0.0))
 
@@ -82,15 +82,15 @@ class Affinity:
         self._log_odds[pair] = min(MAX_LOG_ODDS, max(-MAX_LOG_ODDS, self._log_odds.get(pair, 0.0) + evidence))
 
     def of(self, a: int, b: int) -> float | None:
-        """Return the log-odds that two objects are one; None where they were never seen side by side."""
+        """Return the log-odds that two objects are one; None if they were never seen side by side."""
         return self._log_odds.get((min(a, b), max(a, b)))
 
     def objects(self) -> list[int]:
-        """Return the objects that were seen beside any, ascending."""
+        """Return the objects that were seen beside another one, ascending."""
         return sorted(number for number, beside in self._partners.items() if beside)
 
     def partners(self, number: int, least: float = -MAX_LOG_ODDS, most: float = MAX_LOG_ODDS) -> list[int]:
-        """Return the objects that were seen beside one, ascending: those whose log-odds lie in a range."""
+        """Return the objects that were seen beside an object and whose log-odds lie in a range, ascending."""
         odds, beside = self._log_odds, self._partners.get(number)
         if not beside:
             return []
@@ -99,7 +99,7 @@ class Affinity:
         return sorted([k for k in beside if least <= odds[(number, k) if number < k else (k, number)] <= most])
 
     def transfer(self, gone: int, kept: int) -> None:
-        """Add the affinities of an object that was merged to those of the one that remains."""
+        """Add the affinities of a merged object to those of the remaining one."""
         for partner in self.partners(gone):
             if partner != kept:
                 self._add(kept, partner, self._log_odds[(min(gone, partner), max(gone, partner))])

@@ -17,9 +17,9 @@ from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
 from cuboid.surfaces.frame_segments import FrameSegments
 
-# At least this fraction of a segment counts as mapped before.
+# Smallest fraction of a segment that counts as mapped before.
 MIN_MAPPED_FRACTION = 0.2
-# A segment without a match is part of the object in which at least this fraction of it lies.
+# A segment without a match is a part of an object if at least this fraction of the segment lies in it.
 PART_FRACTION = 0.5
 # Gate of the association: 3D IoU of the boxes, or IoU of the masks.
 SAME = 0.25
@@ -27,24 +27,24 @@ SAME = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Association:
-    """Which segment of a frame is which object.
+    """The association of a frame's segments with objects.
 
     Attributes
     ----------
     objects : sequence of MapObject
-        Those that may be seen.
+        The objects that may be visible.
     match : (n,) int64
-        Index in `objects` of each segment's match, -1 none.
+        Index in `objects` of the match of each segment, -1: none.
     part : (n,) int64
-        Of a segment without a match the object that contains most of it, -1 none.
+        For a segment without a match, index of the object that contains most of it, -1: none.
     iou : (n, m) float64
         3D IoU of the boxes.
     similarity : (n,) float64
-        Of each segment to its match, 0..1.
+        Similarity of each segment and its match, 0..1.
     overlap : (n, m) int64
-        Pixels of a segment that belong to an object.
+        Number of pixels of a segment that belong to an object.
     object_pixels : (m,) int64
-        Pixels that belong to an object, in any segment or none.
+        Number of pixels that belong to an object, inside or outside segments.
     """
 
     objects: Sequence[MapObject]
@@ -63,22 +63,23 @@ def associate(
     theirs: Float64Array,
     voxels: PixelVoxels,
 ) -> Association:
-    """Match the segments of a frame to objects one to one; what is left over may be a part of one.
+    """Match the segments of a frame to objects one to one; an unmatched segment may be a part of an object.
 
-    The similarity of a segment and an object is the larger of the 3D IoU of their boxes and of the IoU of their masks:
-    of the object the pixels whose voxels it owns, of the segment those whose voxels were mapped before.
+    The similarity of a segment and an object is the larger one of the 3D IoU of their boxes and the IoU of their masks.
+    The mask of an object has the pixels whose voxels it owns; that of a segment has the pixels whose voxels were mapped
+    before.
 
     Parameters
     ----------
     frame : FrameSegments
     boxes : (n, 15) float64
-        Of the frame's segments, see `pack`.
+        Boxes of the segments, see `pack`.
     objects : sequence of MapObject
-        Those that may be seen.
+        The objects that may be visible.
     theirs : (m, 15) float64
-        Their boxes.
+        Boxes of the objects.
     voxels : PixelVoxels
-        Of the working pixels.
+        Voxels of the working pixels.
     """
     n, m = len(frame.segments), len(objects)
     overlap, size = _mask_overlaps(frame, objects, voxels)
@@ -87,7 +88,7 @@ def associate(
         return Association(objects, nobody, nobody, np.zeros((n, m)), np.zeros(n), overlap[:n], overlap[-1])
     iou = iou_matrix(boxes, theirs)
     mine, object_pixels = overlap[:n], overlap.sum(0)
-    # The mapped part of an almost new segment is no evidence.
+    # A small mapped part of a mostly new segment is no evidence: the size has a lower limit.
     whole = np.array([len(segment.pixels) for segment in frame.segments])
     seen = mine / np.maximum(np.maximum(size, MIN_MAPPED_FRACTION * whole)[:, None] + object_pixels[None] - mine, 1)
     match, part = nobody.copy(), nobody.copy()
@@ -106,7 +107,7 @@ def _mask_overlaps(
     objects: Sequence[MapObject],
     voxels: PixelVoxels,
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return pixels by segment and object (n + 1, m), the last row for those of none, and the mapped pixels."""
+    """Return the pixel counts by segment and object (n + 1, m), last row: no segment, and the mapped pixels (n,)."""
     n, m = len(frame.segments), len(objects)
     place = index_table([o.number for o in objects], int(voxels.owner.max()))
     table, size = np.empty((n + 1, m + 1), np.int64), np.empty(n + 1, np.int64)
@@ -115,7 +116,7 @@ def _mask_overlaps(
 
 
 def index_table(numbers: Sequence[int], highest: int) -> npt.NDArray[np.int64]:
-    """Return for each number up to at least the highest where it is in `numbers`, their count where it is not."""
+    """Return the index in `numbers` of each number up to at least `highest`; the length of `numbers` if absent."""
     place = np.full(max([highest, *numbers]) + 1, len(numbers))
     place[list(numbers)] = np.arange(len(numbers))
     return place
@@ -124,14 +125,14 @@ def index_table(numbers: Sequence[int], highest: int) -> npt.NDArray[np.int64]:
 def prior_of(
     objects: Sequence[MapObject], pixel_owner: npt.NDArray[np.int32], weighed: WeighedProposals
 ) -> Float64Array:
-    """Return what each proposal's weight is multiplied by (N,): 1 plus its IoU with an object times how sure that is.
+    """Return the factor of each proposal's weight (N,): 1 plus its IoU with a labelled object times the object's score.
 
     Parameters
     ----------
     objects : sequence of MapObject
-        Those that may be seen; what has no label is not sure.
+        The objects that may be visible; those without a label are ignored.
     pixel_owner : (h, w) int32
-        Number of the object that each working pixel belongs to, 0 none.
+        Number of the object that owns each working pixel, 0: none.
     weighed : WeighedProposals
     """
     labelled = [o for o in objects if o.confirmed]

@@ -1,4 +1,4 @@
-"""The box of an object of the map: of what was seen of it, and of what no frame has seen."""
+"""The box of an object in the map: the seen part, and parts that no frame has seen."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from cuboid.geometry.box import Box
 from cuboid.heatmap.stored_points import Rows
 from cuboid.heatmap.voxel_map import VoxelMap
 
-# Fraction of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
+# Fraction of an object's weight that lies outside its surface at each side: the tails of the sensor's noise.
 STRAY_FRACTION = 0.008
-# The noise of the map's points, as a fraction of that of the usual reading of them.
+# Noise of the map's points, as a fraction of the noise of their usual readings.
 MAP_NOISE = 0.8
-# Voxels that a box is fitted to, at most about; more of a large object do not change it.
+# Approximate largest number of voxels in a fit; more voxels of a large object do not change its box.
 BOX_VOXELS = 1500
 
 Plane = tuple[Float64Array, float]
@@ -46,27 +46,27 @@ class Boxing:
         others: Sequence[Box],
         eye: Float64Array | None = None,
     ) -> tuple[Box, float]:
-        """Return the box of what was seen of an object, with its far side as far as that may be there.
+        """Return the box of the seen part of an object, extended by its hidden far side, and the noise of its points.
 
-        And the usual noise of the points that it was fitted to, metres.
+        The noise is that of the fitted points, metres.
 
-        A voxel is believed by how often and from how near it was seen, up to the median. Beyond the median more
-        sightings prove no more: else the side that the camera dwelt on would be all.
+        The weight of a voxel grows with the number and the precision of its readings, up to the median of each. Beyond
+        the median, further readings add no weight: otherwise the side that the camera saw longest would dominate.
 
         Parameters
         ----------
         rows : (N,) int64
-            Its voxels, at least one.
+            Rows of its voxels, at least one.
         places : (N, 3) float32
-            Where they are in the world, metres.
+            Their positions in the world, metres.
         plane : ((3,) float64, float) or None
-            Normal and offset, in the world, of what it stands on.
+            Normal and offset of its supporting plane, in the world; None if unknown.
         up : (3,) float64
-            Where it stands on nothing known.
+            Up direction, used without a known plane.
         others : sequence of Box
-            Those of its neighbours.
+            Boxes of its neighbours.
         eye : (3,) float64, optional
-            Where the camera is that sees it, world, metres.
+            Position of the camera, world, metres.
         """
         some = slice(None, None, 1 + len(rows) // BOX_VOXELS)
         trust, noise_m = self._trust(rows[some])
@@ -76,7 +76,7 @@ class Boxing:
             return self._fit(points, trust, noise_m, plane, up, others), noise_m
         points, noise_m = denoised(points, trust, eye, noise_m, voxel_m)
         box = self._fit(points, trust, noise_m, plane, up, others)
-        # Points of voxels side by side are no farther apart than two voxels.
+        # Points of adjacent voxels are at most two voxels apart.
         return as_deep_as_wide(box, eye, others, 2.0 * voxel_m), noise_m
 
     def _fit(
@@ -98,7 +98,7 @@ class Boxing:
         return with_hidden(box, points, *plane, others, self._voxels)
 
     def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
-        """Return how far voxels (N,) are to be believed, and the usual noise of their places, metres."""
+        """Return the weights of voxels (N,), and the usual noise of their positions, metres."""
         hits = self._voxels.stored.hits[rows].astype(np.float64)
         precision = self._voxels.stored.weight(rows) / hits
         usual = _middle(precision)
@@ -107,6 +107,6 @@ class Boxing:
 
 
 def _middle(values: Float64Array) -> float:
-    """Return the upper median: NumPy's own takes several times as long on so few."""
+    """Return the upper median: NumPy's median takes several times as long for so few values."""
     k = len(values) // 2
     return float(np.partition(values, k)[k])

@@ -1,4 +1,4 @@
-"""Criteria for confirming a candidate: its sides end, its size fits, and it is no part of another object."""
+"""Criteria for confirming a candidate: its sides end, its size fits, and it is not a part of another object."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from cuboid.objects.visibility import ALIKE
 from cuboid.surfaces.kernels.outlines import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP
 from cuboid.surfaces.planes import PlaneTracker
 
-# An object whose top was seen to end is the foot of another one only if it has at most this fraction of its height.
+# An object with a free top may be the foot of another one only if it has at most this fraction of the other's height.
 FOOT_FRACTION = 0.5
-# A side of the outline ends in free space when more than this fraction of it does.
+# A side of the outline ends in free space if more than this fraction of it is free.
 FREE_SIDE_FRACTION = 0.5
-# Frames do not agree on two objects that touch while the log-odds that they are two are below this.
+# Whether two touching objects are separate is undecided while the log-odds that they are two are below this.
 UNSURE = 1.1
 
 
 def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config: TrackerConfig) -> bool:
-    """Tell whether a candidate has a box and is a complete object, of the size of one, and no part of another.
+    """Return whether a candidate is complete, has a box of the size of an object, and is not a part of another object.
 
     Parameters
     ----------
     entry : MapObject
     store : ObjectStore
-        Where it is one of many.
+        The store that contains it.
     planes : PlaneTracker
-        What it may stand on.
+        The planes on which it may stand.
     config : TrackerConfig
         Sizes of objects.
     """
@@ -43,7 +43,7 @@ def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, c
         len(entry.points) > 0
         and not entry.holder
         and not entry.supports_plane
-        # The part beyond the border of the picture may be as large again, as of the rim of a table.
+        # The part beyond the image border may be as large again, as at the rim of a table.
         and enclosed(
             entry.outline, cut_off=2.0 * entry.box.size.max() <= config.max_size_m, beside=_is_beside(entry, store)
         )
@@ -58,14 +58,14 @@ def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, c
 
 
 def _is_beside(entry: MapObject, store: ObjectStore) -> bool:
-    """Tell whether frames have shown an object beside a labelled one, and likely separate from it."""
+    """Return whether frames have shown an object beside a labelled one and probably separate from it."""
     return any(
         other.confirmed for other in store.all_of(store.affinity.partners(entry.number, most=-CERTAIN_LOG_ODDS / 2.0))
     )
 
 
 def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
-    """Tell whether an object hangs in the air: higher above its plane than it is long, air beneath."""
+    """Return whether an object hangs in the air: higher above its plane than its longest side, with air beneath."""
     plane = planes.find(entry.plane)
     if plane is None:
         return False
@@ -77,10 +77,11 @@ def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
 
 
 def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> bool:
-    """Tell whether an object always ends above at another object, or goes on behind it, and touches one that is higher.
+    """Return whether an object may be the foot of a higher object that it touches.
 
-    It may be the foot of that object: the pot of a plant, whose top ends at the plant, or the brim of a cap, with one
-    side behind the cap. An object whose top ends by itself, and that is more than half as high, is no such foot.
+    Its top then always ends at another object, or one side continues behind one: the pot of a plant ends above at the
+    plant; the brim of a cap has one side behind the cap. An object with a free top that is more than half as high as
+    the other one is not a foot.
     """
     plane = planes.find(entry.plane)
     above = ends_above(entry.outline)
@@ -99,9 +100,10 @@ def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> 
 
 
 def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> bool:
-    """Tell whether nothing of an object's foot shows, little of its height, and a larger one beside it has its color.
+    """Return whether an object may be the end of a larger object, such as the spout of a teapot.
 
-    It may be the end of that object, as the spout of a teapot. Grey is the color of too many things to be evidence.
+    Its foot does not show, it has little height of its own, and a larger object beside it has its color. Grey is the
+    color of too many objects to be evidence.
     """
     plane, color = planes.find(entry.plane), entry.mean_color
     if plane is None or np.ptp(color) <= ALIKE:
@@ -114,16 +116,16 @@ def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> b
     return any(
         other.log_odds > 0.0
         and other.box.size.prod() > entry.box.size.prod()
-        # An object without a box yet may have any color.
+        # An object that has no box yet may have any color.
         and (not len(other.points) or np.abs(other.mean_color - color).max() <= ALIKE)
         for other in store.all_of(store.affinity.partners(entry.number))
     )
 
 
 def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
-    """Tell whether an object may be a part of a labelled one: frames do not agree yet that two which touch are two.
+    """Return whether an object may be a part of a labelled one: frames do not agree yet that two touching ones are two.
 
-    Two solids do not overlap in space either.
+    Objects that overlap in space may be one, too: two solids cannot overlap.
     """
     labelled = [other for other in store.neighbours(entry) if other.confirmed]
     if not labelled:
@@ -135,9 +137,10 @@ def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
 
 
 def _may_be_rim(entry: MapObject, planes: PlaneTracker) -> bool:
-    """Tell whether an object is no higher than drift, and ends where its plane does on more than one of three sides.
+    """Return whether an object may be the raised rim of its plane, as the lip of a shelf.
 
-    It may be the raised rim of the plane, as the lip of a shelf. Beyond any other object as low the plane goes on.
+    It is then no higher than drift, and ends where its plane ends on more than one of three sides. Around any other
+    object of this height the plane continues.
     """
     if planes.find(entry.plane) is None or entry.box.size[2] > DRIFT_M:
         return False

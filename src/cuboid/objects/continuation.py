@@ -1,4 +1,4 @@
-"""Structure: an object that goes on, beyond its box, into a surface of no object is a part of that surface."""
+"""Structure: an object that continues beyond its box into a surface outside all objects is a part of that surface."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from cuboid.core.tolerances import DRIFT_M
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 
-# Points within the first distance of a side of the box, voxels, make that side; the side goes on where there are
-# points at one of the other distances beyond it, voxels.
+# Points within SIDE_VOXELS of a side of the box belong to that side; the side continues if there are points at one of
+# the distances BEYOND_VOXELS beyond it (unit: voxels).
 SIDE_VOXELS = 2.0
 BEYOND_VOXELS = SIDE_VOXELS + np.arange(3)
-# A side goes on when this fraction of its points has surface beyond it.
+# A side continues if at least this fraction of its points has surface beyond it.
 GOES_ON_FRACTION = 0.5
 
 
 def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Array) -> tuple[bool, int]:
-    """Tell whether an object's top goes on into structure, and how many of its four other sides do.
+    """Return whether an object's top continues into structure, and how many of its four other sides do.
 
     Parameters
     ----------
     box : Box
     points : (N, 3) float32
-        Its own.
+        Points of the object.
     voxels : VoxelMap
     owned : (M,) uint8
-        1 for each object, by number, that is no structure.
+        1 for each object number whose voxels are not structure.
     """
     points = points[:: 1 + len(points) // SAMPLE_POINTS]
     beyond_m = BEYOND_VOXELS * voxels.voxel_m
     places, counts = np.empty((5 * len(beyond_m) * len(points), 3)), np.empty(5, np.int64)
-    # Lower points are beside the surface that the object stands on.
+    # Lower points lie beside the surface on which the object stands.
     bottom_m, side_m = DRIFT_M - box.size[2] / 2, SIDE_VOXELS * voxels.voxel_m
     rotation = np.ascontiguousarray(box.rotation)
     found = beyond_sides(points, box.center, rotation, bottom_m, side_m, beyond_m, places, counts)
@@ -48,6 +48,6 @@ def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Arra
 
 
 def is_structure(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Array) -> bool:
-    """Tell whether an object is a part of structure: its top goes on, or more than one of its sides does."""
+    """Return whether an object is a part of structure: its top continues, or more than one of its sides does."""
     top, sides = continues(box, points, voxels, owned)
     return top or sides > 1

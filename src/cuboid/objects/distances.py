@@ -1,4 +1,4 @@
-"""How far two sets of points are from each other."""
+"""Distances between two sets of points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cuboid.objects.kernels.nearness import count_near
 
 
 def points_near(a: Float32Array, b: Float32Array, limit_m: float, enough: int | None = None) -> int:
-    """Return how many points of a set lie nearer than a limit to another set; no more than `enough`, where given.
+    """Return the number of points in `a` that are nearer than a limit to a point in `b`; counting stops at `enough`.
 
     Parameters
     ----------
@@ -24,5 +24,5 @@ def points_near(a: Float32Array, b: Float32Array, limit_m: float, enough: int | 
 
 
 def touch(a: Float32Array, b: Float32Array, limit_m: float) -> bool:
-    """Tell whether two sets of points, (N, D) and (M, D) float32, come nearer to each other than a limit."""
+    """Return whether two sets of points, (N, D) and (M, D) float32, come nearer to each other than a limit."""
     return points_near(a, b, limit_m, enough=1) > 0

@@ -1,4 +1,4 @@
-"""An object as the map keeps it."""
+"""An object in the map."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cuboid.surfaces.kernels.outlines import KINDS
 
 
 class State(Enum):
-    """Where an object is in its life."""
+    """Stage of an object's life."""
 
     CANDIDATE = "candidate"
     CONFIRMED = "confirmed"
@@ -27,7 +27,7 @@ class State(Enum):
 class MapObject(Record):
     """An object of the map, confirmed (with a label) or not.
 
-    What an attribute holds is replaced, never changed: arrays, dicts and lists too.
+    Values of attributes are replaced, never changed in place; this includes arrays, dicts and lists.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class MapObject(Record):
     state : State
         "candidate", "confirmed" or "retired".
     label : int
-        0 until confirmed.
+        Label, 0 until confirmed.
     keyframe : int
         Keyframe to which most of its points are anchored; -1 (unknown) after a frame has fused new points.
     plane : int or None
@@ -77,7 +77,7 @@ class MapObject(Record):
     moved : bool
         Whether it was seen to move by itself.
     taken_by : MapObject or None
-        The one that it turned out to be a part of.
+        The object into which it was merged.
     """
 
     number: int
@@ -107,7 +107,7 @@ class MapObject(Record):
 
     @property
     def survivor(self) -> MapObject:
-        """The object that it was merged into, transitively; itself where it was not."""
+        """The object into which it was merged, transitively; the object itself if it was not merged."""
         entry = self
         while entry.taken_by is not None:
             entry = entry.taken_by
@@ -120,7 +120,7 @@ class MapObject(Record):
 
     @property
     def center(self) -> Float64Array:
-        """Middle of its box, (3,) metres."""
+        """Centre of its box, (3,) metres."""
         return self.box.center
 
     @property
@@ -135,5 +135,5 @@ class MapObject(Record):
 
 
 def summed_counts(one: Mapping[int, int], other: Mapping[int, int]) -> dict[int, int]:
-    """Return the sums of two counts, by key."""
+    """Return the sums of two counts by key."""
     return {**one, **{key: one.get(key, 0) + count for key, count in other.items()}}

@@ -1,4 +1,4 @@
-"""When the box of an object is refitted, and what follows from the fit."""
+"""When an object's box is refitted, and the consequences of the fit."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from cuboid.surfaces.planes import PlaneTracker
 
 # A box is refitted when the number of sightings has grown by this fraction.
 GROWN = 0.15
-# Labelled objects, and candidates, whose boxes are refitted in a frame, at most; the others follow in later frames.
+# Largest number of labelled objects, and of candidates, that are refitted in a frame; others follow in later frames.
 FITS = 4
-# Log-odds that an object loses at a fit that finds it to be structure, or noise.
+# Log-odds that an object loses if a fit shows that it is structure or noise.
 STRUCTURE = CLEAR
 
 
 class Fitting:
-    """Fits the boxes of objects to their voxels, and ends those that turn out to be none.
+    """Fits the boxes of objects to their voxels, and retires objects without enough voxels or of excessive size.
 
     Parameters
     ----------
@@ -56,10 +56,10 @@ class Fitting:
         self._boxing = boxing
 
     def fit_grown(self, numbers: Sequence[int], eye: Float64Array, new_viewpoint: bool = True) -> None:
-        """Fit the boxes of those objects of which more was seen than at the last fit, from `eye` (3,) now.
+        """Refit objects that were sighted more often since the last fit; the camera is at `eye` (3,).
 
-        Further sightings of a confirmed object from one viewpoint (not `new_viewpoint`) only repeat its noise: their
-        number must have doubled.
+        Further sightings of a confirmed object from the same viewpoint (`new_viewpoint` is False) only repeat its
+        noise: their number must have doubled.
         """
         waiting = [o for o in self._store.all_of(numbers) if o.sightings >= (1 + GROWN) * o.fitted and o.sightings > 0]
         if not new_viewpoint:
@@ -71,10 +71,11 @@ class Fitting:
             self.fit(entry, eye, _times_grown(entry))
 
     def fit(self, entry: MapObject, eye: Float64Array | None = None, times: int = 1) -> None:
-        """Fit the box of an object; retire it where there is nothing to fit one to, or where it has grown too large.
+        """Fit the box of an object; retire it if it has too few voxels, or if it has grown too large.
 
-        What the camera sees from `eye` (3,), world, metres, is freed from the noise along its rays.
-        It counts as the number of fits that there would have been, had each sighting been from a new viewpoint.
+        If the camera position `eye` (3,), world, metres, is given, the points are denoised along the camera's rays.
+        `times` is the number of fits for which this one counts: those that new viewpoints at each sighting would have
+        caused.
         """
         voxels = self._voxels
         rows = voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
@@ -97,7 +98,7 @@ class Fitting:
             own = above_support_rim(points, *rests, voxels.voxel_m)
             if not own.all():
                 rows, points = rows[own], points[own]
-                # The surface that it stands on is not known yet: the box ends at the foot of the object.
+                # Its support is not known yet: the box ends at the foot of the object.
                 foot_m = float((points @ rests[0]).min()) - 2.0 * voxels.voxel_m
                 entry.supports, entry.plane = {} if plane is None else {plane.identity: 1}, None
                 rests, plane = (rests[0], -foot_m), None
@@ -108,15 +109,15 @@ class Fitting:
         box = bare if rests is None else with_foot(bare, *rests, others, voxels)
         self._store.place(entry, box)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
-            # A floating object may stand on a plane that was not known yet: its support is estimated again from
-            # later sightings.
+            # A floating object may stand on a plane that was not known yet: estimate its support again from later
+            # sightings.
             entry.supports = {plane.identity: 1}
         near = self._store.neighbours(entry)
         entry.holder = 0 if rests is None else find_holder(entry, *rests, near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
         supports_plane = self._supports_plane(entry)
-        # A thinner or flatter object may be the noise of a surface.
+        # A thinner or flatter object may be noise of a surface.
         structure = (
             supports_plane
             or not fits_object(box, self._config)
@@ -127,29 +128,29 @@ class Fitting:
             self._store.place(entry, self._with_seat(entry, bare, plane, near))
         if structure:
             entry.log_odds -= STRUCTURE
-            # Candidates are fitted while they are likely.
+            # Candidates are fitted only while they are likely.
             while (times := times - 1) > 0 and entry.log_odds > 0:
                 entry.log_odds -= STRUCTURE
-        # However clear its outline is: what supports a plane at two fits in a row is no object.
+        # Regardless of its outline: an object that supports a plane at two successive fits is furniture.
         if too_large(box, self._config) or (entry.confirmed and entry.supports_plane and supports_plane):
             self._store.retire(entry)
         entry.supports_plane = supports_plane
 
     def _supports_plane(self, entry: MapObject) -> bool:
-        """Tell whether an object reaches up to a plane that lies on it.
+        """Return whether an object reaches up to a plane that lies on it.
 
-        One that was seen to end above may be as high as the board that it stands beneath; the side of a shelf is as
-        high as the plane itself, which goes on from there.
+        An object with a free top may be as high as the board beneath which it stands; the side of a shelf is as high as
+        the plane itself, which continues from there.
         """
         if self._planes.is_extended_by_plane(entry.box):
             return True
         return self._planes.has_plane_on_top(entry.box) and not ends_above(entry.outline)
 
     def _with_seat(self, entry: MapObject, bare: Box, plane: Plane, near: Sequence[MapObject]) -> Box:
-        """Return the box of an object with its seat, down to its plane, where it floats and has one: a chair has legs.
+        """Return the box of a floating object extended by its seat and down to its plane, as for the legs of a chair.
 
-        Whether it floats is told by the box without a foot that may be hidden, `bare`: with a seat it is none. What is
-        higher above its plane than it is long hangs; what stands on top of another object has no legs.
+        `bare` is the box without a hidden foot; it decides whether the object floats. An object that is higher above
+        its plane than its longest side hangs, and an object on top of another one has no legs.
         """
         box, (normal, offset) = entry.box, self._planes.in_world(plane)
         if not DRIFT_M < bare.foot_m(normal, offset) <= bare.size.max():
@@ -163,16 +164,16 @@ class Fitting:
         return box if too_large(whole, self._config) else whole
 
     def _above(self, points: Float32Array, normal: Float64Array, offset: float) -> npt.NDArray[np.bool_]:
-        """Tell which points lie above the plane that an object stands on: others are the plane's, or its rim's.
+        """Return which points lie above the supporting plane; lower points belong to the plane or its rim.
 
-        All of them where that leaves too few to tell anything.
+        If too few points lie above it, all points are kept.
         """
         above = np.asarray(points @ normal + offset > self._config.min_height_m)
         return above if np.count_nonzero(above) >= MIN_READINGS else np.ones(len(points), bool)
 
 
 def _times_grown(entry: MapObject) -> int:
-    """Return how often the sightings of an object have grown by `GROWN` since its last fit, each a whole one more."""
+    """Return how often the number of sightings has grown by `GROWN` since the last fit, at least one sighting each."""
     if not entry.fitted and len(entry.points):
         return 1
     last = max(1, entry.fitted)

@@ -16,14 +16,14 @@ def assign(score: Float64Array, minimum: float) -> list[tuple[int, int]]:
     score : (N, M) float64
         0 or more.
     minimum : float
-        Pairs below this, above 0, are never made.
+        Smallest accepted score, above 0.
 
     Returns
     -------
     list of (int, int)
         Row and column, by row.
     """
-    # Of thousands of columns only those that any row may take part in the assignment.
+    # Keep only rows and columns with an accepted score: there may be thousands of columns.
     worth = score >= minimum
     rows, columns = np.flatnonzero(worth.any(1)), np.flatnonzero(worth.any(0))
     if len(rows) == 0:

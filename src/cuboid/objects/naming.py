@@ -1,7 +1,8 @@
-"""Names of objects: class scores of a detector, added up over sightings as log-odds.
+"""Names of objects: class scores of a detector, accumulated over sightings as log-odds.
 
-A detector errs, and frames from one place err alike. So the n-th sighting from one direction counts 1/n of the first,
-and each counts by how much of the object is seen. A class gains by scores above a neutral one and loses by lower ones.
+Errors of a detector are correlated between frames from one direction. Therefore the n-th sighting from one direction
+has 1/n of the weight of the first, and each sighting is weighted by the visible fraction of the object. A class gains
+from scores above a neutral one and loses from lower ones.
 """
 
 from __future__ import annotations
@@ -19,47 +20,47 @@ from cuboid.detection.types import Detections
 from cuboid.geometry.rectangles import fractions_inside, rect_iou_matrix
 from cuboid.objects.entry import MapObject
 
-# A detection shows an object when their rectangles overlap by this IoU: the same thing for people who judge detectors.
+# A detection shows an object if their rectangles overlap by this IoU: the usual threshold in detector benchmarks.
 SAME_IOU = 0.5
-# With more than this fraction of its rectangle in a detection of something larger, an object may be a part of that: it
-# is then no evidence that the detector sees nothing else there.
+# An object with more than this fraction of its rectangle in a larger detection may be a part of that detection: then
+# it is no evidence that the detector sees nothing else there.
 INSIDE_FRACTION = 0.5
-# Scores below this are not taken for a class at all: what detectors list begins here.
+# Scores below this are ignored: detectors list classes from about this score on.
 LEAST_SCORE = 0.05
-# A score that says nothing for or against a class. What is not in the vocabulary gets scores around it in view after
-# view (a lunch box as a cell phone: 0.08 to 0.4), what is gets more: mice 0.13 to 0.4, screens and books 0.8 to 0.9.
+# A score that is no evidence for or against a class. Objects outside the vocabulary get scores around it again and
+# again (a lunch box as a cell phone: 0.08 to 0.4), others get more: mice 0.13 to 0.4, screens and books 0.8 to 0.9.
 NEUTRAL_SCORE = 0.15
-# Scores are taken as no surer than this.
+# Scores are clipped to this.
 MOST_SCORE = 0.99
-# Log-odds that a class loses at most in a sighting: a small detector misses two of three things.
+# Largest loss of log-odds of a class in a sighting: a small detector misses two of three objects.
 MISSED = 0.3
-# Log-odds of "none that is known" before the first look.
+# Log-odds of "no known class" before the first sighting.
 PRIOR = 1.0
-# Two directions are one while they are no farther apart than this, radians: a smaller turn shows the same side.
+# Directions of view within this angle are the same, radians: a smaller change shows the same side.
 SAME_VIEW_RAD = 0.2
-# Directions that are kept for an object: all around it there are some hundred at this angle, few are seen.
+# Largest number of directions per object: about a hundred of this width exist, and few of them are used.
 MAX_VIEWS = 64
-# Classes that are kept for an object, the most likely ones.
+# Largest number of classes per object; the most likely ones are kept.
 MAX_CLASSES = 16
-# A name is told when it is more likely than all others and none together.
+# An object gets a name if the probability of the class is at least this.
 MIN_NAME_SCORE = 0.5
-# Classes whose probability is 0 with so many decimals are not told.
+# Classes whose probability rounds to 0 at this number of decimals are not reported.
 NAME_DIGITS = 2
 
 
 class Nameable(Protocol):
-    """Something that a detector names; attributes as of `MapObject`."""
+    """An object that a detector can name; its attributes are those of `MapObject`."""
 
     name_log_odds: dict[str, float]
     views: Float64Array
 
     @property
     def center(self) -> Float64Array:
-        """Its middle in the map, (3,) metres."""
+        """Its centre in the map, (3,) metres."""
 
 
 class Named(TypedDict):
-    """What results say of an object's name; see `TrackedObject`."""
+    """The name fields of results; see `TrackedObject`."""
 
     name: str | None
     name_score: float | None
@@ -67,13 +68,13 @@ class Named(TypedDict):
 
 
 def match_detections(found: Detections, rects_xyxy: Float64Array) -> npt.NDArray[np.intp]:
-    """Return which object each detection shows, (N,), -1 none: the one whose rectangle overlaps it most, and enough.
+    """Return the object that each detection shows, (N,), -1: none: the one with the largest overlap, if it is enough.
 
     Parameters
     ----------
     found : Detections
     rects_xyxy : (M, 4) float64
-        Of the objects in view, pixels.
+        Rectangles of the visible objects, pixels.
     """
     if not len(found) or not len(rects_xyxy):
         return np.full(len(found), -1, np.intp)
@@ -82,16 +83,16 @@ def match_detections(found: Detections, rects_xyxy: Float64Array) -> npt.NDArray
 
 
 def name_objects(found: Detections, seen: Sequence[tuple[MapObject, float, Float64Array]], eye: Float64Array) -> None:
-    """Add what a detector sees in a frame to the evidence on names.
+    """Add a detector's result for a frame to the evidence for names.
 
     Parameters
     ----------
     found : Detections
-        Of the frame.
+        Detections in the frame.
     seen : sequence of (MapObject, float, (4,) float64)
-        The objects that the frame shows, visible fraction and rectangle of each.
+        The visible objects, with the visible fraction and the rectangle of each.
     eye : (3,) float64
-        Where the camera is, in the map.
+        Position of the camera in the map.
     """
     rects = np.array([rect for _, _, rect in seen]).reshape(-1, 4)
     partner = match_detections(found, rects)
@@ -103,24 +104,24 @@ def name_objects(found: Detections, seen: Sequence[tuple[MapObject, float, Float
 
 
 def likely_classes(names: Sequence[str], scores: Float32Array) -> dict[str, float]:
-    """Return the classes that a detector lists, by scores (C,); the empty name is of no class."""
+    """Return the classes whose scores (C,) a detector would list; a class with an empty name is ignored."""
     return {names[c]: float(scores[c]) for c in np.flatnonzero(scores >= LEAST_SCORE).tolist() if names[c]}
 
 
 def add_evidence(entry: Nameable, scores: Mapping[str, float], visible: float, eye: Float64Array) -> float:
-    """Add a detector's scores for one object, none where it sees nothing there, to the evidence on its name.
+    """Add a detector's scores for one object, empty if it detects nothing there, to the evidence for its name.
 
-    Returns how much the sighting counts, 0..1.
+    Return the weight of the sighting, 0..1.
 
     Parameters
     ----------
     entry : MapObject
     scores : mapping of str to float
-        By class, `LEAST_SCORE` and more; of other classes the detector sees nothing.
+        Scores by class, `LEAST_SCORE` or more; absent classes were not detected.
     visible : float
-        Fraction of the object that is seen.
+        Visible fraction of the object.
     eye : (3,) float64
-        Where the camera is, in the map.
+        Position of the camera in the map.
     """
     weight, before = visible * novelty(entry, eye), entry.name_log_odds
     entry.name_log_odds = _likely(
@@ -133,12 +134,12 @@ def add_evidence(entry: Nameable, scores: Mapping[str, float], visible: float, e
 
 
 def merged_evidence(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
-    """Return the evidence on the name of an object that was taken for two."""
+    """Return the evidence for the name of an object that was tracked as two."""
     return _likely({name: one.get(name, 0.0) + other.get(name, 0.0) for name in sorted({*one, *other})})
 
 
 def name_scores(log_odds: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Return classes with their probabilities, the most likely first; the rest to 1 is that of none that is known."""
+    """Return classes with their probabilities, most likely first; the remainder to 1 belongs to unknown classes."""
     values = np.array([*log_odds.values(), PRIOR])
     weights = np.exp(values - values.max())
     scores = (weights / weights.sum()).tolist()
@@ -146,12 +147,12 @@ def name_scores(log_odds: Mapping[str, float]) -> list[tuple[str, float]]:
 
 
 def chosen_name(classes: Sequence[tuple[str, float]]) -> Named:
-    """Return the name of an object, where one class is likely enough, and the next likely ones.
+    """Return the name of an object, if one class is likely enough, and the next likely classes.
 
     Parameters
     ----------
     classes : sequence of (str, float)
-        With their probabilities, the most likely first.
+        Classes with their probabilities, most likely first.
     """
     scores = [one for one in classes if round(one[1], NAME_DIGITS) > 0.0]
     if not scores or scores[0][1] < MIN_NAME_SCORE:
@@ -161,7 +162,7 @@ def chosen_name(classes: Sequence[tuple[str, float]]) -> Named:
 
 
 def score_gain(score: float) -> float:
-    """Return the log-odds that a class gains by its score in a sighting."""
+    """Return the log-odds that a class gains from its score in a sighting."""
     bounded = min(max(score, LEAST_SCORE), MOST_SCORE)
     return max(_logit(bounded) - _logit(NEUTRAL_SCORE), -MISSED)
 
@@ -171,13 +172,13 @@ def _logit(score: float) -> float:
 
 
 def _likely(log_odds: Mapping[str, float]) -> dict[str, float]:
-    """Return the most likely classes, the best first."""
+    """Return the most likely classes, best first."""
     order = sorted(log_odds, key=lambda name: (-log_odds[name], name))
     return {name: log_odds[name] for name in order[:MAX_CLASSES]}
 
 
 def novelty(entry: Nameable, eye: Float64Array) -> float:
-    """Return how much a sighting from `eye` counts, 1/n for the n-th from one direction; the object remembers it."""
+    """Return the weight 1/n of the n-th sighting from one direction, and count the sighting in the object."""
     toward = eye - entry.center
     direction = toward / max(float(np.linalg.norm(toward)), 1e-9)
     views = entry.views

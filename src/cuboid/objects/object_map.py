@@ -35,20 +35,20 @@ from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments
 from cuboid.surfaces.kernels.outlines import KINDS
 from cuboid.surfaces.planes import PlaneTracker
 
-# A frame from the same place as the one before counts this much on pairs of objects; one from another side 1.
+# Weight of a frame from the same viewpoint as evidence on pairs of objects; a frame from a new side has weight 1.
 MIN_NOVELTY = 0.1
-# A segment that matches an object with this similarity is that object: it may take voxels from others.
+# A segment with this similarity to its object may take voxels from other objects.
 SURE_MATCH = 0.5
-# A segment that covers this fraction of what is seen of an object shows that object.
+# A segment shows an object if it covers this fraction of the object's visible pixels.
 COVERED_FRACTION = 0.5
-# An object in view of which no more than this fraction of its points is left was taken away.
+# A visible object was taken away if at most this fraction of its points is left.
 LEFT_FRACTION = 0.1
-# On a later visit all earlier sightings, and earlier hits of a voxel, count as this many.
+# On a later visit, all earlier sightings, and earlier hits of a voxel, count as at most this number.
 VISIT_SIGHTINGS = 3
-# Log-odds that a candidate loses in a frame with its place in view and no matching proposal.
+# Log-odds that a visible candidate loses in a frame without a matching proposal.
 MISSED = 0.3
-# A frame counts in full as evidence on pairs when the viewing angle has changed by this since the last one, radians; a
-# frame from the same viewpoint counts a tenth.
+# A frame has full weight as evidence on pairs if the viewing angle has changed by this since the last one, radians; a
+# frame from the same viewpoint has a tenth of it.
 NEW_SIDE_RAD = 0.05
 
 
@@ -79,14 +79,14 @@ class ObjectMap:
         self.store = ObjectStore(voxels)
 
     def state(self) -> ObjectMapState:
-        """Return the state of now; see `ObjectStore.state`."""
+        """Return the current state; see `ObjectStore.state`."""
         return ObjectMapState(self.store.state())
 
     @classmethod
     def from_state(
         cls, state: ObjectMapState, config: TrackerConfig, voxels: VoxelMap, planes: PlaneTracker
     ) -> ObjectMap:
-        """Return a map of objects that goes on from a state; voxels and planes have their states already."""
+        """Return a map of objects that continues from a state; voxels and planes are already restored."""
         found = cls(config, voxels, planes)
         found.store = ObjectStore.from_state(state.store, voxels)
         return found
@@ -96,13 +96,13 @@ class ObjectMap:
         return Fitting(self._config, self._voxels, self._planes, self.store, self._boxing)
 
     def objects_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
-        """Return the objects, confirmed or not, whose boxes reach into the picture within the range, by number."""
+        """Return the objects, confirmed or not, whose bounding spheres reach into the image within range, by number."""
         far_m, store = self._config.max_depth_m, self.store
         found = boxes_in_frustum(store.boxes[: store.numbers], store.bounds, image, T_camera_world, far_m)
         return [store[n] for n in found.tolist()]
 
     def prune_candidates(self, objects: Sequence[MapObject]) -> list[MapObject]:
-        """Return objects in view; the least likely of more candidates than a frame may have are retired."""
+        """Return the visible objects; if a frame has too many candidates, the least likely ones are retired."""
         candidates = [o for o in objects if not o.confirmed]
         if len(candidates) > MAX_CANDIDATES:
             for entry in sorted(candidates, key=lambda o: (-o.log_odds, o.number))[MAX_CANDIDATES:]:
@@ -126,21 +126,21 @@ class ObjectMap:
         seen : Observation
         frame_segments : FrameSegments
         boxes : sequence of Box
-            Of the segments.
+            Boxes of the segments.
         objects : sequence of MapObject
             From `objects_in_frustum`.
         voxels : PixelVoxels
         candidate : (h, w) uint8
-            Pixels off every supporting plane.
+            1 for pixels off every supporting plane.
         touched : (n,) bool
-            Segments that something moves at: their outlines tell nothing.
+            Segments at which something moves: their outlines are no evidence.
 
         Returns
         -------
         Association
         """
         for entry in objects:
-            entry.keyframe = -1  # the points that this frame fused are anchored to another one now
+            entry.keyframe = -1  # most of its points may be anchored to the keyframe of this frame now
         found = associate(frame_segments, pack(boxes), objects, self.store.boxes_of(objects), voxels)
         novelty = min(1.0, max(MIN_NOVELTY, seen.viewpoint_angle_rad / NEW_SIDE_RAD))
         number_of = self._update_objects(seen, frame_segments, boxes, found, touched)
@@ -166,7 +166,7 @@ class ObjectMap:
         found: Association,
         touched: npt.NDArray[np.bool_],
     ) -> npt.NDArray[np.int32]:
-        """Update the matched objects and begin candidates; return the object each segment votes for, 0 for none."""
+        """Update matched objects and start candidates; return the object for which each segment votes, 0: none."""
         number_of = np.zeros(len(frame_segments.segments), np.int32)
         match, part = found.match.tolist(), found.part.tolist()
         partner = {j: i for i, j in enumerate(match) if j >= 0}
@@ -190,7 +190,7 @@ class ObjectMap:
 
     @staticmethod
     def _are_separate(frame_segments: FrameSegments, i: int, j: int | None) -> bool:
-        """Tell whether two segments border on each other and come from different proposals."""
+        """Return whether two segments touch and come from different proposals."""
         return (
             j is not None
             and frame_segments.proposal[i] != frame_segments.proposal[j]
@@ -198,7 +198,7 @@ class ObjectMap:
         )
 
     def _add_sighting(self, entry: MapObject, segment: FrameSegment, evidence: float) -> None:
-        # However clear its outline is: a label whose box has not the size of an object gains nothing by it.
+        # Regardless of its outline: a labelled object whose box does not have the size of an object gains nothing.
         if entry.confirmed and not fits_object(entry.box, self._config):
             evidence = min(evidence, 0.0)
         entry.log_odds = min(MAX_LOG_ODDS, max(-MAX_LOG_ODDS, entry.log_odds + evidence))
@@ -210,11 +210,11 @@ class ObjectMap:
     def _allowed_transfers(
         self, number_of: npt.NDArray[np.int32], found: Association
     ) -> tuple[npt.NDArray[np.int64], UInt8Array]:
-        """Return a column for each object by number, and from which owners each segment may take voxels, (n, m + 1).
+        """Return a column for each object number, and from which owners each segment may take voxels, (n, m + 1).
 
-        A segment that matches its object well takes voxels without an owner, and those of candidates; from a confirmed
-        object only one takes any whose affinity says that the two are different. Between two labels half the
-        log-odds of certainty is enough: unlike a merge, later votes undo it, and both are complete objects.
+        A segment that matches its object well takes voxels without an owner, and those of candidates. It takes voxels
+        of a confirmed object only if the affinity says that the two objects are different. Between two labelled objects
+        half the log-odds of certainty suffice: unlike a merge, later votes can undo it, and both are complete objects.
         """
         place = np.full(self.store.numbers, -1, np.int64)
         place[0] = 0
@@ -234,7 +234,7 @@ class ObjectMap:
         return place, allowed
 
     def _update_affinity(self, frame_segments: FrameSegments, found: Association, novelty: float) -> None:
-        """Add evidence on pairs: objects covered by one segment, and objects with segments side by side."""
+        """Add evidence on pairs: objects covered by one segment, and objects whose segments lie side by side."""
         affinity = self.store.affinity
         numbers = [o.number for o in found.objects]
         whole = (found.object_pixels >= MIN_READINGS) & (found.overlap >= COVERED_FRACTION * found.object_pixels)
@@ -253,7 +253,7 @@ class ObjectMap:
         return a.holder == b.number or b.holder == a.number
 
     def _add_attachments(self, objects: Sequence[MapObject], novelty: float) -> None:
-        """Add evidence that objects without support from below are parts of what they are attached to."""
+        """Add evidence that objects without support from below are parts of the objects to which they are attached."""
         for entry in objects:
             if entry.moved:
                 continue
@@ -261,15 +261,15 @@ class ObjectMap:
                 self.store.affinity.add_attachment(entry.number, entry.holder, novelty)
 
     def _add_overlaps(self, objects: Sequence[MapObject], novelty: float) -> None:
-        """Add evidence that objects which overlap in space are one: solids do not interpenetrate."""
-        # What was seen to move by itself is no part of what it lies in now.
+        """Add evidence that objects which overlap in space are one: solids do not overlap."""
+        # An object that was seen to move is not a part of the object in which it lies now.
         entries = [o for o in objects if len(o.points) and not o.moved]
         labelled = [o for o in entries if o.confirmed]
         if not labelled:
             return
         for i, j in zip(*(k.tolist() for k in np.nonzero(self.store.overlapping(entries, labelled))), strict=True):
             one, other = entries[i], labelled[j]
-            if not (one.confirmed and one.number >= other.number):  # each pair counts once, and none with itself
+            if not (one.confirmed and one.number >= other.number):  # count each pair once, and no object with itself
                 self.store.affinity.add_evidence(one.number, other.number, one=True, novelty=novelty)
 
     def _penalise_missed(self, found: Association) -> None:
@@ -280,20 +280,20 @@ class ObjectMap:
                 entry.log_odds -= MISSED
 
     def _retire_removed(self, found: Association) -> None:
-        """Retire confirmed objects without a match whose points free-space carving has removed: mostly taken away."""
+        """Retire unmatched confirmed objects whose points were removed by free-space carving: most were taken away."""
         matched = set(found.match.tolist())
         for j, entry in enumerate(found.objects):
             if j in matched or not entry.confirmed:
                 continue
-            # A rim at its foot stays: a ray that passes so near to a table looks like one that hits what lies
-            # on it.
+            # Some points at its foot remain: a ray that passes close to a table is like one that hits an object on
+            # it.
             if not self._voxels.stored.has_rows(entry.number, ceil(LEFT_FRACTION * len(entry.points))):
                 self.store.retire(entry)
 
     def reset_supports(self) -> None:
-        """Reset the support of all objects, and fit those with a label again: the up direction has changed.
+        """Reset the support of all objects and refit labelled ones, because the up direction has changed.
 
-        Candidates begin anew: what is a surface now was taken for things.
+        Candidates are retired: new supporting surfaces may have been tracked as objects.
         """
         self.store.retire_all([entry for entry in self.store.living() if not entry.confirmed])
         for entry in self.store.confirmed():
@@ -301,12 +301,12 @@ class ObjectMap:
             self._fitting.fit(entry)
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move the map, and each object with the keyframe that most of its points are anchored to.
+        """Correct the map; each object moves with the keyframe to which most of its points are anchored.
 
         Parameters
         ----------
         moved : mapping of int to (4, 4) float64
-            T_new_old in the world, of each keyframe whose surroundings move.
+            T_new_old in the world for each keyframe that moved.
         """
         for entry in self.store.living():
             if entry.keyframe < 0:
@@ -320,14 +320,14 @@ class ObjectMap:
         self._voxels.moving.apply_correction(moved)
 
     def begin_visit(self) -> None:
-        """Begin a later visit: earlier sightings count as few, and boxes are soon refitted."""
+        """Begin a later visit: limit the weight of earlier sightings, so that boxes are soon refitted."""
         self._voxels.begin_visit(VISIT_SIGHTINGS)
         for entry in self.store.living():
             entry.sightings = min(entry.sightings, VISIT_SIGHTINGS)
             entry.fitted = min(entry.fitted, VISIT_SIGHTINGS)
 
     def _merge(self, numbers: Sequence[int], eye: Float64Array) -> None:
-        """Make one of objects that have proved to be one; the camera sees them from `eye` (3,)."""
+        """Merge objects that are one according to their affinity; the camera is at `eye` (3,)."""
         for entry in self.store.all_of(numbers):
             number = entry.number
             if number not in self.store or entry.state is State.RETIRED:
@@ -343,7 +343,7 @@ class ObjectMap:
                     break
 
     def merge(self, one: MapObject, two: MapObject, eye: Float64Array | None = None) -> MapObject:
-        """Make one of two objects, and return it; `eye` (3,) is where a camera is that sees them, if any does."""
+        """Merge two objects and return the result; `eye` (3,) is the position of a camera that sees them, if any."""
         kept, _ = self.store.merge(one, two)
         self._fitting.fit(kept, eye)
         return kept
@@ -363,12 +363,12 @@ class ObjectMap:
         frame : int
         seen : sequence of MapObject
         restless : frozenset of int
-            Numbers of those that have not rested for long enough to get a label.
+            Numbers of objects that have not been at rest long enough to get a label.
 
         Returns
         -------
         list of MapObject
-            Those that got a label.
+            The newly confirmed objects.
         """
         confirmed = []
         for entry in seen:

@@ -1,4 +1,4 @@
-"""Rectangles of a frame as evidence of places: how much of one depth reads, the ray through it, how far away it is."""
+"""Rectangles in a frame as evidence for positions: the fraction with depth, the viewing ray, and the distance."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from cuboid.core.tolerances import DRIFT_M, MIN_READINGS, NEAREST_M
 from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.geometry.se3 import transform
 
-# How far around a rectangle readings tell its distance where there are none in it, as a fraction of its sides.
+# Width of the rim around a rectangle whose readings give its distance if it contains none, as a fraction of its sides.
 RIM = 0.2
-# A reading hides a thing from so much before it on, metres, and as a fraction of the thing's distance.
+# A reading hides an object if it is nearer by this, metres, plus this fraction of the object's distance.
 HIDING_M, HIDING = 0.1, 0.1
-# A rectangle so near to the border of the picture is cut off by it, pixels.
+# A rectangle within this distance of the image border is cut off by it, pixels.
 BORDER_PX = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """A thing as it is expected in a picture.
+    """The predicted view of an object in an image.
 
     Attributes
     ----------
     rect_xyxy : (4,) float64
-        Clipped to the picture, pixels of the full image.
+        Rectangle clipped to the image, pixels of the full image.
     visible : float
-        Fraction of it that is in the picture and not hidden.
+        Fraction of the object that is inside the image and not hidden.
     read : float
-        Fraction of the rectangle that has readings.
+        Fraction of the rectangle with depth readings.
     slack_px : float
-        How far off the rectangle may be where poses err.
+        Largest offset of the rectangle caused by pose errors, pixels.
     """
 
     rect_xyxy: Float64Array
@@ -43,12 +43,12 @@ class Predicted:
 
 
 def predict(place: Float64Array, size_m: Float64Array, seen: Observation) -> Predicted | None:
-    """Return where a thing is in a frame; None where it is not in the picture.
+    """Predict the view of an object in a frame; None if it is outside the image.
 
     Parameters
     ----------
     place : (3,) float64
-        Its middle, in the map.
+        Centre of the object, in the map.
     size_m : (2,) float64
         Width and height across the line of sight.
     seen : Observation
@@ -72,7 +72,7 @@ def predict(place: Float64Array, size_m: Float64Array, seen: Observation) -> Pre
 
 
 def shifted_iou(view: Predicted | None, boxes: Float64Array) -> Float64Array:
-    """Return the IoU (N,) of a predicted rectangle with boxes (N, 4), moved towards each by as much as poses err."""
+    """Return the IoU (N,) of a predicted rectangle with boxes (N, 4), shifted towards each within the pose error."""
     if view is None or not len(boxes):
         return np.zeros(len(boxes))
     off = 0.5 * (boxes[:, :2] + boxes[:, 2:] - view.rect_xyxy[:2] - view.rect_xyxy[2:])
@@ -81,34 +81,34 @@ def shifted_iou(view: Predicted | None, boxes: Float64Array) -> Float64Array:
 
 
 def read_fraction(rect_xyxy: Float64Array, seen: Observation) -> float:
-    """Return the fraction of a rectangle, in pixels of the full image, that has readings."""
+    """Return the fraction of a rectangle, in pixels of the full image, that has depth readings."""
     depth_m = _inside(_working(rect_xyxy, seen), seen.image.depth_m)
     return float((depth_m > 0).mean()) if depth_m.size else 0.0
 
 
 def is_cut_off(rect_xyxy: Float64Array, seen: Observation) -> bool:
-    """Tell whether a rectangle reaches the border of the picture."""
+    """Return whether a rectangle reaches the image border."""
     image = seen.image
     full = np.array([image.camera.width, image.camera.height]) * image.step
     return bool((rect_xyxy[:2] <= BORDER_PX).any() or (rect_xyxy[2:] >= full - BORDER_PX).any())
 
 
 def ray_through(rect_xyxy: Float64Array, seen: Observation) -> tuple[Float64Array, float]:
-    """Return the direction (3,) to the middle of a rectangle, in the map, and its angular size, radians."""
+    """Return the direction (3,) to the centre of a rectangle, in the map, and its angular size, radians."""
     ray, size_rad = _ray(rect_xyxy, seen)
     return np.asarray(seen.T_world_camera[:3, :3] @ (ray / np.linalg.norm(ray))), size_rad
 
 
 def size_at(rect_xyxy: Float64Array, z: float, seen: Observation) -> Float64Array:
-    """Return width and height (2,), metres, of a rectangle at a depth."""
+    """Return the width and height (2,), metres, of a rectangle at a depth z."""
     camera = seen.image.camera
     return np.asarray((rect_xyxy[2:] - rect_xyxy[:2]) / seen.image.step * z / (camera.fx, camera.fy))
 
 
 def distance_of(rect_xyxy: Float64Array, seen: Observation) -> float | None:
-    """Return how far away what a rectangle shows is, along the ray through its middle, by the readings in it.
+    """Return the distance, metres, along the ray through the centre of a rectangle, from the readings inside it.
 
-    Where there are too few, those around it tell; None where these are too few as well.
+    If there are too few, the readings around it are included; None if these are too few as well.
     """
     rect = _working(rect_xyxy, seen)
     rim = RIM * np.tile(rect[2:] - rect[:2], 2) * (-1.0, -1.0, 1.0, 1.0)
@@ -121,19 +121,19 @@ def distance_of(rect_xyxy: Float64Array, seen: Observation) -> float | None:
 
 
 def _working(rect_xyxy: Float64Array, seen: Observation) -> Float64Array:
-    """Return a rectangle of the full image in the working image."""
+    """Transform a rectangle from the full image to the working image."""
     image = seen.image
     return np.asarray((rect_xyxy - [*image.phase, *image.phase]) / image.step)
 
 
 def _inside(rect: Float64Array, depth_m: Float32Array) -> Float32Array:
-    """Return the pixels of a working image in a rectangle."""
+    """Return the pixels of a working image inside a rectangle."""
     x0, y0, x1, y1 = np.clip(np.rint(rect), 0, [*depth_m.shape[::-1]] * 2).astype(int)
     return depth_m[y0:y1, x0:x1]
 
 
 def _ray(rect_xyxy: Float64Array, seen: Observation) -> tuple[Float64Array, float]:
-    """Return the ray through the middle of a rectangle at depth 1, in the camera, and its angular size, radians."""
+    """Return the ray through the centre of a rectangle at depth 1, in the camera, and its angular size, radians."""
     rect, camera = _working(rect_xyxy, seen), seen.image.camera
     middle, sides = (rect[:2] + rect[2:]) / 2.0, rect[2:] - rect[:2]
     ray = np.array([(middle[0] - camera.cx) / camera.fx, (middle[1] - camera.cy) / camera.fy, 1.0])

@@ -1,4 +1,4 @@
-"""Similarity of two objects, seconds or days apart, in other light: in size, and in colors from foot to top."""
+"""Similarity of two objects, seconds or days apart and in different light: size, and colors from bottom to top."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject
 
-# Parts of an object's height whose colors are compared.
+# Number of layers, over the height of an object, whose colors are compared.
 LAYERS = 3
-# Deviations of one object between two visits: of the logarithm of a side, of lightness (the light may be another one),
-# and of a and b (CIE L*a*b*).
+# Standard deviations of one object between two visits: of the logarithm of a side, of lightness (the light may
+# change), and of a and b (CIE L*a*b*).
 SIZE_SIGMA, LIGHT_SIGMA, COLOR_SIGMA = 0.2, 20.0, 7.0
 
-# Least similarity, 0..1, of a moved object to the object before, and the factor by which it exceeds any other.
+# Smallest similarity, 0..1, of a moved object to its earlier state, and the smallest ratio to any other similarity.
 MIN_SIMILARITY, CLEARER = 0.2, 1.5
 
 ColorProfile = npt.NDArray[np.float64]
 
 
 def similarity(profile: ColorProfile, box: Box, other_profile: ColorProfile, other_box: Box) -> float:
-    """Return the similarity of two objects, 0..1: in size and in colors from foot to top."""
+    """Return the similarity of two objects, 0..1, in size and in colors from bottom to top."""
     sides = np.log(_sides(box) / _sides(other_box)) / SIZE_SIGMA
     off = (profile - other_profile) / np.array([LIGHT_SIGMA, COLOR_SIGMA, COLOR_SIGMA])
     return float(np.exp(-0.5 * ((sides**2).mean() + (off**2).mean())))
 
 
 def most_similar(scores: Sequence[float]) -> int | None:
-    """Return which of some objects, by its similarity, another one is; None where it is none of them clearly."""
+    """Return the index of the object with the highest similarity; None if it is too low or not clearly the highest."""
     if not scores:
         return None
     best = int(np.argmax(scores))
@@ -41,7 +41,7 @@ def most_similar(scores: Sequence[float]) -> int | None:
 
 
 def color_profile_of(entry: MapObject) -> ColorProfile:
-    """Return the colors (LAYERS, 3) of an object from foot to top, as L*, a*, b*."""
+    """Return the colors (LAYERS, 3) of an object from bottom to top, as L*, a*, b*."""
     lab = _lab(entry.colors)
     height = (entry.points.astype(np.float64) - entry.box.center) @ entry.box.rotation[:, 2]
     height_fraction = height / max(float(entry.box.size[2]), 1e-6) + 0.5
@@ -58,5 +58,5 @@ def _lab(rgb: UInt8Array) -> Float64Array:
 
 
 def _sides(box: Box) -> Float64Array:
-    """Return the sides of a box: the longer and the shorter one of its footprint, its height."""
+    """Return the sides of a box: the longer and the shorter side of its footprint, and its height."""
     return np.asarray(np.maximum([box.size[:2].max(), box.size[:2].min(), box.size[2]], 0.005), np.float64)

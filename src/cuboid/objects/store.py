@@ -1,4 +1,4 @@
-"""The one store of objects: it alone adds, labels, merges and retires them, and keeps their boxes in a table."""
+"""The store of all objects: only it adds, labels, merges and retires them, and it keeps their boxes in a table."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from cuboid.objects.distances import points_near
 from cuboid.objects.entry import MapObject, State, summed_counts
 from cuboid.objects.naming import merged_evidence
 
-# Two objects overlap in space when their boxes share this fraction of the smaller one: no two solids do.
+# Two objects overlap in space if their boxes share this fraction of the smaller one, which two solids cannot.
 SHARED_FRACTION = 0.5
-# An object may lie in the hollow of another one that is at least this high, metres, when its box has at most this
-# fraction of that one's volume: bowls and plates, parts of which may look like objects, are lower.
+# An object may lie in the hollow of another one that is at least this high, metres, if its box has at most this
+# fraction of the other's volume. Bowls and plates, whose parts may look like objects, are lower.
 HOLLOW_HEIGHT_M, HOLLOW_FRACTION = 0.1, 0.2
 
 
@@ -54,18 +54,18 @@ class ObjectStoreState(Record):
 
 
 class ObjectStore:
-    """All objects by number, their voxels, and what pairs of them are to each other.
+    """All objects by number, with their affinities and boxes.
 
     Parameters
     ----------
     voxels : VoxelMap
-        Whose points know their owners' numbers.
+        The map whose points store the numbers of their owners.
 
     Attributes
     ----------
     affinity : Affinity
     boxes : (capacity, 15) float64
-        See `pack`, a row a number; NaN where no object lives.
+        A row for each number, see `pack`; NaN without a living object.
     """
 
     NOT_SAVED = frozenset({"_voxels", "_confirmed", "_bounds", "_changed"})
@@ -77,19 +77,19 @@ class ObjectStore:
         self._next_number = self._next_label = 1
         self.affinity = Affinity()
         self.boxes: Float64Array = np.full((BATCH, 15), np.nan)
-        # Bounds of batches of boxes, and those batches that have changed since.
+        # Bounds of batches of boxes, and the batches that have changed since these were computed.
         self._bounds: Float64Array | None = None
         self._changed: set[int] = set()
 
     def state(self) -> ObjectStoreState:
-        """Return the state of now; nothing in it changes any more, once each object's attributes are taken."""
+        """Return the current state; it shares the objects, so copy their attributes before the next update."""
         return ObjectStoreState(
             dict(self._objects), self._next_number, self._next_label, self.affinity.state(), self.boxes.copy()
         )
 
     @classmethod
     def from_state(cls, state: ObjectStoreState, voxels: VoxelMap) -> ObjectStore:
-        """Return a store that goes on from a state; the map has its state already."""
+        """Return a store that continues from a state; the voxel map is already restored."""
         store = cls(voxels)
         store._objects, store._next_number, store._next_label = state.objects, state.next_number, state.next_label
         store._confirmed = {number: entry for number, entry in state.objects.items() if entry.confirmed}
@@ -112,10 +112,10 @@ class ObjectStore:
         return self.boxes[[entry.number for entry in entries]]
 
     def overlapping(self, some: Sequence[MapObject], others: Sequence[MapObject]) -> npt.NDArray[np.bool_]:
-        """Tell which living objects overlap in space, (N, M), by half of the smaller box or more.
+        """Return which living objects overlap in space, (N, M), by half of the smaller box or more.
 
-        An object within a far larger one also has to share half of its points with that: else the larger one is hollow,
-        as a tote is.
+        An object inside a far larger one must also share half of its points with it: otherwise the larger one is
+        hollow, as a tote is.
         """
         found = np.asarray(overlap_min_matrix(self.boxes_of(some), self.boxes_of(others)) >= SHARED_FRACTION)
         for i, j in zip(*np.nonzero(found), strict=True):
@@ -124,7 +124,7 @@ class ObjectStore:
 
     @property
     def bounds(self) -> Float64Array:
-        """Where the boxes of each batch are, (M, 7): see `kernels.overlap.bound`."""
+        """Bounds of the boxes of each batch, (M, 7): see `kernels.overlap.bound`."""
         batches = len(self.boxes) // BATCH
         if self._bounds is None or len(self._bounds) != batches:
             self._bounds, self._changed = np.zeros((batches, 7)), set(range(batches))
@@ -135,7 +135,7 @@ class ObjectStore:
 
     @property
     def labelled(self) -> int:
-        """How many objects that live have a label."""
+        """Number of living objects with a label."""
         return len(self._confirmed)
 
     def living(self) -> list[MapObject]:
@@ -143,19 +143,19 @@ class ObjectStore:
         return [o for o in self._objects.values() if o.state is not State.RETIRED]
 
     def confirmed(self) -> list[MapObject]:
-        """Return the objects that live and have a label, by label."""
+        """Return the living objects with a label, by label."""
         return sorted(self._confirmed.values(), key=lambda o: o.label)
 
     def ever_labelled(self) -> list[MapObject]:
-        """Return all objects that have a label, retired ones too, by label."""
+        """Return all objects with a label, including retired ones, by label."""
         return sorted((o for o in self._objects.values() if o.label), key=lambda o: o.label)
 
     def begin_labels(self, first: int) -> None:
-        """Give no label below one."""
+        """Set the smallest label for new objects."""
         self._next_label = max(self._next_label, first)
 
     def add(self, box: Box, frame: int, keyframe: int = 0) -> MapObject:
-        """Begin an object."""
+        """Add a new object and return it."""
         entry = MapObject(self._next_number, box, frame, frame, keyframe=keyframe)
         self._next_number += 1
         self._objects[entry.number] = entry
@@ -165,7 +165,7 @@ class ObjectStore:
         return entry
 
     def place(self, entry: MapObject, box: Box) -> None:
-        """Let an object have another box."""
+        """Set the box of an object."""
         entry.box = box
         if entry.state is not State.RETIRED:
             row = self.boxes[entry.number]
@@ -184,17 +184,17 @@ class ObjectStore:
         return self._next_label - 1
 
     def take_label(self, entry: MapObject, label: int, merged_labels: Iterable[int], first_frame: int) -> None:
-        """Let a labelled object have the label that it had as a thing that depth did not read; the older one stays."""
+        """Give a labelled object the label of the unread object that it is, too; the older label stays."""
         older, younger = sorted((entry.label, label))
         entry.merged_labels = sorted({*entry.merged_labels, *merged_labels, younger})
         entry.label, entry.first_frame = older, min(entry.first_frame, first_frame)
 
     def retire(self, entry: MapObject) -> None:
-        """End an object's life: its label is kept and never given again, its points are no one's."""
+        """Retire an object: its label is kept and never reused; its points get no owner."""
         self.retire_all([entry])
 
     def retire_all(self, entries: Sequence[MapObject]) -> None:
-        """End the lives of several objects; see `retire`."""
+        """Retire several objects; see `retire`."""
         self._voxels.stored.release([entry.number for entry in entries])
         for entry in entries:
             self._close(entry)
@@ -202,7 +202,7 @@ class ObjectStore:
                 del self._objects[entry.number]
 
     def set_down(self, entry: MapObject, box: Box) -> None:
-        """Let a labelled object that was retired live on with another box: it was moved, and rests again."""
+        """Reactivate a retired labelled object with another box: it was moved and is at rest again."""
         entry.state = State.CONFIRMED
         self._confirmed[entry.number] = entry
         entry.plane, entry.supports, entry.supports_plane, entry.holder = None, {}, False, 0
@@ -210,7 +210,7 @@ class ObjectStore:
         self.place(entry, box)
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
-        """Let a labelled object be one that was retired: it was moved, and its older label stays."""
+        """Merge a retired object into a labelled one, because it was moved there; its older label stays."""
         entry.merged_labels = sorted({*entry.merged_labels, *old.merged_labels, entry.label})
         entry.label = old.label
         entry.first_frame = min(entry.first_frame, old.first_frame)
@@ -218,7 +218,7 @@ class ObjectStore:
         del self._objects[old.number]
 
     def merge(self, first: MapObject, second: MapObject) -> tuple[MapObject, MapObject]:
-        """Make two objects one: the older label stays, the younger is recorded. Returns (kept, gone)."""
+        """Merge two objects: the older label stays, the younger one is recorded. Return (kept, gone)."""
         kept, gone = sorted((first, second), key=lambda o: (o.label or np.inf, o.number))
         kept.merged_labels = sorted({*kept.merged_labels, *gone.merged_labels, *([gone.label] if gone.label else [])})
         kept.first_frame = min(kept.first_frame, gone.first_frame)
@@ -246,23 +246,23 @@ class ObjectStore:
         self.affinity.remove(entry.number)
 
     def near(self, box: Box, gap_m: float) -> list[MapObject]:
-        """Return the living objects whose bounding spheres come that near a box's, by number."""
+        """Return the living objects whose bounding spheres come within a gap of a box's, by number."""
         boxes, found = self.boxes[: self.numbers], np.empty(self.numbers, np.int64)
         count = near(boxes, self.bounds, box.center, 0.5 * math.sqrt(box.size @ box.size), gap_m, found)
         return [self._objects[k] for k in found[:count].tolist()]
 
     def neighbours(self, entry: MapObject) -> list[MapObject]:
-        """Return the other living objects whose bounding spheres meet an object's, by number."""
+        """Return the other living objects whose bounding spheres overlap an object's, by number."""
         return [o for o in self.near(entry.box, 0.0) if o is not entry]
 
     def all_of(self, numbers: Iterable[int]) -> list[MapObject]:
-        """Return those of some objects that still live, by number."""
+        """Return the living ones among some objects, by number."""
         found = map(self._objects.get, sorted(set(numbers)))
         return [o for o in found if o is not None and o.state is not State.RETIRED]
 
 
 def _is_inside_hollow(one: MapObject, other: MapObject) -> bool:
-    """Tell whether the smaller one of two objects lies in the hollow of a far larger one."""
+    """Return whether the smaller one of two objects lies in the hollow of a far larger one."""
     small, large = sorted((one, other), key=lambda entry: entry.box.volume)
     if large.box.size[2] < HOLLOW_HEIGHT_M or small.box.volume > HOLLOW_FRACTION * large.box.volume:
         return False

@@ -1,4 +1,4 @@
-"""Support relations: an object rests on its plane or on another object, or else is attached to one that it touches."""
+"""Support relations: an object rests on its plane or on another object; otherwise it is attached to one it touches."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from cuboid.objects.distances import points_near
 from cuboid.objects.entry import MapObject
 from cuboid.objects.kernels.rims import highest_rim
 
-# The space beneath an object's foot is known when it is known beneath this fraction of its lowest points.
+# The space beneath an object's foot is known if it is known beneath this fraction of its lowest points.
 KNOWN_BENEATH_FRACTION = 0.8
 
 
 def find_holder(
     entry: MapObject, normal: Float64Array, offset: float, others: Iterable[MapObject], voxels: VoxelMap
 ) -> int:
-    """Return the number of the object that another, unsupported one is attached to; 0 where there is none.
+    """Return the number of the object to which an unsupported object is attached; 0 if there is none.
 
     A solid is supported by its plane, or stands on top of another solid. An object whose foot is above the plane and
-    lower than the top of its neighbour does neither: the neighbour holds it, as a teapot holds its spout, or a pot its
-    plant. The space beneath the object has to be known: the plane, seen below it, or the volume of the neighbour.
-    Otherwise its foot may be hidden.
+    below the top of its neighbour does neither: the neighbour holds it, as a teapot holds its spout, or a pot its
+    plant. The space beneath the object must be known: the plane is seen below it, or it is the volume of the neighbour.
+    Otherwise the foot may be hidden.
 
     Parameters
     ----------
     entry : MapObject
-        With its points.
+        The object, with its points.
     normal : (3,) float64
-        Of the plane beneath, unit, up.
+        Normal of the plane beneath, unit, up.
     offset : float
         The plane is normal.p + offset = 0.
     others : iterable of MapObject
-        Those nearby.
+        Nearby objects.
     voxels : VoxelMap
     """
     points = entry.points.astype(np.float64)
@@ -48,7 +48,7 @@ def find_holder(
     foot = quantile(height, 2.0 * OUTLIER_FRACTION)
     if foot <= DRIFT_M:
         return 0
-    # A support would be beneath its lowest points.
+    # A support would lie beneath its lowest points.
     low = np.flatnonzero(height <= foot + DRIFT_M)
     low = low[:: 1 + len(low) // SAMPLE_POINTS]
     points, height, plane_visible = points[low], height[low], None
@@ -56,7 +56,7 @@ def find_holder(
     for other in others:
         if len(other.points) < MIN_READINGS:
             continue
-        # Points of voxels side by side are no farther apart than two voxels.
+        # Points of adjacent voxels are at most two voxels apart.
         touches = points_near(entry.points, other.points, 2.0 * voxels.voxel_m)
         if touches <= best:
             continue
@@ -79,17 +79,17 @@ def find_holder(
 def above_support_rim(
     points: Float32Array, normal: Float64Array, offset: float, voxel_m: float
 ) -> npt.NDArray[np.bool_]:
-    """Tell which points of an object that floats above its plane are its own, (N,), and not the rim of its support.
+    """Return which points (N,) of an object that floats above its plane are its own, not the rim of its support.
 
-    A support is beneath its object. A shelf that is seen edge-on from far shows only its rim, which is lower than the
-    object, in front of it, and wider.
+    A support lies beneath its object. A distant shelf seen edge-on shows only its rim, which is lower than the object,
+    in front of it, and wider.
 
     Parameters
     ----------
     points : (N, 3) float32
         World, metres.
     normal : (3,) float64
-        Of the plane beneath, unit, up.
+        Normal of the plane beneath, unit, up.
     offset : float
         The plane is normal.p + offset = 0.
     voxel_m : float
@@ -100,16 +100,16 @@ def above_support_rim(
         return np.ones(len(points), bool)
     order = np.argsort(height, kind="stable")
     level = height[order]
-    # Slabs, each a voxel higher than the one before, up to half of the points: the rim may begin anywhere.
+    # Overlapping slabs, each a voxel higher than the previous one, up to half of the points: any may be the rim.
     low = np.arange(level[0], level[len(level) // 2] - DRIFT_M, voxel_m)
     begins, ends = np.searchsorted(level, low), np.searchsorted(level, low + DRIFT_M)
-    # Points of voxels side by side are no farther apart than two voxels.
+    # Points of adjacent voxels are at most two voxels apart.
     rim = highest_rim(points, order, begins, ends, np.column_stack(plane_axes(normal)), 2.0 * voxel_m)
     return np.asarray(height >= (level[0] if rim < 0 else low[rim] + DRIFT_M))
 
 
 def _plane_visible(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
-    """Tell where of places (N, 3) on a plane the plane itself was seen: voxels that are no object's."""
+    """Return at which places (N, 3) on a plane the plane itself was seen: voxels that belong to no object."""
     step = voxels.voxel_m * normal
     owner = voxels.owner_at(np.concatenate([ground - step, ground, ground + step]))
     return np.asarray((owner.reshape(3, -1) == 0).any(0))

@@ -1,13 +1,13 @@
-"""Things that depth does not read: rectangles of a detector, followed with the poses, their places triangulated.
+"""Objects without depth readings: rectangles of a detector, tracked with the poses and triangulated.
 
-A screen, a keyboard or a black box may have few readings, and so no voxels and no label. A detector sees it all the
-same. A detection whose rectangle has few readings begins a thing, or is a sighting of one: its place is where the rays
-through its detections meet, its size that of its rectangles at that distance. It is confirmed when its hits outweigh
-the looks at its place that hit nothing, and ends when they do not. Where depth reads, depth decides: a rectangle that
-is half full of readings begins nothing and is not reported.
+A screen, a keyboard or a black box may have few depth readings, and so no voxels and no label, but a detector finds it.
+A detection whose rectangle has few readings starts an unread object, or is a sighting of one. Its position is the
+intersection of the rays through its detections; its size is that of its rectangles at this distance. The object is
+confirmed when its hits outweigh the detections missed at its position, and removed otherwise. Where there is depth,
+depth decides: a rectangle that is half full of readings starts nothing and is not reported.
 
-A thing that has the rectangle of a labelled object of the map, look after look, is that object. The older label stays,
-and where the map's object is hardly read, its rectangle is that of the thing.
+An unread object that repeatedly has the rectangle of a labelled object of the map is that object. The older label
+stays, and where the map's object has few readings, the rectangle of the unread object is used.
 """
 
 from __future__ import annotations
@@ -41,72 +41,72 @@ from cuboid.objects.store import ObjectStore
 from cuboid.objects.unread_object import READ_FRACTION, Planes, UnreadObject, box_of
 from cuboid.objects.visibility import Visibility
 
-# A detection is a sighting of a thing when its rectangle overlaps the predicted one by this IoU: places along the line
-# of sight are known badly at first, and so are sizes.
+# A detection is a sighting of an unread object if its rectangle overlaps the predicted one by this IoU: at first
+# positions along the line of sight, and sizes, are inaccurate.
 FOLLOW_IOU = 0.3
-# A thing is seen where this fraction of it is in the picture and not hidden; a look counts as missed from the other on.
+# Smallest visible fraction of an object that is reported as seen, and of one that counts as missed if not detected.
 SEEN_FRACTION, LOOKED_FRACTION = 0.3, 0.5
-# Looks at which a thing and an object of the map must show the same for them to be one.
+# Frames in which an unread object and an object of the map must have the same rectangle to be merged.
 MIN_MEETINGS = 2
-# Log-odds below which a thing without a label is dropped.
+# An unread object without a label is removed below these log-odds.
 DROPPED = -1.0
-# Log-odds that a hit is worth beside its score: a detection of nothing seldom comes again at the same place.
+# Log-odds of a hit in addition to its score: false detections seldom repeat at the same position.
 HIT = 0.7
-# Things of which no more are followed at a time, the most likely ones.
+# Largest number of unread objects; the most likely ones are kept.
 MAX_THINGS = 64
-# Standard deviations of the direction to a thing, radians, and as a fraction of its angular size; and of its distance
-# by readings in its rectangle or around it, as a fraction of it.
+# Standard deviations: of the direction to an object, radians, and as a fraction of its angular size; of its distance
+# from readings in or around its rectangle, as a fraction of the distance.
 DIRECTION_RAD, DIRECTION_SIZE, DISTANCE = 0.01, 0.1, 0.2
-# What earlier hits say of the place fades by this with each new one: poses drift, and the place with them.
+# Factor on the information of earlier hits with each new one: poses drift, and the position with them.
 FADING = 0.9
 
 
 class UnreadMap:
-    """All things that depth does not read.
+    """All objects without depth readings.
 
     Parameters
     ----------
     store : ObjectStore
-        Gives labels, and has the objects of the map.
+        Gives labels, and contains the objects of the map.
     far_m : float
-        Things begin no farther away.
+        Largest distance at which an unread object starts, metres.
     """
 
     def __init__(self, store: ObjectStore, far_m: float) -> None:
         self._store, self._far_m = store, far_m
         self._things: list[UnreadObject] = []
         self._next_number = 1
-        # The rectangle of each thing that the last look hit, by its number, until the frame's sightings are told.
+        # Rectangles of the objects hit in the last frame, by number, until the sightings of the frame are reported.
         self._hit: dict[int, Float64Array] = {}
 
     def state(self) -> tuple[UnreadObject, ...]:
-        """Return the things as they are now; nothing in them changes any more."""
+        """Return copies of the current objects; later updates do not change them."""
         return tuple([copy(one) for one in self._things])
 
     def restore(self, things: Sequence[UnreadObject]) -> None:
-        """Go on from a state."""
+        """Continue from a state."""
         self._things = list(things)
         self._next_number = 1 + max((one.number for one in things), default=0)
 
     def forget(self, label: int) -> bool:
-        """Let a thing be none, as somebody says; tell whether one had the label."""
+        """Remove an object because a user asks for it; return whether one had the label."""
         left = [one for one in self._things if one.label != label]
         found = len(left) < len(self._things)
         self._things = left
         return found
 
     def confirmed(self) -> list[UnreadObject]:
-        """Return the things that have a label of their own and are there, by label."""
+        """Return the certain objects with a label of their own, by label."""
         return sorted((o for o in self._things if o.label and not o.partner and o.is_sure), key=lambda o: o.label)
 
     def look(self, found: Detections, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation) -> None:
-        """Take in what a detector sees in a frame.
+        """Update the objects with the detections in a frame.
 
         Parameters
         ----------
         found : Detections
         visible : sequence of (MapObject, Visibility)
-            The objects of the map that the frame shows.
+            The visible objects of the map.
         seen : Observation
         """
         boxes = found.boxes_xyxy.astype(np.float64)
@@ -130,7 +130,7 @@ class UnreadMap:
 
     @staticmethod
     def _assigned(boxes: Float64Array, views: Sequence[Predicted | None]) -> dict[int, int]:
-        """Return the detection of each thing, by its place in the list: the pairs that overlap most first."""
+        """Return the detection of each object, by its index in the list: pairs with the largest overlap first."""
         iou = np.array([shifted_iou(view, boxes) for view in views]).reshape(len(views), len(boxes))
         found: dict[int, int] = {}
         taken: set[int] = set()
@@ -158,7 +158,7 @@ class UnreadMap:
 
     @staticmethod
     def _add_ray(one: UnreadObject, box: Float64Array, seen: Observation, weight: float) -> None:
-        """Let the place of a thing lie on the ray through a detection, as far away as readings in or around it tell."""
+        """Update an object's position with the ray through a detection, and with the distance from readings at it."""
         direction, size_rad = ray_through(box, seen)
         distance_m = max(float(np.linalg.norm(one.center - seen.eye)), NEAREST_M)
         along = np.outer(direction, direction)
@@ -173,7 +173,7 @@ class UnreadMap:
         one.vector = FADING * one.vector + vector
 
     def _begin(self, found: Detections, k: int, known: Float64Array, seen: Observation) -> None:
-        """Begin a thing where a detection is whole, depth reads little of it, and nothing known is there."""
+        """Start an object if a detection is not cut off, has few readings, and overlaps no known object."""
         box = found.boxes_xyxy[k].astype(np.float64)
         if read_fraction(box, seen) >= READ_FRACTION or is_cut_off(box, seen):
             return
@@ -183,7 +183,7 @@ class UnreadMap:
         if read_m is None or read_m > self._far_m:
             return
         direction, _ = ray_through(box, seen)
-        guess = 1e-6 * np.eye(3)  # so that the place is known before the first ray; the rays outweigh it
+        guess = 1e-6 * np.eye(3)  # makes the position defined before the first ray; the rays outweigh it
         one = UnreadObject(
             self._next_number, seen.frame, seen.frame, guess, guess @ (seen.eye + read_m * direction)
         )  # fmt: skip
@@ -192,7 +192,7 @@ class UnreadMap:
         self._add_hit(one, found, k, seen)
 
     def _meet(self, shown: Sequence[tuple[MapObject, Visibility]]) -> None:
-        """Let things that show the same as a labelled object of the map, look after look, be that object."""
+        """Merge objects that repeatedly have the rectangle of a labelled object of the map into that object."""
         rects = np.array([view.rect_xyxy for _, view in shown]).reshape(-1, 4)
         for one in self._things:
             if one.partner or one.number not in self._hit or not shown:
@@ -210,7 +210,7 @@ class UnreadMap:
                     one.label, one.merged_labels = entry.label, []
 
     def _merge_doubles(self, seen: Observation) -> None:
-        """Make one thing of two that have the same rectangle; the older label, or else the older thing, stays."""
+        """Merge two objects with the same rectangle; the older label, or else the older object, stays."""
         kept: list[tuple[UnreadObject, Predicted | None]] = []
         for one in sorted(self._things, key=lambda o: (o.label or np.inf, o.number)):
             view = predict(one.center, one.size_m, seen)
@@ -228,13 +228,13 @@ class UnreadMap:
         self._things = sorted((one for one, _ in kept), key=lambda o: o.number)
 
     def _end(self) -> None:
-        """End things that are not there, and the least likely of too many."""
+        """Remove unlikely objects, and the least likely ones beyond the limit."""
         alive = [o for o in self._things if o.log_odds > (-CERTAIN_LOG_ODDS if o.label else DROPPED)]
         best = sorted(alive, key=lambda o: (-bool(o.label), -o.log_odds, o.number))[:MAX_THINGS]
         self._things = sorted(best, key=lambda o: o.number)
 
     def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
-        """Return the sightings of a frame with those of things that depth does not read, by label."""
+        """Return the sightings of a frame, including those of objects without depth readings, by label."""
         found = {one.label: one for one in shown}
         others = np.array([one.rect_xyxy for one in shown]).reshape(-1, 4)
         for one in self._things:
@@ -253,13 +253,13 @@ class UnreadMap:
         return tuple(found[label] for label in sorted(found))
 
     def _partner_of(self, one: UnreadObject) -> MapObject | None:
-        """Return the object of the map that a thing is; it is on its own again where that one ended."""
+        """Return the object of the map into which an object was merged; undo the merge if that one has been retired."""
         if one.partner and (one.partner not in self._store or not self._store[one.partner].confirmed):
             one.partner, one.meetings = 0, {}
         return self._store[one.partner] if one.partner else None
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move each thing with the keyframe that its last hit is anchored to; see `ObjectMap.apply_correction`."""
+        """Move each object with the keyframe to which its last hit is anchored; see `ObjectMap.apply_correction`."""
         for one in self._things:
             T = moved.get(one.keyframe)
             if T is not None:

@@ -1,4 +1,4 @@
-"""A thing that depth does not read, and its box; see `unread`."""
+"""An object without depth readings, and its box; see `unread`."""
 
 from __future__ import annotations
 
@@ -11,54 +11,54 @@ from cuboid.core.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.objects.affinity import CERTAIN_LOG_ODDS
 
-# With this fraction of its rectangle read, depth sees a thing.
+# From this fraction of readings in its rectangle on, an object counts as seen by depth.
 READ_FRACTION = 0.5
-# Hits that a label needs: what flits through a picture twice may be a reflection.
+# Hits required for a label: two may come from a reflection.
 MIN_HITS = 3
-# A thing lies flat on a plane when its middle is no higher above it, metres; such things are so thin, metres.
+# An object lies flat on a plane if its centre is at most this high above it, and then has this thickness, metres.
 FLAT_M, THIN_M = 0.05, 0.02
-# The least sine of the angle by which what lies flat is looked down on: nearer to 0 its rectangle says nothing of how
-# far it reaches.
+# Smallest sine of the angle from which a flat object is seen: at grazing angles its rectangle does not show its
+# extent.
 MIN_SINE = 0.2
-# A side is no shorter than this, metres.
+# Shortest side, metres.
 MIN_SIDE_M = 0.01
 
 
 @dataclass(slots=True, eq=False)
 class UnreadObject:
-    """A thing that a detector sees and depth does not, with a label or not yet.
+    """An object that a detector sees and depth does not, with or without a label.
 
     Attributes
     ----------
     number : int
-        From 1; never reused.
+        Number from 1; never reused.
     first_frame, last_frame, frames_seen : int
     information : (3, 3) float64
-        Inverse covariance of its place.
+        Inverse covariance of its position.
     vector : (3,) float64
-        The information times the place.
+        Information matrix times position.
     size_m : (2,) float64
-        Width and height across the line of sight.
+        Width and height across the line of sight, metres.
     weight : float
-        Of the sightings in `size_m`.
+        Sum of the weights of the sightings in `size_m`.
     label : int
-        0 until confirmed.
+        Label, 0 until confirmed.
     hits : int
-        Detections of it.
+        Number of its detections.
     log_odds : float
-        That it is there.
+        Log-odds that it exists.
     read : float
-        Mean fraction of its rectangles that has readings.
+        Mean fraction of its rectangles with depth readings.
     keyframe : int
-        That the last hit is anchored to.
+        Keyframe to which the last hit is anchored.
     meetings : dict of int to int
-        How often it showed the same as an object of the map, by the object's number.
+        Number of frames in which it had the rectangle of an object of the map, by that object's number.
     partner : int
-        Number of the object of the map that it is; 0 none.
+        Number of the object of the map into which it was merged; 0: none.
     merged_labels : list of int
-        Labels of others that turned out to be it.
+        Labels of other objects that were merged into it.
     name_log_odds, views :
-        As of `MapObject`.
+        As in `MapObject`.
     """
 
     number: int
@@ -82,29 +82,29 @@ class UnreadObject:
 
     @property
     def center(self) -> Float64Array:
-        """Its middle in the map, (3,) metres."""
+        """Its centre in the map, (3,) metres."""
         return np.asarray(np.linalg.solve(self.information, self.vector))
 
     @property
     def score(self) -> float:
-        """Confidence that it is there, 0..1."""
+        """Confidence that it exists, 0..1."""
         return float(1.0 / (1.0 + np.exp(-self.log_odds)))
 
     @property
     def is_sure(self) -> bool:
-        """Whether it is there, and depth does not read it."""
+        """Whether it certainly exists and depth does not show it."""
         return self.log_odds >= CERTAIN_LOG_ODDS and self.hits >= MIN_HITS and self.read < READ_FRACTION
 
 
 @dataclass(frozen=True, slots=True)
 class Planes:
-    """Up, and the supporting planes, in the map.
+    """Up direction and supporting planes, in the map.
 
     Attributes
     ----------
     up : (3,) float64
     supporting : sequence of ((3,) float64, float)
-        Normal and offset of each: normal.p + offset = 0.
+        Normal and offset of each plane: normal.p + offset = 0.
     """
 
     up: Float64Array
@@ -112,7 +112,7 @@ class Planes:
 
 
 def box_of(one: UnreadObject, planes: Planes) -> tuple[Box, str]:
-    """Return the box of a thing, and its kind: "flat" on a plane, or else a "box" that faces who looks at it.
+    """Return the box of an object and its kind: "flat" on a plane, otherwise a "box" that faces its viewers.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def box_of(one: UnreadObject, planes: Planes) -> tuple[Box, str]:
     toward = one.views[:, :3].sum(axis=0) if len(one.views) else planes.up
     toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
     across = np.cross(planes.up, toward)
-    if np.linalg.norm(across) < 1e-3:  # seen from above: any direction will do
+    if np.linalg.norm(across) < 1e-3:  # seen from above: use any horizontal direction
         across = np.cross(planes.up, np.eye(3)[int(np.abs(planes.up).argmin())])
     across = across / np.linalg.norm(across)
     rotation = np.column_stack([across, np.cross(planes.up, across), planes.up])

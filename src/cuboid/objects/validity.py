@@ -1,4 +1,4 @@
-"""The size of objects."""
+"""Limits on the size of objects."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from cuboid.geometry.box import Box
 
 
 def fits_object(box: Box, config: TrackerConfig) -> bool:
-    """Tell whether a box has the size of an object, as configured."""
-    sizes = box.size.tolist()  # of three numbers Python's own make less ado than NumPy
+    """Return whether a box has the size of an object, as configured."""
+    sizes = box.size.tolist()  # Python numbers are faster than NumPy for three values
     shortest, middle, _ = sorted(sizes)
     return bool(
         middle >= config.min_size_m
-        # A thinner object, or one that rises by less than the noise of its plane and its own, may be noise.
+        # A thinner object may be noise, and so may one that rises by less than the noise of its plane and its own.
         and shortest >= config.min_height_m
         and sizes[2] >= 2.0 * config.min_height_m
         and not too_large(box, config)
@@ -20,5 +20,5 @@ def fits_object(box: Box, config: TrackerConfig) -> bool:
 
 
 def too_large(box: Box, config: TrackerConfig) -> bool:
-    """Tell whether a box is larger than an object may be."""
+    """Return whether a box is larger than an object may be."""
     return bool(max(box.size.tolist()) > config.max_size_m)

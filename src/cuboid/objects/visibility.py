@@ -21,12 +21,12 @@ from cuboid.objects.kernels import sightings as kernel
 from cuboid.surfaces.frame_segments import FrameSegments
 from cuboid.surfaces.kernels.outlines import EDGE_LEVELS
 
-# An object is seen when this fraction of its near side is.
+# An object is seen if this fraction of its near side is visible.
 MIN_VISIBLE_FRACTION = 0.1
-# How far the rectangle of an object moves towards that of the frame's own segment, as a fraction of the way.
+# Fraction by which the rectangle of an object moves towards the rectangle of the frame's segment.
 BLEND_GAIN = 0.2
-# A color agrees with a point's when no channel is farther off than this, of 255: noise, exposure, texture finer than
-# a voxel.
+# Largest difference per channel, of 255, between the color of a pixel and of a point that agree: noise, exposure, and
+# texture finer than a voxel.
 ALIKE = EDGE_LEVELS // 3
 
 
@@ -37,9 +37,9 @@ class Visibility:
     Attributes
     ----------
     visible : float
-        Fraction of its near side that is seen, 0..1.
+        Visible fraction of its near side, 0..1.
     rect_xyxy : (4,) float64
-        Rectangle of what nothing hides of it, down to its foot, in pixels of the full image, clipped to it.
+        Rectangle of its unhidden part, down to its foot, in pixels of the full image, clipped to it.
     seen : bool
     """
 
@@ -51,9 +51,9 @@ class Visibility:
 def boxes_in_frustum(
     boxes: Float64Array, bounds: Float64Array, image: WorkingImage, T_camera_world: Float64Array, far_m: float
 ) -> npt.NDArray[np.int64]:
-    """Return which boxes (N, 15), see `pack`, reach into the picture, and so near, with their spheres, ascending.
+    """Return the boxes (N, 15), see `pack`, whose bounding spheres reach into the image and are near enough, ascending.
 
-    A row of NaN is in no picture; `bounds` are those of batches of boxes, see `kernels.overlap.bound`.
+    A row of NaN is never found; `bounds` are those of batches of boxes, see `kernels.overlap.bound`.
     """
     c, found = image.camera, np.empty(len(boxes), np.int64)
     pinhole, T = c.pinhole, np.ascontiguousarray(T_camera_world)
@@ -70,22 +70,22 @@ def measure_visibility(
 ) -> list[Visibility]:
     """Return the visibility of each object in this frame.
 
-    A point counts as seen when the reading at its pixel agrees with it; where there is none (in the shadow of what
-    stands before it, on what is dark or shines), when the color does. One behind a reading of its own object is
-    on the far side and counts not at all; one behind anything else is hidden. Of the points outside the picture or
-    without a reading, half count as hidden: half of an object faces away.
+    A point is seen if the reading at its pixel agrees with it; without a reading (in a sensor shadow, on dark or shiny
+    surfaces), if the color agrees. A point behind a reading of its own object is on the far side and is ignored; a
+    point behind another surface is hidden. Of the unknown points, outside the image or without a reading, half count as
+    hidden: half of an object faces away.
 
     Parameters
     ----------
     boxes : (n, 15) float64
-        Theirs, see `pack`.
+        Boxes of the objects, see `pack`.
     observed : Observation
     slots : (h, w) int32
-        Voxel of each working pixel, -1 none.
+        Voxel of each working pixel, -1: none.
     owner : (N,) int32
-        Number of the object that each voxel belongs to, 0 none.
+        Number of the object that owns each voxel, 0: none.
     noise_per_m : float
-        Standard deviation of depth is this times z squared.
+        The standard deviation of depth is this value times z squared.
     """
     image = observed.image
     if not objects:
@@ -110,12 +110,12 @@ def measure_visibility(
 def sightings_of(
     visible: Sequence[tuple[MapObject, Visibility]], frame_segments: FrameSegments, found: Association
 ) -> tuple[Sighting, ...]:
-    """Return the sightings of the labelled objects among those that a frame shows, by label.
+    """Return the sightings of the labelled objects among the visible ones, by label.
 
     Parameters
     ----------
     visible : sequence of (MapObject, Visibility)
-        The objects that the frame shows, once this is recorded.
+        The visible objects, after they were recorded as seen.
     frame_segments : FrameSegments
     found : Association
     """
@@ -125,17 +125,17 @@ def sightings_of(
     sightings = []
     for entry, view in visible:
         if entry.confirmed:
-            own = None if entry.frames_seen == 1 else iou.get(entry.number)  # a first sighting has no box before it
+            own = None if entry.frames_seen == 1 else iou.get(entry.number)  # a first sighting has no earlier box
             rect_xyxy = blended_rectangle(view.rect_xyxy, rect.get(entry.number))
             sightings.append(Sighting(entry.label, entry.box, own, view.visible, rect_xyxy))
     return tuple(sorted(sightings, key=lambda s: s.label))
 
 
 def blended_rectangle(rect_xyxy: Float64Array, own_xyxy: Float64Array | None) -> Float64Array:
-    """Return the rectangle (4,) of an object in a frame, moved by a fifth towards that of the frame's own segment.
+    """Return the rectangle (4,) of an object in a frame, moved by a fifth towards that of the frame's segment.
 
-    The map errs by poses and by what it lacks, the frame by noise and holes: both together err less. A segment whose
-    rectangle is not the same one says nothing, None neither.
+    The map has errors from poses and missing parts, the frame from noise and holes: the combination has smaller errors.
+    A segment with a different rectangle, or None, changes nothing.
     """
     if own_xyxy is None or rect_iou(rect_xyxy, own_xyxy) < SAME:
         return rect_xyxy
@@ -143,13 +143,13 @@ def blended_rectangle(rect_xyxy: Float64Array, own_xyxy: Float64Array | None) ->
 
 
 def _feet(boxes: Float64Array) -> Float64Array:
-    """Return what boxes (n, 15) stand on, (n, 4): the normal of each plane, and normal.p of all that lies on it."""
+    """Return the planes on which boxes (n, 15) stand, (n, 4): unit normal, and normal.p for points p on the plane."""
     up = boxes[:, 8::3]
     return np.column_stack([up, (up * boxes[:, :3]).sum(1) - boxes[:, 5] / 2])
 
 
 def _rectangles(corners: Float64Array, image: WorkingImage) -> Float64Array:
-    """Return the rectangles (n, 4) in the full image of those in the working image, zeros where there is none."""
+    """Return rectangles (n, 4) of the working image in the full image; zeros for empty ones."""
     full = np.array([image.camera.width, image.camera.height] * 2) * image.step
     origin, end = np.array([*image.phase, *image.phase]), np.array([0, 0, image.step, image.step])
     rectangles = np.clip(corners * image.step + origin + end, 0, full)

@@ -1,1 +1,1 @@
-"""Loops over whole recordings and streams: track, estimate poses, compile kernels ahead."""
+"""Loops over whole recordings and streams: track, estimate poses, compile kernels in advance."""

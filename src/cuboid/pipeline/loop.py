@@ -1,4 +1,4 @@
-"""The loop over the frames of a recording: scale, track, draw, and give up where too many frames are bad."""
+"""The loop over the frames of a recording: scale, track, draw, and stop if too many frames are unusable."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ if TYPE_CHECKING:
     from cuboid.views.video import FrameSink
 
 
-# How many frames are decoded ahead: enough to keep two cores busy, few enough to bound memory.
+# Number of frames that are decoded ahead: enough to use two cores, few enough to limit memory.
 FRAMES_AHEAD = 2
 
 
 class Readable(Protocol):
-    """Gives frames by number."""
+    """An interface that returns frames by number."""
 
     def read(self, index: int) -> Frame:
-        """Return a frame; raises FrameError for a bad one."""
+        """Return a frame; raises FrameError if it is unusable."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """A frame, or why there is none.
+    """A frame, or the reason why there is none.
 
     Attributes
     ----------
     index : int
-        Frame of the recording.
+        Index of the frame in the recording.
     frame : Frame or None
     reason : str
-        Why there is no frame; empty where there is one.
+        Reason why there is no frame; empty if there is one.
     milliseconds : float
-        What decoding took, in whichever thread.
+        Time of decoding, in any thread.
     """
 
     index: int
@@ -55,15 +55,15 @@ class Decoded:
 
 
 def decode(recording: Readable, indices: range, *, ahead: bool) -> Generator[Decoded, None, None]:
-    """Iterate over frames in order; close the iterator to end the thread behind it.
+    """Iterate over frames in order; closing the iterator ends its thread.
 
     Parameters
     ----------
     recording : Readable
     indices : range
-        Frames of the recording.
+        Frame indices of the recording.
     ahead : bool
-        Decode the next frames in a thread while the caller works on this one.
+        Decode the next frames in a thread while the caller processes the current one.
     """
 
     def read(index: int) -> Decoded:
@@ -92,7 +92,7 @@ class Pipeline:
     session: SceneRun | None = None
 
     def follow(self, frames: Iterable[Decoded], stop: Callable[[], bool]) -> bool:
-        """Take in all frames; return False where `stop` ended it before."""
+        """Process all frames; return False if `stop` ended the loop early."""
         for decoded in frames:
             if stop():
                 return False
@@ -104,7 +104,7 @@ class Pipeline:
         return True
 
     def _step(self, decoded: Decoded) -> SkippedFrame | None:
-        """Take in one frame; return it where it cannot be used."""
+        """Process one frame; return it as a `SkippedFrame` if it cannot be used."""
         frame, tracker = decoded.frame, self.tracker
         if frame is None:
             return tracker.skip(decoded.index, decoded.reason)
@@ -134,7 +134,7 @@ class Pipeline:
         self.progress.skipped(skipped.index, skipped.reason)
         if self.planned is None:
             return
-        # a lost camera is no fault of the input
+        # a lost camera is not a fault of the input
         bad = [(frame, why) for frame, why in self.tracker.log.skipped if why != LOST]
         if 2 * len(bad) > self.planned:
             first, why = bad[0]

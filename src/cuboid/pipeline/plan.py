@@ -1,4 +1,4 @@
-"""How a recording is to be tracked: what was asked for, checked, with what the recording decides."""
+"""The plan of a run: the validated options of the user, completed with properties of the recording."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from cuboid.detection.types import Detector
     from cuboid.proposals.types import ProposalSource
 
-# The work inside shrinks with the scale to no less than this width, pixels: fewer show no objects.
+# Smallest working width after scaling, pixels: smaller images do not resolve objects.
 MIN_WORKING_PX = 120
 SCALES = (1, 2, 4)
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How a recording is tracked.
+    """The plan for tracking a recording.
 
     Attributes
     ----------
@@ -32,19 +32,19 @@ class Plan:
     proposals : str or ProposalSource or None
         Name of a source of 2D proposals, with its options, or the source itself; None for the default.
     poses : {"given", "auto", "corrected", "estimated"}
-        Where the camera poses come from.
+        Source of the camera poses.
     bridge : bool
-        Whether the video tells the poses of frames that the recording has none of.
+        Whether frames without a pose get poses estimated from the video.
     every : int
         Each n-th frame is used.
     limit : int or None
-        At most this many frames are read.
+        Largest number of frames that are read.
     scale : {1, 2, 4}
         Side in pixels of the block that becomes one pixel before tracking.
     detector : str or Detector or None
         Names the objects; see `make_detector`.
     detector_every : int
-        It looks at each n-th used frame.
+        The detector processes each n-th used frame.
     """
 
     config: TrackerConfig
@@ -58,20 +58,20 @@ class Plan:
     detector_every: int = DETECT_EVERY
 
     def source_of_poses(self, recording: RecordingLike, camera: Intrinsics) -> Poses:
-        """Return where poses come from.
+        """Return the source of the poses.
 
         Parameters
         ----------
         recording : RecordingLike
         camera : Intrinsics
-            Pinhole of the frames that it will be asked about.
+            Intrinsics of the frames.
         """
         if self.bridge:
             return BridgedPoses(camera, recording.pose)
         return source_of_poses(self.poses, camera, self.config.voxel_m)
 
     def settings(self, recording: RecordingLike) -> dict[str, Any]:
-        """Return all that results depend on beside the recording's files, ready for JSON."""
+        """Return all settings on which results depend, besides the recording's files, ready for JSON."""
         from cuboid.detection import detector_name
         from cuboid.proposals import source_name
 
@@ -102,14 +102,14 @@ def plan_for(
     detector: str | Detector | None = None,
     detector_every: int | None = None,
 ) -> Plan:
-    """Return how a recording is tracked; parameters as of `cuboid.track_recording`.
+    """Return the plan for tracking a recording; parameters as for `cuboid.track_recording`.
 
     Raises
     ------
     ValueError
-        A number is out of its range.
+        If a number is out of its range.
     InputError
-        The poses are to be the recording's, and it has none.
+        If the poses of the recording are required and it has none, or if options do not fit together.
     """
     look_every = DETECT_EVERY if detector_every is None else detector_every
     if look_every < 1:
@@ -130,7 +130,7 @@ def plan_for(
 def _at_scale(
     config: TrackerConfig, proposals: str | ProposalSource | None, scale: int
 ) -> tuple[TrackerConfig, str | ProposalSource | None]:
-    """Let the work inside shrink with the frames: who asks for half the resolution asks for speed."""
+    """Reduce the working resolution by the same scale as the frames: users scale frames down for speed."""
     if scale == 1:
         return config, proposals
     from cuboid.proposals.depth import WIDEST

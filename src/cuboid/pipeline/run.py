@@ -1,4 +1,4 @@
-"""The loop over a recording: read, track, write, and a report of how it went."""
+"""Track a recording: read, track, write results and a report."""
 
 from __future__ import annotations
 
@@ -75,9 +75,9 @@ def track_recording(
     proposals : str or ProposalSource, optional
         Name of a source of 2D proposals, with its options, or the source itself.
     poses : {"given", "auto", "corrected", "estimated"}, optional
-        Where the camera poses come from, as of `Tracker`; given where the recording has poses, else estimated.
+        Source of the camera poses, as for `Tracker`; by default given if the recording has poses, else estimated.
     bridge : bool
-        Let the video tell the poses of frames that the recording has none of.
+        Estimate poses from the video for frames without one.
     every : int
         Use each n-th frame.
     limit : int, optional
@@ -86,35 +86,34 @@ def track_recording(
         Side in pixels of the block that becomes one pixel before tracking; results stay in the recording's
         pixels.
     threads : int
-        With 2 or more, the next frames are decoded ahead in a thread of their own.
+        With 2 or more, the next frames are decoded ahead in a separate thread.
     video : bool
         Also write `labelled.mp4`.
     force : bool
-        Replace results that lie in `output`.
+        Replace existing results in `output`.
     page : bool
-        Also write the 3D page; `write_page` does it later.
+        Also write the 3D page; `write_page` can write it later.
     progress : Progress, optional
-        Told how it goes.
+        Receives the progress of the run.
     stop : callable
-        Asked before each frame; True ends the run, whose results then say that they are not complete.
+        Called before each frame; True ends the run, and its results are marked as incomplete.
     make_tracker, make_view : callable, optional
-        Make the tracker and the video; `cuboid.Tracker` and the labelled video unless given.
+        Factories of the tracker and of the video; by default `cuboid.Tracker` and the labelled video.
     watch : callable, optional
-        Shown each used frame, what was found in it, and the tracker, between two frames of its work.
+        Called between frames with each used frame, its result, and the tracker.
     into : IntoScene, optional
-        The scene that the recording goes into.
+        The scene to which the recording is added.
     memory_mb : float
-        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are put
-        aside.
+        Memory limit of the process, in units of 2**20 bytes, above which parts of the map out of view are evicted.
     detector : str or Detector, optional
         File of an ONNX model, or name of a detector, with its options; or any callable from (frame, intrinsics) to
         `Detections`. Objects get names from it.
     detector_every : int, optional
-        It looks at each n-th used frame; 3 unless given.
+        The detector processes each n-th used frame; 3 by default.
     shapes : bool
-        Also keep views of the objects, as of `Tracker`.
+        Also keep views of the objects, as for `Tracker`.
     relations : bool
-        Also find the relations of the objects at the end, and keep them in the results and in the scene.
+        Also find the relations of the objects at the end, and include them in the results and in the scene.
     furniture : bool
         Also find the furniture that bears the supporting planes at the end, and keep it in the results; in a scene it
         keeps its labels.
@@ -126,10 +125,10 @@ def track_recording(
     Raises
     ------
     InputError
-        The recording has no poses though they are to be taken from it, or more than half of its frames cannot be
-        used; nothing is written then.
+        If the poses of the recording are required and it has none, or if more than half of its frames cannot be
+        used; then nothing is written.
     OutputError
-        The results cannot be written; nothing half-written is left.
+        If the results cannot be written; no partial results are left.
     """
     begun_s = working_s()
     output = None if output is None else as_path(output)
@@ -179,7 +178,7 @@ def track_recording(
 
 
 def _frames(recording: RecordingLike, plan: Plan) -> range:
-    """Return the frames that are to be read; none of a camera, which gives what comes."""
+    """Return the frames to read; an empty range for a camera, whose frames are not known in advance."""
     if isinstance(recording, Stream):
         return range(0)
     frames = range(0, len(recording), plan.every)[: plan.limit]
@@ -199,7 +198,7 @@ def _tracking(
     memory_mb: float,
     shapes: bool,
 ) -> tuple[Tracker, Poses, SceneRun | None]:
-    """Return the tracker, where its poses come from, and the run within a scene where the recording goes into one."""
+    """Return the tracker, the source of its poses, and the run within a scene, if the recording is added to one."""
     camera = recording.intrinsics.downscaled(plan.scale)
     source = plan.source_of_poses(recording, camera)
     write = None if writer is None else partial(writer.add, pixels=plan.scale)
@@ -261,7 +260,7 @@ def _report(
 
 
 def _vocabulary(tracker: Tracker) -> dict[str, Any]:
-    """Return the classes of the detector, where one was used."""
+    """Return the classes of the detector, if one was used."""
     return {"vocabulary": list(tracker.vocabulary)} if tracker.vocabulary else {}
 
 

@@ -1,4 +1,4 @@
-"""The loop of `cuboid slam`: read, estimate each frame's pose, write the trajectory."""
+"""The loop of `cuboid slam`: read, estimate the pose of each frame, write the trajectory."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class SlamOutcome:
     ----------
     report : RunReport
     trajectory : mapping of int to (4, 4) float64
-        T_world_camera of each frame that has one, corrected; the world is the first such frame's camera.
+        Corrected T_world_camera of each frame that has one; the world is the camera frame of the first of these.
     lost : int
-        Frames without a pose when they came; some of them may have one in the trajectory.
+        Number of frames without a pose when they were processed; some may have one in the trajectory.
     keyframes, loops : int
-        Keyframes, and places recognised by their appearance (loop closures).
+        Number of keyframes, and of places recognised by appearance (loop closures).
     """
 
     report: RunReport
@@ -59,7 +59,7 @@ def estimate_trajectory(
     Parameters
     ----------
     recording : Recording
-        From `cuboid.open_recording`; poses that it has are not used.
+        From `cuboid.open_recording`; its poses are not used.
     output : path or None
         Folder of the results; None writes nothing.
     every : int
@@ -67,13 +67,13 @@ def estimate_trajectory(
     limit : int, optional
         Read at most this many frames.
     threads : int
-        With 2 or more, the next frames are decoded ahead in a thread of their own.
+        With 2 or more, the next frames are decoded ahead in a separate thread.
     force : bool
-        Replace results that lie in `output`.
+        Replace existing results in `output`.
     progress : callable
-        Told how many frames are done, and of how many.
+        Called with the number of processed frames and the total number.
     stop : callable
-        Asked before each frame; True ends the run, whose results then say that they are not complete.
+        Called before each frame; True ends the run, and its results are marked as incomplete.
 
     Returns
     -------
@@ -82,9 +82,9 @@ def estimate_trajectory(
     Raises
     ------
     InputError
-        The recording has no frames, or none shows enough to start with.
+        If the recording has no frames, or none shows enough to start with.
     OutputError
-        The results cannot be written; nothing half-written is left.
+        If the results cannot be written; no partial results are left.
     """
     begun_s = working_s()
     bare = recording.without_poses()

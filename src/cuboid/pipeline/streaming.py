@@ -1,4 +1,4 @@
-"""Frames that come as they are taken, without an end that is known, as the loop over a recording takes them."""
+"""Live frames, whose number is not known in advance, as input of the loop over a recording."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ if TYPE_CHECKING:
 
 NO_POSE = "the frame has no camera pose"
 GONE = "a live camera's frames are gone; --record keeps them"
-# The layout, in results, of a camera whose frames were not kept.
+# Name of the format, in results, for a camera whose frames were not recorded.
 FORMAT = "camera"
 
 
 @runtime_checkable
 class FrameSource(Protocol):
-    """A source of frames: a live camera, or any other object that has `intrinsics` and can be iterated over.
+    """A source of frames: a live camera, or any other iterable object with these attributes.
 
     Attributes
     ----------
     name : str
-        What messages and results call it.
+        Name in messages and results.
     intrinsics : Intrinsics
-        Of every frame.
+        Intrinsics of every frame.
     depth_units_per_metre : float
-        Of the depth images as they were taken.
+        Depth units per metre in the original depth images.
     has_poses : bool
         Whether frames come with a camera pose.
     dropped : int
-        Frames that nobody took in time, so far.
+        Number of frames dropped so far because they were not read in time.
     record : Path or None
-        Where the frames are kept as a recording, once the iteration has ended.
+        Folder in which the frames are recorded, complete after the iteration has ended.
     warnings : list of str
-        What went wrong on the way.
+        Problems so far.
     """
 
     name: str
@@ -53,14 +53,14 @@ class FrameSource(Protocol):
 
     @property
     def dropped(self) -> int:
-        """Frames that nobody took in time, so far."""
+        """Number of frames dropped so far because they were not read in time."""
 
     def __iter__(self) -> Iterator[Frame]:
-        """Give the frames in order, their indices counting from 0; raises InputError where there is none."""
+        """Iterate over the frames in order, with indices from 0; raises InputError if there is none."""
 
 
 class Stream:
-    """A source of frames in the place of a recording; what it gave can be read again only where it is kept.
+    """Adapts a source of frames to the interface of a recording; frames can be read again only if they are recorded.
 
     Parameters
     ----------
@@ -82,19 +82,19 @@ class Stream:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Faults of the source so far."""
+        """Problems of the source so far."""
         return tuple(self.source.warnings)
 
     def __len__(self) -> int:
-        """Return how many frames have come so far."""
+        """Return the number of frames so far."""
         return self._count
 
     def without_poses(self) -> Stream:
-        """Return itself: who estimates poses does not look at those of the frames."""
+        """Return the same stream: the estimation of poses ignores the poses of frames."""
         return self
 
     def pose(self, index: int) -> Float64Array | None:
-        """Return the pose that a frame came with; raises FrameError where it had none."""
+        """Return the pose that came with a frame; raises FrameError if it had none."""
         if not self.has_poses:
             return None
         if index not in self._poses:
@@ -102,20 +102,20 @@ class Stream:
         return self._poses[index]
 
     def read(self, index: int) -> Frame:
-        """Return a frame again; raises FrameError where it was not kept."""
+        """Read a frame again; raises FrameError if it was not recorded."""
         if self._kept is None:
             raise FrameError(GONE)
         return self._kept.read(index)
 
     def decode(self, every: int, limit: int | None, *, ahead: bool) -> Generator[Decoded, None, None]:
-        """Iterate over each n-th frame, at most this many; when it is closed, the source ends too.
+        """Iterate over each n-th frame, at most `limit`; closing the iterator ends the source, too.
 
         Parameters
         ----------
         every : int
         limit : int or None
         ahead : bool
-            Make the next frames in a thread while the caller works on this one.
+            Prepare the next frames in a thread while the caller processes the current one.
         """
         with closing(self._decoded(every, limit)) as decoded:
             if ahead:
@@ -136,7 +136,7 @@ class Stream:
                     continue
                 if frame.T_world_camera is not None:
                     self._poses[frame.index] = frame.T_world_camera
-                yield Decoded(frame.index, frame, "", 0.0)  # waiting for a camera is no work
+                yield Decoded(frame.index, frame, "", 0.0)  # waiting for a camera does not count as decoding
                 given += 1
         finally:
             if isinstance(frames, Generator):
@@ -144,7 +144,7 @@ class Stream:
             self._reopen()
 
     def _reopen(self) -> None:
-        """Let frames be read from where they were kept."""
+        """Open the recording of the frames, if there is one, so that frames can be read again."""
         if self.source.record is not None and self.source.record.is_dir():
             from cuboid.readers import open_recording
 

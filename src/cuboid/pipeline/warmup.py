@@ -1,4 +1,4 @@
-"""Compiles the kernels of tracking ahead of the first run, by tracking a small made recording."""
+"""Compilation of the tracking kernels before the first run, by tracking a small synthetic recording."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UIn
 
 CAMERA = Intrinsics(260.0, 260.0, 159.5, 119.5, 320, 240)
 FRAMES = 20
-# The camera goes along an arc about the middle of the table, this far from it and above it, metres.
+# The camera moves along an arc around the middle of the table, at this distance and height, metres.
 DISTANCE_M, HEIGHT_M = 0.9, 0.7
 ARC_RAD = 1.2
-# Boxes: low and high corners, metres; table top, floor, three on the table, one that floats above it.
+# Boxes by low and high corners, metres: table top, floor, three on the table, one that floats above it.
 BOXES = np.array(
     [
         [-0.6, -0.4, -0.05, 0.6, 0.4, 0.0],
@@ -26,7 +26,7 @@ BOXES = np.array(
         [-0.5, -0.3, 0.12, -0.38, -0.16, 0.2],
     ]
 )
-# An upright round thing: centre, radius and height, metres.
+# An upright cylinder: position (x, y), radius and height, metres.
 CAN = 0.0, 0.12, 0.05, 0.12
 # Colors of the boxes and the can: red, green, blue.
 COLORS = np.array(
@@ -35,14 +35,14 @@ COLORS = np.array(
 
 
 class WarmUpRecording:
-    """A table with boxes and a can, of which an arc of frames is rendered when they are read.
+    """A table with boxes and a can; the frames, along an arc, are rendered on reading.
 
     Parameters
     ----------
     poses : bool
-        Whether the camera poses come with it.
+        Whether the recording has camera poses.
     noise : float
-        Standard deviation of depth, as a fraction of it.
+        Standard deviation of depth, as a fraction of the depth.
     """
 
     path = Path("warm-up")
@@ -77,7 +77,7 @@ class WarmUpRecording:
         return WarmUpRecording(poses=False, noise=self._noise)
 
     def _pose(self, index: int) -> Float64Array:
-        """Return the pose of a camera that looks at the middle of the table, and goes there and back."""
+        """Return the pose of a camera that looks at the middle of the table and moves along the arc and back."""
         angle = ARC_RAD * (1.0 - abs(2.0 * index / (FRAMES - 1) - 1.0)) - np.pi / 2
         eye = np.array([DISTANCE_M * np.cos(angle), DISTANCE_M * np.sin(angle), HEIGHT_M])
         ahead = -eye / np.linalg.norm(eye)
@@ -90,12 +90,12 @@ class WarmUpRecording:
 
 
 def compile_kernels(progress: Callable[[int, int], None] = lambda done, parts: None) -> None:
-    """Compile all kernels that tracking may need, which takes a minute or more; those in the cache are loaded.
+    """Compile all kernels that tracking may need (a minute or more); kernels in the cache are only loaded.
 
     Parameters
     ----------
     progress : callable, optional
-        Called with the number of parts done, from 0, and of all.
+        Called with the number of finished parts, from 0, and the total number.
     """
     parts = (_track, _estimate_poses, _revisit, _correct, _register)
     with tempfile.TemporaryDirectory(prefix="cuboid-compile-") as folder:
@@ -120,7 +120,7 @@ def _estimate_poses(folder: Path) -> None:
 
 
 def _revisit(folder: Path) -> None:
-    """Track two noisy recordings into one scene, the second with all of the map put aside that is out of view."""
+    """Track two noisy recordings into one scene, the second with all parts of the map out of view evicted."""
     from cuboid.pipeline.run import track_recording
     from cuboid.scene.running import IntoScene
 
@@ -130,7 +130,7 @@ def _revisit(folder: Path) -> None:
 
 
 def _correct(_: Path) -> None:
-    """Track a few frames, with a correction of the keyframes that they hang on."""
+    """Track a few frames, with a correction of the keyframes to which they are anchored."""
     from cuboid.tracking.posed_tracker import PosedTracker
 
     recording, tracker = WarmUpRecording(), PosedTracker(CAMERA)
@@ -156,7 +156,7 @@ def _register(_: Path) -> None:
 
 
 def _rendered(T_world_camera: Float64Array) -> tuple[UInt8Array, Float32Array]:
-    """Return color (H, W, 3) and depth (H, W), metres, of what a camera sees."""
+    """Return color (H, W, 3) and depth (H, W), metres, of the image of a camera."""
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
     rays = np.stack(((u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)), axis=-1)
     ways, eye = rays @ T_world_camera[:3, :3].T, T_world_camera[:3, 3]
@@ -172,7 +172,7 @@ def _rendered(T_world_camera: Float64Array) -> tuple[UInt8Array, Float32Array]:
 
 
 def _box_depth(box: Float64Array, eye: Float64Array, ways: Float64Array) -> Float64Array:
-    """Return the depth (H, W) at which rays meet a box, infinite where they miss it."""
+    """Return the depth (H, W) at which rays hit a box, infinite if they miss it."""
     with np.errstate(divide="ignore"):
         ends = (box.reshape(2, 3) - eye)[:, None, None] / ways
     near, far = ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)
@@ -180,7 +180,7 @@ def _box_depth(box: Float64Array, eye: Float64Array, ways: Float64Array) -> Floa
 
 
 def _can_depth(eye: Float64Array, ways: Float64Array) -> Float64Array:
-    """Return the depth (H, W) at which rays meet the can."""
+    """Return the depth (H, W) at which rays hit the can, infinite if they miss it."""
     x, y, radius, height = CAN
     across, start = ways[..., :2], eye[:2] - (x, y)
     a, b, c = (across**2).sum(axis=-1), across @ start, start @ start - radius**2

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DriftCorrection", "PoseEstimate", "PoseEstimator"]
 
-# Where the names are found. They bring the kernels of alignment, which given poses do not need.
+# Modules of the names; imported on demand, because given poses do not need the kernels of alignment.
 _PLACES = {
     "DriftCorrection": "cuboid.poses.drift",
     "PoseEstimate": "cuboid.poses.estimator",

@@ -1,8 +1,8 @@
-"""Dense alignment: the pose of an image with respect to points of others, from intensity and depth together.
+"""Dense alignment: the pose of an image relative to points of other images, from intensity and depth together.
 
 After Kerl, Sturm, Cremers, "Dense Visual SLAM for RGB-D Cameras", IROS 2013: weighted Gauss-Newton over a pyramid,
-residuals t-distributed, a motion prior. Two things differ: the depth residual is the distance to the surface
-along its normal, and the points may come from several keyframes at once.
+t-distributed residuals, a motion prior. Two things differ: the depth residual is the distance to the surface along its
+normal, and the points may come from several keyframes at once.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from cuboid.geometry import se3
 from cuboid.poses.kernels import align as kernel
 from cuboid.poses.pyramid import LEVELS, Level
 
-# Per level, finest first: side of the cell that gives one point, half the window of its plane, largest number of steps.
+# For each level, finest first: side of the cell that gives one point, half the window of its plane, most iterations.
 CELLS = (5, 3, 2, 1)
 REACHES = (3, 2, 2, 1)
 STEPS = (5, 6, 8, 10)
-# A step shorter than this (metres and radians, per level finest first) ends a level.
+# A level ends when a step is shorter than this (metres and radians, for each level, finest first).
 STILL = (1e-4, 4e-4, 1e-3, 2e-3)
-# A reading agrees within this many metres (per level) and this many deviations of the depth's noise.
+# A reading agrees within GATE_M metres (for each level) plus GATE_DEVIATIONS standard deviations of depth noise.
 GATE_M = (0.03, 0.05, 0.10, 0.20)
 GATE_DEVIATIONS = 6.0
-# The depth's noise: metres, and metres per metre squared (a structured-light sensor's; others are better).
+# Standard deviation of depth: metres, and metres per metre squared (structured light; other sensors are better).
 NOISE = np.array([0.001, 1.4e-3])
 MAX_DEPTH_M = 6.0
-# An alignment is reliable when readings lie on the surfaces, intensities are alike, this many points say so ...
+# An alignment is reliable if enough readings lie on the surfaces, intensities are correlated, there are enough points,
 MIN_INLIERS, MIN_CORRELATION, MIN_POINTS = 0.6, 0.8, 150
-# ... and no direction has a larger standard deviation than this, metres and radians.
+# and no direction has a larger standard deviation than this, metres and radians.
 MAX_DEVIATION_M, MAX_DEVIATION_RAD = 0.03, 0.02
-# Residuals of neighbouring pixels err alike: this many count as one.
+# Errors of neighbouring pixels are correlated: this many residuals count as one.
 ALIKE = 50.0
-# Standard deviation beside noise: metres, and per metre between the cameras; radians, and per metre.
+# Standard deviation in addition to noise: metres, and per metre between the cameras; radians, and per metre.
 FLOOR_M, FLOOR_FRACTION, FLOOR_RAD, FLOOR_RAD_PER_M = 0.0005, 0.008, 0.0005, 0.008
-# A variance of intensity that is no more than noise, grey levels squared: two flat images are alike.
+# Intensity variance of pure noise, grey levels squared: two uniform images count as correlated.
 FLAT = 25.0
-# Scales of the residuals before anything is known, and their limits: grey levels, deviations. Depth errs alike over
-# whole surfaces, so that its residuals never count as more than half their noise says.
+# Initial scales of the residuals, and their limits: grey levels, standard deviations. Depth errors are correlated over
+# whole surfaces, so that depth residuals have at most half the weight that their noise suggests.
 SIGMA_FIRST = (12.0, 2.0)
 SIGMA_LOW, SIGMA_HIGH = np.array([2.0, 2.0]), np.array([30.0, 6.0])
 
@@ -55,7 +55,7 @@ class Points:
     points, normals : (N, 3) float32
     intensity : (N,) float32
     group : (N,) int32
-        Which image each point is from.
+        The image from which each point comes.
     """
 
     points: Float32Array
@@ -66,7 +66,7 @@ class Points:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The reference of an alignment: points of all levels, finest first, from a number of images."""
+    """The reference of an alignment: points of all levels, finest first, from several images (groups)."""
 
     levels: tuple[Points, ...]
     groups: int
@@ -74,7 +74,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """A pose and how well it fits.
+    """A pose and the quality of its fit.
 
     Attributes
     ----------
@@ -82,17 +82,17 @@ class Alignment:
     information : (6, 6) float64
         Inverse covariance of a motion (translation, rotation) of the camera frame.
     in_image : float
-        Fraction of the reference's points that fall into the image.
+        Fraction of the reference's points inside the image.
     points : int
-        How many lie on a surface that the image shows.
+        Number of points on a surface that the image shows.
     inliers : float
-        Fraction of those with a reading whose reading lies on their surface.
+        Of the points with a reading, fraction whose reading lies on their surface.
     correlation : float
-        Correlation of the intensities, -1..1, with the group that is most alike.
+        Correlation of the intensities, -1..1, of the group with the highest one.
     sigma : (2,) float64
-        Scale of the residuals: grey levels, deviations of the depth's noise.
+        Scale of the residuals: grey levels, standard deviations of depth.
     shade : (G, 2) float64
-        Gain and bias of each group's exposure.
+        Gain and bias of the exposure of each group.
     """
 
     T_camera_reference: Float64Array
@@ -110,7 +110,7 @@ class Alignment:
         Parameters
         ----------
         baseline_m : float
-            Distance to the image that the points are from: what intrinsics and depth have wrong grows with it.
+            Distance to the image of the points: errors of intrinsics and depth grow with it.
         """
         noise = ALIKE * np.linalg.inv(self.information + np.diag([1.0] * 6))
         floor_m, floor_rad = FLOOR_M + FLOOR_FRACTION * baseline_m, FLOOR_RAD + FLOOR_RAD_PER_M * baseline_m
@@ -118,12 +118,12 @@ class Alignment:
 
     @property
     def fit(self) -> float:
-        """How well image and reference agree, 0..1."""
+        """Agreement of image and reference, 0..1."""
         return self.inliers * max(self.correlation, 0.0)
 
     @property
     def reliable(self) -> bool:
-        """Whether the pose can be relied on: image and reference show the same, and it fixes all six directions."""
+        """Whether the pose is reliable: image and reference agree and determine all six degrees of freedom."""
         if self.inliers < MIN_INLIERS or self.correlation < MIN_CORRELATION or self.points < MIN_POINTS:
             return False
         deviation = np.sqrt(self.covariance().diagonal())
@@ -131,7 +131,7 @@ class Alignment:
 
 
 def pick(levels: Sequence[Level]) -> Reference:
-    """Pick the points of an image that others are aligned to."""
+    """Pick the points of an image to which other images are aligned."""
     picked = []
     for k, level in enumerate(levels):
         height, width = level.image.shape[:2]
@@ -146,7 +146,7 @@ def pick(levels: Sequence[Level]) -> Reference:
 
 
 def merge(references: Sequence[Reference], T_common: Sequence[Float64Array]) -> Reference:
-    """Bring the points of several images into a common frame; each image stays a group."""
+    """Transform the points of several images to a common frame; each image remains a group."""
     levels = []
     for k in range(LEVELS):
         parts = [reference.levels[k] for reference in references]
@@ -169,13 +169,13 @@ def merge(references: Sequence[Reference], T_common: Sequence[Float64Array]) -> 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Where the camera is expected.
+    """The expected pose of the camera.
 
     Attributes
     ----------
     T_camera_reference : (4, 4) float64
     information : (6, 6) float64
-        Inverse covariance of a motion of the camera frame away from it.
+        Inverse covariance of a motion of the camera frame from the expected pose.
     """
 
     T_camera_reference: Float64Array
@@ -190,7 +190,7 @@ def align(
     coarsest: int = LEVELS - 1,
     finest: int = 0,
 ) -> Alignment:
-    """Find the pose of an image from which the reference looks as it does in it.
+    """Find the pose of an image relative to a reference.
 
     Parameters
     ----------
@@ -198,10 +198,10 @@ def align(
     levels : sequence of Level
         The image, finest first.
     T_camera_reference : (4, 4) float64
-        Where the search starts.
+        Initial pose.
     prior : Prior, optional
     coarsest, finest : int
-        Levels that the search starts and ends at.
+        Levels at which the search starts and ends.
     """
     T = T_camera_reference
     sigma = np.array(SIGMA_FIRST)
@@ -225,7 +225,7 @@ def align(
 
 
 class _Sums:
-    """The sums over the points of one level, and what follows from them."""
+    """The sums over the points of one level, and the values that follow from them."""
 
     def __init__(self, points: Points, groups: int, level: Level, gate_m: float) -> None:
         self._points, self._level = points, level
@@ -242,7 +242,7 @@ class _Sums:
         )  # fmt: skip
 
     def step(self, T: Float64Array, prior: Prior | None) -> Float64Array:
-        """Return the Gauss-Newton step (6,), none where the points determine nothing."""
+        """Return the Gauss-Newton step (6,); zero in directions that the points do not determine."""
         H, b = self._system[:6].copy(), self._system[6].copy()
         if prior is not None:
             away = se3.log(T @ se3.inverse(prior.T_camera_reference))
@@ -253,7 +253,7 @@ class _Sums:
         return step
 
     def sigma(self, sigma: Float64Array) -> Float64Array:
-        """Return the scales of the residuals that the weighted residuals tell."""
+        """Return the scales of the residuals, updated from the weighted residuals."""
         s = self._sums
         scale = np.array(
             [s[kernel.SQUARES_I] / max(s[kernel.SHADED], 1.0), s[kernel.SQUARES_D] / max(s[kernel.INLIERS], 1.0)]
@@ -261,7 +261,7 @@ class _Sums:
         return np.asarray(np.clip(sigma * np.sqrt(scale), SIGMA_LOW, SIGMA_HIGH))
 
     def shade(self, shade: Float64Array) -> Float64Array:
-        """Return gain and bias of each group: those that make mean and variance equal."""
+        """Return gain and bias of each group, which make mean and variance of the intensities equal."""
         weight, there, here, there2, here2, _ = self._shades.T
         n = np.maximum(weight, 1.0)
         there, here = there / n, here / n
@@ -272,7 +272,7 @@ class _Sums:
         return np.where((weight > 20.0)[:, None], found, shade)
 
     def correlation(self) -> Float64Array:
-        """Return the correlation of the intensities of each group (G,)."""
+        """Return the correlation of the intensities for each group (G,)."""
         weight, there, here, there2, here2, both = self._shades.T
         n = np.maximum(weight, 1.0)
         there, here = there / n, here / n

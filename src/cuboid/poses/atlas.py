@@ -1,4 +1,4 @@
-"""The atlas: all keyframes, the motions measured between them, and the work that makes them agree."""
+"""The atlas: all keyframes, the motions measured between them, and the optimisation of their poses."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe, median_depth_m, over
 from cuboid.poses.places import Appearance, locate, votes
 from cuboid.poses.pyramid import Level, SmallImage
 
-# Keyframes whose overlap is looked at: those with the most similar views.
+# Number of keyframes with the most similar views whose overlap is computed.
 NEAR = 12
 MIN_OVERLAP = 0.3
-# A new keyframe gets edges to this many others that overlap it, and to this many of similar appearance.
+# Largest number of edges of a new keyframe: to overlapping keyframes, and to keyframes of similar appearance.
 NEIGHBOUR_EDGES, LOOP_EDGES = 4, 2
-# Least fraction of a keyframe's strongest corners that a recognised place has in common with it.
+# Smallest fraction of a keyframe's strongest corners that match at a recognised place.
 MIN_VOTES = 0.12
-# Alignments there and back agree within this: metres per metre of depth, and radians.
+# Alignments in both directions must agree within this: metres per metre of depth, and radians.
 THERE_AND_BACK_M, THERE_AND_BACK_RAD = 0.015, 0.015
-# An alignment without a motion prior must be better than one that follows a motion.
+# An alignment without a motion prior must fit better than one with a prior.
 RECOGNISED_INLIERS, RECOGNISED_CORRELATION = 0.7, 0.85
-# The graph is optimised when a new edge is this many deviations from the poses.
+# The graph is optimised if a new edge deviates from the poses by this many standard deviations.
 MIN_DEVIATION = 0.5
-# Only this many keyframes around the new one move, unless its edges are farther from the poses: a loop was closed.
+# Only this many keyframes around the new one move, unless its edges deviate by more: then a loop was closed.
 MAX_LOCAL_KEYFRAMES, LOOP_DEVIATION = 40, 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class FrameFeatures:
-    """The parts of a frame that the atlas uses.
+    """The data of a frame that the atlas uses.
 
     Attributes
     ----------
@@ -50,12 +50,12 @@ class FrameFeatures:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where an image was taken, found without knowing where to look.
+    """The pose of an image, found without an initial guess.
 
     Attributes
     ----------
     keyframe : int
-        Number of the keyframe that shows the same.
+        Number of the keyframe that shows the same place.
     T_keyframe_camera : (4, 4) float64
     found : Alignment
     """
@@ -72,7 +72,7 @@ class AtlasState(Record):
     Attributes
     ----------
     keyframes : dict of int to Keyframe
-        By number.
+        The keyframes by number.
     edges : tuple of Edge
         Measured motions between keyframes.
     loops : int
@@ -98,7 +98,7 @@ class Atlas:
     keyframes : list of Keyframe
     edges : list of Edge
     loops : int
-        Recognised places: edges between keyframes found by appearance.
+        Number of recognised places: edges between keyframes found by appearance.
     """
 
     NOT_SAVED: frozenset[str] = frozenset()
@@ -107,17 +107,17 @@ class Atlas:
         self.keyframes: list[Keyframe] = []
         self.edges: list[Edge] = []
         self.loops = 0
-        self._joined = False  # whether submaps have met since the graph was optimised last
+        self._joined = False  # whether submaps were joined since the last optimisation of the graph
         self._work: deque[tuple[int, int, bool]] = deque()
 
     def state(self) -> AtlasState:
-        """Return the state of now; nothing in it changes any more, once each keyframe's attributes are taken."""
+        """Return the current state; it shares the keyframes, so copy their attributes before the next update."""
         keyframes = {keyframe.number: keyframe for keyframe in self.keyframes}
         return AtlasState(keyframes, tuple(self.edges), self.loops, self._joined, tuple(self._work))
 
     @classmethod
     def from_state(cls, state: AtlasState) -> Atlas:
-        """Return an atlas that goes on from a state."""
+        """Return an atlas that continues from a state."""
         atlas = cls()
         atlas.keyframes, atlas.edges = list(state.keyframes.values()), list(state.edges)
         atlas.loops, atlas._joined, atlas._work = state.loops, state.joined, deque(state.work)
@@ -131,9 +131,9 @@ class Atlas:
         Returns
         -------
         int
-            Its number.
+            Number of the keyframe.
         list of int
-            The keyframes that it overlaps, most first.
+            The keyframes that it overlaps, largest overlap first.
         """
         number = len(self.keyframes)
         reference = pick(features.levels)
@@ -154,7 +154,7 @@ class Atlas:
     def add_given(
         self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, features: FrameFeatures
     ) -> int:
-        """Take in a keyframe whose pose is given: no measurement moves it. Returns its number."""
+        """Add a keyframe with a given pose, which no measurement changes, and return its number."""
         number, reference = len(self.keyframes), pick(features.levels)
         self.keyframes.append(
             Keyframe(
@@ -166,29 +166,29 @@ class Atlas:
         return number
 
     def overlapping(self, T_world_camera: Float64Array, level: Level, submap: int) -> list[int]:
-        """Return the keyframes that show much of what an image from a pose shows, most first."""
+        """Return the keyframes that overlap an image at a pose, largest overlap first."""
         numbers, distance = self._view_distances(T_world_camera, submap)
         near = [self.keyframes[numbers[i]] for i in np.argsort(distance, kind="stable")[:NEAR]]
         scores = [(-overlap(k.reference, k.T_world_camera, T_world_camera, level), k.number) for k in near]
         return [number for score, number in sorted(scores) if -score > MIN_OVERLAP]
 
     def view_distance(self, T_world_camera: Float64Array, submap: int) -> float:
-        """Return the distance of a view to that of the most similar keyframe; see `view_distances`."""
+        """Return the distance of a view to the view of the most similar keyframe; see `view_distances`."""
         return float(self._view_distances(T_world_camera, submap)[1].min(initial=np.inf))
 
     def _view_distances(self, T_world_camera: Float64Array, submap: int) -> tuple[list[int], Float64Array]:
-        """Return the keyframes of a submap, and how different a view is from each."""
+        """Return the keyframes of a submap, and the distance of a view to each."""
         mine = [k for k in self.keyframes if k.submap == submap]
         poses = np.array([k.T_world_camera for k in mine]).reshape(-1, 4, 4)
         return [k.number for k in mine], view_distances(T_world_camera, poses, np.array([k.depth_m for k in mine]))
 
     def reference(self, numbers: list[int]) -> Reference:
-        """Return the points of keyframes in the world, what a frame is aligned to."""
+        """Return the points of keyframes in the world, as the reference to which a frame is aligned."""
         used = [self.keyframes[k] for k in numbers]
         return merge([k.reference for k in used], [k.T_world_camera for k in used])
 
     def work(self) -> bool:
-        """Do a part of the work noted; tell whether poses of keyframes have changed."""
+        """Do one queued task; return whether poses of keyframes have changed."""
         if not self._work:
             return False
         a, b, loop = self._work.popleft()
@@ -200,7 +200,7 @@ class Atlas:
         return not self._work and self._optimise()
 
     def recognise(self, features: FrameFeatures, camera: Intrinsics, among: Iterable[int], tries: int) -> Place | None:
-        """Relocalise an image by its appearance; None where it shows no place of some keyframes."""
+        """Relocalise an image by its appearance among some keyframes; None if it shows no place of theirs."""
         known = [self.keyframes[k] for k in among]
         scores = votes(features.appearance, [k.appearance for k in known])
         pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
@@ -220,7 +220,7 @@ class Atlas:
         return None
 
     def join_at(self, place: Place, T_world_camera: Float64Array, submap: int) -> None:
-        """Make one of a submap and that of a place where its camera, at a pose of its own, now is; the older stays."""
+        """Join a submap with that of a place where its camera is now, at a pose in the submap; the older stays."""
         known = self.keyframes[place.keyframe]
         T_known_submap = known.T_world_camera @ place.T_keyframe_camera @ se3.inverse(T_world_camera)
         if known.submap < submap:
@@ -246,7 +246,7 @@ class Atlas:
         moved = [k for k in self.keyframes if k.submap == submap]
         for keyframe in moved:
             keyframe.T_world_camera = se3.tidied(T_to_submap @ keyframe.T_world_camera)
-        for keyframe in moved:  # they overlap each other too, but have edges already
+        for keyframe in moved:  # they also overlap each other, but these edges exist already
             level = keyframe.small.levels()[OVERLAP_LEVEL]
             overlapping = [] if keyframe.given else self.overlapping(keyframe.T_world_camera, level, to)
             self._work.extend((k, keyframe.number, False) for k in overlapping[:NEIGHBOUR_EDGES])
@@ -255,7 +255,7 @@ class Atlas:
             keyframe.submap = to
 
     def _add_edge(self, a: int, b: int, T_b_a: Float64Array, strict: bool = False) -> bool:
-        """Measure the motion between two keyframes in both directions; keep it where both agree."""
+        """Measure the motion between two keyframes in both directions; add the edges if both agree."""
         one, two = self.keyframes[a], self.keyframes[b]
         coarsest = 2 if strict else 1
         there = align(one.reference, two.small.levels(), T_b_a, coarsest=coarsest)
@@ -271,7 +271,7 @@ class Atlas:
         return True
 
     def _optimise(self) -> bool:
-        """Optimise the pose graph, where the last keyframe disagrees with its edges or submaps were joined."""
+        """Optimise the pose graph if the last keyframe disagrees with its edges, or if submaps were joined."""
         poses = [k.T_world_camera for k in self.keyframes]
         last = len(poses) - 1
         edges = self.edges if self._joined else [e for e in self.edges if last in (e.a, e.b)]
@@ -295,7 +295,7 @@ def _is_recognised(found: Alignment) -> bool:
 
 
 def _agree(there: Alignment, back: Alignment, depth_m: float) -> bool:
-    """Tell whether the motions there and back cancel."""
+    """Return whether the motions in both directions cancel."""
     loop = se3.log(there.T_camera_reference @ back.T_camera_reference)
     return bool(
         np.linalg.norm(loop[:3]) < THERE_AND_BACK_M * max(depth_m, 1.0)

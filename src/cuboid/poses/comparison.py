@@ -1,7 +1,7 @@
-"""Two poses of one image compared: which of a keyframe's points the image explains from the one and from the other.
+"""Comparison of two poses of one image by the points of a keyframe that the image explains from each.
 
-A pose that is nearer the truth explains points all over the image that the other does not, and loses none. A pose that
-follows a thing that moves gains the points on this thing and loses points beside it.
+A pose that is nearer to the truth explains additional points all over the image and loses none. A pose that follows a
+moving object gains the points on this object and loses points beside it.
 """
 
 from __future__ import annotations
@@ -17,31 +17,31 @@ from cuboid.poses.alignment import NOISE, SIGMA_LOW, Alignment, Reference
 from cuboid.poses.keyframes import pixels_of
 from cuboid.poses.pyramid import Level
 
-# Poses are compared at this level, of 160 pixels: a reading there is the mean of several.
+# Poses are compared at this level, 160 pixels wide: a reading there is the mean of several.
 COMPARED_LEVEL = 1
-# A reading that differs by more than this from a point, metres, lies on another surface.
+# A reading farther than this from the surface of a point, metres, lies on another surface.
 OTHER_SURFACE_M = 0.1
-# A pose is better than another where it explains this fraction more of the points: the edges of things have fewer.
+# A pose is better than another if it explains this additional fraction of the points: edges of objects have fewer.
 MIN_GAIN = 0.03
-# ... and loses at most this fraction of what it gains. With exact poses and a thing that moves in 30 to 60 % of the
-# picture an alignment loses .08 or more, with poses that drift .01 (.03 on the RealSense desk).
+# ... and loses at most this fraction of its gain. With exact poses and an object that moves in 30 to 60 % of the image
+# an alignment loses .08 or more, with drifting poses .01 (.03 on the RealSense desk).
 MAX_LOSS = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """Which points of a reference an image from a pose explains, (N,) bool each.
+    """The points of a reference that an image from a pose explains, (N,) bool each.
 
     Attributes
     ----------
     read
-        The point faces the camera, and the image has a reading where it falls.
+        The point faces the camera, and the image has a reading at its pixel.
     near
-        This reading is nearer to the point's surface than `OTHER_SURFACE_M`.
+        The reading is nearer than `OTHER_SURFACE_M` to the point's surface.
     on_surface
-        It lies on the surface, within three deviations of the depth's noise.
+        The reading lies on the surface, within three standard deviations of depth noise.
     alike
-        It does, and the intensities are alike within three deviations.
+        It lies on the surface, and the intensities agree within three standard deviations.
     """
 
     read: npt.NDArray[np.bool_]
@@ -59,17 +59,17 @@ class Explained:
 def explained(
     reference: Reference, level: Level, T_camera_reference: Float64Array, fit: Alignment | None = None
 ) -> Explained:
-    """Return which points of a reference an image from a pose explains.
+    """Return the points of a reference that an image from a pose explains.
 
     Parameters
     ----------
     reference : Reference
-        Of one image.
+        Reference from one image.
     level : Level
-        The image in the size of `COMPARED_LEVEL`.
+        The image at `COMPARED_LEVEL`.
     T_camera_reference : (4, 4) float64
     fit : Alignment
-        Of the image to the reference: its exposure and the deviation of the intensities.
+        Alignment of the image to the reference: its exposure and the standard deviation of the intensities.
     """
     T, picked = T_camera_reference.astype(np.float32), reference.levels[COMPARED_LEVEL]
     points, normals = picked.points @ T[:3, :3].T + T[:3, 3], picked.normals @ T[:3, :3].T
@@ -91,24 +91,24 @@ def explained(
 
 
 def clearly_better(one: Explained, other: Explained) -> bool:
-    """Tell whether a pose explains more points than another, and loses next to none for them."""
+    """Return whether a pose explains more points than another, and loses almost none."""
     both = int(np.count_nonzero(one.read & other.read))
     gained, lost = _gained(one, other), _gained(other, one)
     return bool(gained > MIN_GAIN * both and lost <= MAX_LOSS * gained)
 
 
 def as_good(one: Explained, other: Explained) -> bool:
-    """Tell whether a pose explains at least as many points as another."""
+    """Return whether a pose explains at least as many points as another."""
     return _gained(one, other) >= _gained(other, one)
 
 
 def _gained(one: Explained, other: Explained) -> int:
-    """Return how many points a pose explains that another does not, of those that both place on a reading."""
+    """Return the number of points that only the first pose explains, among those with a reading from both poses."""
     return int(np.count_nonzero(one.read & other.read & one.alike & ~other.alike))
 
 
 def _of_all(part: npt.NDArray[np.bool_], seen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Spread flags of the seen points over all points."""
+    """Expand flags of the points inside the image to all points."""
     flags = np.zeros(len(seen), np.bool_)
     flags[seen] = part
     return flags

@@ -1,4 +1,4 @@
-"""The poses of a camera from what it sees: one frame in, where it was taken out."""
+"""Estimation of camera poses from the frames alone: frame in, pose out."""
 
 from __future__ import annotations
 
@@ -17,48 +17,48 @@ from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, Keyframe
 from cuboid.poses.places import describe, locate
 from cuboid.poses.pyramid import Level, SmallImage, keep, shrink
 
-# One whose pose is given needs fewer, whose views differ by this: nothing is aligned to it but what has lost its way.
+# View distance of keyframes with given poses, radians: fewer are needed, because only lost frames are aligned to them.
 GIVEN_VIEW = 0.3
-# A frame is aligned to this many keyframes at once: those that overlap it most, chosen again after this many frames.
+# Number of overlapping keyframes to which a frame is aligned, and number of frames after which they are chosen again.
 LOCAL, CHOOSE_EVERY = 3, 5
-# A motion is expected to go on; in a thirtieth of a second it changes by about this: metres, radians.
+# Constant motion is expected; within a thirtieth of a second it changes by about this: metres, radians.
 CHANGE_M, CHANGE_RAD = 0.03, np.radians(3.0)
 RATE_HZ = 30.0
-# The motion is forgotten over a longer time than this, seconds.
+# After a longer gap than this, seconds, the motion is not extrapolated.
 LONGEST_S = 0.5
-# An alignment that fits better than this needs no second opinion.
+# An alignment with a better fit than this is not repeated from another start.
 SURE_FIT = 0.8
-# Searches that start or end this near each other are one: metres, radians.
+# Poses within this distance count as the same start or result of a search: metres, radians.
 SAME_M, SAME_RAD = 0.005, 0.005
-# A lost camera looks first where it was, this many frames long; then only among known places.
+# A lost camera is first tracked from its last pose for this many frames; then only known places are searched.
 MAX_TRACKED_LOST_FRAMES = 3
-# Known places that a lost frame is compared with.
+# Number of known places with which a lost frame is compared.
 MAX_CANDIDATES = 4
-# A camera lost for this many frames starts a new submap; then it looks for known places at this interval of frames.
+# A camera lost for this many frames starts a new submap; then it searches known places at this interval of frames.
 MAX_LOST_FRAMES, SEARCH_EVERY = 30, 5
-# An image shows enough for a keyframe with this many corners.
+# An image with this many corners is good enough for a keyframe.
 ENOUGH_CORNERS = 50
 
 
 @dataclass(frozen=True, slots=True)
 class PoseEstimate:
-    """Where a frame was taken.
+    """The estimated pose of a frame.
 
     Attributes
     ----------
     frame : int
     T_submap_camera : (4, 4) float64 or None
-        In the world of the submap's first camera; None while lost.
+        Pose in the world of the submap's first camera; None while lost.
     covariance : (6, 6) float64 or None
-        Of a motion (translation, rotation) of the camera in its own frame with respect to the keyframes around,
-        metres and radians; None while lost.
+        Covariance of a motion (translation, rotation) of the camera in its own frame relative to the surrounding
+        keyframes, metres and radians; None while lost.
     keyframe : int
-        Number of the keyframe that the frame is anchored at, -1 while lost.
+        Number of the keyframe to which the frame is anchored, -1 while lost.
     is_keyframe : bool
     corrected : bool
-        Whether poses of keyframes have changed with this frame.
+        Whether poses of keyframes have changed in this update.
     submap : int
-        0 is the world of the first frame; others are unconnected with it, until they meet.
+        0 is the world of the first frame; other submaps are not connected with it until they are joined.
     """
 
     frame: int
@@ -71,13 +71,13 @@ class PoseEstimate:
 
     @property
     def T_world_camera(self) -> Float64Array | None:
-        """In the world of the first frame's camera, (4, 4); None while lost, and in an unconnected submap."""
+        """Pose in the world of the first frame's camera, (4, 4); None while lost, and in an unconnected submap."""
         return None if self.submap else self.T_submap_camera
 
 
 @dataclass(slots=True)
 class _Shot:
-    """A frame made small."""
+    """A frame at reduced size."""
 
     index: int
     small: SmallImage
@@ -135,13 +135,14 @@ class PoseEstimatorState(Record):
 class PoseEstimator:
     """Estimates the poses of a stream of RGB-D frames of a static scene.
 
-    Each frame is aligned to the keyframes around it; a frame with a view of its own becomes a keyframe, with edges to
-    those that it overlaps and to those of similar appearance, and the pose graph of these edges corrects them all.
+    Each frame is aligned to the surrounding keyframes. A frame with a new view becomes a keyframe, with edges to
+    keyframes that it overlaps and to keyframes of similar appearance; the pose graph of these edges corrects all
+    keyframes.
 
     Parameters
     ----------
     intrinsics : Intrinsics
-        Of every frame.
+        Intrinsics of every frame.
     """
 
     NOT_SAVED = frozenset({"intrinsics", "_reference"})
@@ -153,15 +154,15 @@ class PoseEstimator:
         self._submap = 0
         self._submaps = 1
         self._lost = 0
-        self._elsewhere = False  # whether frames that nothing is known of may be at another place than submap 0
+        self._elsewhere = False  # whether frames at an unknown place may lie outside of submap 0
         self._T_world_camera = np.eye(4)
-        self._motion = np.zeros(6)  # of the camera frame, a second
+        self._motion = np.zeros(6)  # motion of the camera frame per second
         self._time_s = 0.0
         self._local: list[int] = []
         self._reference = Reference((), 0)
 
     def state(self) -> PoseEstimatorState:
-        """Return the state of now; see `Atlas.state`."""
+        """Return the current state; see `Atlas.state`."""
         return PoseEstimatorState(
             self._atlas.state(), dict(self._anchors), self._submap, self._submaps, self._lost, self._elsewhere,
             self._T_world_camera, self._motion, self._time_s, tuple(self._local),
@@ -169,7 +170,7 @@ class PoseEstimator:
 
     @classmethod
     def from_state(cls, state: PoseEstimatorState, intrinsics: Intrinsics) -> PoseEstimator:
-        """Return an estimator that goes on from a state."""
+        """Return an estimator that continues from a state."""
         estimator = cls(intrinsics)
         estimator._atlas, estimator._anchors = Atlas.from_state(state.atlas), state.anchors
         estimator._submap, estimator._submaps = state.submap, state.submaps
@@ -185,20 +186,20 @@ class PoseEstimator:
 
     @property
     def keyframes(self) -> list[Keyframe]:
-        """The keyframes, by number, as corrected so far."""
+        """The keyframes by number, with their corrected poses."""
         return self._atlas.keyframes
 
     @property
     def loops(self) -> int:
-        """How many places were recognised by their appearance (loop closures), lost cameras not counted."""
+        """Number of places recognised by appearance (loop closures), without relocalisations of a lost camera."""
         return self._atlas.loops
 
     def trajectory(self) -> dict[int, Float64Array]:
-        """Return T_world_camera (4, 4) of each frame that has one, by its index, as corrected so far."""
+        """Return the corrected T_world_camera (4, 4) of each frame that has one, by frame index."""
         return {frame: T for frame, (submap, T) in self.trajectories().items() if submap == 0}
 
     def trajectories(self) -> dict[int, tuple[int, Float64Array]]:
-        """Return submap and pose in it, (4, 4), of each frame that has one, by its index, as corrected so far."""
+        """Return the submap and the corrected pose in it, (4, 4), of each frame that has one, by frame index."""
         found = {}
         for frame, (k, T_keyframe_camera) in sorted(self._anchors.items()):
             keyframe = self.keyframes[k]
@@ -206,7 +207,7 @@ class PoseEstimator:
         return found
 
     def begin_lost(self) -> None:
-        """Expect frames of another recording: of a known place, or of one that a submap begins with at once."""
+        """Expect frames of another recording: relocalise them, or else start a new submap at once."""
         self._lost, self._elsewhere = MAX_LOST_FRAMES, True
 
     def begin_submap(self) -> int:
@@ -215,7 +216,7 @@ class PoseEstimator:
         return self._submaps - 1
 
     def take(self, frame: Frame, T_submap_camera: Float64Array, submap: int) -> int | None:
-        """Take in a frame whose pose is known for sure; return its number where it becomes a keyframe.
+        """Add a frame whose pose is known exactly; return its number if it becomes a keyframe.
 
         Parameters
         ----------
@@ -231,11 +232,11 @@ class PoseEstimator:
         return self._atlas.add_given(shot.index, T_submap_camera, submap, shot.small, shot.features)
 
     def anchor_frame(self, frame: int, T_submap_camera: Float64Array, keyframe: int) -> None:
-        """Anchor the pose of a frame, which was taken in, to a keyframe."""
+        """Anchor the pose of a frame, added by `take`, to a keyframe."""
         self._anchors[frame] = keyframe, se3.inverse(self.keyframes[keyframe].T_world_camera) @ T_submap_camera
 
     def find(self, frame: Frame, own: Collection[int]) -> Place | None:
-        """Look for a frame among all keyframes but its own recording's."""
+        """Search for the place of a frame among all keyframes except those of its own recording."""
         shot = self._shot(frame)
         if not self._rich(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return None
@@ -243,7 +244,7 @@ class PoseEstimator:
         return self._atlas.recognise(shot.features, shot.small.camera, known, MAX_CANDIDATES)
 
     def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
-        """Make a submap part of another one."""
+        """Merge a submap into another one."""
         self._atlas.join(submap, to, T_to_submap)
         if submap == self._submap:
             self._submap, self._T_world_camera = to, se3.tidied(T_to_submap @ self._T_world_camera)
@@ -251,7 +252,7 @@ class PoseEstimator:
                 self._use(self._local)
 
     def move(self, numbers: Collection[int], T_new_old: Float64Array) -> None:
-        """Move keyframes, as one."""
+        """Move several keyframes by the same motion."""
         for number in numbers:
             keyframe = self.keyframes[number]
             keyframe.T_world_camera = se3.tidied(T_new_old @ keyframe.T_world_camera)
@@ -259,15 +260,15 @@ class PoseEstimator:
     def _shot(self, frame: Frame) -> _Shot:
         gray, depth_m, camera = shrink(frame, self.intrinsics)
         small = keep(gray, depth_m, camera)
-        return _Shot(frame.index, small, small.levels())  # all that is known of a keyframe is in what is kept of it
+        return _Shot(frame.index, small, small.levels())  # the same levels that a keyframe rebuilds later
 
     def update(self, frame: Frame) -> PoseEstimate:
-        """Take in a frame.
+        """Estimate the pose of a frame.
 
         Raises
         ------
         FrameError
-            If the frame's size is not that of the intrinsics.
+            If the frame does not have the size of the intrinsics.
         """
         expected = (self.intrinsics.height, self.intrinsics.width)
         if frame.depth_m.shape != expected:
@@ -285,7 +286,7 @@ class PoseEstimator:
         return self._go_on(shot, found, elapsed_s, frame.timestamp_s)
 
     def _begin(self, shot: _Shot, time_s: float) -> PoseEstimate:
-        """Start a submap with a frame, where it shows enough."""
+        """Start a submap with a frame, if it shows enough."""
         features = shot.features
         if len(features.appearance.corners) < ENOUGH_CORNERS or not self._rich(shot):
             return _lost(shot.index)
@@ -302,15 +303,15 @@ class PoseEstimator:
         return int(np.count_nonzero(depth_m)) * 2 > depth_m.size // 4
 
     def _elapsed(self, time_s: float) -> float:
-        """Return the time since the last pose; a frame's where the recording's times make no sense."""
+        """Return the time since the last pose; the nominal frame time if the timestamps are invalid."""
         elapsed_s = time_s - self._time_s
         return elapsed_s if 0 < elapsed_s < np.inf else 1.0 / RATE_HZ
 
     def _follow(self, shot: _Shot, elapsed_s: float) -> Alignment | None:
-        """Align a frame to the keyframes around; of several places to start from the best end counts.
+        """Align a frame to the surrounding keyframes; of several starting poses the best result counts.
 
-        The first start is where the motion leads. Where the result is uncertain, the search starts again from where the
-        camera was, and from where the corners that the frame shares with a keyframe say, until two ends are one.
+        The first start is the extrapolated motion. If the result is uncertain, the search is repeated from the last
+        pose, and from the pose given by corners shared with a keyframe, until two results agree.
         """
         T_last = se3.inverse(self._T_world_camera)
         T_expected = se3.exp(self._motion * elapsed_s) @ T_last if elapsed_s < LONGEST_S else T_last
@@ -320,7 +321,7 @@ class PoseEstimator:
         for T_given in (T_expected, T_last, None):
             T_start = self._from_corners(shot) if T_given is None else T_given
             if T_start is None or any(_same(T_start, T) for T in begun):
-                continue  # the same start has the same end: no second opinion
+                continue  # the same start gives the same result
             begun.append(T_start)
             found = align(self._reference, shot.levels, T_start, Prior(T_start, np.diag(change**-2)))
             if not found.reliable:
@@ -333,13 +334,13 @@ class PoseEstimator:
         return best
 
     def _from_corners(self, shot: _Shot) -> Float64Array | None:
-        """Return where the corners shared with the first keyframe around put the camera, T_camera_world."""
+        """Return T_camera_world from the corners shared with the first local keyframe; None if there are too few."""
         keyframe = self.keyframes[self._local[0]]
         T_camera_keyframe = locate(shot.features.appearance, keyframe.appearance, shot.levels[0].camera)
         return None if T_camera_keyframe is None else T_camera_keyframe @ se3.inverse(keyframe.T_world_camera)
 
     def _search(self, shot: _Shot, time_s: float) -> PoseEstimate:
-        """Look for a known place; after long without one, start anew."""
+        """Search for a known place; after `MAX_LOST_FRAMES` without one, start a new submap."""
         self._lost += 1
         if not self._rich(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return _lost(shot.index)
@@ -353,7 +354,7 @@ class PoseEstimator:
         return self._estimate(shot.index, place.found, False, False)
 
     def _go_on(self, shot: _Shot, found: Alignment, elapsed_s: float, time_s: float) -> PoseEstimate:
-        """Take over a frame's pose; make it a keyframe or do other work."""
+        """Accept a frame's pose; make the frame a keyframe, or do queued work."""
         motion = se3.log(found.T_camera_reference @ self._T_world_camera) / elapsed_s
         self._arrive(se3.inverse(found.T_camera_reference), time_s)
         self._motion = motion
@@ -369,7 +370,7 @@ class PoseEstimator:
         return self._estimate(shot.index, found, is_keyframe, corrected)
 
     def _work(self, shot: _Shot) -> bool:
-        """Do a part of what there is to do beside following the camera; tell whether keyframes have moved."""
+        """Do a part of the queued work; return whether keyframes have moved."""
         T_anchor_camera = self._T_anchor_camera()
         moved = self._atlas.work()
         if self._submap and shot.index % SEARCH_EVERY == 0:
@@ -416,7 +417,7 @@ class PoseEstimator:
 
 
 def _same(T: Float64Array, T_other: Float64Array) -> bool:
-    """Tell whether two poses are one place."""
+    """Return whether two poses are the same within `SAME_M` and `SAME_RAD`."""
     away = se3.log(T @ se3.inverse(T_other))
     return bool(np.linalg.norm(away[:3]) < SAME_M and np.linalg.norm(away[3:]) < SAME_RAD)
 

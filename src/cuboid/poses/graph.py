@@ -1,4 +1,4 @@
-"""A graph of poses: the keyframes' places that agree best with all that was measured between them."""
+"""A pose graph: the keyframe poses that agree best with all motions measured between them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from scipy.sparse.linalg import splu
 from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 
-# Gauss-Newton steps at most, and the step (metres, radians) below which the poses stand still.
+# Largest number of Gauss-Newton steps, and the step (metres, radians) below which the iteration stops.
 STEPS = 8
 STILL = 2e-5
-# Beyond this many deviations an edge pulls with a constant force (Huber): a wrong one cannot bend the graph much.
+# Beyond this many standard deviations an edge has a constant force (Huber): a wrong one cannot bend the graph much.
 ROBUST_DEVIATIONS = 10.0
-# Information of a pose that no edge constrains, and of a fixed one.
+# Prior information of a free pose, and of a fixed one.
 LOOSE, FIXED = 1e-3, 1e12
 
 
@@ -42,13 +42,13 @@ class Edge:
 
 
 def residuals(edges: Sequence[Edge], T_world: Sequence[Float64Array]) -> Float64Array:
-    """Return how far b is from where each edge puts it, (E, 6): translation and rotation vector in that place."""
+    """Return the deviation of pose b from the place given by each edge, (E, 6): translation and rotation vector."""
     poses = np.asarray(T_world)
     return _errors(*_stacked(edges)[:3], poses)
 
 
 def deviations(edges: Sequence[Edge], T_world: Sequence[Float64Array]) -> Float64Array:
-    """Return how many deviations the poses are from what each edge measured, (E,)."""
+    """Return the deviation of the poses from each edge in standard deviations, (E,)."""
     if not edges:
         return np.empty(0)
     e = residuals(edges, T_world)
@@ -58,15 +58,15 @@ def deviations(edges: Sequence[Edge], T_world: Sequence[Float64Array]) -> Float6
 def optimise(
     T_world: Sequence[Float64Array], edges: Sequence[Edge], fixed: Collection[int] = (0,)
 ) -> list[Float64Array]:
-    """Return the poses with the least weighted squared residuals of all edges.
+    """Return the poses with the smallest weighted squared residuals of all edges.
 
     Parameters
     ----------
     T_world : sequence of (4, 4) float64
-        The poses to start from.
+        Initial poses.
     edges : sequence of Edge
     fixed : collection of int
-        The poses that stay; poses that no chain of edges connects to them keep their places among each other.
+        Poses that do not move; poses without a chain of edges to them keep their relative positions.
 
     Returns
     -------
@@ -94,18 +94,18 @@ def optimise(
 def optimise_around(
     T_world: Sequence[Float64Array], edges: Sequence[Edge], middle: int, most: int, fixed: Collection[int] = (0,)
 ) -> list[Float64Array]:
-    """Return the poses after those fewest edges away from one have been moved, at most this many; the others stay.
+    """Return the poses after optimising only those fewest edges away from one pose, at most `most`; others are fixed.
 
     Parameters
     ----------
     T_world : sequence of (4, 4) float64
     edges : sequence of Edge
     middle : int
-        The pose in the middle.
+        The central pose.
     most : int
-        Poses that move.
+        Largest number of poses that move.
     fixed : collection of int
-        The poses that stay.
+        Poses that never move.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def optimise_around(
     for edge in edges:
         beside.setdefault(edge.a, []).append(edge.b)
         beside.setdefault(edge.b, []).append(edge.a)
-    moving = {middle: None}  # in the order of their finding
+    moving = {middle: None}  # in the order in which they are found
     for k in _outwards(middle, beside):
         if len(moving) >= most:
             break
@@ -136,7 +136,7 @@ def optimise_around(
 
 
 def _outwards(middle: int, beside: Mapping[int, Sequence[int]]) -> Iterator[int]:
-    """Give the poses that edges lead to from one, those fewest edges away first."""
+    """Yield the poses connected to one by edges, those fewest edges away first."""
     seen, ring = {middle}, [middle]
     while ring:
         ring = sorted({other for k in ring for other in beside.get(k, ())} - seen, reverse=True)
@@ -174,7 +174,7 @@ def _errors(a: Indices, b: Indices, T_b_a: Float64Array, poses: Float64Array) ->
 
 
 def _jacobian(a: Indices, b: Indices, poses: Float64Array) -> Float64Array:
-    """Return the change (E, 6, 6) of each residual with a motion of pose a; that with b is the identity.
+    """Return the derivative (E, 6, 6) of each residual by a motion of pose a; the derivative by pose b is the identity.
 
     A pose moves by T exp(xi). To first order, and near a residual of zero, the residual changes by
     xi_b - adjoint(T_b_a) xi_a.

@@ -1,4 +1,4 @@
-"""Keyframes: images with a place of their own, which later images are aligned to."""
+"""Keyframes: images with distinct views to which later images are aligned."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from cuboid.poses.kernels import align as kernel
 from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import Level, SmallImage
 
-# Overlap is measured with the points of this level, one in this many.
+# Overlap is measured with the points of this level, one in OVERLAP_EVERY.
 OVERLAP_LEVEL, OVERLAP_EVERY = 2, 4
-# A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians: it overlaps them
-# well still.
+# A frame becomes a keyframe if its view differs by this from those of all keyframes, radians: it still overlaps them
+# well.
 NEW_VIEW = 0.17
-# Points nearer than this to the camera, metres, are not looked for in an image.
+# Points nearer than this to the camera, metres, are not projected.
 NEAREST_M = 0.1
-# A point is in sight when the reading there is no nearer than this fraction of its depth.
+# A point is visible if the reading at its pixel is nearer by at most this fraction of its depth.
 SIGHT_FRACTION = 0.05
-# Views from directions farther apart than this have little in common, cosine (60 degrees).
+# Views whose directions differ by more than 60 degrees (cosine) have little in common.
 MIN_COSINE = 0.5
 
 
@@ -32,14 +32,14 @@ MIN_COSINE = 0.5
 class Keyframe(Record):
     """A frame to which other frames are aligned.
 
-    What an attribute holds is replaced, never changed.
+    Values of attributes are replaced, never changed in place.
 
     Attributes
     ----------
     number : int
-        From 0, in order of time.
+        Number from 0, in order of time.
     frame : int
-        Of the recording.
+        Frame of the recording.
     T_world_camera : (4, 4) float64
         Current, corrected pose.
     small : SmallImage
@@ -47,7 +47,7 @@ class Keyframe(Record):
         Median depth of its points.
     appearance : Appearance
     submap : int
-        Submap of the keyframe: its keyframes share one world; 0 is the submap of the first frame.
+        Submap of the keyframe: all keyframes of a submap share one world; 0 is the submap of the first frame.
     given : bool
         Whether its pose came with the recording, and is never corrected.
     """
@@ -71,7 +71,7 @@ class Keyframe(Record):
 
 
 def median_depth_m(reference: Reference) -> float:
-    """Return the median depth of an image's points; 1 m where it has none."""
+    """Return the median depth of an image's points; 1 m if there are none."""
     z = reference.levels[OVERLAP_LEVEL].points[:, 2]
     return float(np.median(z)) if len(z) else 1.0
 
@@ -85,7 +85,7 @@ def overlap(reference: Reference, T_world_keyframe: Float64Array, T_world_camera
         The keyframe's points.
     T_world_keyframe, T_world_camera : (4, 4) float64
     level : Level
-        The image's, any size.
+        A level of the image, of any size.
     """
     T = se3.inverse(T_world_camera) @ T_world_keyframe
     if T[2, 2] < MIN_COSINE:
@@ -105,7 +105,7 @@ def overlap(reference: Reference, T_world_keyframe: Float64Array, T_world_camera
 def pixels_of(
     points: npt.NDArray[np.floating], level: Level
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return which points (N, 3) of the camera frame fall into an image, and column and row of each of these."""
+    """Return which points (N, 3) of the camera frame lie inside an image, and the column and row of each of these."""
     fx, fy, cx, cy = level.camera
     height, width = level.image.shape[:2]
     z = np.maximum(points[:, 2], NEAREST_M)
@@ -117,14 +117,14 @@ def pixels_of(
 def view_distances(
     T_world_camera: Float64Array, T_world_keyframes: Float64Array, depth_m: Float64Array
 ) -> Float64Array:
-    """Return the distance of a view to others, as an angle: the rotation, and the displacement over the depth.
+    """Return the distance of a view to others, as an angle that combines rotation and translation over depth.
 
     Parameters
     ----------
     T_world_camera : (4, 4) float64
     T_world_keyframes : (N, 4, 4) float64
     depth_m : (N,) float64
-        Median depth of each.
+        Median depth of each keyframe.
 
     Returns
     -------

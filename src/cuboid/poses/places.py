@@ -1,4 +1,4 @@
-"""Place recognition: which keyframe an image resembles, and from where it was taken, by corner features."""
+"""Place recognition by corner features: the most similar keyframe of an image, and its pose."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ import numpy as np
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry import se3
 
-# Corners of an image at most: a third of them is enough where two images show the same place.
+# Largest number of corners of an image: a third of them suffices if two images show the same place.
 CORNERS = 400
-# A thumbnail's height and width: what is alike at this size may be the same place.
+# Height and width of a thumbnail: images that are similar at this size may show the same place.
 THUMB_HW = (24, 32)
-# Corners that vote for a place, and the bits of 256 in which two corners that look the same may differ.
+# Number of corners that vote for a place, and number of bits of 256 in which matching corners may differ.
 VOTERS, SAME_BITS = 120, 50
-# A corner's match is clear when its distance is below this fraction of the second best.
+# A match of a corner is clear if its distance is below this fraction of the second best.
 CLEAR = 0.8
-# A corner's place in the image may differ by this much from where its keyframe's point falls, pixels.
+# Largest distance of a corner from the projected point of its keyframe, pixels.
 CORNER_PX = 2.5
 RANSAC_ROUNDS = 200
-# This many corners never agree on a pose by chance.
+# Smallest number of corners that agree on a pose: more than agree by chance.
 MIN_MATCHES = 15
 
 
@@ -34,13 +34,13 @@ class Appearance:
     Attributes
     ----------
     thumb : (24 * 32,) float32
-        The image small, of mean 0 and length 1; all 0 where it shows nothing.
+        Reduced image with mean 0 and length 1; all 0 if the image is uniform.
     corners : (N, 2) float32
-        Pixels u, v of the finest level, the clearest first.
+        Pixels u, v of the finest level, strongest corner first.
     descriptors : (N, 32) uint8
         ORB (Rublee, Rabaud, Konolige, Bradski, ICCV 2011).
     points : (N, 3) float32
-        In the camera frame; NaN without depth.
+        Points of the corners in the camera frame; NaN without depth.
     """
 
     thumb: Float32Array
@@ -65,7 +65,7 @@ def describe(gray: UInt8Array, depth_m: Float32Array, camera: Float64Array) -> A
 
 
 def thumbnail(gray: UInt8Array) -> Float32Array:
-    """Return an image (h, w) small, of mean 0 and length 1; all 0 where it shows nothing."""
+    """Return a reduced image of an image (h, w), with mean 0 and length 1; all 0 if the image is uniform."""
     import cv2
 
     small = cv2.resize(gray, THUMB_HW[::-1], interpolation=cv2.INTER_AREA).astype(np.float32).reshape(-1)
@@ -78,8 +78,8 @@ def thumbnail(gray: UInt8Array) -> Float32Array:
 def votes(seen: Appearance, known: Sequence[Appearance]) -> Float64Array:
     """Return the similarity of each known image to one, (N,): the fraction of its strongest corners that match.
 
-    Each corner votes for the one image that has the corner most like it. The thumbnails' correlation counts like
-    a tenth of the corners, so that images without corners still have an order.
+    Each corner votes for the image with the most similar corner. The correlation of the thumbnails has the weight of a
+    tenth of the corners, so that images without corners are ordered, too.
     """
     if not known:
         return np.empty(0)
@@ -101,14 +101,14 @@ def locate(seen: Appearance, known: Appearance, camera: Float64Array) -> Float64
     Parameters
     ----------
     seen, known : Appearance
-        Of the image and of the keyframe.
+        Appearance of the image and of the keyframe.
     camera : (4,) float64
-        Of the image: fx, fy, cx, cy.
+        fx, fy, cx, cy of the image.
 
     Returns
     -------
     (4, 4) float64 or None
-        T_camera_keyframe; None where the images have too little in common.
+        T_camera_keyframe; None if the images have too little in common.
     """
     import cv2
 
@@ -123,7 +123,7 @@ def locate(seen: Appearance, known: Appearance, camera: Float64Array) -> Float64
     pixels = seen.corners[[m.trainIdx for m in good]].astype(np.float64)
     fx, fy, cx, cy = camera
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
-    # its random numbers start from the same seed in each call
+    # OpenCV uses the same random seed in each call
     done, turn, shift, inliers = cv2.solvePnPRansac(
         points, pixels, K, None, iterationsCount=RANSAC_ROUNDS, reprojectionError=CORNER_PX, flags=cv2.SOLVEPNP_EPNP
     )

@@ -1,7 +1,7 @@
-"""Whether one fault of the camera explains all differences between given and found motions.
+"""Whether a single error of the camera setup explains all differences between given and found motions.
 
-Drift adds up, differently at each place. A wrong depth scale and poses of another body than the camera leave the same
-difference wherever the camera moves alike: neither is cured by moving the camera.
+Drift accumulates, and differs from place to place. A wrong depth scale, or poses of another body than the camera, cause
+the same difference for the same camera motion everywhere: correcting poses one by one cures neither.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from cuboid.core.frame import Float64Array
 from cuboid.core.tolerances import MIN_SIGMA_M
 from cuboid.geometry.se3 import inverse, log, skew
 
-# A fault explains the differences where it leaves at most this fraction of them.
+# An error explains the differences if at most this fraction of them remains.
 LEFT_FRACTION = 0.3
-# A scale beyond these, and a camera farther than this from the body, metres and radians, is none that is seen: what
-# moves in the picture can look like it.
+# Accepted ranges of a depth scale, and of the offset between camera and body, metres and radians: beyond these, moving
+# objects in the image are a more likely cause.
 SCALES, MAX_OFFSET_M, MAX_OFFSET_RAD = (0.5, 2.0), 0.3, 0.3
-# Damping of the fit, in metres and radians squared: what the motions do not determine stays near none.
+# Damping of the fit, in metres and radians squared: parameters that the motions do not determine stay near zero.
 DAMPING = 1e-4
 
 
@@ -33,7 +33,7 @@ class MotionPair:
     T_given, T_found : (4, 4) float64
         T_camera_reference.
     depth_m : float
-        Of what was seen: a rotation displaces it by so much a radian.
+        Depth of the scene: a rotation displaces it by this distance per radian.
     """
 
     T_given: Float64Array
@@ -43,14 +43,14 @@ class MotionPair:
 
 @dataclass(frozen=True, slots=True)
 class SingleCause:
-    """A fault that explains the differences.
+    """An error of the camera setup that explains the differences.
 
     Attributes
     ----------
     scale : float or None
-        Found translations are this times the given ones: the depth is as much too large, or the poses too small.
+        Found translations are this times the given ones: the depth is too large, or the poses are too small.
     offset : (6,) float64 or None
-        Motion (translation in metres, rotation in radians) between the camera and the body whose poses were given.
+        Motion (translation in metres, rotation in radians) between the camera and the body of the given poses.
     """
 
     scale: float | None = None
@@ -58,7 +58,7 @@ class SingleCause:
 
 
 def single_cause(pairs: Sequence[MotionPair]) -> SingleCause | None:
-    """Return the fault of the camera that explains the differences of all motions; None where neither does.
+    """Return the error that explains the differences of all motions; None if neither kind does.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ def single_cause(pairs: Sequence[MotionPair]) -> SingleCause | None:
 
 
 def _weighted(motion: Float64Array, pair: MotionPair) -> Float64Array:
-    """Return a motion (6,) or (6, N) in metres: rotations times the depth."""
+    """Return a motion (6,) or (6, N) in metres: rotations are multiplied by the depth."""
     return np.concatenate([motion[:3], pair.depth_m * motion[3:]])
 
 
 def _by_offset(pair: MotionPair) -> Float64Array:
-    """Return the derivative (6, 6) of the difference of a motion by the offset of the camera from the body.
+    """Return the derivative (6, 6) of the difference of a motion by the offset between camera and body.
 
     With an offset X the camera's motion is X^-1 T X, so that the difference is (Ad_T - 1) x for a small x = log X.
     """
@@ -93,12 +93,12 @@ def _by_offset(pair: MotionPair) -> Float64Array:
 
 
 def _fitted(columns: Float64Array, differences: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return the parameters that explain most of the differences, and what they leave."""
+    """Return the parameters that explain most of the differences, and the remaining differences."""
     normal = columns.T @ columns + DAMPING * np.eye(columns.shape[1])
     parameters = np.asarray(np.linalg.solve(normal, columns.T @ differences), np.float64)
     return parameters, differences - columns @ parameters
 
 
 def _rms(differences: Float64Array) -> float:
-    """Return the root of the mean squared displacement; six numbers a motion."""
+    """Return the root mean square displacement; a motion has six numbers."""
     return float(np.sqrt((differences**2).sum() / (len(differences) / 6)))

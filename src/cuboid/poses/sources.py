@@ -1,4 +1,4 @@
-"""Where the camera poses of a run come from: the recording, the video, or both."""
+"""Sources of the camera poses of a run: the recording, the video, or both."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 LOST = "the camera is lost: the frame shows no place that is known"
 NO_POSE = "the frame has no camera pose"
 TAKEN_BACK = "the correction of the given camera poses did not hold: from frame {} on they are as given"
-# Corrections of estimated poses are applied from this fraction of a voxel on: smaller ones stay within a voxel.
+# Smallest correction of estimated poses that is applied, as a fraction of a voxel: smaller ones have no effect.
 POSES_MOVE = 0.5
 GIVEN, AUTO, CORRECTED, ESTIMATED = "given", "auto", "corrected", "estimated"
 # Values of `--poses` and `Tracker(poses=...)`.
@@ -28,15 +28,15 @@ POSE_SOURCES = (GIVEN, AUTO, CORRECTED, ESTIMATED)
 
 @dataclass(frozen=True, slots=True)
 class Posed:
-    """Where a frame was taken.
+    """The pose of a frame.
 
     Attributes
     ----------
     T_world_camera : (4, 4) float64
     anchor : int
-        Keyframe that the pose is anchored to; what the frame shows moves with it.
+        Keyframe to which the pose is anchored; the frame's points move with it.
     moved : mapping of int to (4, 4) float64
-        For each keyframe how the world around it has moved (T_new_old) where the poses were corrected, else empty.
+        Motion T_new_old of the world around each keyframe that was corrected; empty if there was no correction.
     """
 
     T_world_camera: Float64Array
@@ -45,64 +45,64 @@ class Posed:
 
 
 class Poses(Protocol):
-    """Tells where frames were taken.
+    """A source of camera poses.
 
     Attributes
     ----------
     given_with_frames : bool
-        Whether the pose comes with the frame and a frame without one is bad.
+        Whether frames come with a pose, and a frame without one is skipped.
     origin : {"given", "corrected", "estimated"}
-        What `run.json` calls them.
+        Name of the source in `run.json`.
     """
 
     given_with_frames: bool
     origin: str
 
     def locate(self, frame: Frame) -> Posed:
-        """Return where a frame was taken; raises FrameError where that is not known."""
+        """Return the pose of a frame; raises FrameError if it is unknown."""
 
     def trajectory(self) -> Mapping[int, Float64Array] | None:
-        """Return the poses of all frames as corrected since; None where the first word is the last."""
+        """Return the corrected poses of all frames; None if poses are never corrected."""
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what the user should know of the poses."""
+        """Return warnings about the poses for the user."""
 
 
 def given_pose(frame: Frame) -> Float64Array:
-    """Return the pose that a frame came with; raises FrameError where it has none."""
+    """Return the pose that came with a frame; raises FrameError if it has none."""
     if frame.T_world_camera is None:
         raise FrameError(NO_POSE)
     return frame.T_world_camera
 
 
 class GivenPoses:
-    """The recording's own poses."""
+    """The poses of the recording."""
 
     given_with_frames = True
     origin = GIVEN
 
     def locate(self, frame: Frame) -> Posed:
-        """Return the frame's own pose; raises FrameError where it has none."""
+        """Return the pose of the frame; raises FrameError if it has none."""
         return Posed(given_pose(frame))
 
     def trajectory(self) -> None:
-        """Nothing is corrected."""
+        """Return None: poses are never corrected."""
         return
 
     def warnings(self) -> tuple[str, ...]:
-        """Nothing is known of them."""
+        """Return no warnings: given poses are not checked."""
         return ()
 
 
 class CorrectedPoses:
-    """The recording's own poses, corrected as they come from the frame on at which they have proved to drift.
+    """The poses of the recording, corrected online from the frame on at which they have proved to drift.
 
     Parameters
     ----------
     intrinsics : Intrinsics
-        Of the frames that come.
+        Intrinsics of the frames.
     apply : bool
-        Whether the correction is applied; else the poses stay as they are, and a warning says that they drift.
+        Whether to apply the correction; if False, the poses are unchanged and a warning reports their drift.
     """
 
     given_with_frames = True
@@ -115,7 +115,7 @@ class CorrectedPoses:
         self._apply = apply
 
     def locate(self, frame: Frame) -> Posed:
-        """Return the frame's own pose, corrected where that applies; raises FrameError where it has none."""
+        """Return the pose of the frame, corrected if necessary; raises FrameError if it has none."""
         given = given_pose(frame)
         if self._apply:
             return Posed(self._drift.correct(frame, given))
@@ -124,11 +124,11 @@ class CorrectedPoses:
         return Posed(given)
 
     def trajectory(self) -> None:
-        """Poses are final when they are given."""
+        """Return None: poses are final when they are returned."""
         return
 
     def warnings(self) -> tuple[str, ...]:
-        """Return why the poses do not fit the frames, and what was done about it."""
+        """Return why the poses do not fit the frames, and which correction was made."""
         drift = self._drift
         if drift.proven_at is not None:
             since = f"the given camera poses drift: from frame {drift.proven_at} on "
@@ -140,7 +140,7 @@ class CorrectedPoses:
 
 
 def _other_cause(cause: SingleCause) -> str:
-    """Return why given poses misfit, where it is not drift."""
+    """Return the warning for given poses that do not fit for another reason than drift."""
     if cause.scale is None:
         return (
             "the given camera poses do not fit the frames, everywhere alike: they may be those of another sensor than "
@@ -153,13 +153,13 @@ def _other_cause(cause: SingleCause) -> str:
 
 
 class EstimatedPoses:
-    """Poses estimated from the video; those of older frames are corrected as more is seen.
+    """Poses estimated from the video; those of older frames are corrected later.
 
     Parameters
     ----------
     intrinsics : Intrinsics
     least_m : float
-        Corrections that move nothing by more than this, metres, are kept back until they add up.
+        Corrections that move nothing by more than this, metres, are withheld until they add up.
     """
 
     given_with_frames = False
@@ -173,18 +173,18 @@ class EstimatedPoses:
         self._reported: list[Float64Array] = []  # pose of each keyframe, as last reported
 
     def locate(self, frame: Frame) -> Posed:
-        """Return where a frame was taken; raises FrameError while the camera is lost."""
+        """Return the estimated pose of a frame; raises FrameError while the camera is lost."""
         estimate = self._estimator.update(frame)
         if estimate.T_world_camera is None:
             raise FrameError(LOST)
         return Posed(estimate.T_world_camera, estimate.keyframe, self._moved())
 
     def trajectory(self) -> Mapping[int, Float64Array]:
-        """Return the poses of all frames as corrected since."""
+        """Return the corrected poses of all frames."""
         return self._estimator.trajectory()
 
     def warnings(self) -> tuple[str, ...]:
-        """No warnings: lost frames are reported one by one."""
+        """Return no warnings: lost frames are reported one by one."""
         return ()
 
     @property
@@ -193,7 +193,7 @@ class EstimatedPoses:
         return self._estimator
 
     def _moved(self) -> dict[int, Float64Array]:
-        """Return how keyframes have moved since the last report, where it matters."""
+        """Return the motions of keyframes since the last report; empty if none exceeds `least_m`."""
         keyframes = self._estimator.keyframes
         self._reported += [k.T_world_camera for k in keyframes[len(self._reported) :]]
         moved: dict[int, Float64Array] = {}
@@ -212,13 +212,13 @@ class EstimatedPoses:
 
 
 class BridgedPoses:
-    """The recording's own poses, and where it has none those that are estimated from the video, from the last one on.
+    """The poses of the recording; gaps are filled with poses estimated from the video, relative to the last given one.
 
     Parameters
     ----------
     intrinsics : Intrinsics
     given : callable
-        Returns T_world_camera of a frame by its index; raises FrameError where there is none.
+        Returns T_world_camera of a frame by its index; raises FrameError if there is none.
     """
 
     given_with_frames = False
@@ -232,7 +232,7 @@ class BridgedPoses:
         self._T_world_estimate: Float64Array | None = None
 
     def locate(self, frame: Frame) -> Posed:
-        """Return the given pose or the bridge; raises FrameError before the first one and while the camera is lost."""
+        """Return the given or the estimated pose; raises FrameError before the first given one and while lost."""
         estimated = self._estimator.update(frame).T_world_camera
         try:
             given = self._given(frame.index)
@@ -248,31 +248,31 @@ class BridgedPoses:
         return Posed(tidied(self._T_world_estimate @ estimated))
 
     def trajectory(self) -> None:
-        """Nothing is corrected: the given poses are the world."""
+        """Return None: the given poses define the world and are not corrected."""
         return
 
     def warnings(self) -> tuple[str, ...]:
-        """No warnings: lost frames are reported one by one."""
+        """Return no warnings: lost frames are reported one by one."""
         return ()
 
 
 def checked_origin(poses: str) -> str:
-    """Return where poses come from as a caller said it; raises ValueError where that is none of `POSE_SOURCES`."""
+    """Return the name of a pose source given by a caller; raises ValueError if it is not one of `POSE_SOURCES`."""
     if poses not in POSE_SOURCES:
         raise ValueError(f"poses must be one of {', '.join(POSE_SOURCES)}, got {shown(poses)}")
     return poses
 
 
 def source_of_poses(poses: str, intrinsics: Intrinsics, voxel_m: float) -> Poses:
-    """Return the source of poses that one of `POSE_SOURCES` names.
+    """Return the source of poses for a name of `POSE_SOURCES`.
 
     Parameters
     ----------
     poses : str
     intrinsics : Intrinsics
-        Pinhole of the frames that it will be asked about.
+        Intrinsics of the frames.
     voxel_m : float
-        Side of a voxel of the map.
+        Edge of a voxel of the map, metres.
     """
     if poses == ESTIMATED:
         return EstimatedPoses(intrinsics, POSES_MOVE * voxel_m)

@@ -1,1 +1,1 @@
-"""The tracker: stages in the order of docs/method.md, poses, a result folder."""
+"""The tracker: its stages in the order of docs/method.md, poses, and the result folder."""

@@ -1,4 +1,4 @@
-"""The checks at the end of a run: what is likely to be wrong with its frames, poses, intrinsics and registration."""
+"""Checks at the end of a run: likely faults of its frames, poses, intrinsics and registration."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ if TYPE_CHECKING:
 
 
 def checked_warnings(tracker: Tracker, recording: RecordingLike, every: int) -> tuple[str, ...]:
-    """Return the warnings of a run, those included that need frames to be read again; takes a second or two.
+    """Return the warnings of a run, including those for which frames are read again; this takes a second or two.
 
     Parameters
     ----------
     tracker : Tracker
-        At the end of the run.
+        The tracker at the end of the run.
     recording : RecordingLike
-        Where its frames came from.
+        The recording of its frames.
     every : int
-        One in this many frames of the recording was read.
+        Step between the frames that were read.
     """
     from cuboid.calibration.check import intrinsics_warning
     from cuboid.calibration.pose_fit import pose_fit
     from cuboid.calibration.registering import registration_warning
 
     estimated, poses, fit = tracker.poses == ESTIMATED, tracker.trajectory, None
-    if not estimated:  # as they were given: correcting drift bends them to a wrong depth scale
+    if not estimated:  # poses as given: drift correction would adapt them to a wrong depth scale
         given = ((frame, recording.pose(frame)) for frame in poses if _has_pose(recording, frame))
         fit = pose_fit(recording.read, recording.intrinsics, {k: T for k, T in given if T is not None})
     found = None
@@ -45,7 +45,7 @@ def checked_warnings(tracker: Tracker, recording: RecordingLike, every: int) -> 
 def run_facts(
     tracker: Tracker, recording: RecordingLike | None = None, every: int = 1, fit: PoseFit | None = None
 ) -> RunFacts:
-    """Return the facts of a run that its diagnosis needs; without the recording as far as the tracker knows them."""
+    """Return the facts of a run for its diagnosis; without the recording, only those that the tracker knows."""
     reasons = [reason for _, reason in tracker.log.skipped]
     return RunFacts(
         frames_read=len(tracker.T_world_camera) + len(reasons),
@@ -65,7 +65,7 @@ def run_facts(
 
 
 def _without_pose(tracker: Tracker, recording: RecordingLike | None) -> int:
-    """Return how many of the skipped frames lack a pose that should come with them."""
+    """Return the number of skipped frames that lack a pose although poses come with the frames."""
     if tracker.poses == ESTIMATED:
         return 0
     return sum(

@@ -1,4 +1,4 @@
-"""What a detector adds to a tracker: names, and things that depth does not read."""
+"""The detector's part in a tracker: names, and objects without depth readings."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from cuboid.tracking.rolling import Roll
 
 
 class Detecting:
-    """A detector that looks at some frames of a tracker, or none.
+    """A detector that processes some frames of a tracker; there may be none.
 
     Attributes
     ----------
     vocabulary : tuple of str
-        Classes of the detector, once it has looked at a frame.
+        Classes of the detector, after it has processed a frame.
     """
 
     def __init__(self) -> None:
@@ -44,34 +44,34 @@ class Detecting:
 
     @property
     def is_used(self) -> bool:
-        """Whether there is a detector."""
+        """Whether a detector is in use."""
         return self._detect is not None
 
     def begin(self, store: ObjectStore, far_m: float) -> None:
-        """Begin with a map of objects; things that depth does not read begin no farther away than `far_m`."""
+        """Start with a map of objects; objects without depth readings start no farther away than `far_m`."""
         self._unread = UnreadMap(store, far_m)
 
     @property
     def unread(self) -> UnreadMap:
-        """The things that depth does not read."""
+        """The objects without depth readings."""
         return self._unread
 
     def is_due(self, count: int) -> bool:
-        """Tell whether the detector looks at a frame that `count` others came before."""
+        """Return whether the detector processes a frame with `count` earlier frames."""
         return self._detect is not None and count % self._every == 0
 
     def look(
         self, given: Frame, roll: Roll, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation
     ) -> None:
-        """Let the detector look at a frame as it was given, and add what it sees to the evidence.
+        """Run the detector on an unrotated frame, and add its detections to the evidence.
 
         Parameters
         ----------
         given : Frame
         roll : Roll
-            By which the image of `seen` is turned.
+            Rotation of the image of `seen`.
         visible : sequence of (MapObject, Visibility)
-            The objects of the map that the frame shows.
+            The visible objects of the map.
         seen : Observation
         """
         assert self._detect is not None
@@ -89,16 +89,16 @@ class Detecting:
         self._unread.look(turned, visible, seen)
 
     def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
-        """Return the sightings of a frame with those of things that depth does not read."""
+        """Return the sightings of a frame, including those of objects without depth readings."""
         return self._unread.sightings(shown, seen, planes)
 
     @property
     def labelled(self) -> int:
-        """How many things that depth does not read have a label."""
+        """Number of labelled objects without depth readings."""
         return len(self._unread.confirmed())
 
     def objects(self, planes: Planes, T_world_map: Float64Array) -> list[TrackedObject]:
-        """Return the things with a label that depth does not read, by label, in the world."""
+        """Return the labelled objects without depth readings, by label, in the world."""
         found = []
         for one in self._unread.confirmed():
             box, kind = box_of(one, planes)
@@ -122,5 +122,5 @@ class Detecting:
         return found
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move things with their keyframes; see `ObjectMap.apply_correction`."""
+        """Move objects with their keyframes; see `ObjectMap.apply_correction`."""
         self._unread.apply_correction(moved)

@@ -1,4 +1,4 @@
-"""The likely faults of a run, from its facts at the end: a line each, with the call that helps."""
+"""Likely faults of a run, derived from its facts at the end: one line each, with a command that helps."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from cuboid.core.results import FrameResult
 if TYPE_CHECKING:
     from cuboid.calibration.pose_fit import PoseFit
 
-# A frame's depth is examined in one row and column in this many: 0.1 ms.
+# A frame's depth is examined in every PIXEL_STEP-th row and column: 0.1 ms.
 PIXEL_STEP = 8
-# Fractions of the frames from which on lost ones and ones without a pose are worth a warning, and at least this many.
+# Fraction of lost frames, or of frames without a pose, that gives a warning, and their smallest number.
 MANY_LOST, MIN_LOST = 0.1, 3
-# Depth cameras at work have readings in 29 to 100 % of the pixels of real recordings at hand.
+# Fraction of pixels with readings below which a warning is given; real recordings at hand have 29 to 100 %.
 FEW_READINGS = 0.15
-# Medians of depth, metres, beyond which no recording of a room or a table is; real ones at hand have 0.44 to 2.2.
+# Plausible range of the median depth of a room or a table, metres; real recordings at hand have 0.44 to 2.2.
 NEAR_M, FAR_M = 0.2, 8.0
-# Objects are found up to here, metres.
+# Largest distance at which objects are found, metres.
 REACH_M = 4.0
-# The poses of real recordings at hand explain 79 to 98 % of the depth of other frames, wrong ones up to 35 % unless
-# the camera hardly moves; another reading of them, or another scale, must explain clearly more than
-# the given ones, and enough.
+# The poses of real recordings at hand explain 79 to 98 % of the depth of other frames; wrong poses explain up to 35 %
+# unless the camera hardly moves. Another convention or scale must explain at least CLEARLY_MORE than the given poses,
+# and at least EXPLAINED.
 UNEXPLAINED, CLEARLY_MORE, EXPLAINED = 0.35, 0.1, 0.6
-# An object is confirmed after some three clear sightings: with fewer frames than this there may be no chance.
+# An object is confirmed after about three clear sightings: fewer frames than this may be too few.
 FEW_FRAMES = 10
 
-# What each convention of poses is called in a line for the user.
+# Description of each pose convention for the user.
 MEANT = {
     "inverse": "inverted (world to camera)",
     "opengl": "those of a camera with y up and z backward",
@@ -46,14 +46,14 @@ HELP = "docs/finds-nothing.md lists further checks"
 
 @dataclass(slots=True)
 class Counts:
-    """Counts for the diagnosis, added up frame by frame.
+    """Counts for the diagnosis, accumulated frame by frame.
 
     Attributes
     ----------
     proposals : int
         3D proposals of the used frames.
     depth_fraction, depth_median_m : list of float
-        Of each used frame: the fraction of pixels with a reading, and the median of these.
+        For each used frame: the fraction of pixels with a reading, and the median of the readings.
     """
 
     proposals: int = 0
@@ -78,19 +78,19 @@ class RunFacts:
     ----------
     frames_read, frames_used : int
     frames_lost : int
-        Frames in which the camera was lost, poses being estimated.
+        Number of frames in which the camera was lost while poses were estimated.
     frames_without_pose : int
-        Frames that lack a given pose.
+        Number of frames that lack a given pose.
     every : int
-        One in this many frames of the recording was read.
+        Step between the frames that were read.
     depth_fraction, depth_median_m : float or None
-        Medians over the used frames, see `Counts`; None where none was used.
+        Medians over the used frames, see `Counts`; None without used frames.
     depth_units_per_metre : float
     pose_fit : PoseFit or None
-        Of given poses; None where the poses are estimated, or too few frames tell.
+        Fit of given poses; None for estimated poses, or if too few frames can be compared.
     up_known : bool
     planes, proposals, objects : int
-        Supporting planes, 3D proposals of all frames, confirmed objects.
+        Numbers of supporting planes, of 3D proposals in all frames, and of confirmed objects.
     """
 
     frames_read: int
@@ -109,12 +109,12 @@ class RunFacts:
 
 
 def median_or_none(values: list[float]) -> float | None:
-    """Return the median; None of no values."""
+    """Return the median; None for an empty list."""
     return float(np.median(values)) if values else None
 
 
 def diagnose(facts: RunFacts) -> tuple[str, ...]:
-    """Return the warnings about a run, one line each, the causes of others first; empty where nothing is wrong.
+    """Return the warnings about a run, one line each, causes before their effects; empty if nothing is wrong.
 
     An empty result is a separate warning, if no other warning explains it.
     """
@@ -153,18 +153,18 @@ def _few_readings(facts: RunFacts) -> str | None:
 
 
 def explains(fit: PoseFit) -> bool:
-    """Tell whether no other convention, time shift or depth scale explains the frames clearly better."""
+    """Return whether no other convention, time shift or depth scale explains the frames clearly better."""
     other = max(fit.converted, fit.shifted, fit.scaled)
     return other < _enough(fit) and (fit.given is None or fit.given >= UNEXPLAINED)
 
 
 def _enough(fit: PoseFit) -> float:
-    """Return the fraction of the depth from which on another hypothesis is clearly better than the given poses."""
+    """Return the fraction of the depth that a clearly better hypothesis than the given poses must explain."""
     return max((fit.given or 0.0) + CLEARLY_MORE, EXPLAINED)
 
 
 def _scale_or_poses(facts: RunFacts) -> str | None:
-    """Return the line about a wrong depth scale or wrong poses, if the frames prove one."""
+    """Return the warning about a wrong depth scale or wrong poses, if the frames prove it."""
     fit, units = facts.pose_fit, facts.depth_units_per_metre
     if fit is not None:
         better = _better_hypothesis(fit, units)
@@ -181,7 +181,7 @@ def _scale_or_poses(facts: RunFacts) -> str | None:
 
 
 def _better_hypothesis(fit: PoseFit, units: float) -> str | None:
-    """Return the line about a convention, time shift or depth scale that explains clearly more than the given poses."""
+    """Return the warning about a convention, time shift or depth scale that explains clearly more depth."""
     best = max(fit.scaled, fit.converted, fit.shifted)
     if best < _enough(fit):
         return None
@@ -202,7 +202,7 @@ def _better_hypothesis(fit: PoseFit, units: float) -> str | None:
 
 
 def _unexplained(fit: PoseFit) -> str | None:
-    """Return the line about given poses that do not explain the frames in any convention."""
+    """Return the warning about given poses that explain the frames in no convention."""
     if not fit.moves and (fit.given or 0.0) < EXPLAINED:
         return (
             "the given poses are all the same, but the picture changes: "
@@ -222,7 +222,7 @@ def _unexplained(fit: PoseFit) -> str | None:
 
 
 def _no_object(facts: RunFacts) -> str:
-    """Return the line about an empty result that no other warning explains, with the most likely reason."""
+    """Return the warning about an empty result that no other warning explains, with the most likely reason."""
     if facts.frames_used < FEW_FRAMES:
         advice = "--every 1 reads all" if facts.every > 1 else "record more"
         frames = counted(facts.frames_used, "frame")

@@ -1,4 +1,4 @@
-"""Counts and times of a run."""
+"""Frame counts and stage times of a run."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from cuboid.core.compiletime import working_s
 from cuboid.core.limits import LIMITS
 from cuboid.outputs import LimitReached, Timing
 
-# The first used frames pay for loading the kernels and for filling caches: the stage times leave
-# them out, unless the run is so short that hardly anything would be left.
+# The first used frames include the loading of kernels and the filling of caches: stage times exclude them, unless the
+# run is so short that few frames would remain.
 WARM_UP_FRAMES = 10
 
 
 def warm_up_of(used: int) -> int:
-    """Return how many of the used frames of a run are warm-up."""
+    """Return the number of used frames of a run that count as warm-up."""
     return WARM_UP_FRAMES if used >= 2 * WARM_UP_FRAMES else 0
 
 
 class FrameLog:
-    """Counts frames, keeps the reasons of skipped ones and the times of used ones.
+    """Counts frames, and stores the reasons of skipped ones and the times of used ones.
 
     Attributes
     ----------
     used : int
     skipped : list of (int, str)
-        Frame and reason.
+        Frame index and reason.
     milliseconds : dict of str to array
-        For "frame" and each stage its time in every used frame.
+        Times of every used frame, for "frame" and for each stage.
     """
 
     def __init__(self) -> None:
@@ -42,29 +42,29 @@ class FrameLog:
 
     @property
     def read(self) -> int:
-        """Frames read, used or not."""
+        """Number of frames read, used or not."""
         return self.used + len(self.skipped)
 
     def skip(self, index: int, reason: str) -> None:
-        """Count a bad frame."""
+        """Count a skipped frame."""
         self.skipped.append((index, reason))
 
     def use(self, milliseconds: Mapping[str, float], left_out: Mapping[str, int] | None = None) -> None:
-        """Count a used frame, its times, and what it had too much of."""
+        """Count a used frame with its times, and with the numbers of items beyond its limits."""
         for what, count in (left_out or {}).items():
             if count:
                 self._left_out[what].append(count)
         self.used += 1
         self._finished_s.append(working_s())
         for stage, time_ms in milliseconds.items():
-            # a stage that did no work in a frame took no time there
+            # a stage without work in a frame gets the time 0
             values = self.milliseconds.setdefault(stage, array("d", [0.0] * (self.used - 1)))
             values.append(time_ms)
         for values in self.milliseconds.values():
             values.extend([0.0] * (self.used - len(values)))
 
     def limits(self) -> dict[str, LimitReached]:
-        """Return what frames had too much of."""
+        """Return the limits that frames have reached."""
         return {
             what: LimitReached(LIMITS[what], len(counts), sum(counts))
             for what, counts in self._left_out.items()
@@ -76,23 +76,23 @@ class FrameLog:
         return warm_up_of(self.used)
 
     def frames_per_second(self) -> float:
-        """Return used frames a second of the clock after warm-up; 0 for fewer than two frames."""
+        """Return the used frames per second after warm-up; 0 for fewer than two frames."""
         finished_s = self._finished_s[self._warm :]
         return (len(finished_s) - 1) / (finished_s[-1] - finished_s[0]) if len(finished_s) > 1 else 0.0
 
     def timings(self) -> dict[str, Timing]:
-        """Return median and p95 of each stage after warm-up."""
+        """Return median and 95th percentile of each stage after warm-up."""
         start = self._warm
         return {stage: Timing.of(values[start:]) for stage, values in self.milliseconds.items() if len(values)}
 
 
 class FrameClock:
-    """Milliseconds of the stages of one frame, in the order of work; compiling kernels is left out.
+    """Measures the stages of one frame in milliseconds, in processing order, without the time to compile kernels.
 
     Parameters
     ----------
     before : dict of str to float, optional
-        Times of stages before this clock was started.
+        Times of stages before the start of this clock.
 
     Attributes
     ----------
@@ -105,25 +105,25 @@ class FrameClock:
         self._begun_s = self._last_s = working_s()
 
     def lap(self, stage: str) -> None:
-        """Give the time since the last lap to a stage."""
+        """Assign the time since the last lap to a stage."""
         now_s = working_s()
         self.milliseconds[stage] = (now_s - self._last_s) * 1e3
         self._last_s = now_s
 
     def laps(self, milliseconds: Mapping[str, float]) -> None:
-        """Take over times that were measured inside."""
+        """Add times that were measured elsewhere, and start the next lap."""
         self.milliseconds.update(milliseconds)
         self._last_s = working_s()
 
     def done(self) -> dict[str, float]:
-        """Return the times of the whole, "frame", and of the stages."""
+        """Return the total time, "frame", and the times of the stages."""
         return {"frame": self._before_ms + (working_s() - self._begun_s) * 1e3, **self.milliseconds}
 
 
 def peak_memory_mb() -> float:
-    """Return the largest amount of memory that this process has held, in units of 2**20 bytes."""
+    """Return the peak memory of this process, in units of 2**20 bytes."""
     status = Path("/proc/self/status")
-    if status.exists():  # getrusage counts what the parent held before it started this process
+    if status.exists():  # getrusage includes the memory of the parent before this process was started
         for line in status.read_text().splitlines():
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) / 1024.0
@@ -133,7 +133,7 @@ def peak_memory_mb() -> float:
 if sys.platform == "win32":
 
     def _peak_mb() -> float:
-        """Ask Windows for PROCESS_MEMORY_COUNTERS: two numbers of 32 bits, then sizes, the peak first."""
+        """Return the peak from Windows' PROCESS_MEMORY_COUNTERS: two 32-bit numbers, then sizes, the peak first."""
         import ctypes
 
         counters = (ctypes.c_size_t * 9)()

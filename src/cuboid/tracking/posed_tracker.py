@@ -1,4 +1,4 @@
-"""The tracker: one frame in, what was seen in it out."""
+"""The tracker of posed frames: a frame in, its sightings out."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ from cuboid.tracking.furniture import Labels, furniture_entry, labels_of
 from cuboid.tracking.measuring import FrameClock
 from cuboid.tracking.rolling import Roll, farther_up
 
-# Poses in the map have this many decimals, metres: the last bits, which another world changes, are cut off.
+# Poses in the map are rounded to this many decimals, metres: this removes rounding errors that depend on the world.
 POSE_DECIMALS = 9
 
 
 @dataclass(frozen=True, slots=True)
 class PosedTrackerState(Record):
-    """State of a `PosedTracker`: all that it needs to continue, except for the rows of the voxel map.
+    """State of a `PosedTracker`: everything it needs to continue, except for the rows of the voxel map.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class PosedTrackerState(Record):
     voxels : VoxelMapState
     map : ObjectMapState
     unread : tuple of UnreadObject
-        Things that depth does not read, as a detector saw them.
+        Objects without depth readings, found by a detector.
     furniture_labels : dict of int to tuple of int
         Labels of the furniture that bears a plane, by identity of the plane, oldest first.
     """
@@ -106,21 +106,21 @@ class PosedTrackerState(Record):
 class PosedTracker(MapQueries):
     """Finds the objects of a static scene in a stream of posed RGB-D frames, and keeps their labels.
 
-    The map lies in the frame of the first camera, turned as images are turned: voxels, ground plans and the order of
-    sums do not depend on the world of the poses. Poses that were multiplied by a rigid transform give the same labels
-    and boxes, and poses far from their origin lose no digits. All results are in the world; `support`, `voxels` and the
-    entries of `ever_labelled` are in the frame of the map.
+    The map is stored in the frame of the first camera, rotated like the images: voxels, ground plans and the order of
+    sums do not depend on the world of the poses. Poses multiplied by a rigid transform therefore give the same labels
+    and boxes, and poses far from their origin lose no accuracy. All results are in the world; `support`, `voxels` and
+    the entries of `ever_labelled` are in the frame of the map.
 
     Parameters
     ----------
     intrinsics : Intrinsics
-        Of every frame.
+        Intrinsics of every frame.
     config : TrackerConfig, optional
     proposals : str or ProposalSource, optional
         Name of a 2D proposal source, or any callable from (frame, intrinsics) to `Proposals`.
     memory_mb : float
-        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are evicted,
-        and loaded again when they are accessed.
+        Memory limit of the process, in units of 2**20 bytes, above which parts of the map out of view are evicted; they
+        are loaded again when accessed.
 
     Raises
     ------
@@ -131,9 +131,9 @@ class PosedTracker(MapQueries):
     NOT_SAVED = frozenset(
         {
             *("intrinsics", "_memory_mb", "_propose", "_world_boxes"),
-            # A detector is given anew; the things that depth does not read are the field `unread`.
+            # A detector must be set again; objects without depth readings are saved in the field `unread`.
             "_detecting",
-            # What moves is followed within a recording.
+            # Moving objects are followed only within a recording.
             *("_motion", "_following"),
         }
     )
@@ -147,10 +147,10 @@ class PosedTracker(MapQueries):
         memory_mb: float = MEMORY_MB,
     ) -> None:
         self.intrinsics = intrinsics
-        # Until depth tells in which roll images are worked on: as they come.
+        # Number of quarter turns of the images; unknown, and taken as 0, until the first frame with depth.
         self._turns: int | None = None
         self._T_world_map: Float64Array | None = None
-        # Box of each object in the map and in the world: an unchanged box stays the same one.
+        # Boxes of each object in the map and in the world: the world box is reused while the map box is the same.
         self._world_boxes: dict[int, tuple[Box, Box]] = {}
         self.config = config or TrackerConfig()
         self._memory_mb = memory_mb
@@ -164,26 +164,26 @@ class PosedTracker(MapQueries):
         self._due = True
 
     def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
-        """Let a detector look at each n-th frame; objects get names, and what depth does not read gets labels.
+        """Use a detector on each n-th frame; objects get names, and objects without depth readings get labels.
 
         Parameters
         ----------
         detector : str or Detector or None
-            As of `make_detector`.
+            As for `make_detector`.
         every : int
 
         Raises
         ------
         InputError
-            No detector has that name, or the model cannot be used.
+            If no detector has that name, or the model cannot be used.
         MissingExtraError
-            It needs a package that is not installed.
+            If a required package is not installed.
         """
         self._detecting.use(detector, every)
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
-        """Classes of the detector, once it has looked at a frame."""
+        """Classes of the detector, after it has processed a frame."""
         return self._detecting.vocabulary
 
     def _begin(self) -> None:
@@ -195,12 +195,12 @@ class PosedTracker(MapQueries):
         self._detecting.begin(self._map.store, c.max_depth_m)
 
     def _begin_motion(self) -> None:
-        """Know nothing of what moves."""
+        """Reset the detection and tracking of motion."""
         self._motion = Motion(self.config.depth_noise_per_m)
         self._following = Following(self.config, self._map.store, self._voxels, self._planes)
 
     def state(self) -> PosedTrackerState:
-        """Return the state of now; see `ObjectStore.state`."""
+        """Return the current state; see `ObjectStore.state`."""
         return PosedTrackerState(
             config=self.config,
             turns=self._turns,
@@ -225,7 +225,7 @@ class PosedTracker(MapQueries):
         *,
         memory_mb: float = MEMORY_MB,
     ) -> PosedTracker:
-        """Return a tracker that goes on from a state; the rows of its voxel map must be restored."""
+        """Return a tracker that continues from a state; the rows of its voxel map must be restored separately."""
         tracker, c = cls(intrinsics, state.config, proposals, memory_mb=memory_mb), state.config
         tracker._planes = PlaneTracker.from_state(state.planes, c)
         tracker._voxels = VoxelMap.from_state(state.voxels, c.voxel_m, c.depth_noise_per_m, c.max_depth_m, memory_mb)
@@ -240,20 +240,19 @@ class PosedTracker(MapQueries):
         return tracker
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
-        """Take in a frame.
+        """Process a frame.
 
         Parameters
         ----------
         frame : Frame
         anchor : int
-            Keyframe that the frame's pose is anchored to, where poses are estimated; see `apply_correction`. After
-            hours of video there are more than are distinguished.
+            Keyframe to which the frame's pose is anchored, if poses are estimated; see `apply_correction`. Numbers
+            beyond `LAST_KEYFRAME`, after hours of video, are not distinguished.
 
         Raises
         ------
         FrameError
-            If the frame has no pose, or one farther away than the map reaches, or its size is not that of the
-            intrinsics.
+            If the frame has no pose, a pose beyond the reach of the map, or another size than the intrinsics.
         """
         T_world_camera = self._checked_pose(frame)
         if self._turns is None:
@@ -277,11 +276,11 @@ class PosedTracker(MapQueries):
 
     @property
     def T_world_map(self) -> Float64Array:
-        """Frame of the map in the world, (4, 4): of the entries of `ever_labelled`, of `voxels` and `support`."""
+        """Pose of the map in the world, (4, 4): `ever_labelled`, `voxels` and `support` are in the frame of the map."""
         return np.eye(4) if self._T_world_map is None else self._T_world_map
 
     def in_world(self, box: Box) -> Box:
-        """Return a box of the map in the world."""
+        """Transform a box from the map to the world."""
         return box.moved(self.T_world_map)
 
     def _box_in_world(self, label: int, box: Box) -> Box:
@@ -295,7 +294,7 @@ class PosedTracker(MapQueries):
         return Roll(self.intrinsics, self._turns or 0)
 
     def _update(self, frame: Frame, given: Frame, anchor: int) -> FrameResult:
-        """Take in a frame turned by `_roll`; see `update`."""
+        """Process a frame rotated by `_roll`; see `update`."""
         watch, camera = FrameClock(), self._roll.camera
         seen = self._observe(frame, camera, anchor if anchor <= LAST_KEYFRAME else 0)
         image, solid, T_camera_world = seen.image, seen.solid, seen.T_camera_world
@@ -311,9 +310,9 @@ class PosedTracker(MapQueries):
         weighed = weigh(solid, candidate, proposals, self.config)
         heat = pixel_heat(solid, weighed)
         watch.lap("heat")
-        # Deferred to the next frame: a frame from a new viewpoint has planes and boxes to update already.
+        # The map is refreshed one frame later: a frame from a new viewpoint already updates planes and boxes.
         due, self._due = self._due, seen.new_viewpoint
-        # On a later visit every frame may show a change: nothing is deferred.
+        # On a later visit any frame may show a change: nothing is deferred.
         refresh_map = due or self._voxels.stored.revisited or seen.moving is not None
         slots = self._voxels.fuse(seen.still, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
         self._voxels.carve_free_space(image, T_camera_world, refresh_map)
@@ -366,7 +365,7 @@ class PosedTracker(MapQueries):
         )
 
     def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:
-        """Prepare a frame for all stages; the first one also tells how noisy the sensor is."""
+        """Prepare a frame for all stages; the first frame also gives the noise of the sensor."""
         T_world_camera = frame.T_world_camera
         assert T_world_camera is not None
         image = thin(frame, camera, self.config.working_width_px, self._count)
@@ -384,7 +383,7 @@ class PosedTracker(MapQueries):
         )
 
     def _find_motion(self, seen: Observation, time_s: float) -> Observation:
-        """Return a frame with what moves in it; objects that move are followed."""
+        """Return a frame with its moving readings marked; moving objects are followed."""
         moving = self._motion.find(seen.image, seen.T_world_camera, time_s)
         if moving is not None:
             seen = dataclasses.replace(seen, moving=moving)
@@ -393,14 +392,14 @@ class PosedTracker(MapQueries):
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
         """Move the map, its planes and its objects after a pose correction (loop closure, relocalisation).
 
-        What was last observed from a keyframe moves with it; objects that meet merge under the older label. Planes and
-        objects move at once. Points move lazily, when their region is next accessed: the cost of a correction depends
-        on the number of keyframes, planes and objects, not of points.
+        Everything moves with the keyframe from which it was last seen; objects that meet are merged under the older
+        label. Planes and objects move at once. Points move lazily, when their region is next accessed: the cost of a
+        correction depends on the number of keyframes, planes and objects, not on the number of points.
 
         Parameters
         ----------
         moved : mapping of int to (4, 4) float64
-            T_new_old in the world, of each keyframe that moved.
+            T_new_old in the world for each keyframe that moved.
         """
         T = self.T_world_map
         in_map = {keyframe: inverse(T) @ T_new_old @ T for keyframe, T_new_old in moved.items()}
@@ -410,7 +409,7 @@ class PosedTracker(MapQueries):
         self._begin_motion()
 
     def _estimate_noise(self, image: WorkingImage) -> None:
-        """Estimate from the first frame how much noisier the sensor is than configured."""
+        """Estimate from the first frame how much the sensor's noise exceeds the configured noise."""
         nominal = self.config.depth_noise_per_m
         excess = excess_noise(image.depth, nominal, self.config.max_depth_m)
         if excess > 1.0:
@@ -418,7 +417,7 @@ class PosedTracker(MapQueries):
             self._begin()
 
     def _checked_pose(self, frame: Frame) -> Float64Array:
-        """Return the pose of a frame; raises FrameError where it has none, or is of another size."""
+        """Return the pose of a frame; raises FrameError if it has no pose, or another size."""
         expected = (self.intrinsics.height, self.intrinsics.width)
         if frame.depth_m.shape != expected:
             raise FrameError(
@@ -435,7 +434,7 @@ class PosedTracker(MapQueries):
             raise FrameError(f"frame {index} is {far_m:.0f} m from the first one, the map reaches {reach_m:.0f} m")
 
     def _proposals(self, frame: Frame, given: Frame) -> Proposals:
-        """Return the proposals of a turned frame; a source that knows of no turns gets the frame as it was given."""
+        """Return the proposals of a rotated frame; all sources but the depth segmentation get the unrotated frame."""
         if isinstance(self._propose, DepthSegmentation):
             return self._propose(frame, self._roll.camera)
         proposals, c = self._propose(given, self.intrinsics), self.intrinsics
@@ -444,7 +443,7 @@ class PosedTracker(MapQueries):
         return self._roll.proposals(proposals)
 
     def _find_planes(self, seen: Observation) -> PixelPlanes:
-        """Track the supporting planes; return those on and beneath which pixels lie."""
+        """Track the supporting planes; return the planes on and beneath which pixels lie."""
         c, planes, image, T_world_camera = self.config, self._planes, seen.still, seen.T_world_camera
         seen_by = image.depth, T_world_camera, c.depth_noise_per_m, c.max_depth_m
         if planes.vote_is_due():
@@ -481,17 +480,17 @@ class PosedTracker(MapQueries):
         return np.asarray(found, dtype=np.uint8)
 
     def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
-        """Return which side of a segment lies below, above, right and left of it in the image, for any up."""
+        """Return the side of a segment for neighbours below, above, right and left in the image, for any up."""
         up = T_world_camera[:3, :3].T @ self._planes.likely_up
         if abs(up[0]) <= abs(up[1]):
             return np.array([TOP, BOTTOM, LEFT, RIGHT] if up[1] > 0 else [BOTTOM, TOP, RIGHT, LEFT])
         return np.array([LEFT, RIGHT, TOP, BOTTOM] if up[0] > 0 else [RIGHT, LEFT, BOTTOM, TOP])
 
     def _is_new_viewpoint(self, T_world_camera: Float64Array) -> bool:
-        """Tell whether the camera has moved beyond the pose error since the last frame for which this was true.
+        """Return whether the camera has moved by more than the pose error since the last new viewpoint.
 
-        Below that the map cannot tell the two viewpoints apart: planes, boxes and free space seen from there need not
-        be updated again.
+        Within the pose error the map cannot distinguish the two viewpoints: planes, boxes and free space need no
+        update.
         """
         last = self._viewpoint
         if last is not None and not moved_beyond(last, T_world_camera, DRIFT_M, DRIFT_RAD):
@@ -519,11 +518,11 @@ class PosedTracker(MapQueries):
     def _refine(
         self, seen: Observation, heat: Float32Array, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
     ) -> None:
-        """Fuse small labelled objects at the fine resolution as well, as far as the sensor resolves it."""
+        """Also fuse small labelled objects at the fine resolution, within the range in which the sensor resolves it."""
         voxels, step, fx = self._voxels, seen.image.step, seen.image.camera.fx
         small = [o.number for o in in_frustum if o.confirmed and max(o.box.size.tolist()) <= voxels.fine.small_m]
         if small:
-            # The phases of thinned frames make up for a step of two.
+            # The phases of subsampled frames compensate a step of two.
             far_m = resolves_m(voxels.fine.fine_m, self.config.depth_noise_per_m, min(step, 2) * fx)
             numbers = np.zeros(max(small) + 1, bool)
             numbers[small] = True
@@ -532,7 +531,7 @@ class PosedTracker(MapQueries):
     def _visible(
         self, seen: Observation, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject], time_s: float
     ) -> list[tuple[MapObject, Visibility]]:
-        """Record which objects of the map the frame shows, and return them with how they are seen."""
+        """Record the objects of the map that the frame shows, and return them with their visibility."""
         objects = [o for o in in_frustum if len(o.points)]
         boxes, owner = self._map.store.boxes_of(objects), self._voxels.stored.owner
         visibilities = measure_visibility(objects, boxes, seen, slots, owner, self.config.depth_noise_per_m)
@@ -545,7 +544,7 @@ class PosedTracker(MapQueries):
     def _frame_boxes(
         self, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
     ) -> tuple[Proposal3D, ...]:
-        """Return the boxes of this frame's segments, none larger than an object, with the labels of their objects."""
+        """Return the boxes of this frame's segments, except those too large for an object, with their labels."""
         place = np.where(found.match >= 0, found.match, found.part).tolist()
         now = [found.objects[j].survivor if j >= 0 else None for j in place]
         labels = [o.label if o is not None and o.confirmed else 0 for o in now]
@@ -600,7 +599,7 @@ class PosedTracker(MapQueries):
 
     @property
     def plane_identities(self) -> list[int]:
-        """Number of each of `planes`, as in `MapObject.plane`."""
+        """Identities of `planes`, as in `MapObject.plane`."""
         return [plane.identity for plane in self._planes.planes if plane.in_use]
 
     @property
@@ -658,34 +657,34 @@ class PosedTracker(MapQueries):
         return None if up is None else np.asarray(self.T_world_map[:3, :3] @ up)
 
     def ever_labelled(self) -> list[MapObject]:
-        """Return all objects that have a label, retired ones too, by label."""
+        """Return all objects with a label, including retired ones, by label."""
         return self._map.store.ever_labelled()
 
     def merge(self, one: MapObject, two: MapObject) -> MapObject:
-        """Make one object of two that are one, as somebody says; return it, under the older label."""
+        """Merge two objects because a user says that they are one; return the result, under the older label."""
         return self._map.merge(one, two)
 
     def retire(self, entry: MapObject) -> None:
-        """End an object: it is none, as somebody says, or stands there no more. Its label is never given again."""
+        """Retire an object because a user asks for it, or because it was taken away. Its label is never reused."""
         self._map.store.retire(entry)
 
     def unread_objects(self) -> list[TrackedObject]:
-        """Return the objects with a label that depth does not read, by label."""
+        """Return the labelled objects without depth readings, by label."""
         return self._detecting.objects(self._support_planes(), self.T_world_map)
 
     def forget_unread(self, label: int) -> bool:
-        """Let an object that depth does not read be none, as somebody says; tell whether one had the label."""
+        """Remove an object without depth readings because a user asks for it; return whether one had the label."""
         return self._detecting.unread.forget(label)
 
     def begin_visit(self) -> None:
-        """Expect the place at another time: things may have been moved, taken and brought."""
+        """Begin a later visit to the place: objects may have been moved, taken away or added."""
         self._map.begin_visit()
-        self._position = self._viewpoint = self._turns = None  # the camera may be held another way
+        self._position = self._viewpoint = self._turns = None  # the camera may be held in another orientation
         self._begin_motion()
         self._due = True
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
-        """Let a labelled object be one that was retired: it was moved, and its older label stays."""
+        """Merge a retired object into a labelled one, because it was moved there; its older label stays."""
         self._map.store.adopt(entry, old)
 
     @property
@@ -694,7 +693,7 @@ class PosedTracker(MapQueries):
         return self._planes
 
     def begin_labels(self, first: int) -> None:
-        """Give no label below one."""
+        """Set the smallest label for new objects."""
         self._map.store.begin_labels(first)
 
     @property
@@ -704,16 +703,16 @@ class PosedTracker(MapQueries):
 
     @property
     def points_known(self) -> int:
-        """How many points the global point map holds."""
+        """Number of points in the global point map."""
         return self._voxels.stored.alive
 
     @property
     def map_bytes(self) -> int:
-        """Memory of the global point map, room for more points included, bytes."""
+        """Memory of the points and tables of the global point map that are loaded, bytes."""
         return self._voxels.stored.nbytes
 
     def map_points(self) -> MapPoints:
-        """Return the global point map; of small objects its fine points, where there are such."""
+        """Return the global point map; points of small objects are replaced by their fine points, if there are any."""
         stored = self._voxels.stored
         rows = stored.living()
         label_of = np.zeros(max((o.number for o in self._map.store.living()), default=0) + 1, np.int32)
@@ -732,13 +731,13 @@ class PosedTracker(MapQueries):
 
 
 def _median_depth_m(depth_m: Float32Array) -> float:
-    """Return the median of readings, one in sixteen: 0 where there is none."""
+    """Return the median of the readings in a subsample of one in sixteen; 0 if there is none."""
     some = depth_m[::4, ::4]
     known = some[some > 0]
     return quantile(known, 0.5) if len(known) else 0.0
 
 
 def _main_support(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:
-    """Return the plane of `rests` that is beneath most pixels, of equals the older; None where there is none."""
+    """Return the plane of `rests` beneath most pixels, the older one if equal; None if there is none."""
     known = [identity for identity in supports if identity in rests]
     return rests[min(known, key=lambda k: (-supports[k], k))] if known else None

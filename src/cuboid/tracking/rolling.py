@@ -1,8 +1,8 @@
-"""Frames in one roll: whichever way the camera is turned about its sight, the same images are worked on.
+"""Rotation of frames by quarter turns, so that results do not depend on how the camera is rolled.
 
-All images of a recording are turned by the same quarter turns, so that what is farther lies above what is nearer in
-the first one, as it does on every surface that is seen from above. A recording whose images were turned, with
-intrinsics and poses, then gives the same results, number for number.
+All images of a recording are rotated by the same number of quarter turns. In the first image, farther surfaces then lie
+above nearer ones, as on every surface that is seen from above. A recording with rotated images, intrinsics and poses
+then gives identical results.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from cuboid.core.tolerances import MIN_READINGS
 from cuboid.detection.types import Detections
 from cuboid.proposals.types import Proposals
 
-# R_camera_turned of a camera whose image is turned clockwise by a quarter.
+# R_camera_turned of a camera whose image is rotated clockwise by a quarter turn.
 QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def farther_up(depth_m: Float32Array) -> int | None:
-    """Return by how many quarters, clockwise, an image is to be turned so that what is farther lies above, 0..3.
+    """Return the number of clockwise quarter turns, 0..3, after which farther surfaces lie above nearer ones.
 
-    None where too few readings tell.
+    None if there are too few readings.
 
     Parameters
     ----------
@@ -37,22 +37,22 @@ def farther_up(depth_m: Float32Array) -> int | None:
     if len(v) < MIN_READINGS:
         return None
     near = 1.0 / depth_m[v, u].astype(np.float64)
-    # How nearness grows to the right and downwards. Whole numbers are summed first: they have no order of rounding.
+    # Growth of nearness to the right and downwards. Integers are summed first, because their sums are exact.
     across, down = near @ (len(u) * u - int(u.sum())), near @ (len(v) * v - int(v.sum()))
-    # Turned clockwise by a quarter, what was at the right is below, and what was below is at the left.
+    # After a clockwise quarter turn, the right side becomes the bottom, and the bottom becomes the left side.
     return int(np.argmax([down, across, -down, -across]))
 
 
 @dataclass(frozen=True, slots=True)
 class Roll:
-    """Quarter turns, clockwise, by which images are turned before they are worked on.
+    """Clockwise quarter turns by which images are rotated before processing.
 
     Attributes
     ----------
     intrinsics : Intrinsics
-        Of the images as they come.
+        Intrinsics of the unrotated images.
     turns : int
-        0..3.
+        Number of quarter turns, 0..3.
     """
 
     intrinsics: Intrinsics
@@ -60,7 +60,7 @@ class Roll:
 
     @property
     def camera(self) -> Intrinsics:
-        """Intrinsics of the turned images."""
+        """Intrinsics of the rotated images."""
         camera = self.intrinsics
         for _ in range(self.turns):
             camera = Intrinsics(
@@ -69,7 +69,7 @@ class Roll:
         return camera
 
     def frame(self, frame: Frame) -> Frame:
-        """Return a frame turned, with its pose."""
+        """Return a rotated frame, with its pose."""
         if self.turns == 0:
             return frame
         T = frame.T_world_camera
@@ -82,11 +82,11 @@ class Roll:
         )
 
     def pose(self, T_world_camera: Float64Array) -> Float64Array:
-        """Return the pose of the turned camera, T_world_turned (4, 4)."""
+        """Return the pose of the rotated camera, T_world_turned (4, 4)."""
         return _turned(T_world_camera, self._rotation())
 
     def proposals(self, found: Proposals) -> Proposals:
-        """Return the proposals of an image as those of the turned one."""
+        """Transform the proposals of an image to the rotated image."""
         if self.turns == 0 or not len(found):
             return found
         masks = found.full_masks()
@@ -97,12 +97,12 @@ class Roll:
         )
 
     def detections(self, found: Detections) -> Detections:
-        """Return the detections of an image as those of the turned one, without masks."""
+        """Transform the detections of an image to the rotated image, without masks."""
         boxes = self._rectangles(found.boxes_xyxy, self.intrinsics, self.turns).astype(np.int32)
         return Detections(boxes, found.scores, found.names)
 
     def result(self, result: FrameResult) -> FrameResult:
-        """Return what was found in a turned frame as of the frame as it came."""
+        """Transform the result of a rotated frame to the unrotated frame."""
         if self.turns == 0:
             return result
         back, camera = -self.turns % 4, self.camera
@@ -126,7 +126,7 @@ class Roll:
 
     @staticmethod
     def _rectangles(boxes_xyxy: npt.NDArray[np.generic], camera: Intrinsics, turns: int) -> Float64Array:
-        """Return rectangles (N, 4) of an image in the same image turned clockwise."""
+        """Transform rectangles (N, 4) of an image to the image rotated clockwise."""
         boxes, width, height = np.asarray(boxes_xyxy, np.float64), camera.width, camera.height
         for _ in range(turns):
             boxes = np.column_stack([height - boxes[:, 3], boxes[:, 0], height - boxes[:, 1], boxes[:, 2]])

@@ -1,4 +1,4 @@
-"""The result folder of a run: written at its end from what the tracker knows."""
+"""The result folder of a run, written at its end from the tracker."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cuboid.tracking.tracker import Tracker
     from cuboid.views.report.pictures import Picture
 
-# The format, in `run.json`, of frames that a program gave to the tracker.
+# Name of the format, in `run.json`, for frames that a program passed to the tracker.
 FRAMES_FORMAT = "frames"
 NOT_GIVEN = "the frame was not given to the tracker"
 NO_RECORDING = "the recording of the frames is not known"
@@ -40,19 +40,19 @@ def save_results(
     relations: bool,
     furniture: bool,
 ) -> None:
-    """Write the result folder of a tracker that was fed frame by frame; parameters as of `Tracker.save`.
+    """Write the result folder of a tracker that got its frames one by one; parameters as for `Tracker.save`.
 
     Parameters
     ----------
     tracker : Tracker
     rows : RowLog
-        Rows of its frames.
+        Rows of the frames.
     output : Path
     recording : RecordingLike or None
     settings : mapping
         Settings for `run.json`.
     seconds : float
-        Since the tracker was made.
+        Time since the tracker was made.
     force : bool
     relations, furniture : bool
     """
@@ -115,20 +115,20 @@ def objects_file(
 def write_page(
     results: Results, read: Callable[[int], Frame], changes: Sequence[SceneChange] = ()
 ) -> Mapping[int, Picture]:
-    """Write the 3D page of results beside them.
+    """Write the 3D page of results into their folder.
 
     Parameters
     ----------
     results : Results
     read : callable
-        Returns a frame of the recording by its index; raises FrameError where it cannot.
+        Returns a frame of the recording by its index; raises FrameError if it cannot.
     changes : sequence of SceneChange
-        What changed in the scene that the recording went into.
+        Changes in the scene to which the recording was added.
 
     Returns
     -------
     mapping of int to Picture
-        The page's pictures of objects, by label.
+        The page's images of objects, by label.
     """
     from cuboid.views.report import summarise, write_report
 
@@ -138,9 +138,9 @@ def write_page(
 
 
 def _counted(tracker: Tracker) -> tuple[int, tuple[tuple[int, str], ...]]:
-    """Return the step between the frames that were given, and all that were not used, with reasons.
+    """Return the step between the given frames, and all unused frames with reasons.
 
-    `run.json` counts frames 0, n, 2n, ... of a recording: those in between that were not given are named.
+    `run.json` counts frames 0, n, 2n, ... of a recording: those of them that were not given are listed.
     """
     skipped = dict(tracker.log.skipped)
     given = sorted({*tracker.T_world_camera, *skipped})

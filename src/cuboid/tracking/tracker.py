@@ -1,4 +1,4 @@
-"""The tracker: frames with or without camera poses in, what is seen in each out, a result folder at the end."""
+"""The tracker: frames with or without camera poses in, their sightings out, a result folder at the end."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cuboid.shapes import ObjectView
     from cuboid.shapes.keeping import ViewKeeper
 
-# Half of the readings of a frame lie beyond this only where depth is not in metres: no RGB-D camera sees so far.
+# The median depth of a frame exceeds this only if depth is not in metres: no RGB-D camera sees so far.
 MAX_MEDIAN_DEPTH_M = 100.0
 
 
@@ -41,31 +41,31 @@ class Tracker(KeptMap):
     Parameters
     ----------
     intrinsics : Intrinsics
-        Pinhole of every frame.
+        Intrinsics of every frame.
     config : TrackerConfig, optional
     proposals : str or ProposalSource, optional
         Name of a source of 2D proposals, with its options, or any callable from (frame, intrinsics) to `Proposals`.
     poses : {"given", "auto", "corrected", "estimated"}, optional
-        Where camera poses come from. "given": the pose of each frame as it is. "auto": the same, with a warning where
-        the poses drift. "corrected": given poses, corrected where they drift. "estimated": from the video. Unless
-        given, the first frame decides: "given" where it has a pose, else "estimated".
+        Source of the camera poses. "given": the pose of each frame, unchanged. "auto": the same, with a warning if
+        the poses drift. "corrected": given poses, corrected if they drift. "estimated": from the video. By default the
+        first frame decides: "given" if it has a pose, otherwise "estimated".
     memory_mb : float
-        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are evicted,
-        and loaded again when they are accessed.
+        Memory limit of the process, in units of 2**20 bytes, above which parts of the map out of view are evicted; they
+        are loaded again when accessed.
     detector : str or Detector, optional
         File of an ONNX model, or name of a detector, with its options; or any callable from (frame, intrinsics) to
         `Detections`. Objects get names from it.
     detector_every : int
-        It looks at each n-th frame.
+        The detector processes each n-th frame.
     shapes : bool
-        Keep views of the objects, in memory and in the results, so that `mesh` needs no recording.
+        Keep views of the objects, in memory and in the results, so that `mesh` does not need the recording.
 
     Raises
     ------
     InputError
-        No proposal source or detector has that name.
+        If no proposal source or detector has that name.
     ValueError
-        `poses` is none of these words, or `detector_every` is less than 1.
+        If `poses` is none of these words, or `detector_every` is less than 1.
 
     Examples
     --------
@@ -124,12 +124,12 @@ class Tracker(KeptMap):
         intrinsics : Intrinsics
         config : TrackerConfig
         mapper : TrackerLike
-            Takes the frames in once their pose is known.
+            Processes the posed frames.
         source : Poses
         write : callable, optional
-            Gets the result of each used frame, in order; writes its rows.
+            Called with the result of each used frame, in order, to write its rows.
         shapes : bool
-            As of the class.
+            As for the class.
         """
         tracker = cls.__new__(cls)
         tracker._start(intrinsics, config, mapper, source, write, shapes=shapes)
@@ -159,7 +159,7 @@ class Tracker(KeptMap):
         self.T_world_camera: dict[int, Float64Array] = {}
 
     def update(self, frame: Frame | SkippedFrame) -> FrameResult | SkippedFrame:
-        """Take in the next frame.
+        """Process the next frame.
 
         Parameters
         ----------
@@ -169,16 +169,16 @@ class Tracker(KeptMap):
         Returns
         -------
         FrameResult or SkippedFrame
-            A `SkippedFrame`, which has no sightings, says why the frame could not be used: the camera is lost, the
-            frame has no pose, or it was skipped by the reader.
+            A `SkippedFrame`, which has no sightings, gives the reason why the frame could not be used: the camera is
+            lost, the frame has no pose, or the reader skipped it.
 
         Raises
         ------
         FrameError
-            The frame is none, has another size than the intrinsics, does not come after the last one, or its depth is
-            not in metres.
+            If the argument is not a frame, has another size than the intrinsics, does not come after the last frame,
+            or its depth is not in metres.
         CuboidError
-            Another thread is taking in a frame.
+            If another thread is processing a frame.
         """
         clock = FrameClock()
         result = self.step(frame, clock)
@@ -187,7 +187,7 @@ class Tracker(KeptMap):
         return result
 
     def step(self, frame: Frame | SkippedFrame, clock: FrameClock) -> FrameResult | SkippedFrame:
-        """Take in the next frame as `update` does, on a clock whose times the caller logs."""
+        """Process the next frame as `update` does, with a clock whose times the caller logs."""
         if not self._busy.acquire(blocking=False):
             raise CuboidError("Tracker.update: another thread is taking in a frame; frames come one after the other")
         try:
@@ -221,7 +221,7 @@ class Tracker(KeptMap):
         return result
 
     def skip(self, index: int, reason: str) -> SkippedFrame:
-        """Note a frame that cannot be used; the report names it."""
+        """Record a frame that cannot be used; the report lists it."""
         self.log.skip(index, reason)
         return SkippedFrame(index, reason)
 
@@ -231,14 +231,14 @@ class Tracker(KeptMap):
         times_s: Mapping[int, float],
         skipped: Sequence[tuple[int, str]],
     ) -> None:
-        """Begin with the frames of a run that was broken off: poses and times by index, skipped ones with reasons."""
+        """Restore the frames of an interrupted run: poses and times by index, skipped frames with reasons."""
         self.T_world_camera.update(T_world_camera)
         self.times_s.update(times_s)
         for index, reason in skipped:
             self.log.skip(index, reason)
 
     def _check(self, frame: Frame | SkippedFrame) -> None:
-        """Raise FrameError for what a caller got wrong."""
+        """Raise FrameError for a wrong argument of a caller."""
         if not isinstance(frame, Frame | SkippedFrame):
             raise FrameError(f"expected a cuboid.Frame, got {type(frame).__name__}")
         if isinstance(frame.index, bool) or not isinstance(frame.index, int | np.integer) or frame.index < 0:
@@ -268,12 +268,12 @@ class Tracker(KeptMap):
 
     @property
     def poses(self) -> str | None:
-        """Where camera poses come from: "given", "corrected" or "estimated"; None before the first frame."""
+        """Source of the camera poses: "given", "corrected" or "estimated"; None before the first frame."""
         return None if self._source is None else self._source.origin
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
-        """Classes of the detector, once it has looked at a frame; none without a detector."""
+        """Classes of the detector, after it has processed a frame; empty without a detector."""
         found: tuple[str, ...] = getattr(self._mapper, "vocabulary", ())
         return found
 
@@ -293,9 +293,9 @@ class Tracker(KeptMap):
         return () if self._source is None else self._source.warnings()
 
     def corrected_trajectory(self) -> list[PoseRow] | None:
-        """Return the poses of the used frames as corrected since they came; None where none was corrected.
+        """Return the corrected poses of the used frames; None if the source never corrects poses.
 
-        Frames that were lost when they came get a pose when their place is found later; the map never used them.
+        Frames in which the camera was lost may get a pose later, but the map does not use them.
         """
         poses = None if self._source is None else self._source.trajectory()
         if poses is None:
@@ -304,12 +304,12 @@ class Tracker(KeptMap):
 
     @property
     def trajectory(self) -> dict[int, Float64Array]:
-        """T_world_camera (4, 4) of each used frame, by its index, as corrected since it came."""
+        """Corrected T_world_camera (4, 4) of each used frame, by its index."""
         poses = None if self._source is None else self._source.trajectory()
         return {k: T if poses is None else poses.get(k, T) for k, T in self.T_world_camera.items()}
 
     def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:
-        """Return the views of an object that were kept."""
+        """Return the stored views of an object."""
         if self.kept_views is None:
             raise InputError("this tracker keeps no views of its objects: make it with shapes=True")
         return self.kept_views.views(item, self.trajectory, most)
@@ -328,20 +328,20 @@ class Tracker(KeptMap):
         Parameters
         ----------
         output : path
-            The folder; made where there is none.
+            The folder; it is created if necessary.
         recording : RecordingLike, optional
-            Where the frames came from: `run.json` names it, and the 3D page gets pictures of the objects.
+            The recording of the frames: `run.json` names it, and the 3D page gets images of the objects.
         force : bool
-            Replace results that lie in `output`.
+            Replace existing results in `output`.
         relations : bool
-            Find the relations of the objects and keep them in the results: 0.1 to 2 s.
+            Find the relations of the objects and include them in the results; this takes 0.1 to 2 s.
         furniture : bool
             Find the furniture that bears the supporting planes and keep it in the results, as of `find_furniture`.
 
         Raises
         ------
         OutputError
-            The folder exists and `force` is not given, or it cannot be written.
+            If the folder exists and `force` is not given, or if it cannot be written.
         """
         from cuboid.detection import detector_name
         from cuboid.proposals import source_name
@@ -363,7 +363,7 @@ class Tracker(KeptMap):
 
 
 def refuse_other_units(frame: Frame) -> None:
-    """Raise FrameError where the depth of a frame is not in metres."""
+    """Raise FrameError if the depth of a frame is not in metres."""
     some = frame.depth_m[::8, ::8]
     some = some[some > 0]
     if len(some) and float(np.median(some)) > MAX_MEDIAN_DEPTH_M:

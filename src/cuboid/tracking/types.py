@@ -1,4 +1,4 @@
-"""Interfaces of the loop over a recording, and its outcome."""
+"""Interfaces of the loop over a recording, and the outcome of a run."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ if TYPE_CHECKING:
 
 
 class RecordingLike(Protocol):
-    """The interface of a recording; `cuboid.open_recording` gives one."""
+    """The interface of a recording; `cuboid.open_recording` returns one."""
 
     @property
     def path(self) -> Path:
-        """Where it lies."""
+        """Path of the recording."""
 
     @property
     def format(self) -> str:
-        """Name of its layout."""
+        """Name of its format."""
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Pinhole of its images."""
+        """Intrinsics of its images."""
 
     @property
     def distortion(self) -> tuple[float, ...]:
-        """Coefficients of the lens distortion that was removed; empty where there was none."""
+        """Coefficients of the lens distortion that was removed; empty if there was none."""
 
     @property
     def depth_units_per_metre(self) -> float:
-        """Of its depth images."""
+        """Depth units per metre in its depth images."""
 
     @property
     def depth_camera(self) -> DepthCamera | None:
-        """The depth camera whose images were registered to color; None where depth was aligned already."""
+        """The depth camera whose images were registered to color; None if depth was already aligned."""
 
     @property
     def has_poses(self) -> bool:
@@ -56,20 +56,20 @@ class RecordingLike(Protocol):
         """Likely faults of its files, one line each."""
 
     def __len__(self) -> int:
-        """Return the number of frames, bad ones included."""
+        """Return the number of frames, including unusable ones."""
 
     def read(self, index: int) -> Frame:
-        """Return a frame; raises FrameError for a bad one."""
+        """Return a frame; raises FrameError if it is unusable."""
 
     def pose(self, index: int) -> Float64Array | None:
-        """Return a frame's pose; raises FrameError where it has none."""
+        """Return a frame's pose; raises FrameError if it has none."""
 
     def without_poses(self) -> RecordingLike:
         """Return the same recording without its poses."""
 
 
 def lens_settings(recording: RecordingLike) -> dict[str, Any]:
-    """Return what `run.json` says of how a recording's images were made."""
+    """Return the entries of `run.json` about the processing of a recording's images."""
     depth_camera = {} if recording.depth_camera is None else recording.depth_camera.document()
     return {
         "distortion": list(recording.distortion),
@@ -113,13 +113,13 @@ class MapLike(Protocol):
 
 
 class KeptMap(MapQueries):
-    """Queries of a map that another tracker keeps."""
+    """Queries of a map that another tracker owns."""
 
     _mapper: MapLike
 
     @property
     def config(self) -> TrackerConfig:
-        """The configuration in use; its noise of depth is that of the first frame, where this shows more."""
+        """The configuration in use; its depth noise is raised to that of the first frame, if that is larger."""
         return self._mapper.config
 
     @property
@@ -134,7 +134,7 @@ class KeptMap(MapQueries):
 
     @property
     def points_known(self) -> int:
-        """How many points the global point map holds."""
+        """Number of points in the global point map."""
         return self._mapper.points_known
 
     @property
@@ -168,23 +168,23 @@ class TrackerLike(MapLike, Protocol):
     """A tracker of frames whose pose is known."""
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
-        """Take in one frame, whose pose is anchored to a keyframe."""
+        """Process one frame, whose pose is anchored to a keyframe."""
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
-        """Apply a pose correction: move what was found with the keyframes."""
+        """Apply a pose correction: move the map, planes and objects with the keyframes."""
 
 
 class Progress:
-    """Told how a run goes; this one does nothing."""
+    """Receives the progress of a run; this base class does nothing."""
 
     def start(self, frames: int | None) -> None:
-        """Tell that a run over this many frames begins; None where nobody knows how many."""
+        """Report the start of a run over this many frames; None if the number is unknown."""
 
     def frame(self, result: FrameResult) -> None:
-        """Tell that a frame is done."""
+        """Report that a frame was used."""
 
     def skipped(self, index: int, reason: str) -> None:
-        """Tell that a frame was skipped."""
+        """Report that a frame was skipped."""
 
 
 MakeTracker = Callable[[Intrinsics, TrackerConfig, "str | ProposalSource | None"], TrackerLike]
@@ -203,15 +203,15 @@ class RunOutcome:
     planes : tuple of SupportPlane
     up : (3,) float64 or None
     milliseconds : mapping of str to sequence of float
-        For "frame" and each stage its time in every used frame, warm-up included.
+        Times of every used frame, warm-up included, for "frame" and for each stage.
     frames_per_second : float
-        Used frames a second of the clock, after warm-up.
+        Used frames per second, after warm-up.
     points : int
-        Points of the global point map at the end.
+        Number of points in the global point map at the end.
     map_bytes : int
-        Memory of it.
+        Memory of the global point map, bytes.
     furniture : tuple of TrackedObject
-        What bears the supporting planes; none where nobody asked for it.
+        The furniture that bears the supporting planes; empty unless requested.
     """
 
     report: RunReport
@@ -230,7 +230,7 @@ class RunOutcome:
         return f"RunOutcome({len(self.objects)} objects; {frames})"
 
     def _repr_html_(self) -> str:
-        """Show the objects, and how the run went, in a notebook."""
+        """Show the objects and a summary of the run in a notebook."""
         report, found = self.report, ObjectTable(self.objects)
         line = f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s"
         return f"{found._repr_html_()}<p>{line}</p>"

@@ -36,8 +36,8 @@ def grow_planes(cells, shape, camera, noise, bias, flat, least_area, planes, mem
         Systematic error of depth along a plane, metres at 1 m; grows with z squared.
     flat : float
         A cell is flat below this rms of 1/z, 1/metre.
-    Smallest area of a large plane, square metres.
-        Square metres of a large plane.
+    least_area : float
+        Smallest area of a large plane, square metres.
     planes : (P, 3) float64, output
         a, b, c of each plane: 1/z = a u + b v + c at pixel (u, v).
     member : (R, C) int16, output

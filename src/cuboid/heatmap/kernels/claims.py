@@ -1,4 +1,4 @@
-"""Hot loops that assign a frame's pixels to its proposals, and let the segments vote for the owners of voxels."""
+"""Hot loops that assign a frame's pixels to its proposals, and let segments vote for the owners of voxels."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import numpy as np
 from cuboid.core.compiled import kernel
 from cuboid.heatmap.kernels.cubes import BLOCK_BITS
 
-# This many pairs of an object and a block are remembered while they are collected; a power of 2.
+# Size of the table of pairs (object, block) that avoids duplicates while pairs are collected; a power of 2.
 REMEMBERED = 256
 
 
 @kernel
 def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, object_pixels):
-    """Count the candidates that each proposal covers, by the object that they belong to.
+    """Count the candidates that each proposal covers, by the object that owns them.
 
     Parameters
     ----------
     owner : (h, w) int32
-        Object of each working pixel, 0 none.
+        Object of each working pixel, 0: none.
     place : (M,) int64
-        Column of each object by number; the last one for those that do not count, and for 0.
+        Column of each object by number; the last column for 0 and for objects that do not count.
     rectangles : (N, 4) int64
     starts : (N + 1,) int64
     covered : (L,) uint8
@@ -28,11 +28,11 @@ def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, 
     column : (h, w) int32, scratch
     table : (N, columns) int64, output
     object_pixels : (columns,) int64, output
-        Pixels of each object, candidates or not, in any proposal or none.
+        Number of pixels of each object, inside or outside candidates and proposals.
     """
     table[:] = 0
     object_pixels[:] = 0
-    # Pixels of one object come in runs: a sum in a register is faster than one in memory.
+    # Pixels of one object form runs: a sum in a register is faster than one in memory.
     last, run = 0, 0
     for v in range(owner.shape[0]):
         for u in range(owner.shape[1]):
@@ -60,26 +60,26 @@ def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, 
 
 @kernel
 def segment_overlaps(claim, owner, known, place, table, size):
-    """Count the pixels that each segment of a frame has in common with each object, and those mapped before.
+    """Count the pixels that each segment of a frame shares with each object, and the pixels mapped before.
 
     Parameters
     ----------
     claim : (h, w) int32
-        Segment of each pixel, -1 none.
+        Segment of each pixel, -1: none.
     owner : (h, w) int32
-        Object of each pixel, 0 none.
+        Object of each pixel, 0: none.
     known : (h, w) bool
     place : (M,) int64
-        Column of each object by number; the last one for those that do not count, and for 0.
+        Column of each object by number; the last column for 0 and for objects that do not count.
     table : (n + 1, columns) int64, output
-        The last row is for pixels of no segment.
+        The last row is for pixels outside all segments.
     size : (n + 1,) int64, output
-        Known pixels of each segment.
+        Number of known pixels of each segment.
     """
     table[:] = 0
     size[:] = 0
     nobody = table.shape[0] - 1
-    # They come in runs, as in `proposal_overlaps`.
+    # Equal pixels form runs, as in `proposal_overlaps`.
     mine, theirs, run, seen = nobody, 0, 0, 0
     for v in range(claim.shape[0]):
         for u in range(claim.shape[1]):
@@ -97,28 +97,28 @@ def segment_overlaps(claim, owner, known, place, table, size):
 
 @kernel
 def assign_pixels(order, rectangles, starts, covered, least, free_fraction, claim):
-    """Give each candidate pixel to at most one proposal: the strongest first, as long as it is mostly free.
+    """Assign each candidate pixel to at most one proposal, strongest first, if the proposal is mostly free.
 
     Parameters
     ----------
     order : (K,) int64
-        Proposals, the strongest first.
+        Proposals, strongest first.
     rectangles : (N, 4) int64
     starts : (N + 1,) int64
     covered : (L,) uint8
         See `votes.weigh`.
     least : int
-        A segment of fewer pixels is none.
+        Smallest number of free pixels of a proposal.
     free_fraction : float
-        A proposal is left out when less than this of it is free.
+        A proposal is dropped if a smaller fraction of it is free.
     claim : (h, w) int32, output
-        Place in `order` of the proposal that has the pixel, -1 none.
+        Index in `order` of the proposal of each pixel, -1: none.
     """
     claim[:] = -1
     for i in range(order.size):
         k = order[i]
         x0, y0, x1, y1 = rectangles[k]
-        # Without a branch, row by row: so one instruction takes many pixels.
+        # No branches, row by row, so that the compiler can vectorise the loop.
         at, total, free = starts[k], 0, 0
         for v in range(y0, y1):
             mine, row = covered[at : at + x1 - x0], claim[v, x0:x1]
@@ -138,30 +138,30 @@ def assign_pixels(order, rectangles, starts, covered, least, free_fraction, clai
 
 @kernel
 def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, owner, confidence, voted):
-    """Let the pixels of a frame vote for the owners of their voxels: a majority vote in one number a voxel.
+    """Let the pixels of a frame vote for the owners of their voxels: a majority vote with one counter per voxel.
 
-    Boyer and Moore 1981: a voxel's owner gains a vote where a frame agrees and loses one where it does not; whoever
-    takes the last one away owns it. A voxel has one vote a frame.
+    By Boyer and Moore 1981: the owner of a voxel gains a vote if a frame agrees and loses one if it does not; the
+    object that takes the last vote away becomes the owner. Each voxel gets one vote per frame.
 
     Parameters
     ----------
     claim : (h, w) int32
-        Segment of each pixel, -1 none.
+        Segment of each pixel, -1: none.
     number_of : (count,) int32
-        Object that each segment votes for; 0 abstains.
+        Object for which each segment votes; 0 abstains.
     place : (M,) int64
-        Column of each object by number; 0 for no one, -1 for those that are not in view.
+        Column of each object by number; 0 for no owner, -1 for objects out of view.
     allowed : (count, columns) uint8
-        1 where a segment may take voxels that were seen before from an object; any segment strengthens what its object
-        has, and takes what is new.
+        1 if a segment may take voxels with earlier hits from an object; every segment may vote for its own object and
+        take new voxels.
     candidate : (h, w) uint8
-        0 on supporting planes: such pixels vote for no one.
+        0 on supporting planes: such pixels vote for no owner.
     slots : (h, w) int32
-        Voxel of each pixel, -1 none.
+        Voxel of each pixel, -1: none.
     hits : (C,) int32
-        Frames that saw each voxel, this one included.
+        Number of frames that saw each voxel, including this one.
     most : int
-        Most votes that a voxel keeps.
+        Largest number of votes of a voxel.
     owner : (C,) int32, in and out
     confidence : (C,) uint8, in and out
     voted : (C,) uint8, scratch
@@ -170,7 +170,7 @@ def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, 
     Returns
     -------
     (K,) int64
-        Objects << 32 | blocks in which rows may be theirs by that, some of them more than once.
+        Object << 32 | block for the rows that voted and have an owner; a pair may occur more than once.
     """
     height, width = claim.shape
     those, count = np.empty(claim.size, np.int32), 0

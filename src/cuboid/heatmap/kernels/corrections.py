@@ -1,4 +1,4 @@
-"""Hot loops of pose corrections: points move with the keyframes that they are anchored to."""
+"""Hot loops of pose corrections: points move with the keyframes to which they are anchored."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from cuboid.heatmap.kernels.voxels import MAX_HITS
 
 @kernel
 def pending_rows(which, cubes, points, rows):
-    """Find the living rows of some cubes whose motion is pending.
+    """Find the living rows of some cubes with a pending motion.
 
     Parameters
     ----------
@@ -34,12 +34,12 @@ def pending_rows(which, cubes, points, rows):
     cubes : Cubes
     points : Points
     rows : (M,) int64, output
-        Begins with them, cube by cube.
+        Its first entries are the rows, cube by cube.
 
     Returns
     -------
     int
-        How many there are.
+        Number of rows.
     """
     count = 0
     for cube in which:
@@ -53,7 +53,7 @@ def pending_rows(which, cubes, points, rows):
 
 @kernel
 def remove_pending(which, cubes, points):
-    """Remove all rows of some cubes (N,) whose motion is pending."""
+    """Remove all rows of some cubes (N,) with a pending motion."""
     for cube in which:
         for k in range(cubes.rows[cube]):
             row = row_of(cube, k, cubes.blocks)
@@ -69,20 +69,20 @@ def apply_motions(keys, taken, pending, motions, voxel_m, to):
     Parameters
     ----------
     keys : (N,) int64
-        Of the cubes that they were in; afterwards of the cubes that they come to lie in.
+        Keys of their cubes before the motion; replaced by the keys of their cubes after it.
     taken : Points
-        Their columns (N, ...); voxel and place are where they come to lie afterwards.
+        Their columns (N, ...); voxel and place are updated.
     pending : (ANCHORS,) bool
     motions : (ANCHORS, 3, 4) float64
-        By anchor.
+        The motion of each anchor.
     voxel_m : float
     to : (N,) int64, output
-        Begins with the keys that points come to lie in, some of them more than once.
+        Its first entries are the keys of the new cubes; a key may occur more than once.
 
     Returns
     -------
     int
-        How many these are.
+        Number of these entries.
     """
     mask, count = CUBE_SIDE - 1, 0
     for i in range(keys.size):
@@ -109,30 +109,30 @@ def apply_motions(keys, taken, pending, motions, voxel_m, to):
 
 @kernel(inline="always")
 def quantised(part):
-    """Return a place in a voxel, 0..1, as rows have it."""
+    """Return a position within a voxel, 0..1, as the integer stored in rows."""
     return min(np.int64(part * PLACES), np.int64(PLACES) - 1)
 
 
 @kernel
 def insert_points(keys, taken, anchor, cubes, points, rows):
-    """Insert points that have moved into the cubes where they come to lie.
+    """Insert moved points into the cubes that contain them now.
 
-    Of two points that meet in a voxel place, color and heat are averaged, hits and passes add up; the oldest object's
-    keeps the owner.
+    If two points meet in a voxel, position, color and heat are averaged, hits and passes are added, and the owner is
+    the older object.
 
     Parameters
     ----------
     keys : (N,) int64
-        Of the cubes that they come to lie in.
+        Keys of the cubes that contain them now.
     taken : Points
         Their columns (N, ...).
     anchor : (ANCHORS,) uint16
-        New anchor of the points of each; nothing is pending for it.
+        New anchor for the points of each anchor; it has no pending motion.
     cubes : Cubes
-        Those of these keys are in memory, and their tables lead to no row with a pending motion.
+        The cubes with these keys are in memory, and their tables contain no row with a pending motion.
     points : Points
     rows : (N,) int64, output
-        Where each is now; -1 where there was no more room.
+        New row of each point; -1 if there was no room.
     """
     last_key, cube = np.int64(-1), np.int64(-1)
     for i in range(keys.size):
@@ -171,7 +171,7 @@ def write_point(row, i, anchor, taken, points):
 
 @kernel
 def merge_point(row, i, anchor, taken, points):
-    """Merge a point with that of a row."""
+    """Merge a point with the point of a row."""
     weight = points.weight[row] + taken.weight[i]
     fraction = np.float64(taken.weight[i]) / weight
     points.weight[row] = weight
@@ -190,5 +190,5 @@ def merge_point(row, i, anchor, taken, points):
 
 @kernel(inline="always")
 def weighted_mean(one, other, fraction):
-    """Return the mean of two integers, of which the second has a weight of `fraction`."""
+    """Return the rounded mean of two integers, where the second has the weight `fraction`."""
     return np.int64(one + fraction * (np.int64(other) - np.int64(one)) + 0.5)

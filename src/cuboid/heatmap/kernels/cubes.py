@@ -1,12 +1,12 @@
-"""Where the points of a place are: cubes of voxels, the blocks of rows that hold their points, and what finds a row.
+"""Storage of the map's points: cubes of voxels, blocks of rows for their points, and tables that find a row.
 
-A cube has 32 voxels a side. Its points lie in rows of a few blocks of 1,024 rows, in the order in which they came; an
-open-addressing table of its own leads from a voxel in the cube to the row (0 is empty, k + 1 is the cube's row k). So
-a map grows by blocks: nothing of what there is moves. A removed point keeps its row, with zero weight, until its cube
+A cube has 32 voxels per side. Its points are stored in rows of a few blocks of 1,024 rows, in the order of their
+arrival. Each cube has an open-addressing table from a voxel to a row (0 is empty, k + 1 is row k of the cube). A map
+therefore grows by blocks, and existing rows never move. A removed point keeps its row, with zero weight, until its cube
 is packed.
 
-There are two kinds of cubes: those of the map's voxels, and fine ones, whose voxels have half the edge; the sign of a
-cube's key tells which.
+There are two kinds of cubes: those of the map's voxels, and fine ones, whose voxels have half the edge; the sign of the
+cube's key distinguishes them.
 """
 
 from __future__ import annotations
@@ -18,53 +18,53 @@ import numpy.typing as npt
 
 from cuboid.core.compiled import kernel
 
-# Bits of a cube's number along an axis, and of a voxel's within its cube.
+# Bits of a cube's coordinate along an axis, and of a voxel's coordinate within its cube.
 KEY_BITS, CUBE_BITS = 21, 5
 KEY_OFFSET = 1 << (KEY_BITS - 1)  # cube numbers run from -2^20 to 2^20 - 1: +-300 km at 1 cm
 CUBE_SIDE = 1 << CUBE_BITS
-# The key of a fine cube has this sign beside its place.
+# Sign bit in the key of a fine cube.
 FINE = -(1 << 63)
-# Rows of a block, as bits of their number.
+# Bits of a row's number within its block.
 BLOCK_BITS = 10
 BLOCK_ROWS = 1 << BLOCK_BITS
-# Blocks of a cube whose every voxel holds a point, and places of its table: never more than half of them are taken.
+# Blocks of a full cube, and bits of the largest table: at most half of its entries are used.
 MAX_BLOCKS = 1 << (3 * CUBE_BITS - BLOCK_BITS)
 TABLE_BITS = 3 * CUBE_BITS + 1
-# A table begins with this many places: a page of memory.
+# Bits of the smallest table: one page of memory.
 MIN_BITS = 11
-# Cubes that came after each other lie near each other: this many of them are looked at only where the bounds of all of
-# them are met.
+# Cubes are searched in batches of this many, and a batch is skipped if its bounds are out of view: successive cubes lie
+# near each other.
 BATCH = 64
-# Numbers of anchors: see `Points.anchor`.
+# Number of anchors: see `Points.anchor`.
 ANCHORS = 1 << 16
-# Parts of a voxel's edge, of a color's level and of heat that are distinguished: more than any sensor tells.
+# Resolution of a position within a voxel, of a color level, and of heat: finer than any sensor.
 PLACES, LEVELS, HEATS = 65536.0, 256.0, 65536.0
 
 
 class Points(NamedTuple):
     """Columns of the rows, (N, ...)."""
 
-    # Weight of all sightings, metres to the power of -4; 0 marks a dead row.
+    # Sum of the weights of all sightings, metres to the power of -4; 0 marks a dead row.
     weight: npt.NDArray[np.float32]
-    # Object that the point belongs to, 0 none.
+    # Object that owns the point, 0: none.
     owner: npt.NDArray[np.int32]
     # Last frame that saw it.
     last_frame: npt.NDArray[np.int32]
-    # Its voxel in the cube, and its place (N, 3) in the voxel, in parts of the edge.
+    # Its voxel in the cube, and its position (N, 3) in the voxel, in parts of the edge.
     voxel: npt.NDArray[np.uint16]
     place: npt.NDArray[np.uint16]
     # Red, green, blue (N, 3) in parts of a level, and heat.
     color: npt.NDArray[np.uint16]
     heat: npt.NDArray[np.uint16]
-    # Frames that saw it (hits), and whose rays passed it.
+    # Number of frames that saw it (hits), and of frames whose rays passed it.
     hits: npt.NDArray[np.uint16]
     passes: npt.NDArray[np.uint16]
-    # Its anchor: a keyframe at some state of its pose; see `heatmap.anchors`.
+    # Its anchor: a keyframe with one of its poses; see `heatmap.anchors`.
     anchor: npt.NDArray[np.uint16]
-    # Votes that the owner is ahead of all others.
+    # Lead of the owner over all others, votes.
     confidence: npt.NDArray[np.uint8]
-    # Which of the eight voxels of its cell a row stands for, as bits, where it stands for several: see
-    # `kernels.levels`. While votes are counted, a mark of those that voted.
+    # For a row that represents several voxels of a cell: bits for these of the eight voxels, see `kernels.levels`.
+    # While votes are counted: marks rows that have voted.
     mark: npt.NDArray[np.uint8]
 
 
@@ -83,31 +83,31 @@ ROW = np.dtype(
 class Cubes(NamedTuple):
     """The cubes, by number, and the blocks, by number."""
 
-    # Cubes by their place: (2 C,) 0 empty, k + 1 is cube k; and the place of each (C,).
+    # Hash table of cubes (2 C,), 0: empty, k + 1: cube k; and the key of each cube (C,).
     table: npt.NDArray[np.int32]
     key: npt.NDArray[np.int64]
-    # Least and greatest x, y, z (C / BATCH, 6) of the first voxels of each batch of cubes, in voxels of the map.
+    # Smallest and largest x, y, z (C / BATCH, 6) of the first voxels of each batch of cubes, in voxels of the map.
     bounds: npt.NDArray[np.int64]
-    # Blocks of each (C, MOST_BLOCKS), ascending, 0 for none; rows in use, and dead ones among them.
+    # Blocks of each cube (C, MAX_BLOCKS), ascending, 0: none; number of used rows, and of dead ones among them.
     blocks: npt.NDArray[np.int32]
     rows: npt.NDArray[np.int32]
     dead: npt.NDArray[np.int32]
-    # Places of its own table that are in use, as bits of their number; 0: there is none. Then it is not in memory, or
-    # rows of it stand for several voxels.
+    # Bits of the used size of each cube's table; 0: it has no table, because it is not in memory, or because its rows
+    # represent several voxels.
     bits: npt.NDArray[np.uint8]
-    # The tables of all (C << TABLE_BITS,).
+    # The tables of all cubes (C << TABLE_BITS,).
     tables: npt.NDArray[np.uint16]
-    # Of each block (B,): its cube, its place among that one's blocks, and whether a row of it has changed. One more
-    # than there are: what has no row may mark the last one.
+    # For each block (B,): its cube, its index among the cube's blocks, and whether a row has changed. There is one
+    # extra entry at the end, which row -1 marks.
     cube_of: npt.NDArray[np.int32]
     turn: npt.NDArray[np.uint8]
     changed: npt.NDArray[np.bool_]
-    # How many (2,): cubes, blocks. No cube has block 0.
+    # Numbers (2,) of cubes and of blocks. Block 0 is not used.
     used: npt.NDArray[np.int64]
-    # Of each anchor (ANCHORS,), whether a motion of its rows is pending: such rows are not where they belong, and no
-    # table leads to them.
+    # For each anchor (ANCHORS,), whether a motion of its rows is pending: such rows are not at their final position,
+    # and no table contains them.
     pending: npt.NDArray[np.bool_]
-    # Of each cube (C,), whether its table may lead to such rows, and is to be rebuilt before it is used.
+    # For each cube (C,), whether its table may contain such rows and must be rebuilt before use.
     index_stale: npt.NDArray[np.bool_]
 
 
@@ -119,7 +119,7 @@ def pack_key(x, y, z):
 
 @kernel(inline="always")
 def corner(key):
-    """Return the number (x, y, z) of a cube's first voxel."""
+    """Return the coordinates (x, y, z) of a cube's first voxel."""
     mask = (1 << KEY_BITS) - 1
     x = ((key >> (2 * KEY_BITS)) & mask) - KEY_OFFSET
     y = ((key >> KEY_BITS) & mask) - KEY_OFFSET
@@ -129,7 +129,7 @@ def corner(key):
 
 @kernel(inline="always")
 def edge_of(key, voxel_m):
-    """Return the edge of the voxels of a cube, where those of the map have this one."""
+    """Return the edge of the voxels of a cube; `voxel_m` is the edge of the map's voxels."""
     return 0.5 * voxel_m if key < 0 else voxel_m
 
 
@@ -142,14 +142,14 @@ def voxel_in(ix, iy, iz):
 
 @kernel(inline="always")
 def row_of(cube, k, blocks):
-    """Return the map's row that a cube's row k is."""
+    """Return the map's row for row k of a cube."""
     return (np.int64(blocks[cube, k >> BLOCK_BITS]) << BLOCK_BITS) | (k & (BLOCK_ROWS - 1))
 
 
 @kernel(inline="always")
 def scatter(number):
-    """Return bits that differ wherever numbers do."""
-    # A product's bit depends on no higher bit of its factors: fold the upper half in, and mix once more.
+    """Return hashed bits of a number."""
+    # Each bit of a product depends only on lower bits of its factors: fold the upper half in, and multiply again.
     h = np.uint64(number) * np.uint64(0x9E3779B97F4A7C15)
     h = (h ^ (h >> np.uint64(32))) * np.uint64(0x9E3779B97F4A7C15)
     return np.int64(h >> np.uint64(32))
@@ -157,7 +157,7 @@ def scatter(number):
 
 @kernel
 def find_cube(key, cubes):
-    """Return (cube, place): the cube of a key or -1, and where in the table it is or would go."""
+    """Return (cube, place): the cube of a key or -1, and its index in the table, or the index for a new one."""
     mask = cubes.table.size - 1
     place = scatter(key) & mask
     while True:
@@ -171,14 +171,14 @@ def find_cube(key, cubes):
 
 @kernel
 def cubes_at(keys, cubes, found):
-    """Write the cube of each key (N,), -1 where there is none, to `found` (N,) int64."""
+    """Write the cube of each key (N,), -1: none, to `found` (N,) int64."""
     for i in range(keys.size):
         found[i], _ = find_cube(keys[i], cubes)
 
 
 @kernel
 def make_cube(key, cubes):
-    """Return the cube of a key, a new one where there is none; -1 where there is no room for one more."""
+    """Return the cube of a key, created if necessary; -1 if there is no room for another one."""
     cube, place = find_cube(key, cubes)
     if cube < 0 and cubes.used[0] < cubes.key.size:
         cube = cubes.used[0]
@@ -198,7 +198,7 @@ def make_cube(key, cubes):
 
 @kernel(inline="always")
 def find_row(cube, voxel, cubes, voxels):
-    """Return (row, place): a voxel's row of the map or -1, and where in the cube's table it is or would go."""
+    """Return (row, place): the row of a voxel or -1, and its index in the tables, or the index for a new one."""
     first, mask = cube << TABLE_BITS, (1 << np.int64(cubes.bits[cube])) - 1
     place = scatter(voxel) & mask
     while True:
@@ -213,7 +213,7 @@ def find_row(cube, voxel, cubes, voxels):
 
 @kernel(inline="always")
 def likely_row(cube, voxel, cubes):
-    """Return the row where `find_row` looks first, which may be another voxel's; -1 where there is none."""
+    """Return the row at the first table index of a voxel, which may belong to another voxel; -1: none."""
     place = scatter(voxel) & ((1 << np.int64(cubes.bits[cube])) - 1)
     entry = np.int64(cubes.tables[(cube << TABLE_BITS) + place])
     return row_of(cube, entry - 1, cubes.blocks) if entry > 0 else np.int64(-1)
@@ -221,7 +221,7 @@ def likely_row(cube, voxel, cubes):
 
 @kernel
 def fill_index(cube, cubes, points):
-    """Rebuild a cube's table, of the size that its rows need; it leads to those without a pending motion."""
+    """Rebuild a cube's table in the size that its rows need, without rows that have a pending motion."""
     count = np.int64(cubes.rows[cube])
     bits = MIN_BITS
     while 10 * count > 7 << bits:
@@ -244,7 +244,7 @@ def fill_index(cube, cubes, points):
 
 @kernel
 def add_block(cube, k, cubes):
-    """Have the block that a cube's row k lies in, where those before it are there; tell whether there is room."""
+    """Make sure that the block of row k of a cube exists, if the earlier ones do; return whether there is room."""
     if k >= MAX_BLOCKS << BLOCK_BITS:
         return False
     if k & (BLOCK_ROWS - 1) == 0 and cubes.blocks[cube, k >> BLOCK_BITS] == 0:
@@ -260,7 +260,7 @@ def add_block(cube, k, cubes):
 
 @kernel
 def add_row(cube, voxel, place, anchor, cubes, points):
-    """Return a new row of a voxel, whose place in the table is known; -1 where there is no room for one more."""
+    """Return a new row for a voxel, given its index in the table; -1 if there is no room for another one."""
     k = np.int64(cubes.rows[cube])
     if not add_block(cube, k, cubes):
         return np.int64(-1)
@@ -275,9 +275,9 @@ def add_row(cube, voxel, place, anchor, cubes, points):
 
 @kernel
 def allocate_rows(keys, voxel, anchor, cubes, points, rows):
-    """Make room for points of this many different voxels: keys of their cubes (N,), voxels in these, anchors.
+    """Allocate rows for points of different voxels, by keys of their cubes (N,), voxels in these, and anchors.
 
-    Written to `rows` (N,) int64; -1 where there is no more room.
+    The rows are written to `rows` (N,) int64; -1 if there is no more room.
     """
     for i in range(keys.size):
         rows[i] = -1
@@ -288,7 +288,7 @@ def allocate_rows(keys, voxel, anchor, cubes, points, rows):
 
 
 def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
-    """Return room for this many cubes and blocks; memory is taken as they come."""
+    """Return tables for at most this many cubes and blocks; memory is used only as they are added."""
     return Cubes(
         table=np.zeros(2 * most, np.int32),
         key=np.zeros(most, np.int64),
@@ -308,11 +308,11 @@ def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
 
 
 def columns_of(rows: npt.NDArray[Any]) -> Points:
-    """Return the columns of rows (N,) of type ROW: views."""
+    """Return the columns of rows (N,) of type ROW, as views."""
     return Points(*(rows[name] for name in Points._fields))
 
 
 def keys_of(cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return numbers (N,), different for different cubes or cells (N, 3)."""
+    """Return a unique number (N,) for each cube or cell (N, 3)."""
     x, y, z = (cubes + KEY_OFFSET).T
     return np.asarray((x << (2 * KEY_BITS)) | (y << KEY_BITS) | z)

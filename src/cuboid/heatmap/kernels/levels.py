@@ -1,8 +1,8 @@
-"""Hot loops of the map's two levels of detail: background that is out of view is kept in cells of two voxels a side.
+"""Hot loops of the map's levels of detail: background out of view is stored in cells of two voxels per side.
 
-A row of a cell stands for several of its eight voxels, which its mark names. Color and heat are kept once; so is the
-place, a part for each layer of voxels, so that a surface between two layers lies there still. Rows of cells come last
-in their cube: what belongs to objects keeps its rows when they are parted again.
+A row of a cell represents several of its eight voxels; its mark lists them. Color and heat are stored once; the
+position has one part for each layer of voxels along each axis, so that a surface between two layers is preserved. Rows
+of cells are the last ones of their cube, so that rows of objects keep their numbers when cells are split again.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ import numpy as np
 from cuboid.core.compiled import kernel
 from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, HEATS, add_block, fill_index, row_of
 
-# Cells of two voxels a side along an axis of a cube, as bits of their number.
+# Bits of a cell's coordinate in its cube along an axis; a cell has two voxels per side.
 CELL_BITS = CUBE_BITS - 1
 CELLS = 1 << (3 * CELL_BITS)
-# Voxels whose heat falls into different steps of this share no cell: what is cold and what is hot stay separate.
+# Voxels share a cell only if their heat is in the same step of this size: cold and hot voxels stay separate.
 HEAT_STEP = HEATS * 0.1
 
 
 @kernel(inline="always")
 def cell_of(voxel):
-    """Return the cell of a voxel of a cube, and which of its eight voxels that is."""
+    """Return the cell of a voxel of a cube, and the index of the voxel among the eight of the cell."""
     x, y, z = voxel >> (2 * CUBE_BITS), (voxel >> CUBE_BITS) & ((1 << CUBE_BITS) - 1), voxel & ((1 << CUBE_BITS) - 1)
     cell = ((x >> 1) << (2 * CELL_BITS)) | ((y >> 1) << CELL_BITS) | (z >> 1)
     return cell, ((x & 1) << 2) | ((y & 1) << 1) | (z & 1)
@@ -29,19 +29,19 @@ def cell_of(voxel):
 
 @kernel(inline="always")
 def voxel_of(first, eighth):
-    """Return one of the eight voxels of a cell by the first of them."""
+    """Return the voxel with index `eighth` in a cell, given the first voxel of the cell."""
     return first | ((eighth >> 2) << (2 * CUBE_BITS)) | (((eighth >> 1) & 1) << CUBE_BITS) | (eighth & 1)
 
 
 @kernel(inline="always")
 def layer_place(place, layer):
-    """Return the place in a voxel along an axis that a row of a cell tells of one of two layers."""
+    """Return the position in a voxel along an axis, unpacked for one of the two layers of a cell."""
     return (((place >> (8 * layer)) & 255) << 8) | 128
 
 
 @kernel(inline="always")
 def kind_of(row, since, points):
-    """Return a number that is the same for rows of one cell which may become one: what decides of them is the same."""
+    """Return a key for rows of one cell: rows with equal keys have equal properties for all decisions and may merge."""
     warmth = int(points.heat[row] / HEAT_STEP)
     kind = (np.int64(points.anchor[row]) << 8) | (warmth << 2)
     return kind | (np.int64(points.hits[row] > 1) << 1) | np.int64(points.last_frame[row] >= since)
@@ -49,35 +49,35 @@ def kind_of(row, since, points):
 
 @kernel(inline="always")
 def copy(words, row, to_words, to):
-    """Copy a row."""
+    """Copy a row between arrays of words."""
     for k in range(words.shape[1]):
         to_words[to, k] = words[row, k]
 
 
 @kernel
 def thin(which, since, cubes, words, points, made_words, made, moved):
-    """Let voxels that belong to no object and lie in one cell, as far as they are alike, be one row.
+    """Merge voxels that have no owner and lie in one cell into one row, if their properties agree.
 
     Parameters
     ----------
     which : (C,) int64
-        Cubes whose rows are in memory; no table leads to these afterwards.
+        Cubes whose rows are in memory; their tables are invalid afterwards.
     since : int
-        What was seen from this frame on stays apart from what was not.
+        Rows seen from this frame on are not merged with older ones.
     cubes : Cubes
     words : (N, W) uint32
         The rows as words.
     points : Points
-        The same rows.
+        The same rows, as columns.
     made_words, made
-        Room for as many rows as a cube may have, likewise.
+        Buffers for the largest number of rows of a cube, as words and as columns.
     moved : (M,) int64, output
-        Begins with the rows of objects that come to lie in another block, as they are numbered then; room for all.
+        Its first entries are the new numbers of the rows of objects that moved to another block.
 
     Returns
     -------
     int
-        How many these are.
+        Number of these entries.
     """
     others = np.int64(0)
     for cube in which:
@@ -87,9 +87,9 @@ def thin(which, since, cubes, words, points, made_words, made, moved):
 
 @kernel
 def thin_one(cube, since, cubes, words, points, made_words, made, moved, others):
-    """Do it for one cube; see `thin`."""
+    """Thin one cube; see `thin`."""
     count = np.int64(cubes.rows[cube])
-    # A group of rows that become one is named by its first; of each cell there is the last of its groups.
+    # A group of rows to merge is identified by its first row; each cell lists its groups, last one first.
     heads, before = np.full(CELLS, -1, np.int32), np.empty(count, np.int32)
     following, last, size = np.full(count, -1, np.int32), np.empty(count, np.int32), np.zeros(count, np.int32)
     kinds = np.empty(count, np.int64)
@@ -117,7 +117,7 @@ def thin_one(cube, since, cubes, words, points, made_words, made, moved, others)
     kept = np.int64(0)
     for k in range(count):
         row = row_of(cube, k, cubes.blocks)
-        # Dead by now are all of groups.
+        # All rows of merged groups are dead now.
         if points.weight[row] > 0.0:
             to = row_of(cube, kept, cubes.blocks)
             if to != row:
@@ -140,7 +140,7 @@ def thin_one(cube, since, cubes, words, points, made_words, made, moved, others)
 
 @kernel
 def merge_rows(cube, first, following, cubes, words, points, made_words, made, to):
-    """Make the row of a cell of a group of rows, which are dead then."""
+    """Make one row for a cell from a group of rows, which become dead."""
     places, weights = np.zeros((3, 2)), np.zeros((3, 2))
     red, green, blue, heat, weight = 0.0, 0.0, 0.0, 0.0, 0.0
     mark, hits, passes, members, seen = 0, 0, 0, 0, np.int64(-1)
@@ -181,9 +181,9 @@ def merge_rows(cube, first, following, cubes, words, points, made_words, made, t
 
 @kernel
 def split_cells(which, cubes, words, points, made_words, made, parted):
-    """Let each voxel that a row of a cell stands for have a row of its own again, and make the cubes' tables.
+    """Give each voxel represented by a row of a cell its own row again, and rebuild the tables of the cubes.
 
-    See `thin`; `parted` (C,) bool tells for which of the cubes there was any such row.
+    See `thin`; `parted` (C,) bool is set for the cubes that had such rows.
     """
     for i in range(which.size):
         cube = which[i]

@@ -1,4 +1,4 @@
-"""Hot loops that look into the cubes of the map: which are in view, which row is where, where a row is."""
+"""Hot loops that search the cubes of the map: cubes in view, the row at a point, the position of a row."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ from cuboid.heatmap.kernels.levels import layer_place, voxel_of
 
 @kernel
 def rows_at(points, voxel_m, cubes, voxels, weights, rows, missing):
-    """Find for each point (N, 3) the row of the living voxel there, -1 none; written to `rows` (N,) int64.
+    """Find the row of the living voxel at each point (N, 3), -1: none, and write it to `rows` (N,) int64.
 
-    Returns how many points lie in cubes that are not in memory; `missing` (N,) int64 begins with these cubes.
+    Return the number of points in cubes that are not in memory; the first entries of `missing` (N,) int64 are these
+    cubes.
     """
     inverse, absent = 1.0 / voxel_m, 0
     for i in range(points.shape[0]):
@@ -48,7 +49,7 @@ def rows_at(points, voxel_m, cubes, voxels, weights, rows, missing):
 
 @kernel
 def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, seen, missing):
-    """Tell of places (N, 3) on a plane whether enough of the nine voxels around each hold a point, one up or down.
+    """Find the places (N, 3) on a plane at which enough of the nine voxels around, one up or down, are occupied.
 
     Parameters
     ----------
@@ -56,9 +57,9 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
     axes : (3, 3) float64
         Row by row: two axes of the plane, and its normal.
     reach : float
-        From a place to the next one that is asked, metres.
+        Distance between neighbouring sample places, metres.
     least : int
-        This many of the nine are enough.
+        Smallest number of occupied voxels among the nine.
     voxel_m, cubes, voxels, weights, missing
         See `rows_at`; `missing` has room for 27 N.
     seen : (N,) bool, output
@@ -66,7 +67,7 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
     Returns
     -------
     int
-        How many asked places lie in cubes that are not in memory; see `rows_at`.
+        Number of sample places in cubes that are not in memory; see `rows_at`.
     """
     steps = np.array([-reach, 0.0, reach])
     column, rows, absent = np.empty((3, 3)), np.empty(3, np.int64), 0
@@ -88,10 +89,10 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
 
 @kernel
 def places(rows, eighths, voxel_m, cubes, points, motions, xyz):
-    """Write where in the world the points of rows (N,) are to `xyz` (N, 3) float32.
+    """Write the world positions of the points of rows (N,) to `xyz` (N, 3) float32.
 
-    Pending motions, `motions` (ANCHORS, 3, 4) by anchor, are applied. Of rows that stand for
-    several voxels it is the point of one of these, `eighths` (N,).
+    Pending motions, `motions` (ANCHORS, 3, 4) by anchor, are applied. For a row that represents several voxels,
+    `eighths` (N,) selects one of them.
     """
     mask, place = CUBE_SIDE - 1, np.empty(3, np.int64)
     for i in range(rows.size):
@@ -117,19 +118,19 @@ def places(rows, eighths, voxel_m, cubes, points, motions, xyz):
 
 @kernel
 def cubes_meeting(spaces, cube, anchor, motions, voxel_m, cubes, meets):
-    """Tell of pairs of a cube and an anchor (N,) whether points of them may be in a region, by the cubes' spheres.
+    """Find the pairs (N,) of a cube and an anchor whose points may be in a region, by the cubes' bounding spheres.
 
     Parameters
     ----------
     spaces : (H, 4) float64
-        Half-spaces that the region is what is common to: inside where x a + y b + z c + d >= 0, (a, b, c) unit.
+        The region is the intersection of half-spaces: inside if x a + y b + z c + d >= 0, (a, b, c) unit.
     cube, anchor : (N,) int32
     motions : (ANCHORS, 3, 4) float64
         Pending motion of the points of each anchor.
     voxel_m : float
     cubes : Cubes
     meets : (N,) bool, output
-        Where the points lie, or where they belong.
+        Whether points may lie in the region now, or after their motion.
     """
     for i in range(cube.size):
         key = cubes.key[cube[i]]
@@ -156,9 +157,10 @@ def _meets(spaces, x, y, z, radius):
 
 @kernel
 def touched(slots, cube_of, marks, found):
-    """Find the cubes that rows of pixels (H, W) int32 lie in, -1 for none.
+    """Find the cubes of the rows of pixels (H, W) int32, -1: none.
 
-    `marks` (C,) bool are False before and after; `found` (C,) int64 begins with the cubes; returns how many.
+    `marks` (C,) bool are False before and after; the first entries of `found` (C,) int64 are the cubes; return their
+    number.
     """
     count, last = 0, np.int64(-1)
     for row in slots.ravel():
@@ -177,7 +179,7 @@ def touched(slots, cube_of, marks, found):
 
 @kernel
 def cubes_in_frustum(T_camera_world, camera, width, height, far_m, voxel_m, cubes, seen):
-    """Find the cubes that reach into a picture, and no farther than some distance; by their spheres.
+    """Find the cubes whose bounding spheres reach into an image within a distance.
 
     Parameters
     ----------
@@ -188,22 +190,22 @@ def cubes_in_frustum(T_camera_world, camera, width, height, far_m, voxel_m, cube
     far_m, voxel_m : float
     cubes : Cubes
     seen : (C,) int64, output
-        Begins with them, ascending.
+        Its first entries are the cubes, ascending.
 
     Returns
     -------
     int
-        How many there are.
+        Number of cubes.
     """
     T, count = T_camera_world, 0
     fx, fy = camera[0], camera[1]
-    # A pixel more on each side than there is.
+    # One pixel larger on each side than the image.
     left, right, top, bottom = camera[2] + 1.0, width - camera[2], camera[3] + 1.0, height - camera[3]
     along_left, along_right = np.sqrt(fx * fx + left * left), np.sqrt(fx * fx + right * right)
     along_top, along_bottom = np.sqrt(fy * fy + top * top), np.sqrt(fy * fy + bottom * bottom)
     used = cubes.used[0]
     for batch in range((used + BATCH - 1) // BATCH):
-        # First the sphere around a batch of cubes, then each of them.
+        # First the sphere around a batch of cubes, then each cube.
         for one in range(-1, min(BATCH, used - batch * BATCH)):
             cube = batch * BATCH + one
             half = 0.5 * CUBE_SIDE * voxel_m

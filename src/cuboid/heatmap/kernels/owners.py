@@ -10,7 +10,7 @@ from cuboid.heatmap.kernels.cubes import HEATS
 
 @kernel
 def rows_of(number, blocks, size, owner, rows):
-    """Gather the rows of an object from the blocks that may hold some.
+    """Gather the rows of an object from the blocks that may contain some.
 
     Parameters
     ----------
@@ -18,7 +18,7 @@ def rows_of(number, blocks, size, owner, rows):
     blocks : (B,) int64
         Ascending.
     size : int
-        Rows of a block.
+        Number of rows of a block.
     owner : (N,) int32
     rows : (B * size,) int64, output
         Ascending.
@@ -26,7 +26,7 @@ def rows_of(number, blocks, size, owner, rows):
     Returns
     -------
     int
-        How many there are.
+        Number of rows found.
     """
     n = 0
     for block in blocks:
@@ -39,27 +39,27 @@ def rows_of(number, blocks, size, owner, rows):
 
 @kernel
 def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, hot, votes, ratio, most, rows):
-    """Gather those living rows of an object that are hot and that enough votes bear out; see `rows_of`.
+    """Gather the living rows of an object that are hot and have enough votes; see `rows_of`.
 
     Parameters
     ----------
     weight : (N,) float32
-        0 of what does not live.
+        0 for dead rows.
     confidence : (N,) uint8
-        Votes.
+        Number of votes.
     hits : (N,) uint16
-        Frames that saw each row.
+        Number of frames that saw each row.
     heat : (N,) uint16
     hot : float32
-        Least heat, 0..1.
+        Smallest heat, 0..1.
     votes, ratio, most : int
-        Least votes: this many, and one in this many of the frames, of which no more than `most` count.
+        The votes must be at least `votes`, and at least 1/`ratio` of the frames, of which at most `most` count.
     rows : (B * size,) int64, output
 
     Returns
     -------
     int
-        How many there are.
+        Number of rows found.
     """
     n = 0
     for block in blocks:
@@ -75,7 +75,7 @@ def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, h
 
 @kernel
 def has_rows(number, blocks, size, owner, weight, least):
-    """Tell whether an object has this many living rows in the blocks that may hold some; see `rows_of`."""
+    """Return whether an object has at least `least` living rows in the blocks that may contain some; see `rows_of`."""
     n = 0
     for block in blocks:
         for row in range(block * size, min((block + 1) * size, owner.size)):
@@ -88,9 +88,9 @@ def has_rows(number, blocks, size, owner, weight, least):
 
 @kernel
 def release(gone, blocks, size, owner, confidence, changed):
-    """Let objects, those that `gone` (M,) bool names by number, have no rows; see `rows_of`.
+    """Remove the ownership and votes of objects, marked by number in `gone` (M,) bool; see `rows_of`.
 
-    Looked for are these in the blocks (B,) that may hold some; those that did are marked.
+    Only blocks (B,), which may contain their rows, are searched; changed blocks are marked in `changed`.
     """
     for block in blocks:
         for row in range(block * size, min((block + 1) * size, owner.size)):
@@ -101,17 +101,17 @@ def release(gone, blocks, size, owner, confidence, changed):
 
 @kernel
 def owner_of(slots, owner, hits, pixel_owner, known):
-    """Look up whom the voxel of each pixel belongs to, and whether frames before this one saw it.
+    """Look up the owner of the voxel of each pixel, and whether earlier frames saw the voxel.
 
     Parameters
     ----------
     slots : (h, w) int32
-        Row of each pixel, -1 none.
+        Row of each pixel, -1: none.
     owner : (N,) int32
     hits : (N,) uint16
-        Frames that saw each row, this one included.
+        Number of frames that saw each row, including this one.
     pixel_owner : (h, w) int32, output
-        0 where there is none.
+        Owner of each pixel, 0: none.
     known : (h, w) bool, output
     """
     for v in range(slots.shape[0]):
@@ -123,25 +123,24 @@ def owner_of(slots, owner, hits, pixel_owner, known):
 
 @kernel
 def choose(slots, owner, numbers, depth, far_m, chosen):
-    """Leave of a depth image what lies in voxels of some objects, and no farther than some distance.
+    """Keep only the pixels of a depth image in voxels of some objects and within a distance.
 
     Parameters
     ----------
     slots : (h, w) int32
-        Row of each pixel, -1 none.
+        Row of each pixel, -1: none.
     owner : (N,) int32
     numbers : (M,) bool
-        Tells of these objects by number; there is no such object from M on.
+        Whether each object, by number, is kept; objects from M on are not.
     depth : (h, w) float32
     far_m : float
     chosen : (h, w) float32, output
-        Zero but for these pixels.
+        Depth of the kept pixels, 0 elsewhere.
 
     Returns
     -------
     tuple of int
-        First and last row, first and last column of them, exclusive; the last are no more than the first where there
-        are none.
+        First and last row, first and last column of the kept pixels, end exclusive; empty if there are none.
     """
     top, bottom, left, right = slots.shape[0], 0, slots.shape[1], 0
     for v in range(slots.shape[0]):

@@ -1,4 +1,4 @@
-"""Hot loop: proposals vote for the pixels that they cover, as far as depth bears them out."""
+"""Hot loop: proposals vote for the pixels that they cover, weighted by their depth readings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Masks(NamedTuple):
     rectangles : (N, 4) int64
         x0, y0, x1, y1 of the working pixels in each box, end exclusive.
     starts : (N + 1,) int64
-        Where these begin when they are laid out row by row, one box after the other.
+        Begin of each rectangle in the flat array of all rectangles, row by row.
     """
 
     boxes: npt.NDArray[np.int32]
@@ -40,11 +40,11 @@ class Masks(NamedTuple):
 
 @kernel(error_model="numpy")
 def weigh(depth, candidate, proposals, scores, focal, low_m, high_m, covered, weights):
-    """Weigh each proposal by what depth says of it, and tell which candidates it covers.
+    """Weigh each proposal by its depth readings, and mark the candidates that it covers.
 
-    The weight is the score times the fraction of the proposal's readings that are candidates. It is 0 where the
-    proposal holds no depth support, straddles surfaces farther apart than an object is large, or has not the size
-    of an object.
+    The weight is the score times the fraction of the proposal's readings that are candidates. It is 0 if the proposal
+    has too few readings, covers surfaces that are farther apart in depth than the size of an object, or does not have
+    the size of an object.
 
     Parameters
     ----------
@@ -57,9 +57,9 @@ def weigh(depth, candidate, proposals, scores, focal, low_m, high_m, covered, we
     focal : float
         Focal length of the working image, pixels.
     low_m, high_m : float
-        Least and largest extent of an object, metres.
+        Smallest and largest size of an object, metres.
     covered : (starts[N],) uint8, output
-        1 for each working pixel in a box that is a candidate and that the proposal covers.
+        1 for each working pixel of a box that is a candidate and that the proposal covers.
     weights : (N,) float32, output
     """
     boxes, masks, step, phase, rectangles, starts = proposals
@@ -101,7 +101,7 @@ def weigh(depth, candidate, proposals, scores, focal, low_m, high_m, covered, we
         mean = total / fit
         spread = np.sqrt(max(0.0, square / fit - mean * mean))
         extent = max(right - left + 1, bottom - top + 1) * mean / focal
-        # Uniform depth over an object's length has a spread of 0.29 of it.
+        # Uniformly distributed depth over an object's length has a standard deviation of 0.29 of it.
         if extent < 0.5 * low_m or extent > high_m or spread > 0.4 * high_m:
             continue
         weights[k] = scores[k] * fit / readings

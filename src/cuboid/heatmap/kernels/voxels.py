@@ -1,4 +1,4 @@
-"""Hot loops of the voxel map: fuse a frame's points, carve free space, pack what is left."""
+"""Hot loops of the voxel map: fuse a frame's points, carve free space, pack cubes."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ from cuboid.heatmap.kernels.cubes import (
 
 # Pixels with less heat than this are cold: background.
 COLD_HEAT = 0.1
-# A voxel is removed after rays have passed it this many times: fewer may be chance.
+# A voxel is removed only after rays have passed it this many times: fewer may be noise.
 MIN_PASSES = 3
-# Beyond this noise passes half a voxel, metres: cold points there are walls and floors.
+# Beyond this distance depth noise exceeds half a voxel, metres: cold points there are walls and floors.
 FAR_M = 2.0
-# More frames than this are not counted: what there is is halved.
+# Largest count of frames; when it is reached, the counts are halved.
 MAX_HITS = 65535
-# Cubes that are remembered while a frame is fused: those of four by four by four never take each other's place.
+# Size of the cache of cubes while a frame is fused: 4 x 4 x 4 neighbouring cubes never replace each other.
 LAST_CUBES = 64
 
 
 class Pixels(NamedTuple):
-    """The pixels of a frame that are fused.
+    """The pixels of a frame that are fused into the map.
 
     Attributes
     ----------
@@ -65,25 +65,25 @@ class Pixels(NamedTuple):
 
 @kernel(inline="always")
 def running_mean(part, parts, weight_of_pixel, to):
-    """Return a mean that is kept in this many parts of 1, after a sighting with a weight of `weight_of_pixel`."""
+    """Return a mean, stored in units of 1/parts, after a sighting of value `to` with the weight `weight_of_pixel`."""
     old = part + 0.5
     return np.uint16(min(np.int64(old + weight_of_pixel * (to * parts - old)), 65535))
 
 
 @kernel(inline="always")
 def pixel_weights(depth, heat, v, frame, turn, max_depth, pixel_weight):
-    """Subsample a row of the image: how many pixels each one represents; 0 where another one, in turn, represents it.
+    """Subsample an image row: write how many pixels each one represents; 0 if another pixel represents it this time.
 
-    Cold pixels are left out where `turn` is below 0; see `fuse`.
+    Cold pixels are left out if `turn` is below 0; see `fuse`.
     """
-    # Without a branch: so one instruction takes several pixels.
+    # No branches, so that the compiler can vectorise the loop.
     for u in range(depth.size):
         z = depth[u]
-        # Of cold pixels one in four is used; of cold and far ones one in sixteen.
+        # One in four cold pixels is used; one in sixteen of the cold pixels that are far away.
         in_turn = ((u & 1) + 2 * (v & 1) == turn & 3) & (turn >= 0)
         in_far_turn = ((u >> 1) & 1) + 2 * ((v >> 1) & 1) == (turn >> 2) & 3
         cold = (4.0 if z <= FAR_M else (16.0 if in_far_turn else 0.0)) if in_turn else 0.0
-        # Far away a voxel is hardly wider than a pixel, and its noise wider than both: every other one will do.
+        # Far away a voxel is hardly wider than a pixel, and noise is wider than both: every second pixel suffices.
         hot = 1.0 if z <= FAR_M else (0.0 if (u + v + frame) & 1 else 2.0)
         weight_of_pixel = cold if heat[u] < COLD_HEAT else hot
         pixel_weight[u] = weight_of_pixel if (z > 0.0) & (z <= max_depth) else 0.0
@@ -91,9 +91,9 @@ def pixel_weights(depth, heat, v, frame, turn, max_depth, pixel_weight):
 
 @kernel
 def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
-    """Look up the row of each voxel where it is at its first place in its cube's table, else -1.
+    """Look up the row of each voxel at its first index in its cube's table; -1 if it is not there.
 
-    Asked for one after the other, so that memory, which is slow to answer, is asked for the next ones meanwhile.
+    The look-ups are independent of each other, so that the memory accesses can overlap.
     """
     for k in range(count):
         likely[k] = likely_row(cube_in[k], voxel_of[k], cubes) if cube_in[k] >= 0 else np.int64(-1)
@@ -103,7 +103,7 @@ def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
 
 @kernel
 def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, slots):
-    """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
+    """Fuse a frame's points into the map: a weighted running mean of position, color and heat for each voxel.
 
     Parameters
     ----------
@@ -111,23 +111,23 @@ def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, 
     voxel_m, max_depth : float
         Metres.
     frame : int
-        Number of this frame; a voxel counts one hit a frame.
+        Number of this frame; a voxel counts at most one hit per frame.
     turn : int
-        Which of the cold pixels represent the others; below 0 none, and what is cold is left out.
+        Selects the cold pixels that represent the others; below 0, cold pixels are left out.
     anchor : int
-        Anchor of its points from now on.
+        Anchor of the fused points.
     level : int
-        0; `FINE` where the voxels are those of fine cubes.
+        0, or `FINE` for voxels of fine cubes.
     cubes : Cubes
-        Those in view are in memory, and no motion of points in them, or into them, is pending.
+        Cubes in view are in memory, and no motion of points in them, or into them, is pending.
     points : Points
     slots : (H, W) int32, output
-        Row of each pixel, -1 where there is no reading and where another cold pixel represents it.
+        Row of each pixel, -1 without a reading, or if another pixel represents it.
     """
     depth, color, heat, camera, T = pixels
     height, width = depth.shape
     inverse = 1.0 / voxel_m
-    # Local copies: what is written below could lie in these arrays, for all the compiler knows.
+    # Local copies: the compiler cannot know that the writes below do not change these arrays.
     fx, fy, cx, cy = 1.0 / camera[0], 1.0 / camera[1], camera[2], camera[3]
     xx, xy, xz, x0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
     yx, yy, yz, y0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
@@ -135,10 +135,10 @@ def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, 
     voxels, last_frame, weight, hits = points.voxel, points.last_frame, points.weight, points.hits
     place, colors, heats = points.place, points.color, points.heat
     changed, bits, anchors = cubes.changed, cubes.bits, points.anchor
-    # Cubes that were asked for last, by the last bits of their numbers: to look them up takes far longer.
+    # Cache of the last cubes, by the low bits of their keys: a look-up takes far longer.
     last_keys, last_cubes = np.full(LAST_CUBES, -1, np.int64), np.empty(LAST_CUBES, np.int64)
-    # Of one row of the image: how many pixels each represents; and of those that are fused the column, where it is in
-    # its voxel, its cube, -1 none, and voxel, and the row of the map that is likely its own.
+    # For one image row: number of pixels that each one represents; for the fused ones: column, position in the
+    # voxel, cube (-1: none), voxel, and the row of the map that is likely to be the voxel's.
     pixel_weight, columns, where = np.empty(width), np.empty(width, np.int64), np.empty((width, 3))
     cube_in, voxel_of, likely = np.empty(width, np.int64), np.empty(width, np.int64), np.empty(width, np.int64)
     for v in range(height):
@@ -160,7 +160,7 @@ def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, 
             cube_in[k] = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS) | level
             voxel_of[k] = voxel_in(ix, iy, iz)
             where[k, 0], where[k, 1], where[k, 2] = wx - ix, wy - iy, wz - iz
-        # From here on the numbers are cubes, no longer keys.
+        # From here on, `cube_in` holds cubes instead of keys.
         for k in range(count):
             key = cube_in[k]
             last = (key & 3) | ((key >> KEY_BITS) & 3) << 2 | ((key >> (2 * KEY_BITS)) & 3) << 4
@@ -185,7 +185,8 @@ def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, 
                 last_frame[row] = -1
             slots[v, u], anchors[row] = row, anchor
             z, warm = depth[v, u], heat[v, u]
-            # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
+            # The variance of depth grows with z^4: near sightings have more weight. Below half a metre the weight is
+            # constant.
             near = max(z, 0.5)
             w = pixel_weight[u] / (near * near * near * near)
             total = weight[row] + w
@@ -207,10 +208,10 @@ def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, 
 
 @kernel
 def carve_free_space(which, depth, camera, T_camera_world, noise, margin, step, voxel_m, cubes, points):
-    """Carve free space: count the rays that pass the points of some cubes; remove those passed more often than hit.
+    """Carve free space: count the rays that pass the points of some cubes; remove points passed more often than hit.
 
-    A voxel is passed when the reading at its pixel and at the eight around it all lie behind it by more than the
-    margin and by the noise of depth. `step` is how many frames one such pass counts for.
+    A ray passes a voxel if the readings at its pixel and at the eight around it all lie behind it by more than the
+    margin and the noise of depth. Each pass counts for `step` frames.
     """
     height, width = depth.shape
     T = T_camera_world
@@ -253,16 +254,16 @@ def carve_free_space(which, depth, camera, T_camera_world, noise, margin, step, 
 
 @kernel
 def pack(cube, cubes, rows, points):
-    """Let all rows of a cube live, in their order; those that get free are zeros.
+    """Remove the dead rows of a cube and keep the order of the others; freed rows become zeros.
 
     Parameters
     ----------
     cube : int
     cubes : Cubes
     rows : (N, R) uint8
-        The rows as bytes.
+        The rows, as bytes.
     points : Points
-        The same rows.
+        The same rows, as columns.
     """
     count = np.int64(cubes.rows[cube])
     kept = np.int64(0)

@@ -1,4 +1,4 @@
-"""Hot loop: where a rigid cluster of points fits a picture, in shape and color."""
+"""Hot loop: the shift at which a rigid cluster of points fits an image, in shape and color."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cuboid.core.tolerances import JUMP_SIGMAS, NEAREST_M
 
 @kernel
 def score_shifts(points, normals, colors, shifts, view, camera, T_camera_world, margin, noise, alike, counts):
-    """Count, for each of several shifts of a cluster, the points that a frame shows there, and those it sees through.
+    """Count, for each of several shifts of a cluster, the points that a frame confirms, and those it sees through.
 
     Parameters
     ----------
@@ -24,11 +24,11 @@ def score_shifts(points, normals, colors, shifts, view, camera, T_camera_world, 
         fx, fy, cx, cy.
     T_camera_world : (4, 4) float64
     margin, noise : float
-        A reading agrees with a point within the margin, metres, and four deviations of depth: noise times z squared.
+        A reading agrees with a point within the margin, metres, plus four standard deviations, noise times z squared.
     alike : int
-        A color agrees when no channel is farther off, of 255.
+        Largest difference per channel, of 255, between colors that agree.
     counts : (S, 3) int64, output
-        Points that face the camera: those that agree, those that were passed, and all in the picture.
+        Points that face the camera: those that agree, those seen through, and all inside the image.
     """
     depth, color = view
     height, width = depth.shape

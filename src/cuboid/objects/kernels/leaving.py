@@ -22,13 +22,13 @@ def count_passed(points, depth, camera, T_camera_world, margin, noise):
         fx, fy, cx, cy.
     T_camera_world : (4, 4) float64
     margin, noise : float
-        A reading agrees with a point within the margin, metres, and four deviations of depth: noise times z squared. It
-        lies behind it where all nine around do.
+        A reading agrees with a point within the margin, metres, plus four standard deviations, noise times z squared.
+        A point is seen through if all nine readings around it lie farther behind.
 
     Returns
     -------
     (int, int)
-        Points in their place, and points that were passed; the others are hidden, or nothing is known of them.
+        Points in their place, and points seen through; the others are hidden or unknown.
     """
     height, width = depth.shape
     T = T_camera_world

@@ -1,4 +1,4 @@
-"""Hot loop: how many points of one set have another set near them."""
+"""Hot loop: the number of points of one set that have a point of another set near them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cuboid.heatmap.kernels.cubes import pack_key, scatter
 
 @kernel
 def count_near(a, b, limit, enough):
-    """Count the points of `a` that lie nearer than a limit to any of `b`, up to this many.
+    """Count the points of `a` that lie nearer than a limit to any point of `b`; stop at `enough`.
 
     Parameters
     ----------
@@ -19,7 +19,7 @@ def count_near(a, b, limit, enough):
     limit : float
         Above 0.
     enough : int
-        Where there are this many, no more are looked for.
+        The count at which the search stops.
 
     Returns
     -------
@@ -32,7 +32,7 @@ def count_near(a, b, limit, enough):
         for i in range(len(a)):
             low[k], high[k] = min(low[k], a[i, k]), max(high[k], a[i, k])
         low[k], high[k] = low[k] - limit, high[k] + limit
-    # Of `b` only what lies around `a` can be that near. In each cell, as wide as the limit, a chain of points.
+    # Only points of `b` around `a` can be near. They are chained in cells with the limit as edge.
     size = 2
     while size < 2 * len(b):
         size *= 2
@@ -59,22 +59,22 @@ def count_near(a, b, limit, enough):
 
 @kernel(inline="always")
 def cell(x, low, limit):
-    """Return in which cell of those from `low` on, as wide as the limit, a coordinate lies."""
+    """Return the index of a coordinate's cell; cells begin at `low` and have the limit as edge."""
     return np.int64(np.floor((x - low) / limit))
 
 
 @kernel(inline="always")
 def place_of(i, j, k, size):
-    """Return the place of a cell in a table of this many, a power of two; two cells that share one do no harm."""
+    """Return the slot of a cell in a table whose size is a power of two; cells that share a slot do no harm."""
     return scatter(pack_key(i, j, k)) & (size - 1)
 
 
 @kernel
 def has_near(x, y, z, b, deep, low, limit, first, after):
-    """Tell whether any point of `b` lies nearer than a limit to a place; see `count_near`."""
+    """Return whether any point of `b` lies nearer than a limit to a place; see `count_near`."""
     i, j, k = cell(x, low[0], limit), cell(y, low[1], limit), cell(z, low[2], limit)
     size, square = len(first), limit * limit
-    # Its own cell first: there it is found mostly.
+    # Its own cell first, because a near point is usually there.
     for n in range(27 if deep else 9):
         di, dj, dk = (n + 1) % 3 - 1, (n // 3 + 1) % 3 - 1, (n // 9 + 1) % 3 - 1
         at = first[place_of(i + di, j + dj, k + (dk if deep else 0), size)]

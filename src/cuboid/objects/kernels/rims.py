@@ -1,4 +1,4 @@
-"""Hot loop: the slab of an object that is the rim of the surface it stands on."""
+"""Hot loop: the slab of an object's points that is the rim of the surface on which it stands."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from cuboid.core.limits import SAMPLE_POINTS
 from cuboid.core.tolerances import MIN_READINGS
 from cuboid.objects.kernels.nearness import count_near
 
-# The part above a rim is at most this fraction as wide as the rim.
+# Largest width of the part above a rim, as a fraction of the width of the rim.
 RIM_WIDTH_FRACTION = 0.5
-# At least this fraction of a slab that is no rim lies beneath the part above it.
+# At least this fraction of a slab that is not a rim lies beneath the part above it.
 BENEATH_FRACTION = 0.5
-# A width is measured without this fraction of the points at either end.
+# Fraction of the points at either end that are ignored when a width is measured.
 END_FRACTION = 0.1
 
 
@@ -25,18 +25,18 @@ def highest_rim(points, order, begins, ends, axes, gap):
     ----------
     points : (N, 3) float32
     order : (N,) int64
-        The points from the lowest to the highest.
+        The points from lowest to highest.
     begins, ends : (S,) int64
-        Places in `order` where each slab begins and ends, ascending.
+        Begin and end of each slab in `order`, ascending.
     axes : (3, 2) float64
-        Of the plan.
+        Axes of the plan.
     gap : float
-        Points that near to each other, in plan, are one above the other.
+        Points within this distance in plan are above each other.
 
     Returns
     -------
     int
-        -1 where no slab is a rim.
+        Index of the slab, -1 if no slab is a rim.
     """
     for k in range(len(begins) - 1, -1, -1):
         slab = plan_of(points, order[begins[k] : ends[k]], axes)
@@ -54,7 +54,7 @@ def highest_rim(points, order, begins, ends, axes, gap):
 
 @kernel
 def plan_of(points, which, axes):
-    """Return where some of points lie in plan, (M, 2) float32: all, or every n-th where these are more."""
+    """Return plan coordinates (M, 2) float32 of selected points; of many points only every n-th."""
     which = which[:: 1 + len(which) // SAMPLE_POINTS]
     plan = np.empty((len(which), 2), np.float32)
     for i in range(len(which)):
@@ -75,14 +75,14 @@ def longest(plan):
 
 @kernel
 def width(plan, x, y):
-    """Return how far points (N, 2) reach in a direction, without those few that reach farthest on either side."""
+    """Return the extent of points (N, 2) along a direction, without the outermost ones at either end."""
     along = np.sort(plan[:, 0] * x + plan[:, 1] * y)
     return at_fraction(along, 1.0 - END_FRACTION) - at_fraction(along, END_FRACTION)
 
 
 @kernel
 def at_fraction(along, fraction):
-    """Return below what a fraction of sorted values lies, linear between two."""
+    """Return the quantile of sorted values at a fraction, with linear interpolation."""
     place = fraction * (len(along) - 1)
     k = min(np.int64(place), len(along) - 2) if len(along) > 1 else 0
     return along[k] + (along[min(k + 1, len(along) - 1)] - along[k]) * (place - k)

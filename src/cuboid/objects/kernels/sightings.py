@@ -1,4 +1,4 @@
-"""Hot loop: how many points of each object a frame sees."""
+"""Hot loop: the number of points of each object that a frame sees."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cuboid.geometry.kernels.overlap import BATCH, SLACK_M
 
 
 class Surfaces(NamedTuple):
-    """The points of objects, those of one after those of the other.
+    """The points of several objects, one object after the other.
 
     Attributes
     ----------
@@ -22,11 +22,11 @@ class Surfaces(NamedTuple):
         World, metres.
     colors : (N, 3) uint8
     ends : (n,) int64
-        Where each object's points end.
+        End of each object's points.
     feet : (n, 4) float64
-        The plane that each stands on: its unit normal, and normal.p of all that lies on it.
+        The plane on which each object stands: unit normal, and normal.p for points p on it.
     numbers : (n,) int64
-        The objects.
+        Numbers of the objects.
     """
 
     points: npt.NDArray[np.float32]
@@ -37,7 +37,7 @@ class Surfaces(NamedTuple):
 
 
 class View(NamedTuple):
-    """What a frame shows, and of which object that is.
+    """A frame, and the owners of its pixels' voxels.
 
     Attributes
     ----------
@@ -45,9 +45,9 @@ class View(NamedTuple):
         Metres, 0 none.
     color : (h, w, 3) uint8
     slots : (h, w) int32
-        Voxel of each pixel, -1 none.
+        Voxel of each pixel, -1: none.
     owner : (N,) int32
-        Number of the object that each voxel belongs to.
+        Number of the object that owns each voxel.
     camera : (4,) float64
         fx, fy, cx, cy.
     T_camera_world : (4, 4) float64
@@ -63,30 +63,31 @@ class View(NamedTuple):
 
 @kernel
 def count_seen(surfaces, view, noise, agree, alike, counts, corners):
-    """Count, for each object, its points that a frame sees, those that it hides, and those it says nothing of.
+    """Count, for each object, the points that a frame sees, the hidden points, and the unknown points.
 
-    A point is seen when the reading at its pixel agrees with it; where there is none, when the color does. One behind
-    a reading of its own object counts not at all; any other with a reading is hidden, and any other without, or
-    outside the picture, is one of which nothing is said.
+    A point is seen if the reading at its pixel agrees with it; without a reading, if the color agrees. A point behind a
+    reading of its own object is ignored; any other point with a reading is hidden, and any other point without a
+    reading, or outside the image, is unknown.
 
-    An object stands on its foot, and goes on down to it below each of its points, also where that is dark or shines and
-    has no depth: there, every other point tells where it is once more, and counts not.
+    An object stands on its foot and extends down to it below each of its points, also where dark or shiny surfaces have
+    no depth. For the rectangle, every other point is therefore used a second time, at the foot below it; it is not
+    counted.
 
     Parameters
     ----------
     surfaces : Surfaces
     view : View
     noise : float
-        Standard deviation of depth is this times z squared.
+        The standard deviation of depth is this value times z squared.
     agree : float
-        A reading within this of a point agrees with it, metres, or within three standard deviations.
+        A reading agrees with a point within this distance, metres, or within three standard deviations.
     alike : int
-        A color agrees when no channel is farther off, of 255.
+        Largest difference per channel, of 255, between colors that agree.
     counts : (n, 3) int64, output
         Points seen, hidden, and unknown.
     corners : (n, 4) float64, output
-        Rectangle around the points ahead that nothing nearer hides, see `ends_at`, in pixels, within the picture or
-        not: left, top, right, bottom; infinite, the left beyond the right, where there are none.
+        Rectangle around the points in front of the camera that nothing nearer hides, see `ends_at`, in pixels, not
+        clipped: left, top, right, bottom; infinite, with left beyond right, if there are none.
     """
     points, colors, ends, feet, numbers = surfaces
     depth, color, slots, owner, camera, T = view
@@ -113,7 +114,7 @@ def count_seen(surfaces, view, noise, agree, alike, counts, corners):
                         same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
             within = max(agree, SIGMAS * noise * z * z)
             if ahead > NEAREST_M and (mine or not 0.0 < reading < z - within):
-                # As far beyond the picture as it is wide: one beside the camera is infinitely far out.
+                # Limited to one image width or height outside: a point beside the camera would be infinitely far.
                 across[around], down[around] = min(max(u, -width), 2.0 * width), min(max(v, -height), 2.0 * height)
                 around += 1
             if n >= count:
@@ -132,14 +133,14 @@ def count_seen(surfaces, view, noise, agree, alike, counts, corners):
 
 @kernel(error_model="numpy")
 def pictured(points, foot, T, camera, places):
-    """Tell where in the picture points (N, 3) are, and then where below them every other one stands; see `count_seen`.
+    """Project points (N, 3) into the image, and then the foot below every other one; see `count_seen`.
 
-    Written to `places` (3, M) float64: column and row, and how far ahead.
+    The result is written to `places` (3, M) float64: column, row, and depth.
     """
     ux, uy, uz, low = foot
     count = points.shape[0]
     us, vs, zs = places[0], places[1], places[2]
-    # Without a branch: so one instruction takes several points.
+    # No branches, so that the compiler can vectorise the loops.
     for i in range(count):
         us[i], vs[i], zs[i] = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
     for i in range(us.size - count):
@@ -157,11 +158,11 @@ def pictured(points, foot, T, camera, places):
 
 @kernel
 def may_be_in_frustum(bounds, T, camera, width, height, far):
-    """Tell whether any box within bounds (7,), see `overlap.bound`, may reach into a picture; as `boxes_in_frustum`."""
+    """Return whether a box within bounds (7,), see `overlap.bound`, may reach into an image; see `boxes_in_frustum`."""
     if bounds[0] > bounds[3]:
         return False
-    # All centres lie within a sphere; what `boxes_in_frustum` asks of them is linear once it is multiplied by their
-    # depth.
+    # All centres lie within a sphere; the conditions of `boxes_in_frustum` become linear when multiplied by the
+    # depth of a centre.
     x, y, z = 0.5 * (bounds[0] + bounds[3]), 0.5 * (bounds[1] + bounds[4]), 0.5 * (bounds[2] + bounds[5])
     dx, dy, dz = bounds[3] - bounds[0], bounds[4] - bounds[1], bounds[5] - bounds[2]
     within, radius = 0.5 * np.sqrt(dx * dx + dy * dy + dz * dz) + SLACK_M, bounds[6]
@@ -179,28 +180,28 @@ def may_be_in_frustum(bounds, T, camera, width, height, far):
 
 @kernel
 def boxes_in_frustum(boxes, bounds, T_camera_world, camera, width, height, far, found):
-    """Find the boxes that reach into a picture with their bounding spheres.
+    """Find the boxes whose bounding spheres reach into an image.
 
     Parameters
     ----------
     boxes : (N, 15) float64
-        See `overlap.intersections`; a row of NaN is in no picture.
+        See `overlap.intersections`; a row of NaN is never found.
     bounds : (M, 7) float64
         See `overlap.bound`.
     T_camera_world : (4, 4) float64
     camera : (4,) float64
         fx, fy, cx, cy.
     width, height : int
-        Of the picture, pixels.
+        Size of the image, pixels.
     far : float
-        Spheres that begin farther away are not seen, metres; nor is what is nearer than `NEAREST_M`.
+        Spheres that begin farther away are not found, metres; nor are centres nearer than `NEAREST_M`.
     found : (N,) int64, output
         Rows, ascending.
 
     Returns
     -------
     int
-        How many there are.
+        Number of boxes found.
     """
     T, n = T_camera_world, 0
     rows = boxes.shape[0]

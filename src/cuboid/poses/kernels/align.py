@@ -1,4 +1,4 @@
-"""Hot loops of dense alignment: an image made ready, points picked from it, their residuals in another image."""
+"""Hot loops of dense alignment: pack an image, pick points from it, and compute their residuals in another image."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from cuboid.core.compiled import kernel
 
 # Channels of a packed image: intensity, its two derivatives per pixel, depth in metres.
 INTENSITY, ALONG_U, ALONG_V, DEPTH = range(4)
-# Entries of the sums that `accumulate` gives.
+# Entries of the sums that `accumulate` writes.
 IN_IMAGE, WITH_DEPTH, INLIERS, ON_SURFACE, SQUARES_I, SQUARES_D, SHADED = range(7)
 SUMS = 7
-# Columns of a group's sums: weight, intensity there, intensity here, their squares, their product.
+# Columns of a group's sums: weight, reference intensity, image intensity, their squares, their product.
 GROUP_SUMS = 6
 # Degrees of freedom of the t-distribution of residuals (Kerl, Sturm, Cremers, ICRA 2013).
 FREEDOM = 5.0
@@ -19,7 +19,7 @@ FREEDOM = 5.0
 
 @kernel
 def pack(gray, depth_m, out):
-    """Bring intensity, its derivatives (central differences) and depth together, pixel by pixel.
+    """Pack intensity, its derivatives (central differences) and depth, pixel by pixel.
 
     Parameters
     ----------
@@ -42,16 +42,16 @@ def pack(gray, depth_m, out):
 
 @kernel
 def pick_points(image, camera, cell, reach, max_depth, noise, points, normals, intensity):
-    """Pick the pixel of steepest intensity of each cell of an image, as a point on a small plane.
+    """Pick from each cell of an image the pixel with the largest intensity gradient, as a point on a local plane.
 
-    The plane is fitted to the inverse depth of the pixels around, (2 reach + 1) squared, that lie on the same
-    surface: 1/z = a u + b v + c. A pixel goes without a point where most of the readings around it are missing
-    or belong to other surfaces.
+    The plane is fitted to the inverse depth of the surrounding (2 reach + 1)^2 pixels that lie on the same surface:
+    1/z = a u + b v + c. A pixel gives no point if most of the readings around it are missing or belong to other
+    surfaces.
 
     Parameters
     ----------
     image : (H, W, 4) float32
-        Packed.
+        Packed image.
     camera : (4,) float64
         fx, fy, cx, cy.
     cell, reach : int
@@ -59,7 +59,7 @@ def pick_points(image, camera, cell, reach, max_depth, noise, points, normals, i
     max_depth : float
         Metres.
     noise : float
-        Standard deviation of a depth reading over its square, 1/metre.
+        Standard deviation of a depth reading divided by z squared, 1/metre.
     points, normals : (M, 3) float32, output
         In the camera frame, M at least the number of cells; normals face the camera.
     intensity : (M,) float32, output
@@ -67,7 +67,7 @@ def pick_points(image, camera, cell, reach, max_depth, noise, points, normals, i
     Returns
     -------
     int
-        How many points there are.
+        Number of points.
     """
     height, width = image.shape[0], image.shape[1]
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
@@ -81,7 +81,7 @@ def pick_points(image, camera, cell, reach, max_depth, noise, points, normals, i
             )
             if bu < 0:
                 continue
-            # In 1/z the noise is the same everywhere.
+            # The noise is uniform in 1/z.
             limit = 6.0 * noise + 0.02 * (1.0 / image[bv, bu, DEPTH])
             fixed, a, b, c = plane_around(image, bu, bv, reach, limit, needed)
             if not fixed or c <= 0.0:
@@ -91,7 +91,7 @@ def pick_points(image, camera, cell, reach, max_depth, noise, points, normals, i
             nx, ny, nz = a * fx, b * fy, a * (cx - bu) + b * (cy - bv) + c
             norm = np.sqrt(nx * nx + ny * ny + nz * nz)
             facing = (nx * rx + ny * ry + nz) / norm
-            if facing < 0.15 * np.sqrt(rx * rx + ry * ry + 1.0):  # grazing: depth says little
+            if facing < 0.15 * np.sqrt(rx * rx + ry * ry + 1.0):  # grazing angle: depth is not reliable
                 continue
             z = 1.0 / c
             points[count, 0], points[count, 1], points[count, 2] = rx * z, ry * z, z
@@ -103,7 +103,7 @@ def pick_points(image, camera, cell, reach, max_depth, noise, points, normals, i
 
 @kernel
 def steepest(image, top, left, bottom, right, max_depth):
-    """Return column and row of the pixel of steepest intensity with a reading; -1 where no pixel has one."""
+    """Return column and row of the pixel with the largest gradient among those with a reading; -1 if there is none."""
     best, bu, bv = np.float32(-1.0), -1, -1
     for v in range(top, bottom):
         for u in range(left, right):
@@ -119,9 +119,10 @@ def steepest(image, top, left, bottom, right, max_depth):
 
 @kernel
 def plane_around(image, bu, bv, reach, limit, needed):
-    """Fit 1/z = a u + b v + c to the readings around a pixel, u and v counted from it, whose 1/z is as near as a limit.
+    """Fit 1/z = a u + b v + c to the readings around a pixel, with u and v relative to it.
 
-    Returns whether at least as many as are needed fix a plane, and a, b, c.
+    Only readings whose 1/z differs by at most `limit` are used. Returns whether at least `needed` of them determine a
+    plane, and a, b, c.
     """
     w0 = 1.0 / image[bv, bu, DEPTH]
     n = 0.0
@@ -160,41 +161,41 @@ def plane_around(image, bu, bv, reach, limit, needed):
 def accumulate(
     points, normals, intensity, group, shade, image, camera, T_camera_points, sigma, noise, gate, system, sums, shades
 ):
-    """Sum up the normal equations of a pose over all points: intensity and distance to the surface seen.
+    """Sum up the normal equations of a pose over all points: residuals of intensity and of distance to the surface.
 
-    A point is moved into the image. Its intensity, corrected for its group's exposure, is compared with the
-    image's there (bilinear); its distance along its normal with that of the reading there. Both residuals
-    are weighted by a t-distribution. A point whose reading differs by more than the gate is hidden, or its
-    surface is out of sight: it counts neither way.
+    Each point is projected into the image. Its intensity, corrected for the exposure of its group, is compared with
+    that of the image (bilinear); the distance along its normal is that to the reading at its pixel. Both residuals are
+    weighted by a t-distribution. A point whose reading differs by more than the gate is hidden, or its surface is out
+    of view: it is ignored.
 
     Parameters
     ----------
     points, normals : (N, 3) float32
     intensity : (N,) float32
     group : (N,) int32
-        Which image each point is from, 0..G - 1.
+        The image from which each point comes, 0..G - 1.
     shade : (G, 2) float64
-        Gain and bias from this image's intensity to that of a group.
+        Gain and bias from this image's intensity to that of each group.
     image : (H, W, 4) float32
-        Packed.
+        Packed image.
     camera : (4,) float64
         fx, fy, cx, cy.
     T_camera_points : (4, 4) float64
     sigma : (2,) float64
-        Scale of the residuals: intensity in grey levels, distance as a multiple of the depth's noise.
+        Scale of the residuals: intensity in grey levels, distance as a multiple of depth noise.
     noise : (2,) float64
-        The depth's noise is noise[0] + noise[1] z^2, metres.
+        The standard deviation of depth is noise[0] + noise[1] z^2, metres.
     gate : (2,) float64
-        A reading agrees when it differs by no more than gate[0] metres plus gate[1] deviations of the noise.
+        A reading agrees if it differs by at most gate[0] metres plus gate[1] standard deviations of depth.
     system : (7, 6) float64, output
         Information matrix and, in the last row, the gradient, for a motion xi = (translation, rotation) of the
         camera frame: T <- exp(xi) T.
     sums : (7,) float64, output
-        Points in view, those with a reading, those whose reading agrees, and those of them that lie within a
-        centimetre and three deviations of it; weighted squared residuals of intensity and of distance, both in
-        units of their scale; points with an intensity residual.
+        Number of points in view, with a reading, with a reading that agrees, and of these within a centimetre plus
+        three standard deviations of it; weighted squared residuals of intensity and of distance, both in units of
+        their scale; number of points with an intensity residual.
     shades : (G, 6) float64, output
-        Weighted sums of 1, the group's intensity, the image's, the squares of both and their product.
+        Weighted sums of 1, the group's intensity, the image's intensity, the squares of both, and their product.
     """
     system[:] = 0.0
     sums[:] = 0.0
