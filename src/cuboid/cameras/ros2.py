@@ -1,10 +1,10 @@
 """Cameras that a ROS 2 node publishes, without ROS: DDS by cyclonedds, messages by rosbags (extra ``ros2``).
 
-Options: ``color=`` and ``depth=`` the topics of images (``Image`` or ``CompressedImage``), where they are not found by
-name; ``domain=`` ROS_DOMAIN_ID (that of the environment, or 0); ``info=`` the topic of color's ``CameraInfo``, where it
-does not stand beside color.
+Options: ``color=`` and ``depth=`` the topics of images (``Image`` or ``CompressedImage``), if they are not found by
+name; ``domain=`` ROS_DOMAIN_ID (default: from the environment, or 0); ``info=`` the topic of color's ``CameraInfo``, if
+it is not beside the color topic.
 
-Depth must be aligned to color: drivers publish that when they are told to (``align_depth.enable:=true``,
+Depth must be aligned to color: drivers publish aligned depth with an option (``align_depth.enable:=true``,
 ``depth_registration:=true``).
 """
 
@@ -26,9 +26,9 @@ from cuboid.readers.ros_bag import COLOR_WORDS, DEPTH_WORDS, NEITHER, WITHIN_S
 
 NAME = "ros2"
 OPTIONS = ("color", "depth", "info", "domain")
-# Nodes find each other within one or two seconds; a camera's first images may take some more.
+# Maximum time for nodes to find each other (usually one or two seconds), and for a camera's first images, seconds.
 DISCOVERY_S, FIRST_S = 5.0, 10.0
-# Images of one kind that wait for their partner, and that DDS keeps for us.
+# Maximum number of images of one kind that wait for their partner, and that DDS keeps.
 WAITING = 8
 TICK_S = 0.01
 
@@ -69,7 +69,7 @@ class Ros2:
         self.depth_units_per_metre = self._units(depth)
 
     def _calibration(self, color: str, info: str | None) -> Calibration:
-        """Return the pinhole of color once its CameraInfo has come."""
+        """Wait for color's CameraInfo and return its pinhole."""
         topic = info or f"{color.removesuffix('/compressed').rsplit('/', 1)[0]}/camera_info"
         found = _within(FIRST_S, self._network.infos(topic).take)
         if found is None:
@@ -78,7 +78,7 @@ class Ros2:
         return Calibration(*K, (int(found.width), int(found.height)), f"CameraInfo on {topic}", distortion)
 
     def _units(self, depth: str) -> float:
-        """Return the units of depth, once the first image has come."""
+        """Wait for the first depth image and return its units."""
         first = _within(FIRST_S, self._depths.take)
         if first is None:
             raise InputError(f"--camera {NAME}: no image on {depth} within {FIRST_S:g} s")
@@ -93,7 +93,7 @@ class Ros2:
         return units_per_metre(first)
 
     def take(self, wait_s: float) -> Shot | None:
-        """Return the next pair of color and depth that were taken together; None where there is none in time."""
+        """Return the next pair of color and depth taken at the same time; None if there is none in time."""
         found: Shot | None = _within(wait_s, self._pair)
         return found
 
@@ -117,12 +117,12 @@ class Ros2:
 def _shot(color: Any, depth: Any) -> Shot | None:
     try:
         return Shot(stamp_s(color), color_of(color, "a color image"), depth_of(depth, "a depth image"))
-    except FrameError:  # of a node that changed its mind about the encoding
+    except FrameError:  # the node changed the encoding
         return None
 
 
 def _within(wait_s: float, find: Callable[[], Any]) -> Any:
-    """Return what `find` finds within a time; None where it finds nothing."""
+    """Return the result of `find` within a time; None if it finds nothing."""
     until_s = time.monotonic() + wait_s
     while (found := find()) is None and time.monotonic() < until_s:
         time.sleep(TICK_S)
@@ -130,7 +130,7 @@ def _within(wait_s: float, find: Callable[[], Any]) -> Any:
 
 
 def _both(topics: Mapping[str, str], options: Mapping[str, str]) -> bool:
-    """Tell whether color and depth are there."""
+    """Tell whether topics for both color and depth exist."""
     return all(
         options.get(kind) in topics if kind in options else _candidates(topics, kind) for kind in ("color", "depth")
     )

@@ -1,9 +1,9 @@
-"""The messages of ROS 2 that a camera sends, as cyclonedds knows types; read by rosbags.
+"""The ROS 2 messages of a camera as types of cyclonedds, decoded by rosbags.
 
-cyclonedds makes a list of numbers of an image (25 ms for 640x480), rosbags a view of its bytes (0.5 ms): what arrives
-is read by the latter, and the types below only say on the wire what is meant. A topic ``/a`` of ROS is ``rt/a``,
-a type ``pkg/msg/Name`` is ``pkg::msg::dds_::Name_`` there. cyclonedds resolves
-annotations by itself, and only those that are no texts: there is no ``from __future__`` here.
+cyclonedds converts an image to a list of numbers (25 ms for 640x480), rosbags makes a view of its bytes (0.5 ms). So
+messages are decoded by rosbags, and the types below only declare the wire types. A topic ``/a`` of ROS is ``rt/a``, a
+type ``pkg/msg/Name`` is ``pkg::msg::dds_::Name_`` there. cyclonedds resolves annotations itself, and cannot resolve
+strings: there is no ``from __future__`` here.
 """
 
 import time
@@ -31,12 +31,12 @@ T = TypeVar("T")
 
 @cache
 def store() -> Any:
-    """Return rosbags' knowledge of message types."""
+    """Return rosbags' store of message types."""
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
 def read_by_rosbags(kind: type[T]) -> type[T]:
-    """Let what arrives of a type of message be read by rosbags; cyclonedds notes in the result how it came."""
+    """Make rosbags decode a type of message; cyclonedds adds its sample information to the result."""
     ros_type = kind.__idl_typename__.replace(".dds_.", ".").removesuffix("_").replace(".", "/")  # type: ignore[attr-defined]
 
     def deserialize(data: bytes, has_header: bool = True, use_version_2: bool | None = None) -> SimpleNamespace:
@@ -138,17 +138,17 @@ TICK_S = 0.05
 
 
 class TopicReader:
-    """The messages of a topic, as they come; the newest few are kept."""
+    """The arriving messages of a topic; the newest few are kept."""
 
     def __init__(self, participant: Any, topic: str, kind: Any, kept: int) -> None:
-        # best effort and volatile are met by every publisher
+        # every publisher is compatible with best effort and volatile
         qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(kept))
         self._reader: Any = DataReader(participant, Topic(participant, PREFIX + topic, kind), qos=qos)
 
     def take(self) -> Any:
-        """Return the oldest message that is there, as rosbags has it; None where there is none."""
+        """Return the oldest waiting message, decoded by rosbags; None if there is none."""
         for sample in self._reader.take(N=1):
-            message = getattr(sample, "message", None)  # the word that a publisher has gone has none
+            message = getattr(sample, "message", None)  # a notice that a publisher is gone has no message
             if message is not None:
                 return message
         return None
@@ -177,7 +177,7 @@ class Network:
         self._images: dict[str, str] = {}
 
     def images(self, wait_s: float, enough: Callable[[Mapping[str, str]], bool]) -> dict[str, str]:
-        """Return the topics of images and the names of their types, as soon as they are enough or the time is over."""
+        """Return image topics and the names of their types, once they are enough or the time is over."""
         until_s = time.monotonic() + wait_s
         while True:
             for found in self._publications.take(N=64):
@@ -197,5 +197,5 @@ class Network:
         return TopicReader(self._participant, topic, CameraInfo, 1)
 
     def close(self) -> None:
-        """Leave the domain: what was made in it ends with the participant."""
+        """Leave the domain; this also closes all readers in it."""
         self._publications = self._participant = None

@@ -19,7 +19,7 @@ STEP_M = 0.0165
 STEP_RAD = np.radians(1.2)
 # The camera's inertia: its path is smoothed over this many frames.
 INERTIA_FRAMES = 5.0
-# Maximum number of curve pieces between waypoints; poses are interpolated between them.
+# Number of points on the curve through all waypoints; poses are interpolated between them.
 _PIECES = 2400
 
 
