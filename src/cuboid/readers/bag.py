@@ -61,7 +61,7 @@ class Bag:
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        self._lock = threading.Lock()  # a file has one position, and frames are decoded in several threads
+        self._lock = threading.Lock()  # a file has one position, and frames are decoded in another thread
         self.name = paths[0].name
         self._parts = [(path, _open(path)) for path in paths]
         self._close = weakref.finalize(self, _close_all, [reader for _, reader in self._parts])
