@@ -47,7 +47,7 @@ class Session:
     extra : str
         The extra that installs ONNX Runtime.
     side : int, optional
-        Of the input, where it takes any size; the image's own unless given.
+        Side of the input, if it accepts any size; default: the image's own size.
 
     Raises
     ------

@@ -46,7 +46,7 @@ FLOAT32 = 7  # of sensor_msgs/PointField
 
 
 def write(run: Results, path: Path) -> list[str]:
-    """Write the file; says so where the recording, which has the pictures, is not there."""
+    """Write the file; return a note if the recording with the pictures is missing."""
     shown = run.recording_path is not None or is_there(run.report.recording)
     if shown:
         _ = run.recording  # a wrong one is found before anything is written
@@ -149,7 +149,7 @@ def _markers(bag: RosBag, label: int, name: str, box: Box, up: Float64Array | No
 
 
 def _deleted(bag: RosBag, label: int, time_ns: int) -> list[Any]:
-    """Return what takes the markers of an object away."""
+    """Return the messages that delete the markers of an object."""
     names = ("boxes", "edges", "labels")
     return [
         _marker(bag, label, name, time_ns, kind=CUBE, T=np.eye(4), scale=np.ones(3), action=DELETE) for name in names

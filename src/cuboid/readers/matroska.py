@@ -138,7 +138,7 @@ class _State:
         file.seek(offset)
         head = file.read(min(length, 11))
         size = _length_of(head[0]) if head else 0
-        if not size or len(head) < size + 3 or head[size + 2] & 0x06:  # several frames in one block, which videos do not have
+        if not size or len(head) < size + 3 or head[size + 2] & 0x06:  # several frames in one block: not in videos
             return
         track = int.from_bytes(head[:size], "big") & ((1 << (7 * size)) - 1)
         after = int.from_bytes(head[size : size + 2], "big", signed=True)
