@@ -17,7 +17,7 @@ from cuboid.outputs.pending import PendingFile
 from cuboid.readers.recording import Recording
 
 
-class Outdated(Exception):  # noqa: N818 - an answer to who asked, not a fault
+class Outdated(Exception):  # noqa: N818 - an answer to the client, not a fault
     """The keyframes were changed by another program or page in the meantime."""
 
 

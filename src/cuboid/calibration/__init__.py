@@ -1,4 +1,4 @@
-"""Finds the pinhole and the depth scale of a recording in its own frames, and says when those in use are off."""
+"""Calibration of intrinsics and depth scale from a recording's own frames, and checks of those in use."""
 
 from __future__ import annotations
 

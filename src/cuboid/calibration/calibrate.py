@@ -1,4 +1,4 @@
-"""Finds focal length, optical centre and depth scale at which the views of a recording fit together."""
+"""Finds the focal length, optical centre and depth scale for which the views of a recording are consistent."""
 
 from __future__ import annotations
 
@@ -16,57 +16,57 @@ from cuboid.core.errors import InputError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
 
-# Number of frames that are compared, and of consecutive frames in a group, where the recording is long.
+# Number of compared frames, and of consecutive frames in a group, for long recordings.
 FRAMES = 64
 GROUP = 8
-# The camera moves this far from one chosen frame to the next, radians, a metre counting as one (things are one to two
-# metres away); less in a short recording.
+# Camera motion from one chosen frame to the next, radians; a metre counts as a radian (objects are one to two metres
+# away). Less in a short recording.
 STEP = 0.08
-# Focal lengths that are tried first, as logarithms beside the one to begin with: 0.74 to 1.35 times that.
+# Initial focal lengths, as logarithms relative to the start value: 0.74 to 1.35 times it.
 TRIED = np.arange(-0.30, 0.301, 0.05)
-# And depth scales: 0.85 to 1.17.
+# Initial depth scales, as logarithms: 0.85 to 1.17.
 TRIED_DEPTHS, ALONE = np.arange(-0.16, 0.161, 0.04), np.zeros(1)
-# Gauss-Newton steps at most.
+# Maximum numbers of Gauss-Newton steps.
 COARSE_STEPS, FINE_STEPS = 20, 12
-# Parameters that are fitted, by the source of poses: those estimated from the same frames give the focal length only.
+# Fitted parameters by source of poses: with poses estimated from the same frames, only the focal length.
 FOCAL_ONLY, WITH_CENTER = (FOCAL,), (FOCAL, CENTER_X, CENTER_Y)
 WITH_DEPTH = (*WITH_CENTER, DEPTH)
-# With fewer pairs of views nothing is said.
+# Minimum number of pairs of views for a result.
 MIN_PAIRS = 12
-# The depth scale is left as it is unless it is off by more than this, and by three standard errors: lens distortion and
-# drifting poses feign up to 2 %.
+# The depth scale is corrected only if it is off by more than this fraction and by three standard errors: lens
+# distortion and drifting poses cause apparent errors of up to 2 %.
 DEPTH_SCALE_OFF = 0.03
-# And then the views must agree as well as with the old one, each with poses mended for it: a camera that mostly turns
-# has short ways, which poses that drift make too long or too short.
+# In addition, the disagreement of the views must be at most this factor times that with the old scale, with poses
+# corrected for each: a camera that mostly turns has short translations, which drift makes too long or too short.
 AS_GOOD = 1.07
-# Errors that no spread between parts of a recording shows (what is left of lens distortion, a shutter that rolls, depth
+# Errors that the spread between parts of a recording does not show (residual lens distortion, rolling shutter, depth
 # and color at different times): fraction, pixels, pixels, fraction.
 MIN_ERROR = np.array([0.005, 0.5, 0.5, 0.003])
-# A focal length that is less sure than this says nothing.
+# Maximum relative standard error of a usable focal length.
 WORST_FOCAL_ERROR = 0.03
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """The intrinsics that were found, with their certainty.
+    """The intrinsics that were found, with standard errors.
 
     Attributes
     ----------
     start, intrinsics : Intrinsics
-        Before and after; the ratio of fx and fy is kept.
+        Intrinsics before and after; the ratio of fx and fy is kept.
     depth_scale : float
-        True metres in a metre of depth as it was read; 1 where nothing speaks clearly against it.
+        True metres per metre of depth as read; 1 unless another scale is clearly better.
     focal_error : float
-        Standard error of the focal length, as a fraction of it.
+        Relative standard error of the focal length.
     center_error_px : (float, float)
     measured_depth_scale, depth_scale_error : float
-        The depth scale that fits best, and its standard error.
+        The best-fitting depth scale, and its standard error.
     pose_error_m, pose_error_rad : float
-        How far off the poses of two compared views are towards each other; NaN where they were estimated.
+        Error of the relative pose of two compared views; NaN for estimated poses.
     gap_before_m, gap_after_m : float
-        Median difference of depth between views, poses taken as they are.
+        Median difference of depth between views, with uncorrected poses.
     frames, pairs : int
-        How many were compared.
+        Numbers of compared frames and pairs.
     """
 
     start: Intrinsics
@@ -85,29 +85,30 @@ class CalibrationResult:
 
 
 def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = False) -> CalibrationResult:
-    """Find the pinhole at which frames fit together.
+    """Find the pinhole for which frames are consistent.
 
-    Points of each frame are warped into others by the poses; where the pinhole is right, depth and brightness agree
-    there. Poses may be off by a few centimetres: each pair of frames may move a little (`cuboid.calibration.solving`).
+    Points of each frame are warped into others by the poses; with the correct pinhole, depth and brightness agree
+    there. Poses may have errors of a few centimetres: the relative pose of each pair is corrected slightly
+    (`cuboid.calibration.solving`).
 
     Parameters
     ----------
     frames : iterable of Frame
-        With poses; some 64 from a camera that moves, see `spread_out`.
+        Frames with poses; about 64 from a moving camera, see `spread_out`.
     start : Intrinsics
-        To begin with; the true focal length is between 0.74 and 1.35 times this one.
+        Start value; the true focal length must be 0.74 to 1.35 times this one.
     estimated : bool
         Whether the poses come from these frames and this pinhole: then only the focal length is fitted. Such poses do
-        not know how long a metre is, and take up a shift of the optical centre.
+        not determine the metric scale, and absorb a shift of the optical centre.
 
     Raises
     ------
     InputError
-        The frames have too little in common, or do not tell the focal length.
+        The frames overlap too little, or do not determine the focal length.
     """
     coarse_by, fine_by = factors(start.width)
     coarse_views, fine_views = [], []
-    for frame in frames:  # one at a time: they take more memory than their views
+    for frame in frames:  # one at a time: frames take more memory than their views
         coarse_views.append(build_view(frame, coarse_by))
         fine_views.append(build_view(frame, fine_by))
     begin = Pinhole.of(start)
@@ -152,9 +153,9 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
 def best_of_tried(
     problem: Problem, pinhole: Pinhole, focals: Float64Array, depths: Float64Array = ALONE, *, every: int = 1
 ) -> Pinhole:
-    """Return the pinhole at which every n-th pair of views agrees best, of some.
+    """Return the best of several pinholes, by the agreement of every n-th pair of views.
 
-    `focals` and `depths` are logarithms of focal lengths and depth scales beside the pinhole's own.
+    `focals` and `depths` are logarithms of focal lengths and depth scales relative to the pinhole's own.
     """
     candidates = [
         replace(pinhole, fx=pinhole.fx * grown, fy=pinhole.fy * grown, depth_scale=pinhole.depth_scale * scaled)
@@ -165,19 +166,19 @@ def best_of_tried(
 
 
 def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = FRAMES) -> list[int]:
-    """Return which frames to compare: the camera has moved between them, and those of a group see the same.
+    """Return the frames to compare: the camera moves between them, and the frames of a group overlap.
 
     Parameters
     ----------
     T_world_camera : mapping of int to (4, 4) float64
         Poses of the frames that have one.
     count : int
-        At most this many frames.
+        Maximum number of frames.
 
     Returns
     -------
     list of int
-        Rising.
+        Frame numbers, increasing.
     """
     known = sorted(T_world_camera.items())
     if not known:
@@ -198,7 +199,7 @@ def _tried(coarse: Problem, begin: Pinhole, depths: Float64Array = ALONE) -> Pin
 
 
 def _told(found: Solution, start: Intrinsics) -> Intrinsics:
-    """Return the intrinsics; InputError where the focal length is unknown."""
+    """Return the intrinsics; raise InputError if the focal length is too uncertain."""
     pinhole, error = found.pinhole, _errors(found)[FOCAL]
     if error > WORST_FOCAL_ERROR:
         raise InputError(
@@ -209,6 +210,6 @@ def _told(found: Solution, start: Intrinsics) -> Intrinsics:
 
 
 def _errors(found: Solution) -> Float64Array:
-    """Return standard errors, with those that no spread shows."""
+    """Return standard errors, with `MIN_ERROR` included."""
     errors: Float64Array = np.hypot(found.error, MIN_ERROR)
     return errors

@@ -1,4 +1,4 @@
-"""A quick look whether the intrinsics in use are clearly worse than others nearby."""
+"""A quick check whether the intrinsics in use are clearly worse than similar ones."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from cuboid.calibration.views import Pinhole, build_view, factors
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 
-# Number of frames of a run that are examined, and where its poses were estimated, which carry less information. A run
-# with fewer frames than the last number is not checked.
+# Number of examined frames of a run with given poses, and with estimated poses, which carry less information; minimum
+# number of frames for a check.
 FRAMES, FRAMES_ESTIMATED, MIN_FRAMES = 24, 48, 8
-# Focal lengths that are tried, as logarithms beside the one in use.
+# Focal lengths that are tried, as logarithms relative to the one in use.
 TRIED = np.arange(-0.20, 0.201, 0.05)
 STEPS = 12
 # The focal length counts as wrong if it is off by this fraction and by four standard errors: at 1 m the edge of an
-# image is then 2 cm off, which begins to double objects; a lens taken for a pinhole makes 2 or 3 %, and with estimated
-# poses, which leave the focal length more uncertain, a hand-held camera whose shutter rolls 3.6 %.
+# image is then 2 cm off, which begins to double objects; ignored lens distortion causes 2 or 3 %, and with estimated
+# poses, which determine the focal length less well, the rolling shutter of a hand-held camera causes 3.6 %.
 CLEARLY_OFF, CLEARLY_OFF_ESTIMATED = 0.04, 0.05
 CLEARLY_ERRORS = 4.0
-# And the views must disagree less by this fraction than with the one in use, poses mended for each.
+# In addition, the disagreement of the views must be lower by this fraction than with the one in use, with poses
+# corrected for each.
 CLEARLY_BETTER = 0.05
 
 
@@ -40,9 +41,9 @@ class Verdict:
     wrong : bool
         Whether another focal length is clearly better than the one in use.
     focal : float or None
-        The fx that fits best, pixels; None where too few frames see the same to tell.
+        The best-fitting fx, pixels; None if too few frames overlap.
     focal_error : float or None
-        Standard error of it, as a fraction.
+        Relative standard error of `focal`.
     """
 
     wrong: bool
@@ -54,22 +55,22 @@ UNKNOWN = Verdict(False, None, None)
 
 
 def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: bool = False) -> Verdict:
-    """Tell whether the intrinsics in use are clearly worse than others nearby.
+    """Check whether the intrinsics in use are clearly worse than similar ones.
 
     Parameters
     ----------
     frames : iterable of Frame
-        With poses; some 24, or 48 if they were estimated, that see the same from different places (`spread_out`) take
-        less than a second.
+        Frames with poses; about 24, or 48 if they were estimated, that overlap from different places (`spread_out`)
+        take less than a second.
     intrinsics : Intrinsics
-        Those in use, of these frames.
+        Intrinsics in use for these frames.
     estimated : bool
         Whether the poses come from these frames and these intrinsics.
 
     Returns
     -------
     Verdict
-        Not wrong where the frames do not tell.
+        `wrong` is False if the frames do not determine the focal length.
     """
     factor, _ = factors(intrinsics.width)
     views = [build_view(frame, factor) for frame in frames]
@@ -97,18 +98,18 @@ def intrinsics_warning(
     *,
     estimated: bool,
 ) -> str | None:
-    """Return one line about the intrinsics of a run where others nearby are clearly better, else None.
+    """Return a one-line warning if intrinsics similar to those of a run are clearly better, else None.
 
     Parameters
     ----------
     read : callable
-        Gives a frame by its number; raises FrameError where it cannot be used.
+        Returns a frame by its number; raises FrameError if it cannot be used.
     intrinsics : Intrinsics
-        Of its frames.
+        Intrinsics of the frames.
     T_world_camera : mapping of int to (4, 4) float64
         Poses of the frames that were used.
     estimated : bool
-        Whether they come from these frames and these intrinsics.
+        Whether the poses come from these frames and these intrinsics.
     """
     if len(T_world_camera) < MIN_FRAMES:
         return None

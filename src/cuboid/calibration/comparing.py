@@ -1,4 +1,4 @@
-"""One view warped into another by a pinhole and a motion: where they disagree, and how that changes."""
+"""Warping of one view into another by a pinhole and a motion: residuals and their derivatives."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ PARAMETERS = 4
 MOTION = 6
 
 # Noise of a reading: Khoshelham, Oude Elberink (Sensors 2012), 1.425 mm at 1 m, growing with the square of the depth,
-# and a millimetre of everything else; and its place is off by this much in the image, pixels.
+# plus a millimetre for everything else; PLACE_PX is the error of its position in the image, pixels.
 DEPTH_NOISE = 1.425e-3
 MIN_NOISE_M = 1e-3
 PLACE_PX = 0.7
-# Brightness is compared where depths agree within this, metres: else something else is seen.
+# Maximum difference of depths at which brightness is compared, metres: beyond it the surfaces are different.
 SAME_PLACE_M = 0.10
-# Nothing that these cameras see is nearer, metres.
+# Minimum depth that these cameras see, metres.
 NEAREST_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Warped:
-    """Pixels of a view where they fall on one surface in another.
+    """Pixels of a view that fall on a single surface in another view.
 
     Attributes
     ----------
     p, q : (N, 3) float64
         The points in the view's camera and in the other's, metres.
     depth, contrast : (3, N) float64
-        What the other has there, as read: the value, and how it changes along a row and along a column.
+        The other view's values there, as read: value, derivative along the row, derivative along the column.
     noise_m : (N,) float64
-        Deviation to be expected between both depths.
+        Expected standard deviation of the difference of both depths.
     gap_m : (N,) float64
-        The other's depth less that of the point.
+        The other view's depth minus the point's depth.
     change : (N,) float64
-        The other's contrast less that of the pixel.
+        The other view's contrast minus the pixel's contrast.
     same : (N,) bool
-        Whether both see one thing.
+        Whether both see the same surface.
     """
 
     p: Float64Array
@@ -59,14 +59,14 @@ class Warped:
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """Residuals of N pixels, and how they change.
+    """Residuals of N pixels, and their derivatives.
 
     Attributes
     ----------
     residual : (N,) float64
     by_parameter : (N, 4) float64
     by_motion : (N, 6) float64
-        By a small motion after T_other_view: translation (metres), turn (radians).
+        Derivative by a small motion after T_other_view: translation (metres), rotation (radians).
     """
 
     residual: Float64Array
@@ -75,10 +75,10 @@ class Disagreement:
 
 
 def warp(view: View, other: View, T_other_view: Float64Array, pinhole: Pinhole) -> Warped:
-    """Carry the pixels of a view into another of the same size.
+    """Warp the pixels of a view into another view of the same size.
 
-    Depths are taken as they are read: where the depth scale is not 1, the translation of `T_other_view` is divided by
-    it (a shrunken world would agree with itself all too well).
+    Depths are used as read: if the depth scale is not 1, the translation of `T_other_view` is divided by it. Scaling
+    the depths instead would favour small scales, because a shrunken world has small differences.
     """
     z = view.xyz[:, 2]
     x, y = (view.xyz[:, 0] - pinhole.cx) / pinhole.fx, (view.xyz[:, 1] - pinhole.cy) / pinhole.fy
@@ -103,7 +103,7 @@ def warp(view: View, other: View, T_other_view: Float64Array, pinhole: Pinhole) 
 def disagreements(
     warped: Warped, T_other_view: Float64Array, pinhole: Pinhole, shift_m: Float64Array
 ) -> tuple[Disagreement, Disagreement]:
-    """Return how depth (over its noise) and contrast disagree, the latter where both see one thing.
+    """Return the residuals of depth (over its noise), and of contrast where both see the same surface.
 
     `shift_m` (3,) is the part of the translation that is divided by the depth scale.
     """
@@ -114,7 +114,7 @@ def disagreements(
         u, v = by_column * fx / q[:, 2], by_row * fy / q[:, 2]
         by_q = np.stack([u, v, by_depth - u * x - v * y], axis=1)
         by_p = by_q @ T_other_view[:3, :3]
-        # the parameters decide where p lies, and where q falls in the other's image
+        # the parameters affect both the point p and the projection of q into the other image
         by = np.stack(
             [
                 by_column * fx * x + by_row * fy * y - by_p[:, 0] * p[:, 0] - by_p[:, 1] * p[:, 1],
@@ -148,7 +148,7 @@ def _bilinear(
     down: Float64Array,
     right: Float64Array,
 ) -> Float64Array:
-    """Return value, change along the row and change along the column (3, N) between four pixels."""
+    """Return bilinear value, derivative along the row and derivative along the column, (3, N)."""
     a, b = image[row, column].astype(np.float64), image[row, column + 1].astype(np.float64)
     c, d = image[row + 1, column].astype(np.float64), image[row + 1, column + 1].astype(np.float64)
     top, bottom = a + (b - a) * right, c + (d - c) * right

@@ -1,4 +1,4 @@
-"""Ends of surfaces in depth, edges in color, and the move that brings the one onto the other."""
+"""Depth edges, color edges, and the move (magnification and shift) that aligns the first with the second."""
 
 from __future__ import annotations
 
@@ -12,53 +12,54 @@ import numpy.typing as npt
 from cuboid.calibration.kernels.edges import depth_edges, edge_agreement
 from cuboid.core.frame import Float32Array, Float64Array, Frame
 
-# Images are thinned to at least this width, pixels: an edge is found to half a pixel of them.
+# Minimum width of the downsampled images, pixels: edges are located to half a pixel of them.
 WIDTH_PX = 320
-# A surface ends where the next reading is farther by this fraction of the depth (more than any noise), and at most this
-# many pixels of a 640 image away: the shadow of a projector lies between.
+# A surface ends where the next reading is farther by at least JUMP, as a fraction of the depth (more than any noise),
+# within GAP_PX pixels of an image with width 640: the projector's shadow may lie between.
 JUMP = 0.05
 GAP_PX = 12
-# With fewer ends a frame says nothing; of more, this many chosen at random are used.
+# Minimum number of depth edges of a usable frame; maximum number, of which a random subset is used.
 MIN_EDGES, MAX_EDGES = 50, 1200
-# And this many of each frame for the search over everything.
+# Number of edges of each frame for the exhaustive search.
 FEW_EDGES = 120
-# The search: magnifications 0.62 to 1.62 (a RealSense's two cameras have 1.57), shifts up to 24 pixels of the thinned
-# image (7-Scenes is off by 8 in its middle), and the blur of color's edges that it is done with, pixels.
+# Grid of the exhaustive search: magnifications 0.62 to 1.62 (the two cameras of a RealSense have 1.57), shifts up to 24
+# pixels of the downsampled image (7-Scenes is off by 8 in the image's middle), and blur of the color edges, pixels.
 MAGNIFIED = np.exp(np.arange(-0.48, 0.481, 0.04))
 SHIFTED_PX = np.arange(-24.0, 24.1, 3.0)
 SEARCH_BLUR_PX = 4.0
-# The best of the search, so many that differ by this (root mean square over the image), and no move, are followed.
+# Number of best moves of the search that are refined, in addition to no move; minimum difference between them, pixels
+# (root mean square over the image).
 STARTS, APART_PX = 6, 8.0
-# Then finer: blur, steps of magnification (fraction) and of shift (pixels).
+# Refinement levels: blur (pixels), steps of magnification (fraction) and of shift (pixels).
 FINER = ((3.0, 0.02, 1.5), (2.0, 0.01, 0.75), (1.2, 0.005, 0.4), (1.0, 0.0025, 0.2))
 FINE_BLUR_PX = FINER[-1][0]
-# Two cameras of one device lie side by side, at most this far apart, metres.
+# Candidate baselines between the two cameras of a device, which lie side by side, metres.
 BESIDE_M = np.arange(-0.08, 0.081, 0.005)
-# A shift between color and depth counts if it makes edges agree better by this fraction: noise and nearly equal depths
-# give less.
+# Minimum relative gain in edge agreement for a baseline between the cameras: noise and nearly equal depths give less.
 APART_GAIN = 0.05
-# A view is another one if half of its edges are not within 2 pixels of those of one before.
+# A view is new if at least this fraction of its edges are farther than SAME_PLACE_PX pixels from the edges of every
+# earlier view.
 SAME_VIEW, SAME_PLACE_PX = 0.5, 2
 
 _SEED = 5
-# A move is (g, du, dv, p, q): see `edge_agreement`. This one leaves all where it is.
+# The identity move; a move is (g, du, dv, p, q), see `edge_agreement`.
 NOWHERE = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
 class Edges:
-    """Ends of surfaces, and how strong the edges of color are, in thinned pixels.
+    """Depth edges, and the strength of color edges, in pixels of the downsampled image.
 
     Attributes
     ----------
     places : (N, 3) float32
-        Column and row of each end, and the depth of the surface, metres.
+        Column and row of each depth edge, and the depth of the surface, metres.
     across : (N,) bool
-        Whether it ends along the row, else along the column.
+        Whether the surface ends along the row, else along the column.
     image : (N,) int32
         Number of the image.
     strength : (F, 2, H, W) float32
-        Of color's edges across the row and across the column, 0 to 1, of each image.
+        Strength of color edges across the row and across the column, 0 to 1, of each image.
     """
 
     places: Float32Array
@@ -73,16 +74,16 @@ class Edges:
         return np.array([(width - 1) / 2, (height - 1) / 2])
 
     def blurred(self, sigma_px: float) -> Edges:
-        """Return the same with the edges of color blurred."""
+        """Return a copy with blurred color edges."""
         smooth = [[cv2.GaussianBlur(one, (0, 0), sigma_px) for one in two] for two in self.strength]
         return replace(self, strength=np.array(smooth, np.float32))
 
     def chosen(self, which: npt.NDArray[np.bool_]) -> Edges:
-        """Return some of the ends, by a mask (N,)."""
+        """Return the depth edges in a mask (N,)."""
         return replace(self, places=self.places[which], across=self.across[which], image=self.image[which])
 
     def few(self) -> Edges:
-        """Return at most this many of each image."""
+        """Return a copy with at most `FEW_EDGES` depth edges of each image."""
         rng = np.random.default_rng(_SEED)
         drawn = rng.permutation(len(self.image))
         order = drawn[np.argsort(self.image[drawn], kind="stable")]
@@ -90,25 +91,25 @@ class Edges:
         return self.chosen(np.isin(np.arange(len(self.image)), order[np.arange(len(order)) - first < FEW_EDGES]))
 
     def per_image(self, moves: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return sums of strengths and numbers of edges inside, (M, F) each."""
+        """Return sums of strengths and numbers of edges inside the image, (M, F) each."""
         sums = np.empty((len(moves), len(self.strength)))
         counts = np.empty_like(sums)
         edge_agreement(self.places, self.across, self.image, self.strength, moves, self.center, sums, counts)
         return sums, counts
 
     def agreement(self, moves: Float64Array) -> Float64Array:
-        """Return how well the edges agree (M,): the mean strength; those that leave the image count as chance."""
+        """Return the edge agreement (M,): the mean strength; edges outside the image get the expected random value."""
         sums, counts = (one.sum(axis=1) for one in self.per_image(moves))
         return np.asarray((sums + (len(self.places) - counts) * float(self.strength.mean())) / len(self.places))
 
     def agreement_inside(self, moves: Float64Array) -> Float64Array:
-        """Return how well the edges that stay in the image agree (M,): to compare moves that keep the same ones."""
+        """Return the mean strength (M,) over edges inside the image, to compare moves that keep the same edges."""
         sums, counts = (one.sum(axis=1) for one in self.per_image(moves))
         return np.asarray(sums / np.maximum(counts, 1))
 
 
 def gather_edges(frames: Iterable[Frame]) -> tuple[Edges, int] | None:
-    """Return the ends of surfaces and the strength of color's edges, and the factor they are thinned by."""
+    """Return depth edges and color edge strengths, and the downsampling factor, or None."""
     places, across, image, factor = [], [], [], 1
     strength: list[Float32Array] = []
     rng = np.random.default_rng(_SEED)
@@ -132,7 +133,7 @@ def gather_edges(frames: Iterable[Frame]) -> tuple[Edges, int] | None:
 
 
 def _ends(depth_m: Float32Array) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
-    """Return column, row and depth of the ends of surfaces (N, 3), and whether they end along the row (N,)."""
+    """Return column, row and depth of depth edges (N, 3), and whether they end along the row (N,)."""
     out, across = np.empty((depth_m.size // 8, 3), np.float32), np.empty(depth_m.size // 8, np.bool_)
     gap = max(1, GAP_PX * depth_m.shape[1] // 640)
     count = depth_edges(np.ascontiguousarray(depth_m), JUMP, gap, out, across)
@@ -140,7 +141,7 @@ def _ends(depth_m: Float32Array) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
 
 
 def _strength(frame: Frame, size: tuple[int, int]) -> Float32Array:
-    """Return how strong an edge across row and column is (2, h, w), 0 to 1: one half at the 90th percentile."""
+    """Return the color edge strength across row and column (2, h, w), 0 to 1; 0.5 at the 90th percentile."""
     grey = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
     small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     strengths = []
@@ -151,14 +152,14 @@ def _strength(frame: Frame, size: tuple[int, int]) -> Float32Array:
 
 
 def fit_move(levels: dict[float, Edges], likely: Float64Array) -> Float64Array:
-    """Return the move (g, du, dv, 0, 0) at which edges agree best: from several places, then ever finer."""
+    """Return the move (g, du, dv, 0, 0) with the best edge agreement, by coarse-to-fine search from several starts."""
     few = {sigma: level.few() for sigma, level in levels.items()}
     ends = np.array([_refined(few, start) for start in (likely, *_starts(few[SEARCH_BLUR_PX]))])
     return np.asarray(ends[int(np.argmax(few[FINE_BLUR_PX].agreement(ends)))])
 
 
 def _starts(edges: Edges) -> list[Float64Array]:
-    """Return the best moves of the search that are no neighbours of each other: a coarse look takes one for another."""
+    """Return the best moves of the search that are not neighbours: the coarse ranking is uncertain."""
     g, du, dv = (one.ravel() for one in np.meshgrid(MAGNIFIED, SHIFTED_PX, SHIFTED_PX, indexing="ij"))
     moves = np.stack([g, du, dv, np.zeros_like(g), np.zeros_like(g)], axis=1)
     kept: list[Float64Array] = []
@@ -171,7 +172,7 @@ def _starts(edges: Edges) -> list[Float64Array]:
 
 
 def _refined(levels: dict[float, Edges], move: Float64Array) -> Float64Array:
-    """Return the best move near one, by steps that become smaller."""
+    """Return the best move near a given one, by search with decreasing steps."""
     steps = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     best = move
     for sigma, fraction, shift in FINER:
@@ -186,8 +187,8 @@ def _refined(levels: dict[float, Edges], move: Float64Array) -> Float64Array:
 
 
 def fit_baseline(edges: Edges, move: Float64Array) -> Float64Array:
-    """Return the move with the distance of the cameras, where edges then agree clearly better."""
-    focal = 0.85 * edges.strength.shape[3]  # only where to look: the cameras of depth sensors have 0.6 to 1 widths
+    """Return the move with a baseline between the cameras, if edges then agree clearly better."""
+    focal = 0.85 * edges.strength.shape[3]  # only for the search range: depth sensors' cameras have 0.6 to 1 widths
     p, off = np.meshgrid(BESIDE_M * focal, np.arange(-1.0, 1.01, 0.25))
     moves = np.repeat(move[None], p.size, axis=0)
     moves[:, 1] += (off - p / np.median(edges.places[:, 2])).ravel()
@@ -200,13 +201,13 @@ def fit_baseline(edges: Edges, move: Float64Array) -> Float64Array:
 
 
 def size_of(edges: Edges, move: Float64Array) -> float:
-    """Return how far a difference of moves shifts, root mean square over the image, thinned pixels."""
+    """Return the shift by a difference of moves, root mean square over the image, downsampled pixels."""
     half = edges.center
     return float(np.sqrt(move[0] ** 2 * (half**2).sum() / 3 + move[1] ** 2 + move[2] ** 2))
 
 
 def gain_of(edges: Edges, of_even: Float64Array, of_odd: Float64Array) -> tuple[float, float]:
-    """Return by how much what was found in one half of the images improves the other, and its standard error."""
+    """Return the cross-validated gain of the moves from each half of the images, and its standard error."""
     sums, counts = edges.per_image(np.stack([NOWHERE, of_even, of_odd]))
     agreement = sums / np.maximum(counts, 1)
     gains: Float64Array = np.concatenate([(agreement[2] - agreement[0])[::2], (agreement[1] - agreement[0])[1::2]])
@@ -216,7 +217,7 @@ def gain_of(edges: Edges, of_even: Float64Array, of_odd: Float64Array) -> tuple[
 
 
 def different_views(edges: Edges) -> int:
-    """Return how many images see something else than those before."""
+    """Return the number of images that show a new view."""
     kept: list[npt.NDArray[np.uint8]] = []
     shape = edges.strength.shape[2:]
     kernel = np.ones((2 * SAME_PLACE_PX + 1,) * 2, np.uint8)

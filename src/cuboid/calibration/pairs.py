@@ -1,4 +1,4 @@
-"""Which frames are compared with which: those that see the same from places far enough apart."""
+"""Selection of pairs of frames that overlap and were taken from places far enough apart."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from cuboid.calibration.views import Pinhole, View
 from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 
-# A wrong pinhole shows in pairs that see things move in the image, and poses are off more the longer the way: for each
-# view one partner near each of these motions, radians of the median pixel (5, 11 and 20 degrees).
+# A wrong pinhole shows in pairs with motion in the image, but pose errors grow with the camera's motion. Each view gets
+# one partner near each of these motions, radians of the median pixel (5, 11 and 20 degrees).
 MOTIONS_RAD = (0.09, 0.19, 0.35)
-# A motion counts as one of these if it differs by less than this factor.
+# Maximum factor between a pair's motion and one of these.
 ALIKE = 1.6
-# Least fraction of a view's points that its partner must have in its image.
+# Minimum fraction of a view's points that lie in its partner's image.
 MIN_OVERLAP = 0.45
-# This many points of a view show where it overlaps another.
+# Number of points of a view that measure its overlap with another view.
 PROBES = 80
 
 
@@ -55,7 +55,7 @@ def _probes(view: View, pinhole: Pinhole) -> Float64Array:
 
 
 def _overlap_motion(points: Float64Array, view: View, other: View, pinhole: Pinhole) -> tuple[float, float]:
-    """Return the fraction of points that lie in the other's image, and how far they move in it, radians."""
+    """Return the fraction of points inside the other image, and their median motion in it, radians."""
     moved = se3.transform(se3.inverse(other.T_world_camera) @ view.T_world_camera, points)
     depth_m = np.where(moved[:, 2] > 0, moved[:, 2], np.inf)
     ray, old = moved[:, :2] / depth_m[:, None], points[:, :2] / points[:, 2:]

@@ -1,4 +1,4 @@
-"""Whether given camera poses explain the depth of the frames, or another reading of them explains it better."""
+"""Check whether given camera poses explain the frames' depth, or whether another convention explains it better."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.readers.pose_convention import converted
 
-# Frames whose depth is carried to later ones, evenly over the run, and how many used frames later these are.
+# Number of frames, evenly over the run, whose depth is transformed to later frames; distances to these, in used frames.
 STARTS, GAPS = 6, (5, 10, 20)
-# This many pixels along each row are compared.
+# Number of compared pixels along each row.
 COLUMNS = 80
-# Two depths agree if they differ by this fraction at most.
+# Maximum relative difference of two depths that agree.
 AGREE = 0.025
-# A pair tells of a hypothesis if this many pixels of one frame fall on readings of the other; this many pairs must.
+# Minimum number of pixels that fall on readings of the other frame for a pair to count; minimum number of pairs.
 MIN_PIXELS, MIN_PAIRS = 200, 4
 # Factors of the depth that are tried.
 DEPTH_FACTORS = (0.1, 0.2, 0.5, 2.0, 5.0, 10.0)
-# Conventions of the poses that are tried, the simple ones first: of two that explain as much the first is named.
+# Conventions of poses that are tried, simple ones first: of two that explain equally much, the first one is reported.
 POSE_CONVENTIONS = (
     ("inverse",), ("opengl",), ("inverse", "opengl"), ("mm",), ("cm",), ("wxyz",), ("xyzw",), ("mm", "inverse"),
     ("mm", "opengl"), ("cm", "inverse"), ("cm", "opengl"), ("wxyz", "inverse"), ("wxyz", "opengl"),
     ("xyzw", "inverse"), ("xyzw", "opengl"), ("wxyz", "mm"), ("xyzw", "mm"),
 )  # fmt: skip
-# Poses are tried this many used frames earlier and later.
+# Maximum shift of poses, in used frames, earlier and later.
 MAX_SHIFT = 5
 _SHIFTS = tuple(shift for shift in range(-MAX_SHIFT, MAX_SHIFT + 1) if shift)
-# A convention explains as much as one that comes before it where it explains no more than this fraction more.
+# A convention must explain more pixels than an earlier one by at least this fraction.
 AS_MUCH = 0.02
-# A step between two frames that follow each other is a jump where it is this many times the median step, and longer
-# than this, metres: no camera that is carried covers it within a tenth of a second.
+# A step between consecutive frames is a jump if it is at least JUMP_STEPS times the median step and at least JUMP_M
+# metres: a carried camera does not cover that within a tenth of a second.
 JUMP_STEPS, JUMP_M = 20.0, 0.5
 
 
@@ -61,25 +61,25 @@ class PoseFit:
     Attributes
     ----------
     given : float or None
-        By the given poses; None where these leave too few pixels in view of both frames.
+        Fraction with the given poses; None if too few pixels are in view of both frames.
     still : float
-        By a camera that never moves.
+        Fraction with a static camera.
     moves : bool
         Whether the given poses differ from each other.
     convention : tuple of str
-        The convention, of `POSE_CONVENTIONS`, in which the poses agree best.
+        The convention in `POSE_CONVENTIONS` with the best agreement.
     converted : float
-        The fraction with it.
+        Fraction with this convention.
     shift : int
-        The number of used frames by which poses agree best with earlier (negative: later) frames, none excluded.
+        The non-zero shift, in used frames, with the best agreement: poses belong to earlier (negative: later) frames.
     shifted : float
-        The fraction with it.
+        Fraction with this shift.
     depth_factor : float
-        The factor of the depth, of `DEPTH_FACTORS`, with which the given poses agree best.
+        The depth factor in `DEPTH_FACTORS` with the best agreement, with the given poses.
     scaled : float
-        The fraction with this factor.
+        Fraction with this factor.
     jump : Jump or None
-        The largest one.
+        The largest jump.
     """
 
     given: float | None
@@ -97,14 +97,14 @@ class PoseFit:
 def pose_fit(
     read: Callable[[int], Frame], intrinsics: Intrinsics, T_world_camera: Mapping[int, Float64Array]
 ) -> PoseFit | None:
-    """Return how well given poses explain the depth of the frames; None where too few pairs of frames tell.
+    """Return how well given poses explain the frames' depth; None if too few pairs of frames are usable.
 
     Parameters
     ----------
     read : callable
-        Gives a frame by its number; raises FrameError where it cannot be used.
+        Returns a frame by its number; raises FrameError if it cannot be used.
     intrinsics : Intrinsics
-        Of its frames.
+        Intrinsics of the frames.
     T_world_camera : mapping of int to (4, 4) float64
         Given poses of the frames that were used.
     """
@@ -152,14 +152,14 @@ def pose_fit(
 
 
 def _hypotheses(poses: list[Float64Array], a: int, b: int) -> list[Float64Array | None]:
-    """Return the motion T_b_a of the camera by each hypothesis: given, still, conventions, shifts, depth factors."""
+    """Return the camera motion T_b_a for each hypothesis: given, static, conventions, shifts, depth factors."""
     given = inverse(poses[b]) @ poses[a]
     motions: list[Float64Array | None] = [given, np.eye(4)]
     motions += [inverse(converted(poses[b], names)) @ converted(poses[a], names) for names in POSE_CONVENTIONS]
     for shift in _SHIFTS:
         there = a + shift >= 0 and b + shift < len(poses)
         motions.append(inverse(poses[b + shift]) @ poses[a + shift] if there else None)
-    for factor in DEPTH_FACTORS:  # depth times a factor is the translation divided by it, all in units of the depth
+    for factor in DEPTH_FACTORS:  # scaled depth is equal to the inversely scaled translation
         scaled = given.copy()
         scaled[:3, 3] /= factor
         motions.append(scaled)
@@ -169,7 +169,7 @@ def _hypotheses(poses: list[Float64Array], a: int, b: int) -> list[Float64Array 
 def _jump(
     read: Callable[[int], Frame], intrinsics: Intrinsics, frames: list[int], poses: list[Float64Array]
 ) -> Jump | None:
-    """Return the largest step of the given poses where it is a jump: the frames look as if the camera had not moved."""
+    """Return the largest step of the given poses if it is a jump: the frames show no such motion."""
     steps = np.array([np.linalg.norm(b[:3, 3] - a[:3, 3]) for a, b in pairwise(poses)])
     largest = int(np.argmax(steps))
     if steps[largest] < max(JUMP_STEPS * float(np.median(steps)), JUMP_M):
@@ -184,7 +184,7 @@ def _jump(
 
 
 def _median(fractions: list[float | None]) -> float | None:
-    """Return the median of the fractions of pairs; None where too few pairs have one."""
+    """Return the median of the pairs' fractions; None if too few pairs have one."""
     known = [fraction for fraction in fractions if fraction is not None]
     return float(np.median(known)) if len(known) >= MIN_PAIRS else None
 
@@ -199,7 +199,7 @@ def _points(frame: Frame, K: Intrinsics) -> Float64Array:
 
 
 def _agreement(points: Float64Array, depth_m: Float32Array, K: Intrinsics) -> float | None:
-    """Return the fraction of points, in the camera of a depth image, that lie where the image has its readings."""
+    """Return the fraction of points, in a depth image's camera, that agree with its readings, or None."""
     ahead = points[points[:, 2] > 0]
     columns = np.rint(K.fx * ahead[:, 0] / ahead[:, 2] + K.cx)
     rows = np.rint(K.fy * ahead[:, 1] / ahead[:, 2] + K.cy)

@@ -1,4 +1,4 @@
-"""Calibrates a recording: with its own poses, or with poses that are estimated along."""
+"""Calibration of a recording, with its own poses or with poses that are estimated alongside."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from cuboid.core.errors import FrameError, InputError
 from cuboid.core.frame import Float64Array, Frame
 from cuboid.readers import Recording
 
-# Poses and focal length are estimated in turn, so often at most, until the latter changes by less than this fraction.
+# Poses and focal length are estimated alternately: maximum number of rounds, and relative change of the focal length at
+# which the iteration ends.
 ROUNDS = 4
 CONVERGED = 0.004
-# Up to every third frame is enough for that (the camera turns little in a tenth of a second), but this many are used.
+# Up to every third frame is enough for the poses (the camera turns little in a tenth of a second), but at least
+# ENOUGH_FRAMES frames are used.
 LONGEST_STEP, ENOUGH_FRAMES = 3, 300
 
 
@@ -33,18 +35,18 @@ def calibrate_recording(
     Parameters
     ----------
     recording : Recording
-        Its intrinsics are where the search begins.
+        The recording; its intrinsics are the start of the search.
     poses : {"given", "estimated"}, optional
-        The recording's own where it has them.
+        Source of poses; default: the recording's own, if it has any.
     every, limit : int
-        Use each n-th frame; of the first this many.
+        Use every n-th frame, and at most this many.
     progress : callable
-        Told, while poses are estimated, how many frames are done and of how many.
+        Called during pose estimation with the number of finished frames and the total number.
 
     Raises
     ------
     InputError
-        The frames do not tell; or poses are to be given and there are none.
+        The frames do not determine the intrinsics; or given poses are requested and there are none.
     """
     if poses == "estimated" or (poses is None and not recording.has_poses):
         return _with_estimated_poses(recording, every, limit, progress)
@@ -63,7 +65,7 @@ def calibrate_recording(
 def _with_estimated_poses(
     recording: Recording, every: int, limit: int | None, progress: Callable[[int, int], None]
 ) -> CalibrationResult:
-    """Estimate poses, then the focal length with them, and again with that one."""
+    """Estimate poses and focal length alternately."""
     found, previous = None, recording
     count = len(range(0, len(recording), every)[:limit])
     step = min(LONGEST_STEP, max(1, count // ENOUGH_FRAMES))
@@ -76,7 +78,7 @@ def _with_estimated_poses(
             result,
             start=recording.intrinsics,
             gap_before_m=result.gap_before_m if found is None else found.gap_before_m,
-            focal_error=float(np.hypot(result.focal_error, change)),  # what the last round changed, a next one may too
+            focal_error=float(np.hypot(result.focal_error, change)),  # a next round could change as much again
         )
         previous = previous.with_intrinsics(found.intrinsics)
         if change < CONVERGED:
@@ -88,8 +90,8 @@ def _with_estimated_poses(
 def _trajectory(
     recording: Recording, frames: range, progress: Callable[[int, int], None]
 ) -> Mapping[int, Float64Array]:
-    """Estimate T_world_camera (4, 4) of frames from their images, by number; those without a pose are left out."""
-    from cuboid.poses import PoseEstimator  # compiles kernels that given poses do not need
+    """Estimate T_world_camera (4, 4) of frames, by number; frames without a pose are left out."""
+    from cuboid.poses import PoseEstimator  # imported here: it compiles kernels that given poses do not need
 
     bare = recording.without_poses()
     estimator = PoseEstimator(bare.intrinsics)
@@ -103,7 +105,7 @@ def _trajectory(
 
 
 def _posed(recording: Recording, T_world_camera: Mapping[int, Float64Array]) -> Iterator[Frame]:
-    """Iterate over frames that are worth comparing, with their poses."""
+    """Iterate over the frames to compare, with their poses."""
     bare = recording.without_poses()
     for index in spread_out(T_world_camera):
         with suppress(FrameError):

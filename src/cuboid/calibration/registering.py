@@ -1,9 +1,9 @@
-"""Finds how far depth is off color: the ends of surfaces in depth, against edges in color.
+"""Measures the misalignment of depth and color from depth edges and color edges.
 
-A camera image rarely shows no edge where a surface ends before another. Where depth is not registered, its ends lie
-beside the edges of color, all over the image and in all frames in the same manner: magnified, shifted, and, where
-the two cameras are apart, shifted by more the nearer they are. That manner is searched for. Whether it counts is asked
-of frames that it was not found in: what was found in every second frame must hold in the others.
+Where a surface ends in front of another one, a color image usually shows an edge. If depth is not registered, depth
+edges are offset from color edges by the same move in all frames: magnification, shift, and, if the two cameras are
+apart, a shift that grows as depth decreases. This move is estimated and cross-validated: the move from every second
+frame must hold in the others.
 """
 
 from __future__ import annotations
@@ -35,29 +35,29 @@ from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.recording import Recording
 
-# This many frames are examined.
+# Number of examined frames.
 FRAMES = 12
-# A run of fewer is not checked.
+# Minimum number of frames of a run for a check.
 MIN_FRAMES = 8
-# Depth counts as off if it is so by this fraction of the image's width (4 of 640 pixels: the ends of surfaces are that
-# uncertain), found alike in both halves of the frames, to this fraction of it or 3 of 640 pixels, and the edges of
-# frames that it was not found in agree better by this much and by this many standard errors. Registered recordings gain
-# up to 0.04, made ones that are 6 pixels off 0.14. Stereo, to which things look larger than they are, feigns up to 8 of
-# 640 pixels: below 10 none is warned.
+# Depth counts as misaligned if the offset is at least CLEARLY_OFF of the image's width (4 of 640 pixels, the
+# uncertainty of depth edges), if both halves of the frames give the same move (within ALIKE of the offset, or 3 of 640
+# pixels), and if the cross-validated gain in edge agreement is at least CLEAR_GAIN and CLEAR_ERRORS standard errors.
+# Registered recordings gain up to 0.04, synthetic ones with 6 pixels offset 0.14. Stereo makes objects look larger,
+# which causes apparent offsets of up to 8 of 640 pixels: there is no warning below 10.
 CLEARLY_OFF, WORTH_A_WARNING = 0.006, 0.0156
 ALIKE, ALIKE_AT_LEAST = 0.35, 0.005
 CLEAR_GAIN, CLEAR_ERRORS = 0.03, 4.0
-# A magnification within this of 1 comes from the edges' uncertainty: both cameras have the same focal length.
+# A magnification within this of 1 is noise of the edges: both cameras then have the same focal length.
 SAME_FOCAL = 0.02
-# Views that tell which camera the named intrinsics belong to, and steps of fitting their poses.
+# Number of views that decide to which camera the named intrinsics belong, and steps to fit their poses.
 VIEWS, STEPS = 24, 12
-# Frames that see the same count once.
+# Minimum number of different views; frames of the same view count once.
 MIN_VIEWS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Misregistration:
-    """How far depth is off color.
+    """The misalignment of depth and color.
 
     Depth at pixel (u, v) and z metres belongs to `center + magnification ((u, v) - center) + shift_px`, and by
     `apart_px_m / z` more along the row; center is the middle of the image.
@@ -65,15 +65,15 @@ class Misregistration:
     Attributes
     ----------
     clear : bool
-        Whether the frames show clearly that it is off.
+        Whether the frames clearly show a misalignment.
     off_px : float
-        By how much, root mean square over the image, pixels.
+        Size of the offset, root mean square over the image, pixels.
     magnification : float
     shift_px : (float, float)
     apart_px_m : float
-        0 where nothing tells.
+        0 if it cannot be determined.
     views : int
-        Different views that told.
+        Number of different views that were used.
     """
 
     clear: bool
@@ -85,17 +85,17 @@ class Misregistration:
 
 
 def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
-    """Find how far depth is off color.
+    """Measure the misalignment of depth and color.
 
     Parameters
     ----------
     frames : iterable of Frame
-        About `FRAMES`, from different places; with that many it takes about half a second.
+        About `FRAMES` frames from different places, which take about half a second.
 
     Returns
     -------
     Misregistration or None
-        None where the frames show no ends of surfaces.
+        None if the frames have too few depth edges.
     """
     found = gather_edges(frames)
     if found is None:
@@ -108,7 +108,7 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
     off = size_of(edges, move - NOWHERE)
     before, after = fine.agreement_inside(np.stack([NOWHERE, move]))
     clear = bool(views >= MIN_VIEWS and off > CLEARLY_OFF * width and after - before > CLEAR_GAIN)
-    if clear:  # only then is it worth the time
+    if clear:  # computed only if it is needed
         even = edges.image % 2 == 0
         fits = [
             fit_move({sigma: level.chosen(half) for sigma, level in levels.items()}, move) for half in (even, ~even)
@@ -121,10 +121,11 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
 
 
 def register_recording(recording: Recording) -> tuple[Misregistration | None, Recording]:
-    """Find the depth camera with which depth comes to lie on color.
+    """Find the depth camera that aligns depth with color.
 
-    The intrinsics that a recording names may be those of either camera. Where both readings differ and the recording
-    has poses, the one with which the views agree better is taken; else they are the color camera's.
+    The intrinsics of a recording may belong to either camera. If this makes a difference and the recording has poses,
+    the assignment with the better agreement of views is used; otherwise the intrinsics are assigned to the color
+    camera.
 
     Parameters
     ----------
@@ -133,15 +134,15 @@ def register_recording(recording: Recording) -> tuple[Misregistration | None, Re
     Returns
     -------
     Misregistration or None
-        How far depth was off color, as far as the frames show it.
+        Misalignment of depth and color, if the frames show it.
     Recording
-        With that depth camera, and with the color camera's intrinsics; the same where nothing is clearly off.
+        Recording with that depth camera and the color camera's intrinsics; unchanged if there is no clear misalignment.
     """
     K = recording.intrinsics
     aligned = DepthCamera(K.fx, K.fy, K.cx, K.cy, (K.width, K.height), np.eye(4))
     start = recording.depth_camera or aligned
     bare = recording.without_poses()
-    frames = bare.with_depth_camera(start)  # without what takes color's lens out of depth that is color's own
+    frames = bare.with_depth_camera(start)  # without the removal of color's lens distortion from depth
     found = find_misregistration(_spread(frames.read, range(len(frames))))
     if found is None or not found.clear:
         return found, recording
@@ -155,7 +156,7 @@ def register_recording(recording: Recording) -> tuple[Misregistration | None, Re
 
 
 def _disagreement(recording: Recording) -> float:
-    """Return how far the views of a recording disagree with each other by its poses; 0 where nothing tells."""
+    """Return the disagreement of a recording's views under its poses; 0 if it cannot be computed."""
     if not recording.has_poses:
         return 0.0
     poses = {}
@@ -174,21 +175,21 @@ def _disagreement(recording: Recording) -> float:
 
 
 def _color_camera(found: Misregistration, K: Intrinsics) -> Intrinsics:
-    """Return the color camera where `K` (pixels) is the depth camera's."""
+    """Return the color camera, if `K` (pixels) belongs to the depth camera."""
     g, (du, dv), middle = found.magnification, found.shift_px, ((K.width - 1) / 2, (K.height - 1) / 2)
     cx, cy = middle[0] + g * (K.cx - middle[0]) + du, middle[1] + g * (K.cy - middle[1]) + dv
     return Intrinsics(g * K.fx, g * K.fy, cx, cy, K.width, K.height)
 
 
 def _beside(found: Misregistration, color: Intrinsics) -> Float64Array:
-    """Return T_color_depth (4, 4) of a depth camera that looks the same way."""
+    """Return T_color_depth (4, 4) of a depth camera with the same orientation as the color camera."""
     T_color_depth = np.eye(4)
     T_color_depth[0, 3] = found.apart_px_m / color.fx
     return T_color_depth
 
 
 def _moved(start: DepthCamera, found: Misregistration, K: Intrinsics) -> DepthCamera:
-    """Return the depth camera whose readings lie where the edges agree, where `K` (pixels) is the color camera's.
+    """Return the depth camera whose edges agree with color, if `K` (pixels) belongs to the color camera.
 
     To first order in the angle between the cameras: (u, v) of `start` is f_color / f (pixel - c) + c_color, and
     so is that of the new one, whose f and c follow.
@@ -203,16 +204,16 @@ def _moved(start: DepthCamera, found: Misregistration, K: Intrinsics) -> DepthCa
 
 
 def registration_warning(read: Callable[[int], Frame], intrinsics: Intrinsics, frames: Sequence[int]) -> str | None:
-    """Return one line where depth is clearly off color in some frames of a run, else None.
+    """Return a one-line warning if depth and color are clearly misaligned in frames of a run, else None.
 
     Parameters
     ----------
     read : callable
-        Gives a frame by its number; raises FrameError where it cannot be used.
+        Returns a frame by its number; raises FrameError if it cannot be used.
     intrinsics : Intrinsics
-        Of its frames.
+        Intrinsics of the frames.
     frames : sequence of int
-        Numbers of those that were used.
+        Numbers of the frames that were used.
     """
     if len(frames) < MIN_FRAMES:
         return None
@@ -226,7 +227,7 @@ def registration_warning(read: Callable[[int], Frame], intrinsics: Intrinsics, f
 
 
 def is_off(found: Misregistration, intrinsics: Intrinsics) -> bool:
-    """Tell whether depth lies beside color clearly, and by more than the parallax of stereo cameras feigns."""
+    """Tell whether depth is clearly misaligned, by more than the apparent offset of stereo cameras."""
     return found.clear and found.off_px >= WORTH_A_WARNING * intrinsics.width
 
 

@@ -1,9 +1,9 @@
-"""The pinhole at which views agree best, when their poses are only nearly right.
+"""Estimation of the pinhole with the best agreement of views, for approximate poses.
 
-Gauss-Newton on the disagreement of depth and brightness in all pairs, with the weights of a t-distribution. Each
-pair may move a little, as if its relative pose had an error that is drawn from a t-distribution too; how wide that one
-is follows from the moves themselves (empirical Bayes), so that exact poses are trusted and drifting ones are not. Poses
-that were estimated with a wrong pinhole fit it so well that they would be trusted: they are never.
+Gauss-Newton on the residuals of depth and brightness in all pairs, with the weights of a t-distribution. The relative
+pose of each pair is corrected as well, with a prior that is a t-distribution too. The width of this prior is estimated
+from the corrections (empirical Bayes), so that exact poses are trusted and drifting ones are not. Poses that were
+estimated with a wrong pinhole are consistent with it and would be trusted; so estimated poses are never trusted.
 """
 
 from __future__ import annotations
@@ -32,41 +32,41 @@ from cuboid.geometry import se3
 
 # Degrees of freedom of the t-distributions: heavy tails, as in Kerl, Sturm, Cremers (IROS 2013).
 NU = 5.0
-# Errors of neighbouring pixels are alike: those in a patch of this many pixels of the recording a side count as one.
+# Errors of neighbouring pixels are correlated: a patch with this side, pixels of the recording, counts as one sample.
 ALIKE_PX = 64.0
-# Error of a relative pose, metres and radians: at first, at least (what a file with 4 digits has), at most.
+# Initial, minimum (that of a file with 4 digits) and maximum error of a relative pose, metres and radians.
 POSE_ERROR = np.array([0.01, np.radians(0.5)])
 MIN_POSE_ERROR = np.array([0.0003, np.radians(0.01)])
 MAX_POSE_ERROR = np.array([0.05, np.radians(2.0)])
 # The prior: the focal length within 30 %, the optical centre within 5 % of the image's width, the depth
 # scale within 5 %.
 FOCAL_FRACTION, CENTER_FRACTION, DEPTH_FRACTION = 0.3, 0.05, 0.05
-# Done when a step changes the focal length and the depth scale by less than this, and the centre by less than this
+# Convergence: a step changes focal length and depth scale by less than this fraction, and the centre by less than this
 # fraction of the width.
 SMALL_STEP = 1e-4
-# Where agreement is only compared (not fitted), a disagreement counts half at this many deviations of depth's noise,
-# and at this contrast, which is a third of a full step.
+# Scales of the robust loss for comparing (not fitting) agreement, at which a residual counts half: standard deviations
+# of depth noise, and contrast (a third of a full step).
 DEPTH_SCALE, CONTRAST_SCALE = 2.0, 0.5
-# Disagreements below this fraction of their usual size are as good as none; it keeps made images apart from 1 / 0.
+# Minimum spread of residuals; it avoids division by zero for noise-free synthetic images.
 MIN_SPREAD = 1e-3
-# The pairs are put into this many parts by their time, to see how much the result hangs on each.
+# Number of parts, by time, into which the pairs are divided for the jackknife.
 PARTS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """A pinhole and how sure it is.
+    """A pinhole with its standard errors.
 
     Attributes
     ----------
     pinhole : Pinhole
-        Of the recording's images.
+        Pinhole of the recording's images.
     error : (4,) float64
-        Standard errors in the order of `comparing`; NaN where a parameter was not fitted.
+        Standard errors in the parameter order of `comparing`; NaN for parameters that were not fitted.
     pose_error : (2,) float64
-        Of a relative pose, metres and radians.
+        Error of a relative pose, metres and radians.
     disagreement : float
-        As `Problem.disagreement`, but with the poses mended.
+        As `Problem.disagreement`, but with corrected poses.
     """
 
     pinhole: Pinhole
@@ -76,7 +76,7 @@ class Solution:
 
 
 class Problem:
-    """Views, and which of them are compared; the pinholes that its methods take and give are the recording's.
+    """Views and the pairs to compare; methods take and return pinholes of the recording's images.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Problem:
     pairs : sequence of (int, int)
         Indices of views, from and to.
     factor : int
-        By which the views are smaller than the recording.
+        Downsampling factor of the views.
     """
 
     def __init__(self, views: Sequence[View], pairs: Sequence[tuple[int, int]], factor: int) -> None:
@@ -97,28 +97,28 @@ class Problem:
         self._part = order * PARTS // max(len(pairs), 1)
 
     def disagreement(self, pinhole: Pinhole, every: int = 1) -> float:
-        """Return the mean robust disagreement, 0 to 2, of every n-th pair, poses taken as they are."""
+        """Return the mean robust disagreement, 0 to 2, of every n-th pair, with uncorrected poses."""
         small = pinhole.resized(self._factor)
         return _disagreement([self._given(k, small) for k in range(0, len(self._pairs), every)])
 
     def typical_gap_m(self, pinhole: Pinhole) -> float:
-        """Return the median absolute difference of depths, metres, poses taken as they are."""
+        """Return the median absolute difference of depths, metres, with uncorrected poses."""
         small = pinhole.resized(self._factor)
         found = [self._given(k, small) for k in range(len(self._pairs))]
         return float(np.median(np.abs(np.concatenate([item.gap_m for item in found]))))
 
     def solve(self, start: Pinhole, free: Sequence[int], steps: int, *, trusting: bool = True) -> Solution:
-        """Return the pinhole nearest to `start` at which the views agree best.
+        """Return the pinhole with the best agreement of views, by local search from `start`.
 
         Parameters
         ----------
         start : Pinhole
         free : sequence of int
-            Which parameters are fitted.
+            Parameters to fit.
         steps : int
-            At most this many.
+            Maximum number of steps.
         trusting : bool
-            Whether poses that fit are trusted; False for those that were estimated with the pinhole in question.
+            Whether consistent poses are trusted; False for poses that were estimated with the pinhole to be checked.
         """
         index = np.array(free, np.intp)
         width = self._views[0].depth_m.shape[1]
@@ -150,12 +150,12 @@ class Problem:
         return Solution(pinhole.resized(1 / self._factor), error, pose_error, found)
 
     def _given(self, pair: int, pinhole: Pinhole) -> Warped:
-        """Compare two views, their poses taken as they are."""
+        """Compare two views with uncorrected poses."""
         i, j = self._pairs[pair]
         return warp(self._views[i], self._views[j], _divided(self._T_given[pair], pinhole.depth_scale), pinhole)
 
     def _mended(self, pinhole: Pinhole, corrections: Sequence[Float64Array]) -> tuple[list[Float64Array], list[Warped]]:
-        """Return the motion of each pair, its poses mended, and how its views compare then."""
+        """Return the corrected motion of each pair, and the comparison of its views with it."""
         T = [
             correction @ _divided(given, pinhole.depth_scale)
             for correction, given in zip(corrections, self._T_given, strict=True)
@@ -166,7 +166,7 @@ class Problem:
     def _normal_equations(
         self, pinhole: Pinhole, corrections: Sequence[Float64Array], moves: Float64Array, pose_error: Float64Array
     ) -> _Normal:
-        """Return the equations of each pair, its own motion eliminated (Schur complement)."""
+        """Return the equations of each pair, with the pair's motion eliminated (Schur complement)."""
         T, found = self._mended(pinhole, corrections)
         spreads = (
             _spread(np.concatenate([item.gap_m / item.noise_m for item in found])),
@@ -197,7 +197,7 @@ class Problem:
         return _Normal(H.astype(np.float64), g, inverse, B, b)
 
     def _error(self, normal: _Normal, H: Float64Array, g: Float64Array, index: npt.NDArray[np.intp]) -> Float64Array:
-        """Return standard errors by leaving out one part of the pairs after the other (jackknife, one step each)."""
+        """Return standard errors by the jackknife: leave out each part of the pairs once, one step each."""
         block = np.ix_(index, index)
         shifts = []
         for part in range(PARTS):
@@ -228,7 +228,7 @@ def _disagreement(found: Sequence[Warped]) -> float:
 
 
 def _divided(T: Float64Array, depth_scale: float) -> Float64Array:
-    """Return a motion (4, 4) in the metres of depths as they are read."""
+    """Return a motion (4, 4) in units of the depth as read: the translation is divided by the depth scale."""
     scaled = T.copy()
     scaled[:3, 3] /= depth_scale
     return scaled
@@ -246,7 +246,7 @@ def _moved(start: Pinhole, theta: Float64Array) -> Pinhole:
 
 
 def _pose_error(moves: Float64Array, spread: Float64Array, before: Float64Array) -> Float64Array:
-    """Return how far off relative poses are, from how far they moved and how sure that is (one step of EM)."""
+    """Return the error of relative poses from their corrections and covariances (one EM step)."""
     trust = np.repeat(before**-2, 3)
     pull = (NU + MOTION) / (NU + (moves**2 * trust).sum(1))
     square = (pull[:, None] * moves**2 + np.diagonal(spread, axis1=1, axis2=2)).mean(0).reshape(2, 3).mean(1)
@@ -255,11 +255,11 @@ def _pose_error(moves: Float64Array, spread: Float64Array, before: Float64Array)
 
 
 def _spread(residual: Float64Array) -> float:
-    """Return the deviation of residuals, of which a part may be anything (from the median of their sizes)."""
+    """Return a robust standard deviation of residuals with outliers, from their median absolute value."""
     return max(1.4826 * float(np.median(np.abs(residual))), MIN_SPREAD) if len(residual) else 1.0
 
 
 def _bounded(residual: Float64Array, scale: float) -> float:
-    """Return the mean of the residuals' squares, each at most 1 (Geman, McClure 1985)."""
+    """Return the mean Geman-McClure loss of residuals, each at most 1 (Geman, McClure 1985)."""
     square = (residual / scale) ** 2
     return float(np.mean(square / (1.0 + square))) if len(residual) else 1.0

@@ -11,38 +11,39 @@ import numpy.typing as npt
 from cuboid.core.downscaling import downscale
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics
 
-# Brightness is compared without its local mean and contrast, over this many pixels (deviation): cameras change
-# exposure, and what shines changes with the angle.
+# Brightness is normalised by local mean and contrast, with a Gaussian of this standard deviation, pixels: cameras
+# change exposure, and shiny surfaces change with the angle.
 LOCAL_PX = 8.0
-# Contrast below this many grey levels is noise of the sensor, and is not stretched.
+# Contrast below this many grey levels is sensor noise, and is not amplified.
 NOISE_LEVELS = 4.0
-# A block of 2 x 2 readings is one surface if they differ by less than this fraction of the depth; more than a plane
-# seen at 80 degrees makes of a pixel, less than an object's step.
+# Maximum relative difference of depth within a block of 2 x 2 readings on one surface: more than a plane seen at 80
+# degrees has, less than the step at an object's edge.
 SAME_SURFACE = 0.04
-# Coarse images are so wide, or more; in finer ones a pixel is half as large, unless they are as wide as this already.
+# Minimum width of coarse images; width from which images are not refined further: fine images have pixels half as
+# large.
 COARSE_PX, FINE_PX = 150, 300
-# From each cell of this many pixels a side one pixel is taken, the one where brightness changes most.
+# Side of a cell, pixels; the pixel with the strongest brightness gradient of each cell is used.
 CELL_PX = 8
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A small frame, ready to be compared with others.
+    """A downsampled frame, prepared for comparison with others.
 
     Attributes
     ----------
     index : int
-        Of the frame in its recording.
+        Index of the frame in its recording.
     T_world_camera : (4, 4) float64
     contrast : (H, W) float32
         Brightness without local mean and contrast.
     depth_m : (H, W) float32
     smooth : (H, W) bool
-        Whether the readings here, to the right, below and diagonally below lie on one surface.
+        Whether the readings at, right of, below and diagonally below this pixel lie on one surface.
     xyz : (N, 3) float64
         Column, row and depth (metres) of the pixels that are warped into other views.
     value : (N,) float64
-        Their contrast.
+        Contrast of these pixels.
     """
 
     index: int
@@ -56,7 +57,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Pinhole:
-    """A pinhole, and how many true metres a metre of depth is.
+    """A pinhole, and the true metres per metre of depth.
 
     Attributes
     ----------
@@ -73,7 +74,7 @@ class Pinhole:
 
     @classmethod
     def of(cls, intrinsics: Intrinsics) -> Pinhole:
-        """Return the pinhole of some intrinsics."""
+        """Return the pinhole of intrinsics."""
         return cls(intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
 
     def resized(self, factor: float) -> Pinhole:
@@ -85,13 +86,13 @@ class Pinhole:
 
 
 def factors(width_px: int) -> tuple[int, int]:
-    """Return by which factors images of this width are made smaller, coarse and fine."""
+    """Return the downsampling factors, coarse and fine, for images of this width."""
     coarse = max(factor for factor in (1, 2, 4) if factor == 1 or width_px // factor >= COARSE_PX)
     return coarse, coarse if width_px // coarse >= FINE_PX else max(1, coarse // 2)
 
 
 def build_view(frame: Frame, factor: int) -> View:
-    """Return the view of a frame with a pose, made smaller by 1, 2 or 4."""
+    """Return the view of a frame with a pose, downsampled by 1, 2 or 4."""
     assert frame.T_world_camera is not None
     small = downscale(frame, factor)
     contrast = _contrast(small.color)
@@ -120,7 +121,7 @@ def _smooth(depth_m: Float32Array) -> npt.NDArray[np.bool_]:
 def _telling(
     contrast: Float32Array, smooth: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return rows and columns of the pixel of each cell, on one surface, where brightness changes most."""
+    """Return rows and columns of the pixel with the strongest gradient, on one surface, of each cell."""
     height, width = (side // CELL_PX for side in contrast.shape)
     change = np.hypot(cv2.Sobel(contrast, cv2.CV_32F, 1, 0), cv2.Sobel(contrast, cv2.CV_32F, 0, 1))
     change = np.where(smooth, change, np.float32(-1.0))[: height * CELL_PX, : width * CELL_PX]

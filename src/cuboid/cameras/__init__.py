@@ -1,6 +1,6 @@
-"""Live cameras: a driver a file, each imported when its camera is asked for.
+"""Live cameras: one driver per file, imported when its camera is opened.
 
-Other packages add theirs (entry points ``cuboid.cameras``).
+Other packages can add drivers (entry points ``cuboid.cameras``).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The interface of a camera driver: it opens a camera, describes its lens, and gives images as they are taken."""
+"""The interface of a camera driver: it opens a camera, describes its lens, and returns images as they arrive."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from cuboid.readers.undistortion import DepthArray
 
 
 class StreamEndedError(Exception):
-    """No frame will follow: the file that a camera plays back is at its end, or the device stopped by itself."""
+    """No more frames: the file that a camera plays back is at its end, or the device stopped by itself."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """One color image with its depth, as the camera gives them.
+    """One color image with its depth, as from the camera.
 
     Attributes
     ----------
     timestamp_s : float
-        When it was taken, seconds of the camera's clock.
+        Time of capture, seconds of the camera's clock.
     color : (H, W, 3) uint8
         RGB, with the distortion of the lens.
     depth : (h, w) uint16 or float32
-        In the driver's units, of its own camera where the driver's calibration has a depth camera, else aligned to
-        color.
+        Depth in the driver's units, in the image of the depth camera if the driver's calibration has one, else aligned
+        to color.
     T_world_camera : (4, 4) float64 or None
-        Pose of the color camera, where the device tells it.
+        Pose of the color camera, if the device provides it.
     """
 
     timestamp_s: float
@@ -47,14 +47,14 @@ class Driver(Protocol):
     Attributes
     ----------
     name : str
-        What messages call it.
+        Name in messages.
     calibration : Calibration
-        Its `size` is known; with a depth camera where depth is not aligned to color.
+        Calibration with a known `size`, and with a depth camera if depth is not aligned to color.
     depth_units_per_metre : float
     has_poses : bool
-        Whether it tells where it is.
+        Whether the device provides poses.
     paced : bool
-        Whether frames wait for who takes them, as those of a file do; those of a camera do not.
+        Whether frames wait for their consumer, as those of a file do; frames of a live camera do not.
     """
 
     name: str
@@ -64,47 +64,47 @@ class Driver(Protocol):
     paced: bool
 
     def take(self, wait_s: float) -> Shot | None:
-        """Return the next frame; None where there is none within that time.
+        """Return the next frame; None if there is none within that time.
 
         Raises
         ------
         StreamEndedError
-            None will follow.
+            There are no more frames.
         CuboidError
-            The camera has failed; one line says how.
+            The camera has failed; the message is one line.
         """
 
     def close(self) -> None:
-        """Let go of the camera."""
+        """Close the camera."""
 
 
-# Opens a camera by its options, names and values as the user gave them. It raises InputError where there is none.
+# Opens a camera by its options (names and values from the user); raises InputError if there is no such camera.
 OpenDriver = Callable[[Mapping[str, str]], Driver]
 
 CAMERAS: Registry[OpenDriver] = Registry("camera", "cuboid.cameras")
 
 
 def library(module: str, camera: str, extra: str = "", *, pip: str = "") -> Any:
-    """Return a vendor's library; raises MissingExtraError where it is not installed."""
+    """Return a vendor's library; raise MissingExtraError if it is not installed."""
     return require(module, f"--camera {camera}", extra, pip=pip)
 
 
 def refuse_unknown(camera: str, options: Mapping[str, str], known: tuple[str, ...]) -> None:
-    """Raise InputError where an option is none of this camera."""
+    """Raise InputError for an option that this camera does not have."""
     for name in options:
         if name not in known:
             raise InputError(f"--camera {camera}: unknown option '{name}'; there are: {', '.join(known)}")
 
 
 def whole_number(camera: str, name: str, text: str) -> int:
-    """Return an option that is a whole number, 0 or more; raises InputError where it is none."""
+    """Return an option that is a whole number, 0 or more; raise InputError if it is invalid."""
     if not (text.isascii() and text.isdigit()):
         raise InputError(f"--camera {camera}: {name} must be a whole number, got '{text}'")
     return int(text)
 
 
 def image_size(camera: str, text: str) -> tuple[int, int]:
-    """Return an option of the form WIDTHxHEIGHT in pixels; raises InputError where it is none."""
+    """Return an option of the form WIDTHxHEIGHT in pixels; raise InputError if it is invalid."""
     width, _, height = text.partition("x")
     size = whole_number(camera, "size", width), whole_number(camera, "size", height)
     if min(size) < 1:

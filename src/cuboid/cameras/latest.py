@@ -1,4 +1,4 @@
-"""A queue between a camera, which does not wait, and what is slower now and then."""
+"""A queue between a camera, which does not wait, and a consumer that is sometimes slower."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cuboid.outputs.folder import ResultFolder, writing
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.recordings.converting import WRITERS, units_kept
 
-# Forms in which a recording of a live camera may be written.
+# Formats in which a live camera can be recorded.
 FORMS = ("plain", "mcap")
 
 
@@ -22,7 +22,7 @@ FORMS = ("plain", "mcap")
 def keeping(
     folder: Path, form: str, intrinsics: Intrinsics, depth_units_per_metre: float, depth_camera: DepthCamera | None
 ) -> Iterator[Callable[[Frame], None]]:
-    """Give a function that writes a frame; the folder appears at the end, however it came about, if it has frames.
+    """Yield a function that writes a frame; the folder appears at the end, also after an error, if it has frames.
 
     Raises
     ------
@@ -54,18 +54,18 @@ def keeping(
 
 
 T = TypeVar("T")
-# A waiting consumer looks at least so often whether it was told to stop, seconds.
+# Interval at which a waiting consumer checks for a stop, seconds.
 POLL_S = 0.1
 
 
 class LatestQueue(Generic[T]):
-    """Holds the last few items; a new one pushes the oldest out, which is counted.
+    """Holds the last few items; a new item pushes out the oldest one, which is counted.
 
     Parameters
     ----------
     capacity : int
     paced : bool
-        Let `put` wait for a free place instead.
+        Whether `put` waits for a free place instead.
 
     Attributes
     ----------
@@ -93,22 +93,22 @@ class LatestQueue(Generic[T]):
             self._changed.notify_all()
 
     def end(self) -> None:
-        """Tell that no item will follow; those that are there are still given."""
+        """Mark the end of the items; remaining items are still returned."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
 
     def stop(self) -> None:
-        """End at once, whatever is still there; takes no lock, so that a signal's handler may call it."""
+        """End at once and discard remaining items; takes no lock, so that a signal handler may call it."""
         self._stopped.set()
 
     def get(self, idle: Callable[[], None] = lambda: None) -> T | None:
-        """Return the oldest item, waiting for it; None where no one will come.
+        """Wait for the oldest item and return it; None if there are no more items.
 
         Parameters
         ----------
         idle : callable
-            Called now and then while it waits.
+            Called repeatedly during the wait.
         """
         while not self._stopped.is_set():
             with self._changed:

@@ -1,6 +1,7 @@
-"""A live camera as a source of frames: the driver in a thread of its own, a short queue, frames as the tracker wants.
+"""A live camera as a source of frames: the driver in its own thread, a short queue, frames for the tracker.
 
-What the tracker is too slow for is dropped, the oldest first, and counted: what it gets is never old.
+If the tracker is too slow, frames are dropped, the oldest first, and counted, so that the tracker never gets old
+frames.
 """
 
 from __future__ import annotations
@@ -21,30 +22,31 @@ from cuboid.core.paths import PathLike, as_path
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.images import depth_in_metres
 
-# Frames that wait for the tracker: a hiccup of 0.1 s at 30 Hz costs none, and what it gets is never older than that.
+# Number of frames that wait for the tracker: at 30 Hz a delay of 0.1 s drops none, and frames are never older than
+# that.
 CAPACITY = 4
-# A camera that gives nothing for so long is gone, seconds; most need one or two to start.
+# Time without frames after which a camera counts as gone, seconds; most need one or two seconds to start.
 SILENCE_S = 10.0
 
 
 class LiveCamera:
-    """Frames of a camera, as they come; `cuboid.open_camera` makes it. A context manager, to be iterated over once.
+    """Frames of a live camera, made by `cuboid.open_camera`: a context manager that is iterated over once.
 
     Attributes
     ----------
     name : str
-        What messages call it.
+        Name in messages.
     intrinsics : Intrinsics
-        Of its frames, from which the lens's distortion is taken out, and in which depth is aligned to color.
+        Intrinsics of the frames, which are undistorted and have depth aligned to color.
     depth_units_per_metre : float
     has_poses : bool
         Whether frames come with a camera pose.
     record : path or None
-        Folder in which the frames are kept; it is there when the iteration has ended.
+        Folder in which the frames are recorded; it appears when the iteration has ended.
     warnings : list of str
-        What went wrong on the way, one line each.
+        Problems during the iteration, one line each.
     idle : callable
-        Called now and then while the iteration waits for a frame.
+        Called repeatedly while the iteration waits for a frame.
     """
 
     def __init__(
@@ -53,7 +55,7 @@ class LiveCamera:
         if form not in FORMS:
             raise InputError(f"a camera is recorded as {' or '.join(FORMS)}, got '{form}'")
         self.record = None if record is None else as_path(record)
-        if self.record is not None and self.record.exists():  # said before the camera has run for an hour
+        if self.record is not None and self.record.exists():  # raised now, not after an hour of recording
             raise OutputError(f"{record}: exists; frames are recorded into a new folder")
         self.name = driver.name
         self.has_poses = driver.has_poses
@@ -78,7 +80,7 @@ class LiveCamera:
 
     @property
     def dropped(self) -> int:
-        """Frames that the camera gave and nobody took in time."""
+        """Number of frames that were not taken in time."""
         return self._queue.dropped
 
     def __enter__(self) -> Self:
@@ -93,17 +95,17 @@ class LiveCamera:
         self._driver.close()
 
     def close(self) -> None:
-        """End the iteration after the frame that is at work; may be called from anywhere, a signal's handler too."""
+        """End the iteration after the current frame; may be called from any thread or signal handler."""
         self._closing.set()
         self._queue.stop()
 
     def __iter__(self) -> Iterator[Frame]:
-        """Give frames until the camera ends or `close` is called.
+        """Iterate over frames until the camera ends or `close` is called.
 
         Raises
         ------
         InputError
-            The camera gave not a single frame.
+            The camera returned no frame.
         OutputError
             The recording cannot be written.
         """
@@ -130,7 +132,7 @@ class LiveCamera:
             raise InputError(self.warnings[-1])
 
     def _frame(self, index: int, shot: Shot) -> Frame | None:
-        """Return a frame without distortion and with depth in color; None, and a reason noted, where it is none."""
+        """Return an undistorted frame with depth aligned to color; None, with the reason noted, if unusable."""
         try:
             color, raw = self._undistort.color(shot.color), shot.depth
             if self._register is None:
@@ -144,7 +146,7 @@ class LiveCamera:
             return None
 
     def _tell(self) -> None:
-        """Turn what went wrong into warnings, the gravest last."""
+        """Convert problems to warnings, the most serious one last."""
         if self._unusable:
             count = len(self._unusable)
             self.warnings.append(f"{count} frames of {self.name} could not be used; the first: {self._unusable[0]}")
@@ -152,7 +154,7 @@ class LiveCamera:
             self.warnings.append(self._failure)
 
     def _capture(self) -> None:
-        """Move frames from the driver into the queue, until told to end."""
+        """Move frames from the driver into the queue until the end."""
         try:
             last_s = time.monotonic()
             while not self._closing.is_set():
@@ -167,7 +169,7 @@ class LiveCamera:
             return
         except CuboidError as error:
             self._failure = str(error)
-        except Exception as error:  # a vendor's library raises nearly anything when a camera is unplugged
+        except Exception as error:  # vendors' libraries raise all kinds of errors when a camera is unplugged
             self._failure = f"{self.name}: failed: {type(error).__name__}: {error}"
         finally:
             self._queue.end()
@@ -181,9 +183,9 @@ def open_camera(camera: str, *, record: PathLike | None = None, form: str = "pla
     camera : str
         ``NAME`` or ``NAME:OPTION=VALUE,...``: "realsense", "realsense:serial=831612070538,size=848x480".
     record : path, optional
-        Folder in which the frames are kept.
+        Folder in which the frames are recorded.
     form : {"plain", "mcap"}
-        What they are kept as.
+        Format of the recorded frames.
 
     Returns
     -------

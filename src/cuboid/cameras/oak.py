@@ -2,7 +2,7 @@
 
 Options: ``id=`` which of several (its id, or its address), ``size=WIDTHxHEIGHT`` of color (640x400), ``rate=HZ`` (30).
 
-The device takes the distortion out of color, computes depth and registers it to color.
+The device undistorts color, computes depth and registers it to color.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ SIZE, RATE_HZ = "640x400", "30"
 # Size of the images of the two depth cameras, pixels: all models of the series have it.
 STEREO_SIZE = (640, 400)
 COLOR, DEPTH = "color", "depth"
-# Messages that wait on this side; the queue of the program itself is the one that counts what it drops.
+# Number of messages that wait in depthai's queue; dropped frames are counted in the queue of `LiveCamera`.
 WAITING = 2
-# Most devices send their first images within this, seconds.
+# Maximum waiting time for the first images, seconds: most devices need less.
 FIRST_S = 10.0
 MILLIMETRES = 1000.0
 
@@ -69,14 +69,14 @@ class Oak:
             raise
 
     def _first_calibration(self) -> Calibration:
-        """Return the pinhole that the first image comes with: it knows how it was cut and scaled."""
+        """Return the pinhole of the first image, which includes its cropping and scaling."""
         group = self._messages.get(timedelta(seconds=FIRST_S))
         if group is None:
             raise InputError(f"{self.name}: gave no frame for {FIRST_S:g} s")
         return calibration_of(group[COLOR], self.name)
 
     def take(self, wait_s: float) -> Shot | None:
-        """Return the next color image with its depth; None where there is none within that time."""
+        """Return the next color image with its depth; None if there is none within that time."""
         if not self._pipeline.isRunning():
             raise StreamEndedError
         group = self._messages.get(timedelta(seconds=wait_s))
@@ -88,7 +88,7 @@ class Oak:
 
 
 def build(dai: Any, pipeline: Any, size: tuple[int, int], rate: int) -> Any:
-    """Lay out what the device does; return the queue of pairs of color and depth."""
+    """Build the device's pipeline; return the queue of pairs of color and depth."""
     socket = dai.CameraBoardSocket
     color = pipeline.create(dai.node.Camera).build(socket.CAM_A)
     image = color.requestOutput(size, fps=rate, enableUndistortion=True)
@@ -110,7 +110,7 @@ def build(dai: Any, pipeline: Any, size: tuple[int, int], rate: int) -> Any:
 
 
 def calibration_of(color: Any, name: str) -> Calibration:
-    """Return the pinhole of a color image; raises InputError where it does not say."""
+    """Return the pinhole of a color image; raise InputError if the image has none."""
     K = np.array(color.getTransformation().getIntrinsicMatrix(), np.float64)
     if K.shape != (3, 3) or K[0, 0] <= 1.0 or K[1, 1] <= 1.0:
         raise InputError(f"{name}: the device does not know its intrinsics; calibrate it first")

@@ -2,8 +2,8 @@
 
 Options: ``serial=`` which of several, ``size=WIDTHxHEIGHT`` of color (640x480), ``rate=HZ`` (30).
 
-The package pins old versions of packages that it needs for its examples alone, so that no extra can name it; see
-`PIP`. Depth is that of its own camera; it is registered to color with what the device says of the two.
+The package pins old versions of packages that only its examples need, so it cannot be part of an extra; see `PIP`.
+Depth comes in the image of the depth camera; it is registered to color with the device's calibration.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ OPTIONS = ("serial", "size", "rate")
 SIZE, RATE_HZ = "640x480", "30"
 PIP = "--no-deps pyorbbecsdk2"
 MILLIMETRES = 1000.0
-# How OpenCV makes RGB of the other forms in which color comes.
+# OpenCV's conversions to RGB from other color formats.
 CONVERSIONS = {"BGR": cv2.COLOR_BGR2RGB, "YUYV": cv2.COLOR_YUV2RGB_YUYV, "UYVY": cv2.COLOR_YUV2RGB_UYVY}
 
 
@@ -69,7 +69,7 @@ class Orbbec:
             raise
 
     def _config(self, size: tuple[int, int], rate: int) -> Any:
-        """Return what is asked of the device: this size of color where it has it, depth as it likes."""
+        """Return the configuration of the streams: the given color size if available, and default depth."""
         sdk, config = self._sdk, self._sdk.Config()
         colors = self._pipeline.get_stream_profile_list(sdk.OBSensorType.COLOR_SENSOR)
         depths = self._pipeline.get_stream_profile_list(sdk.OBSensorType.DEPTH_SENSOR)
@@ -84,7 +84,7 @@ class Orbbec:
         return config
 
     def take(self, wait_s: float) -> Shot | None:
-        """Return the next color image with its depth; None where there is none within that time."""
+        """Return the next color image with its depth; None if there is none within that time."""
         frames = self._pipeline.wait_for_frames(max(1, round(wait_s * 1e3)))
         if frames is None:
             return None
@@ -108,7 +108,7 @@ def _device(sdk: Any, serial: str | None) -> Any:
 
 
 def rgb_of(frame: Any) -> UInt8Array:
-    """Return a color frame as RGB (H, W, 3); raises FrameError where its form is none that is known."""
+    """Return a color frame as RGB (H, W, 3); raise FrameError for an unknown format."""
     height, width = frame.get_height(), frame.get_width()
     data, kind = np.asarray(frame.get_data()).view(np.uint8).reshape(-1), str(frame.get_format()).rpartition(".")[2]
     if kind == "MJPG":
@@ -124,7 +124,7 @@ def rgb_of(frame: Any) -> UInt8Array:
 
 
 def depth_of(frame: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Return a depth frame in millimetres (h, w): its units differ between devices, and between their modes."""
+    """Return a depth frame in millimetres (h, w): the units differ between devices and modes."""
     height, width = frame.get_height(), frame.get_width()
     data = np.asarray(frame.get_data()).view(np.uint8).reshape(-1)
     if len(data) != height * width * 2:
@@ -133,7 +133,7 @@ def depth_of(frame: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
 
 
 def calibration_of(param: Any) -> Calibration:
-    """Return both cameras, and how depth lies to color: the SDK has it in millimetres."""
+    """Return both cameras and the transform between them, which the SDK has in millimetres."""
     color, depth = param.rgb_intrinsic, param.depth_intrinsic
     T_color_depth = np.eye(4)
     T_color_depth[:3, :3] = np.asarray(param.transform.rot, np.float64).reshape(3, 3)

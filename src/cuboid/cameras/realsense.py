@@ -3,7 +3,7 @@
 Options: ``serial=`` which of several, ``size=WIDTHxHEIGHT`` and ``rate=HZ`` of both streams (640x480, 30), ``file=`` a
 ``.bag`` of the SDK, which is played back frame by frame as if it were the camera.
 
-Depth is that of its own camera; it is registered to color with what the device says of the two.
+Depth comes in the image of the depth camera; it is registered to color with the device's calibration.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ OPTIONS = ("serial", "size", "rate", "file")
 SIZE, RATE_HZ = "640x480", "30"
 # The SDK projects with the same polynomial in all of these (rsutil.h); the others are fisheye lenses.
 KNOWN_LENSES = ("none", "brown_conrady", "modified_brown_conrady", "inverse_brown_conrady")
-# A file that gives nothing for so long is at its end, milliseconds: the SDK does not say so itself in all versions.
+# Time without frames after which a file is at its end, milliseconds: not all versions of the SDK report the end.
 FILE_END_MS = 2000
 
 
@@ -37,7 +37,7 @@ class RealSense:
     ----------
     options : mapping of str to str
     device : rs.device, optional
-        Taken instead of one that is looked for: the SDK's software device.
+        Device to use instead of a detected one: the SDK's software device.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class RealSense:
         self.paced = "file" in options
         config = self._config(options)
         if device is None and not self.paced and len(rs.context().query_devices()) == 0:
-            raise InputError(f"--camera {NAME}: no camera is there")  # the pipeline would wait for one for 15 s
+            raise InputError(f"--camera {NAME}: no camera is there")  # otherwise the pipeline would wait 15 s for one
         self._pipeline = rs.pipeline()
         try:
             if device is not None:
@@ -93,7 +93,7 @@ class RealSense:
         return config
 
     def take(self, wait_s: float) -> Shot | None:
-        """Return the next color image with its depth; None where there is none within that time."""
+        """Return the next color image with its depth; None if there is none within that time."""
         wait_ms = FILE_END_MS if self.paced else max(1, round(wait_s * 1e3))
         there, frames = self._pipeline.try_wait_for_frames(wait_ms)
         if not there:
@@ -103,7 +103,7 @@ class RealSense:
         color, depth = frames.get_color_frame(), frames.get_depth_frame()
         if not color or not depth:
             return None
-        pixels = np.asanyarray(depth.get_data()).astype(np.uint16)  # a copy: the SDK takes its memory back
+        pixels = np.asanyarray(depth.get_data()).astype(np.uint16)  # a copy: the SDK reuses its memory
         return Shot(color.get_timestamp() * 1e-3, _rgb(color), pixels)
 
     def close(self) -> None:
@@ -119,7 +119,7 @@ def _name(rs: Any, device: Any) -> str:
 
 
 def _rgb(color: Any) -> UInt8Array:
-    """Return an image as RGB; files may hold other channels than were asked of a camera."""
+    """Return an image as RGB; files may have other channels than a camera's stream."""
     pixels = np.asanyarray(color.get_data())
     kind = color.get_profile().format().name
     if pixels.ndim != 3 or kind not in ("rgb8", "bgr8", "rgba8", "bgra8"):
@@ -129,13 +129,13 @@ def _rgb(color: Any) -> UInt8Array:
 
 
 def _calibration(rs: Any, profile: Any, name: str) -> Calibration:
-    """Return both cameras, and how depth lies to color."""
+    """Return both cameras and the transform between them."""
     color, depth = (profile.get_stream(kind).as_video_stream_profile() for kind in (rs.stream.color, rs.stream.depth))
     K, size, lens = _pinhole(color.get_intrinsics(), name)
     depth_K, depth_size, depth_lens = _pinhole(depth.get_intrinsics(), name)
     beside = depth.get_extrinsics_to(color)
     T_color_depth = np.eye(4)
-    T_color_depth[:3, :3] = np.array(beside.rotation).reshape(3, 3).T  # the SDK has columns
+    T_color_depth[:3, :3] = np.array(beside.rotation).reshape(3, 3).T  # column-major in the SDK
     T_color_depth[:3, 3] = beside.translation
     camera = DepthCamera(*depth_K, depth_size, rigid(T_color_depth), depth_lens)
     return Calibration(*K, size, "the device", lens, camera)

@@ -1,9 +1,9 @@
-"""An iPhone or iPad by USB, with the app Record3D, by the package record3d.
+"""An iPhone or iPad with the app Record3D, by USB and the package record3d.
 
 Options: ``id=`` which of several (its UDID).
 
-The package is under the LGPL, so that no extra names it; see `PIP`. Depth has 192x256 pixels; color is shrunk by a
-whole number. The app gives no times: those of arrival count. Its poses are ARKit's.
+The package is under the LGPL, so it is not part of an extra; see `PIP`. Depth has 192x256 pixels; color is downsampled
+by an integer factor. The app sends no timestamps: times of arrival are used. The poses are ARKit's.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from cuboid.readers.posetext import pose_from_quaternion
 NAME = "record3d"
 OPTIONS = ("id",)
 PIP = "record3d"
-# ARKit's confidence of a reading: 0 low, 1 medium, 2 high. Low ones are no reading.
+# Minimum ARKit confidence (0 low, 1 medium, 2 high) of a reading.
 MIN_CONFIDENCE = 1
-# Until the first frame the app may ask its user, seconds.
+# Maximum waiting time for the first frame, seconds: the app may first ask its user.
 FIRST_S = 20.0
 
 
@@ -80,7 +80,7 @@ class Record3D:
         return phone_cameras((K.fx, K.fy, K.tx, K.ty), size, depth_size, "the app")
 
     def take(self, wait_s: float) -> Shot | None:
-        """Return the newest frame; None where none comes within that time."""
+        """Return the newest frame; None if none arrives within that time."""
         if not self._arrived.wait(wait_s):
             if self._stopped.is_set():
                 raise StreamEndedError
@@ -95,7 +95,7 @@ class Record3D:
         return Shot(arrived_s, color, depth, _pose(stream.get_camera_pose()))
 
     def close(self) -> None:
-        """Let go of the device."""
+        """Close the device."""
         self._stream.disconnect()
 
 

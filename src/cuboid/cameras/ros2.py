@@ -1,10 +1,10 @@
 """Cameras that a ROS 2 node publishes: over DDS without ROS (extra ``ros2``), or over any other transport.
 
-Options of ``--camera ros2``: ``color=`` and ``depth=`` the topics of images (``Image`` or ``CompressedImage``), where
-they are not found by name; ``domain=`` ROS_DOMAIN_ID (that of the environment, or 0); ``info=`` the topic of color's
-``CameraInfo``, where it does not stand beside color.
+Options of ``--camera ros2``: ``color=`` and ``depth=`` the topics of images (``Image`` or ``CompressedImage``), if they are not found by
+name; ``domain=`` ROS_DOMAIN_ID (default: from the environment, or 0); ``info=`` the topic of color's ``CameraInfo``, if
+it is not beside the color topic.
 
-Depth must be aligned to color: drivers publish that when they are told to (``align_depth.enable:=true``,
+Depth must be aligned to color: drivers publish aligned depth with an option (``align_depth.enable:=true``,
 ``depth_registration:=true``).
 """
 
@@ -31,9 +31,9 @@ T = TypeVar("T")
 
 NAME = "ros2"
 OPTIONS = ("color", "depth", "info", "domain")
-# Nodes find each other within one or two seconds; a camera's first images may take some more.
+# Maximum time for nodes to find each other (usually one or two seconds), and for a camera's first images, seconds.
 DISCOVERY_S, FIRST_S = 5.0, 10.0
-# Images of one kind that wait for their partner, and that the transport keeps for us.
+# Maximum number of images of one kind that wait for their partner, and that the transport keeps.
 WAITING = 8
 TICK_S = 0.01
 # An image waits no longer than this for the transforms of its time, seconds.
@@ -180,7 +180,7 @@ class RosCamera:
             return None
 
     def _calibration(self, color: str, info: str | None) -> Calibration:
-        """Return the pinhole of color once its CameraInfo has come."""
+        """Wait for color's CameraInfo and return its pinhole."""
         topic = info or f"{color.removesuffix('/compressed').rsplit('/', 1)[0]}/camera_info"
         found = self._first(self._transport.inlet(topic, CAMERA_INFO, Qos.SENSOR, 1, wakes=False), CAMERA_INFO)
         if found is None:
@@ -190,7 +190,7 @@ class RosCamera:
         return Calibration(*K, (int(found.width), int(found.height)), f"CameraInfo on {topic}", distortion)
 
     def _units(self, depth: str) -> float:
-        """Return the units of depth, once the first image has come."""
+        """Wait for the first depth image and return its units."""
         first = self._first(self._inlets["depth"], self._kinds["depth"])
         if first is None:
             raise InputError(f"{self._feature}: no image on {depth} within {FIRST_S:g} s")

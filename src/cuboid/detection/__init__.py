@@ -1,8 +1,8 @@
-"""Detections: from a frame to boxes with class scores over a vocabulary; the tracker takes names from them."""
+"""Detectors: from a frame to boxes with class scores over a vocabulary; the tracker gets names from them."""
 
 from __future__ import annotations
 
-from cuboid.detection import models as _models  # noqa: F401  registers those that have a name
+from cuboid.detection import models as _models  # noqa: F401  registers the named models
 from cuboid.detection.onnx import ENDING, onnx_detector
 from cuboid.detection.registry import DETECTORS, DetectorFactory
 from cuboid.detection.types import Detections, Detector
@@ -22,9 +22,9 @@ def make_detector(spec: str | Detector) -> Detector:
     Raises
     ------
     InputError
-        If no detector has that name, or the model cannot be used.
+        No detector has that name, or the model cannot be used.
     MissingExtraError
-        If it needs a package that is not installed.
+        The detector needs a package that is not installed.
     """
     if not isinstance(spec, str):
         return spec
@@ -35,10 +35,10 @@ def make_detector(spec: str | Detector) -> Detector:
 
 
 def is_file(spec: str) -> bool:
-    """Tell whether a detector is named by a file."""
+    """Tell whether the name of a detector is a file."""
     return spec.lower().endswith(ENDING) or f"{ENDING}:" in spec.lower()
 
 
 def detector_name(spec: str | Detector) -> str:
-    """Return what reports call the detector that `make_detector` makes of `spec`."""
+    """Return the name in reports of the detector that `make_detector` makes of `spec`."""
     return spec if isinstance(spec, str) else type(spec).__qualname__

@@ -1,4 +1,4 @@
-"""Boxes of detectors: clipped to the image, the best kept, doubles removed."""
+"""Post-processing of detected boxes: clipping to the image, selection of the best, removal of duplicates."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from cuboid.core.frame import Float32Array, Float64Array
 
-# Boxes of a frame, at most, from a source of many rough ones: recall at IoU 0.5 grows little after a hundred
+# Maximum number of boxes per frame from a source of many rough ones: recall at IoU 0.5 grows little after a hundred
 # (Hosang et al., "What makes for effective detection proposals?", 2016), and each costs time downstream.
 MAX_BOXES = 100
 
@@ -15,9 +15,9 @@ MAX_BOXES = 100
 def best_boxes(
     boxes_xyxy: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int, most: int = MAX_BOXES
 ) -> tuple[npt.NDArray[np.int32], Float32Array, npt.NDArray[np.intp]]:
-    """Return the best boxes, clipped to the image, with their scores, and which of the given ones they are.
+    """Return the best boxes, clipped to the image, their scores, and their indices in the input.
 
-    Boxes outside the image, and those with a score that is no number, are left out.
+    Boxes outside the image, and boxes with a score that is NaN, are left out.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def best_boxes(
     scores : (N,)
         0..1; clipped.
     width, height : int
-        Of the image.
+        Size of the image.
     most : int
     """
     values = unit_scores(scores)
@@ -45,7 +45,7 @@ def unit_scores(scores: npt.ArrayLike) -> Float32Array:
 
 
 def thin_out(boxes_xyxy: Float64Array, scores: Float64Array, overlap: float) -> npt.NDArray[np.intp]:
-    """Return which boxes stay, the best first, when each removes the worse ones with an IoU above `overlap`."""
+    """Return the boxes that remain after non-maximum suppression at IoU `overlap`, the best first."""
     order = np.argsort(-scores, kind="stable")
     boxes = boxes_xyxy[order]
     area = np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2], 0.0), axis=1)

@@ -1,4 +1,4 @@
-"""Models fetched from their publishers: resumed where a fetch broke off, and used only when their checksum is right."""
+"""Download of models from their publishers: resumed after an interruption, and verified by a checksum."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from pathlib import Path
 from cuboid.core.errors import InputError, OutputError
 from cuboid.detection.models import Model
 
-# A server that says nothing for so long is given up, seconds.
+# Timeout of a server's answer, seconds.
 ANSWER_S = 30.0
 PART_BYTES = 1 << 18
 
 
 def fetch(model: Model, on_progress: Callable[[int, int], None] = lambda done, total: None) -> Path:
-    """Fetch a model, or the rest of it, into the folder of models; return where it is.
+    """Download a model, or the rest of it, into the folder of models; return its path.
 
     Parameters
     ----------
     model : Model
     on_progress : callable
-        Told how many bytes are there, and of how many, now and then.
+        Called repeatedly with the number of bytes so far and the total.
 
     Raises
     ------
     InputError
-        It cannot be fetched, or what came is not what its publisher offered.
+        The download fails, or its checksum is not the publisher's.
     OutputError
-        It cannot be written.
+        The file cannot be written.
     """
     path = model.path
     if path.is_file() and _digest(path) == model.sha256:
@@ -69,7 +69,7 @@ def _download(model: Model, partial: Path, on_progress: Callable[[int, int], Non
             while part := answer.read(PART_BYTES):
                 done += len(part)
                 if done > model.size_bytes:
-                    break  # another file: its checksum tells
+                    break  # another file: its checksum will not match
                 file.write(part)
                 on_progress(done, model.size_bytes)
     if done < model.size_bytes:

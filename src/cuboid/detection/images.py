@@ -1,4 +1,4 @@
-"""An image as the input of a model: resized, placed, its colors as the model was trained on them."""
+"""An image as the input of a model: resized, placed, with colors normalised as in the model's training."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from cuboid.core.frame import Float64Array, UInt8Array
 
-# Grey of the bars beside an image of another shape than the input.
+# Grey of the padding of an image whose aspect ratio differs from the input's.
 GREY = 114
 
 
 class Fit(NamedTuple):
-    """How the image lies in the input: input pixel = scale * image pixel + offset, for x and y."""
+    """The placement of the image in the input: input pixel = scale * image pixel + offset, for x and y."""
 
     scale_x: float
     scale_y: float
@@ -22,7 +22,7 @@ class Fit(NamedTuple):
     top: int
 
     def to_image(self, boxes_xyxy: Float64Array) -> Float64Array:
-        """Return boxes (N, 4) of the input as boxes of the image."""
+        """Convert boxes (N, 4) from input pixels to image pixels."""
         shift = np.array([self.left, self.top, self.left, self.top], dtype=np.float64)
         scale = np.array([self.scale_x, self.scale_y, self.scale_x, self.scale_y])
         return np.asarray((boxes_xyxy - shift) / scale)
@@ -30,16 +30,17 @@ class Fit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ImageForm:
-    """How a model takes its image.
+    """The preprocessing of a model's image.
 
     Attributes
     ----------
     place : {"middle", "corner", "stretched"}
-        In the middle of the input or at its upper left, with the image's own ratio of sides; or stretched to fill it.
+        Placement in the middle of the input or at its upper left, with the image's aspect ratio; or stretched to fill
+        the input.
     blue_first : bool
-        Channels are blue, green, red.
+        Whether the channels are blue, green, red.
     mean, deviation : (float, float, float)
-        Of the channels in the model's order, levels 0..255: each channel is taken as (level - mean) / deviation.
+        Mean and deviation of the channels in the model's order, levels 0..255: the input is (level - mean) / deviation.
     """
 
     place: Literal["middle", "corner", "stretched"] = "middle"
@@ -48,7 +49,7 @@ class ImageForm:
     deviation: tuple[float, float, float] = (255.0, 255.0, 255.0)
 
     def prepare(self, color: UInt8Array, rows: int, columns: int, dtype: Any) -> tuple[Any, Fit]:
-        """Return an image (H, W, 3) RGB as the model takes it, (1, 3, rows, columns), and how it lies there."""
+        """Return the model's input (1, 3, rows, columns) for an RGB image (H, W, 3), and its placement."""
         import cv2
 
         height, width = color.shape[:2]
@@ -72,7 +73,7 @@ class ImageForm:
         return np.ascontiguousarray(planes, dtype=dtype), fit
 
 
-# Mean and deviation of ImageNet, which many models normalise their images by: red, green, blue.
+# Mean and deviation of ImageNet, with which many models normalise images: red, green, blue.
 IMAGENET_MEAN = (123.675, 116.28, 103.53)
 IMAGENET_DEVIATION = (58.395, 57.12, 57.375)
 # The same of CLIP, of levels 0..1 (Radford et al., "Learning transferable visual models from natural language

@@ -1,4 +1,4 @@
-"""The layouts of detectors: how the outputs of a model say boxes and scores, recognised from the model itself.
+"""The output layouts of detectors: decoding of boxes and scores; the layout is recognised from the model itself.
 
 Each layout reads the outputs of one family of models:
 
@@ -8,7 +8,7 @@ Each layout reads the outputs of one family of models:
 - `PicoDetFinal`: PicoDet with its own last steps in the model;
 - `Queries`: RF-DETR, and RT-DETR and D-FINE as Transformers exports them: a box and logits per query;
   OWL-ViT and OWLv2 the same, a logit for each text;
-- `Masks`: SAM and its like: masks of anything, without classes;
+- `Masks`: SAM-style models: masks of any object, without classes;
 - `Final`: RT-DETR and D-FINE as their authors export them: labels, boxes and scores.
 """
 
@@ -24,22 +24,22 @@ from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.detection.images import IMAGENET_FORM, STRETCHED_FORM, YOLO_FORM, YOLOX_FORM, ImageForm
 from cuboid.detection.vocabulary import COCO
 
-# The strides of the grids of one-stage detectors: a row of the output for each of their cells.
+# The strides of the grids of one-stage detectors: the output has a row for each cell.
 STRIDES = (8, 16, 32)
 FOUR_STRIDES = (*STRIDES, 64)
-# Sizes above this many cells are none: the logarithm of 1,000.
+# Maximum logarithm of a box's size in cells: that of 1,000.
 MAX_LOG = 7.0
-# Logits beyond are as sure: the exponential would overflow.
+# Maximum logit, so that the exponential does not overflow.
 MAX_LOGIT = 60.0
-# NanoDet and PicoDet tell the distance to each of 4 sides as a distribution over 0 to 7 cells.
+# NanoDet and PicoDet give the distance to each of 4 sides as a distribution over 0 to 7 cells.
 BINS = 8
 SIDES = 4 * BINS
-# Rows of a table of queries that tell boxes as fractions of the input are no larger than this.
+# Maximum value of boxes that are given as fractions of the input.
 UNIT = 1.01
 
 
 class Raw(NamedTuple):
-    """The boxes of a frame as a model tells them.
+    """The decoded boxes of a frame, before selection.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Raw(NamedTuple):
 
 
 class Layout(Protocol):
-    """How a family of models takes images and says boxes.
+    """The input preprocessing and output decoding of a family of models.
 
     Attributes
     ----------
@@ -75,12 +75,12 @@ class Layout(Protocol):
 
     @property
     def form(self) -> ImageForm:
-        """How it takes its image."""
+        """Preprocessing of the image."""
 
     def read(self, outputs: Sequence[Any], size: tuple[int, int], least: float) -> Raw | None:
-        """Return the boxes with a score of `least` or more; None where the outputs are of another layout.
+        """Return the boxes with a score of at least `least`; None if the outputs have another layout.
 
-        `size` is rows and columns of the input.
+        `size` is the number of rows and columns of the input.
         """
 
 
@@ -88,14 +88,14 @@ class Layout(Protocol):
 class Yolo:
     """Tables of the YOLO family.
 
-    - (1, 4 + classes [+ k], N): centre, size, a score a class, k mask coefficients; boxes overlap;
+    - (1, 4 + classes [+ k], N): centre, size, a score per class, k mask coefficients; boxes overlap;
     - (1, N, 5 + classes): the same with rows and columns exchanged and one more score, of there being an object;
-    - (1, N, 6 [+ k]) or (N, 6): corners, score, class, k mask coefficients; final as they are;
-    - (1, N, 4 + classes), N fewer than columns or boxes as fractions: a row a query, as Ultralytics exports RT-DETR;
+    - (1, N, 6 [+ k]) or (N, 6): corners, score, class, k mask coefficients; final;
+    - (1, N, 4 + classes), N fewer than columns or boxes as fractions: a row per query, as Ultralytics exports RT-DETR;
 
     and with k coefficients a second output (1, k, h, w): the prototypes that a mask is the weighted sum of.
 
-    `classes` is how many names are known; 0 where none are.
+    `classes` is the number of known names, or 0.
     """
 
     classes: int = 0
@@ -150,11 +150,11 @@ class Yolox:
 
 @dataclass(frozen=True, slots=True)
 class Distances:
-    """NanoDet and PicoDet: scores of classes, and to each side of the box a distribution over distances in cells.
+    """NanoDet and PicoDet: class scores, and for each side of the box a distribution over distances in cells.
 
     NanoDet has one output (1, N, classes + 32); PicoDet two for each grid, (1, n, classes) and (1, n, 32).
 
-    `offset` is where within its cell a box's reference point lies, in cells.
+    `offset` is the position of a box's reference point within its cell, in cells.
     """
 
     name: str
@@ -203,7 +203,7 @@ class PicoDetFinal:
 class Queries:
     """A box and logits per query: (1, N, 4) as fractions of the input, centre and size; (1, N, classes).
 
-    `boxes`, `logits`, `masks` are the places of the outputs; RF-DETR has masks (1, N, h, w) where it segments.
+    `boxes`, `logits`, `masks` are the indices of the outputs; segmenting RF-DETR models have masks (1, N, h, w).
     """
 
     name: str
@@ -227,7 +227,7 @@ class Queries:
 class Final:
     """RT-DETR and D-FINE: labels (1, N), boxes (1, N, 4) in pixels, scores (1, N); `classes` as of `Yolo`.
 
-    `labels`, `boxes`, `scores` are the places of the outputs.
+    `labels`, `boxes`, `scores` are the indices of the outputs.
     """
 
     labels: int
@@ -245,10 +245,10 @@ class Final:
 
 @dataclass(frozen=True, slots=True)
 class Masks:
-    """Masks without classes, as SAM and its like give.
+    """Masks without classes, as from SAM-style models.
 
     Logits (1, N, h, w) and scores (1, N), or logits (1, Q, M, h, w) and scores (1, Q, M): of the M masks of a query,
-    that with the best score counts. `masks`, `scores` are the places of the outputs.
+    the one with the best score is used. `masks`, `scores` are the indices of the outputs.
     """
 
     masks: int
@@ -271,7 +271,7 @@ class Masks:
 
 
 def _around(mask: Any) -> list[int]:
-    """Return the rectangle around the pixels of a mask (h, w), end exclusive; an empty one has no size."""
+    """Return the rectangle around the pixels of a mask (h, w), end exclusive; of zero size for an empty mask."""
     columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
     return [columns[0], rows[0], columns[-1] + 1, rows[-1] + 1] if len(columns) else [0, 0, 0, 0]
 
@@ -288,19 +288,19 @@ def cells(size: tuple[int, int], strides: Sequence[int]) -> Float64Array:
 
 
 def count_cells(size: tuple[int, int], strides: Sequence[int]) -> int:
-    """Return how many cells the grids over an input have."""
+    """Return the number of cells of the grids over an input."""
     return sum(-(-size[0] // stride) * -(-size[1] // stride) for stride in strides)
 
 
 def _decoded(within: Float64Array, at: Float64Array) -> Float64Array:
     """Return centre and size (N, 4) in pixels of boxes given within cells: offsets in cells, logarithms of sizes."""
-    # No box is larger than any input; beyond, the exponential of what is no box would overflow.
+    # Sizes are limited, because the exponential of invalid values would overflow.
     sizes = np.exp(np.minimum(within[:, 2:], MAX_LOG))
     return np.hstack([within[:, :2] + at[:, :2], sizes]) * at[:, 2:]
 
 
 def _of_rows(rows: Float64Array, k: int, first_score: int) -> Raw:
-    """Read centre, size, scores from a column on, and k coefficients at the end."""
+    """Read rows of centre, size, scores from column `first_score` on, and k coefficients at the end."""
     last = rows.shape[1] - k
     half = rows[:, 2:4] / 2.0
     boxes = np.hstack([rows[:, :2] - half, rows[:, :2] + half])
@@ -308,13 +308,13 @@ def _of_rows(rows: Float64Array, k: int, first_score: int) -> Raw:
 
 
 def _final(table: Float64Array, k: int, classes: int) -> Raw:
-    """Read corners, score, class, k coefficients."""
+    """Read a table of corners, score, class, k coefficients."""
     found = _of_labels(table[:, :4], table[:, 5], table[:, 4], classes)
     return found._replace(coefficients=table[:, 6:].astype(np.float32))
 
 
 def _of_labels(boxes: Float64Array, labels: Float64Array, scores: Float64Array, classes: int) -> Raw:
-    """Return boxes that have one class each; of classes that are not known, there are COCO's, and all that are seen."""
+    """Return boxes with one class each; if no names are known, there are at least COCO's number of classes."""
     whole = np.where(np.isfinite(labels), labels, 0.0).astype(np.int64)
     count = classes or max(len(COCO), 1 + int(whole.max(initial=0)))
     inside = (whole >= 0) & (whole < count)
@@ -332,7 +332,7 @@ def _is_unit(boxes: Float64Array) -> bool:
 
 
 def _scaled(rows: Float64Array, size: tuple[int, int]) -> Float64Array:
-    """Return rows whose first four columns are fractions of the input with these in pixels."""
+    """Return rows with the first four columns converted from fractions of the input to pixels."""
     height, width = size
     scaled = rows.copy()
     scaled[:, :4] *= (width, height, width, height)

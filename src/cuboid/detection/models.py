@@ -1,4 +1,4 @@
-"""Models that have a name, and the folder in which they are kept."""
+"""Named models, and the folder in which they are stored."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cuboid.detection.onnx import OnnxDetector, read_options
 from cuboid.detection.registry import DETECTORS
 from cuboid.detection.types import Detector
 
-# Where models are kept, unless the environment names a folder.
+# Environment variable for the folder of models.
 FOLDER_VARIABLE = "CUBOID_MODELS"
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A model that its publisher offers.
+    """A model that can be downloaded from its publisher.
 
     Attributes
     ----------
@@ -26,13 +26,13 @@ class Model:
     url : str
         The publisher's address.
     sha256 : str
-        Of the file, hexadecimal.
+        SHA-256 checksum of the file, hexadecimal.
     size_bytes : int
     license : str
         SPDX identifier.
     publisher : str
     what : str
-        One line.
+        Description in one line.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Model:
 
     @property
     def path(self) -> Path:
-        """Where it is kept, fetched or not."""
+        """Path of the file, whether downloaded or not."""
         return models_folder() / f"{self.name}.onnx"
 
 
@@ -77,7 +77,7 @@ MODELS = {
 
 
 def models_folder() -> Path:
-    """Return the folder in which models are kept: that of the environment, else one in the user's cache."""
+    """Return the folder of models: from the environment, else in the user's cache."""
     named = os.environ.get(FOLDER_VARIABLE)
     if named:
         return Path(named)
@@ -86,12 +86,12 @@ def models_folder() -> Path:
 
 
 def kept_model(name: str, options: str | None) -> Detector:
-    """Return a model that was fetched.
+    """Return the detector of a downloaded model.
 
     Raises
     ------
     InputError
-        It was not fetched, or an option is wrong.
+        The model was not downloaded, or an option is wrong.
     """
     model = MODELS[name]
     if not model.path.is_file():

@@ -1,4 +1,4 @@
-"""A detector that the user names: an ONNX file, run by ONNX Runtime on the CPU unless another provider is asked for."""
+"""A detector from an ONNX file, run by ONNX Runtime, by default on the CPU."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from cuboid.detection.tokens import Tokens
 from cuboid.detection.types import Detections
 from cuboid.detection.vocabulary import known_names, names_for
 
-# Detections below this are left out: detectors list hundreds of boxes that they do not believe in. YOLOX-nano has two
-# thirds of its recall on stills between here and 0.3; evidence over frames does the rest.
+# Minimum score of a detection: detectors return hundreds of boxes with very low scores. YOLOX-nano has two thirds of
+# its recall on single images between this and 0.3; accumulating evidence over frames removes the false ones.
 MIN_SCORE = 0.05
-# Boxes that overlap more say the same: what the YOLO family's own code uses.
+# IoU above which the worse of two boxes is removed: the value of the YOLO family's own code.
 OVERLAP = 0.7
 ENDING = ".onnx"
-# A model has no larger input, pixels: it would take all memory.
+# Maximum side of a model's input, pixels: a larger one would take all memory.
 MAX_SIZE = 4096
 HOW = "FILE.onnx[:score=S,labels=FILE,threads=N,provider=NAME,size=PIXELS]"
-# The only class of models that find anything: it is none, and names nothing.
+# The only class of class-agnostic models: it is not used as a name.
 ANYTHING = "object"
 
 
@@ -38,15 +38,15 @@ class OnnxOptions:
     Attributes
     ----------
     score : float
-        Detections below this are left out, 0..1.
+        Minimum score of a detection, 0..1.
     labels : Path or None
-        File with the names of its classes.
+        File with the names of the classes.
     threads : int
-        Of ONNX Runtime.
+        Number of threads of ONNX Runtime.
     provider : str
-        Of ONNX Runtime.
+        Execution provider of ONNX Runtime.
     size : int or None
-        Side of the input of a model that takes any size; None for the image's own.
+        Side of the input of a model that accepts any size; None for the image's own size.
     """
 
     score: float = MIN_SCORE
@@ -57,7 +57,7 @@ class OnnxOptions:
 
 
 class OnnxDetector:
-    """Detects with a model in an ONNX file; its layout is recognised from the model itself.
+    """A detector from a model in an ONNX file; the layout is recognised from the model itself.
 
     Parameters
     ----------
@@ -65,14 +65,14 @@ class OnnxDetector:
         The ONNX file.
     options : OnnxOptions, optional
     feature : str
-        What needs it, as the user asked for it.
+        Option of the user that needs the model, for messages.
 
     Raises
     ------
     MissingExtraError
-        If ONNX Runtime is not installed.
+        ONNX Runtime is not installed.
     InputError
-        If the file is not there or is no model of a known layout.
+        The file is missing or is no model of a known layout.
     """
 
     def __init__(self, path: Path, options: OnnxOptions | None = None, feature: str = "--detector") -> None:
@@ -85,7 +85,7 @@ class OnnxDetector:
         self._layout = recognise(self._session, len(self._known or ()))
 
     def _look_for_names(self, path: Path, feature: str) -> None:
-        """Let a model that takes texts look for the names."""
+        """Set the class names as the texts of a model that searches for texts."""
         if self._known is None:
             raise InputError(f"{path}: looks for texts: name a file of them, one a line, with labels=FILE")
         tokens = Tokens(path.parent, self._session.text_length, feature)
@@ -102,7 +102,7 @@ class OnnxDetector:
         Raises
         ------
         InputError
-            If the model's outputs are of no known layout, or there are not as many names as classes.
+            The model's outputs have no known layout, or the numbers of names and classes differ.
         """
         least = self._options.score
         size = self._session.size_for(*frame.color.shape[:2])
@@ -114,7 +114,7 @@ class OnnxDetector:
             raise InputError(f"{self._session.path}: outputs {shapes} are of no known kind")
         names = self._names(raw.scores.shape[1])
         used = [k for k, name in enumerate(names) if name or len(names) == 1]
-        scores = np.nan_to_num(raw.scores[:, used], nan=0.0, posinf=0.0, neginf=0.0)  # what is no number says nothing
+        scores = np.nan_to_num(raw.scores[:, used], nan=0.0, posinf=0.0, neginf=0.0)  # NaN and infinity count as 0
         best = scores.max(axis=1, initial=0.0)
         kept = np.flatnonzero(best >= least)
         kept = kept[thin_out(raw.boxes_xyxy[kept], best[kept], OVERLAP)][:MAX_BOXES]
@@ -125,7 +125,7 @@ class OnnxDetector:
         return Detections(boxes, values, tuple(names[k] for k in used), masks)
 
     def _names(self, count: int) -> tuple[str, ...]:
-        """Return the names of so many classes; the one class of a model that finds anything has the empty one."""
+        """Return the names of `count` classes; the class of a class-agnostic model has the empty name."""
         if isinstance(self._layout, Masks):
             return ("",)
         names = names_for(count, self._known, self._session.path)
@@ -138,7 +138,7 @@ def onnx_detector(spec: str, feature: str = "--detector") -> OnnxDetector:
     Raises
     ------
     InputError
-        An option is unknown or not in its range, or the model cannot be used.
+        An option is unknown or out of range, or the model cannot be used.
     MissingExtraError
         ONNX Runtime is not installed.
     """
@@ -153,7 +153,7 @@ def read_options(text: str) -> OnnxOptions:
     Raises
     ------
     InputError
-        An option is unknown or not in its range.
+        An option is unknown or out of range.
     """
     given: dict[str, str] = {}
     for word in text.split(",") if text else []:
@@ -176,7 +176,7 @@ def _masks(
     raw: Raw, kept: np.ndarray[tuple[int], np.dtype[np.intp]], boxes: np.ndarray[tuple[int, int], np.dtype[np.int32]],
     fit: Fit, size: tuple[int, int],
 ) -> tuple[UInt8Array, ...] | None:  # fmt: skip
-    """Return the masks of the boxes that are kept; None where the model has none."""
+    """Return the masks of the selected boxes; None if the model has no masks."""
     if raw.logits is not None:
         heats = list(raw.logits[kept])
     elif raw.prototypes is not None:
@@ -191,7 +191,7 @@ def _masks(
 def _mask(
     box: np.ndarray[tuple[int], np.dtype[np.int32]], heat: Float32Array, fit: Fit, size: tuple[int, int]
 ) -> UInt8Array:
-    """Return where the heat over the input is above 0, in the box's own pixels."""
+    """Return the mask of a box, in the box's pixels: where the heat over the input is above 0."""
     import cv2
 
     x0, y0, x1, y1 = (int(x) for x in box)

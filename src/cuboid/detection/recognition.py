@@ -1,4 +1,4 @@
-"""Which layout a model has: from its inputs and outputs, their names, and what it answers to a grey image."""
+"""Recognition of a model's layout from its inputs, outputs, their names, and its output for a grey image."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from cuboid.detection.layouts import (
 )
 from cuboid.detection.session import IDS, SCALE_FACTOR, STRIDE, TARGET_SIZE, Session
 
-# A model that takes images of any size is tried with one of this size, pixels.
+# Side of the test image for models that accept any size, pixels.
 TRIED_PX = 640
-# Names of the outputs of models that have a box and logits per query.
+# Output names of models with a box and logits per query.
 RF_DETR = ("dets", "labels")
 TRANSFORMERS = ("pred_boxes", "logits")
 # The layouts that are recognised, for messages.
@@ -43,10 +43,10 @@ KNOWN = (
     "(1, 4 + classes, N), (1, N, 5 + classes) or (1, N, 6), with masks also (1, k, h, w); "
     "(1, N, classes + 32); labels, boxes, scores; dets, labels; pred_boxes, logits; masks, scores"
 )
-# Names of the outputs of models that give masks without classes: the masks, and how good each is.
+# Output names of models with masks without classes: the masks, and their scores.
 MASK_NAMES = ("masks", "output_masks", "pred_masks")
 MASK_SCORES = ("iou_predictions", "iou_scores", "scores")
-# The output that OWLv2 has beside those of OWL-ViT.
+# The additional output of OWLv2 compared with OWL-ViT.
 OWL_2 = "objectness_logits"
 
 
@@ -57,12 +57,12 @@ def recognise(session: Session, classes: int) -> Layout:
     ----------
     session : Session
     classes : int
-        How many names of classes are known; 0 where none are.
+        Number of known class names, or 0.
 
     Raises
     ------
     InputError
-        It is of no known layout; the message says what was seen.
+        The layout is unknown; the message describes the outputs.
     """
     size = session.fixed_size or (TRIED_PX, TRIED_PX)
     grey = np.full((*size, 3), GREY, np.uint8)
@@ -77,7 +77,7 @@ def recognise(session: Session, classes: int) -> Layout:
 
 
 def _by_names(session: Session, outputs: Sequence[Any], classes: int) -> Layout | None:
-    """Recognise the models that say what their outputs are."""
+    """Recognise models by the names of their outputs."""
     place = {name: k for k, name in enumerate(session.outputs)}
     shapes = [output.shape for output in outputs]
     if SCALE_FACTOR in session.input_names and any(len(s) >= 2 and s[-1] == 6 for s in shapes):
@@ -104,7 +104,7 @@ def _by_names(session: Session, outputs: Sequence[Any], classes: int) -> Layout 
 
 
 def _by_grids(session: Session, outputs: Sequence[Any], size: tuple[int, int], classes: int) -> Layout | None:
-    """Recognise the models that have a row for each cell of their grids."""
+    """Recognise models with a row for each cell of their grids."""
     if not outputs or any(output.ndim != 3 or output.shape[0] != 1 for output in outputs):
         return None
     rows = [output.shape[1] for output in outputs]
@@ -114,7 +114,7 @@ def _by_grids(session: Session, outputs: Sequence[Any], size: tuple[int, int], c
         if strides is None:
             return None
         if _has_distances(table, classes):
-            # The older NanoDet, of three grids, counts from the middle of a cell, NanoDet-Plus from its corner.
+            # The older NanoDet with three grids measures from the middle of a cell, NanoDet-Plus from its corner.
             return Distances("NanoDet", NANODET_FORM, strides, 0.5 if strides == STRIDES else 0.0)
         return Yolox() if strides == STRIDES and _is_within_cells(table) else None
     widths = [output.shape[2] for output in outputs]
@@ -127,7 +127,7 @@ def _by_grids(session: Session, outputs: Sequence[Any], size: tuple[int, int], c
 
 
 def _has_distances(table: Any, classes: int) -> bool:
-    """Tell whether the last columns of a table are distributions over distances: other numbers than scores."""
+    """Tell whether the last columns of a table are distributions over distances rather than scores."""
     columns = table.shape[1]
     if classes:
         return bool(columns == classes + SIDES)
@@ -136,9 +136,9 @@ def _has_distances(table: Any, classes: int) -> bool:
 
 
 def _is_within_cells(table: Any) -> bool:
-    """Tell whether a table (N, 5 + classes) tells centres within cells.
+    """Tell whether a table (N, 5 + classes) has centres relative to cells.
 
-    Others that have a row a cell (YOLOv6, YOLOX exported with its boxes decoded) tell centres in pixels of the input,
-    which they fill; within a cell, centres are no farther than a few cells from 0.
+    Other models with a row per cell (YOLOv6, YOLOX with decoded boxes) have centres in pixels, which are spread over
+    the whole input; relative to cells, centres are at most a few cells from 0.
     """
     return bool(table.shape[1] > 5 and np.abs(table[:, :2]).max() < STRIDE)

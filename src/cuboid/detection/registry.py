@@ -1,4 +1,4 @@
-"""The table of detectors that have a name."""
+"""The registry of named detectors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from cuboid.core.registry import Registry
 from cuboid.detection.types import Detector
 
-# A factory takes what follows the colon in NAME:OPTIONS, or None without a colon.
+# A factory takes the OPTIONS of NAME:OPTIONS, or None without a colon.
 DetectorFactory = Callable[[str | None], Detector]
 
 DETECTORS: Registry[DetectorFactory] = Registry("detector", "cuboid.detectors")

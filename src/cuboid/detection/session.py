@@ -1,4 +1,4 @@
-"""An ONNX model that is open: its inputs and outputs, its metadata, and running it."""
+"""An open ONNX model: its inputs, outputs and metadata, and its execution."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy as np
 from cuboid.core.errors import InputError
 from cuboid.core.extras import require
 
-# Where a model takes any size, the image's own rounded up to this: the largest stride of the YOLO family.
+# The image size is rounded up to a multiple of this for models that accept any size: the YOLO family's largest stride.
 STRIDE = 32
-# Inputs beside the image that detectors have: the image size of the boxes, and how the image was scaled.
+# Other inputs of detectors: image size for the boxes, and scale of the image.
 TARGET_SIZE, SCALE_FACTOR, IMAGE_SHAPE = "orig_target_sizes", "scale_factor", "im_shape"
-# Texts to look for, as numbers of their tokens, and which of these count.
+# Texts to search for, as token numbers, and the mask of valid tokens.
 IDS, MASK = "input_ids", "attention_mask"
-# Points that masks are asked for at, (1, queries, points a query, 2), and what each is: inside (1) or none (-1).
+# Query points for masks, (1, queries, points per query, 2), and their kinds: inside (1) or unused (-1).
 POINTS, POINT_LABELS = "batched_point_coords", "batched_point_labels"
 OTHERS = (TARGET_SIZE, SCALE_FACTOR, IMAGE_SHAPE, IDS, MASK, POINTS, POINT_LABELS)
-# Points a side of the grid of them, unless the model has a number of its own: each is a mask to compute, and smaller
-# things than a sixteenth of the image are seldom ones that a camera is pointed at.
+# Number of query points per side of their grid, unless the model fixes it: each point costs a mask, and objects smaller
+# than a sixteenth of the image are rarely of interest.
 GRID = 16
 KINDS = {
     "tensor(float)": np.float32,
@@ -40,21 +40,21 @@ class Session:
     path : Path
         The ONNX file.
     feature : str
-        What needs it, as the user asked for it.
+        Option of the user that needs the model, for messages.
     threads : int
     provider : str
-        Of ONNX Runtime, such as CPUExecutionProvider.
+        Execution provider of ONNX Runtime, such as CPUExecutionProvider.
     extra : str
-        The extra that brings ONNX Runtime.
+        The extra that installs ONNX Runtime.
     side : int, optional
-        Of the input, where it takes any size; the image's own unless given.
+        Side of the input, if it accepts any size; default: the image's own size.
 
     Raises
     ------
     MissingExtraError
         ONNX Runtime is not installed.
     InputError
-        The file is not there, is no model, or takes something else than one image of three colors.
+        The file is missing, is no model, or does not take one image with three channels.
     """
 
     def __init__(
@@ -87,34 +87,34 @@ class Session:
 
     @property
     def metadata(self) -> Mapping[str, str]:
-        """What the exporter wrote into the file, by key."""
+        """Metadata that the exporter wrote into the file, by key."""
         found: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
         return found
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs beside the image."""
+        """Names of the inputs other than the image."""
         return tuple(self._others)
 
     @property
     def dtype(self) -> Any:
-        """Type of the image's numbers."""
+        """Data type of the image input."""
         return KINDS.get(self._image.type, np.float32)
 
     @property
     def fixed_size(self) -> tuple[int, int] | None:
-        """Rows and columns of its input; None where it takes any."""
+        """Rows and columns of the input; None if it accepts any size."""
         rows, columns = (side if isinstance(side, int) else self._side for side in self._image.shape[2:])
         return None if rows is None or columns is None else (rows, columns)
 
     @property
     def text_length(self) -> int | None:
-        """Tokens of each text that it takes; None where it takes any number."""
+        """Number of tokens per text; None if it accepts any number."""
         length = self._shapes[IDS][-1]
         return length if isinstance(length, int) else None
 
     def look_for(self, texts: Sequence[tuple[list[int], list[int]]]) -> None:
-        """Take texts to look for: the tokens of each, and which of them count; all have the same number."""
+        """Set the texts to search for: tokens and mask of each, all with the same length."""
         self._texts = {IDS: [ids for ids, _ in texts], MASK: [mask for _, mask in texts]}
 
     def size_for(self, height: int, width: int) -> tuple[int, int]:
@@ -148,7 +148,7 @@ class Session:
         return [np.asarray(output) for output in outputs]
 
     def _points(self, rows: int, columns: int) -> dict[str, Any]:
-        """Return a grid of points over the input, a query each."""
+        """Return a grid of query points over the input."""
         queries, points = (n if isinstance(n, int) else None for n in self._shapes[POINTS][1:3])
         side = GRID if queries is None else max(1, int(queries**0.5))
         y, x = np.divmod(np.arange(side * side), side)
@@ -162,7 +162,7 @@ class Session:
 def start(
     path: Path, feature: str, threads: int = 1, provider: str = "CPUExecutionProvider", extra: str = "onnx"
 ) -> Any:
-    """Return the session of ONNX Runtime of a model; parameters and errors as of `Session`, whatever its inputs."""
+    """Return an ONNX Runtime session with any inputs; parameters and errors as for `Session`."""
     onnxruntime = require("onnxruntime", feature, extra)
     if not path.is_file():
         raise InputError(f"no model at {path}")
@@ -175,7 +175,7 @@ def start(
     options.log_severity_level = 4  # errors come as exceptions
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=[provider])
-    except Exception as error:  # ONNX Runtime has no common class of its own for what a file can have wrong
+    except Exception as error:  # ONNX Runtime has no common error class
         raise InputError(f"{path} is no ONNX model that can be run: {_line(error)}") from None
 
 

@@ -1,4 +1,4 @@
-"""A text as the numbers that a text model takes, by its ``tokenizer.json`` (the file of Hugging Face Tokenizers)."""
+"""Conversion of texts to token numbers by a ``tokenizer.json`` (the file of Hugging Face Tokenizers)."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from cuboid.core.extras import require
 from cuboid.formats.json_validation import read_any
 
 TOKENIZER, TOKENIZER_CONFIG = "tokenizer.json", "tokenizer_config.json"
-# Longer inputs are none of a model of short texts: a file that names no limit names a huge number.
+# Maximum length that counts as a limit: files without a limit contain a huge number.
 MAX_TOKENS = 4096
 
 
 class Tokens:
-    """The tokenizer of a model; all its texts have the same length, which CLIP and SigLIP were trained with.
+    """The tokenizer of a model; all texts get the same length, as in the training of CLIP and SigLIP.
 
     Parameters
     ----------
     folder : Path
-        With ``tokenizer.json``; ``tokenizer_config.json`` may say length and padding.
+        Folder with ``tokenizer.json``; ``tokenizer_config.json`` may give length and padding.
     length : int or None
-        Of the model's input; None where it takes any.
+        Length of the model's input; None if it accepts any.
     feature : str
-        What needs it, as the user asked for it.
+        Option of the user that needs the model, for messages.
 
     Raises
     ------
@@ -41,7 +41,7 @@ class Tokens:
             raise InputError(f"{folder}: has no {TOKENIZER}")
         try:
             self._tokenizer: Any = tokenizers.Tokenizer.from_file(str(path))
-        except Exception as error:  # the package raises no class of its own
+        except Exception as error:  # the package has no error class
             raise InputError(f"{path}: is no tokenizer: {one_line(str(error))}") from None
         config = read_any(folder / TOKENIZER_CONFIG) if (folder / TOKENIZER_CONFIG).is_file() else {}
         padding, truncation = self._tokenizer.padding or {}, self._tokenizer.truncation or {}
@@ -54,13 +54,13 @@ class Tokens:
             self._tokenizer.enable_padding(length=self._length, pad_id=number or 0, pad_token=pad or "[PAD]")
 
     def of(self, text: str) -> tuple[list[int], list[int]]:
-        """Return the numbers of a text's tokens, and which of them count (1) and which only fill up (0)."""
+        """Return the token numbers of a text, and the mask: 1 for tokens, 0 for padding."""
         found = self._tokenizer.encode(text)
         return list(found.ids), list(found.attention_mask)
 
 
 def _text_of(token: Any) -> str | None:
-    """Return a token as text; files write it as one, or as an object that has it."""
+    """Return the text of a special token, which files store as text or as an object with the text."""
     if isinstance(token, dict):
         token = token.get("content")
     return token if isinstance(token, str) else None

@@ -1,4 +1,4 @@
-"""Detections of one frame: boxes, class scores over a vocabulary, maybe masks."""
+"""Detections of one frame: boxes, class scores over a vocabulary, and optional masks."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
 
 @dataclass(frozen=True, slots=True)
 class Detections:
-    """What a detector sees in one frame.
+    """The output of a detector for one frame.
 
     Attributes
     ----------
     boxes_xyxy : (N, 4) int32
         Rectangles in pixels, end exclusive, inside the image, at least one pixel large.
     scores : (N, C) float32
-        Of each box for each class, 0..1.
+        Score of each box for each class, 0..1.
     names : tuple of str
-        The vocabulary: a name for each of the C classes; the empty name is of no class: there is something.
+        The vocabulary: a name for each of the C classes; the empty name means an object of unknown class.
     masks : sequence of (h, w) uint8, or None
-        For each box, which of its pixels are meant (1) or not (0), cropped to the box; None without masks.
+        Mask of each box, cropped to the box: 1 for pixels of the object, else 0; None without masks.
     """
 
     boxes_xyxy: np.ndarray[tuple[int, int], np.dtype[np.int32]]
@@ -63,5 +63,5 @@ class Detector(Protocol):
     """Any callable from a frame to its detections."""
 
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Detections:
-        """Return the detections of `frame`, whose image `intrinsics` describes."""
+        """Return the detections of `frame`, which has these `intrinsics`."""
         ...

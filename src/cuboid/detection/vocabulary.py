@@ -1,4 +1,4 @@
-"""The names of a model's classes: from the model's metadata, a file beside it, or COCO's where it has as many."""
+"""Class names of a model: from its metadata, a file beside it, or COCO if the number of classes matches."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 
 from cuboid.core.errors import InputError, shown
 
-# Keys of a model's metadata under which exporters keep the names.
+# Keys of a model's metadata under which exporters store the names.
 METADATA_KEYS = ("names", "labels", "classes", "id2label")
 # Files of names beside a model MODEL.onnx, in this order.
 BESIDE = ("{stem}.txt", "{stem}.names", "{stem}.json", "labels.txt", "classes.txt")
-# A larger file is no list of names, bytes.
+# Maximum size of a file of names, bytes.
 MAX_BYTES = 1 << 20
 
 COCO = (
@@ -26,32 +26,32 @@ COCO = (
     "tv", "laptop", "mouse", "remote", "keyboard", "cell phone", "microwave", "oven", "toaster", "sink",
     "refrigerator", "book", "clock", "vase", "scissors", "teddy bear", "hair drier", "toothbrush",
 )  # fmt: skip
-# COCO numbers its 80 classes 1 to 90; these numbers are not in use.
+# COCO numbers its 80 classes from 1 to 90; these numbers are unused.
 COCO_UNUSED = frozenset({12, 26, 29, 30, 45, 66, 68, 69, 71, 83})
 COCO_SLOTS = 91
 
 
 def coco_by_id() -> tuple[str, ...]:
-    """Return the names of the slots of a model that has one for each number of COCO, 0 to 90; empty if not in use."""
+    """Return the name of each COCO number from 0 to 90, empty if unused, for models with 91 class slots."""
     left = iter(COCO)
     return tuple("" if k == 0 or k in COCO_UNUSED else next(left) for k in range(COCO_SLOTS))
 
 
 def known_names(model: Path, metadata: Mapping[str, str], file: Path | None) -> tuple[str, ...] | None:
-    """Return the names that the user, the model or a file beside it gives; None where there are none.
+    """Return the names from the user, the model or a file beside it; None if there are none.
 
     Parameters
     ----------
     model : Path
     metadata : mapping of str to str
-        Of the model.
+        Metadata of the model.
     file : Path or None
-        The user's own file of names.
+        The user's file of names.
 
     Raises
     ------
     InputError
-        A file holds no list of names.
+        A file contains no list of names.
     """
     if file is not None:
         return read_names(file)
@@ -70,8 +70,8 @@ def known_names(model: Path, metadata: Mapping[str, str], file: Path | None) -> 
 def names_for(count: int, known: tuple[str, ...] | None, model: Path) -> tuple[str, ...]:
     """Return a name for each of `count` classes.
 
-    Where no names are known, 80 classes and 91 slots are those of COCO. A model may have one slot more than names, for
-    the background, which is its last: that has the empty name.
+    If no names are known, 80 classes and 91 slots are COCO's. A model may have one more slot than names: the last slot
+    is then the background, with the empty name.
 
     Raises
     ------
@@ -91,12 +91,12 @@ def names_for(count: int, known: tuple[str, ...] | None, model: Path) -> tuple[s
 
 
 def read_names(path: Path) -> tuple[str, ...]:
-    """Return the names in a file: one a line, or JSON.
+    """Return the names in a file: one per line, or JSON.
 
     Raises
     ------
     InputError
-        It cannot be read or holds no names.
+        The file cannot be read or contains no names.
     """
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -111,7 +111,7 @@ def read_names(path: Path) -> tuple[str, ...]:
 
 
 def parse_names(text: str) -> tuple[str, ...]:
-    """Return the names in a text: one a line, a list, or a mapping from number to name (JSON or as Python writes it).
+    """Return the names in a text: one per line, a list, or a mapping from number to name (JSON or Python syntax).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Finished results in the forms of other programs. Other packages add theirs (entry points ``cuboid.exports``)."""
+"""Exports of results to other programs' formats. Other packages can add formats (entry points ``cuboid.exports``)."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ __all__ = [
 
 
 def export(run: Results, name: str, path: PathLike, *, force: bool = False, **options: Any) -> list[str]:
-    """Write results in another form.
+    """Write results in another format.
 
     Parameters
     ----------
     run : Results
         The results.
     name : str
-        Of the form, one of `EXPORTS`.
+        Name of the format, one of `EXPORTS`.
     path : path
         The file, or for PLY the folder, to write; it appears when it is whole.
     force : bool
-        Whether what lies there is replaced.
+        Whether existing files are replaced.
     **options
         Those of shapes (glb, obj, stl, urdf, usd): close and complete as of `Results.mesh`; and, but for stl,
         collision: "none", "box", "hull" or "parts".
@@ -54,7 +54,7 @@ def export(run: Results, name: str, path: PathLike, *, force: bool = False, **op
     Returns
     -------
     list of str
-        Lines that the user should read: what the form cannot say.
+        Notes for the user, for example what the format cannot represent.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def export(run: Results, name: str, path: PathLike, *, force: bool = False, **op
 
 
 def _refuse(run: Results, name: str, form: Export, path: Path) -> None:
-    """Refuse a name that is of another kind of file, or that the results themselves have."""
+    """Refuse a name with another suffix, or the name of a result file."""
     if form.suffix and path.suffix.lower() != form.suffix:
         raise OutputError(f"{path}: the name must end with {form.suffix} for '{name}'")
     if not form.suffix and path.suffix:

@@ -24,7 +24,7 @@ VIDEO = 1
 
 
 def write(run: Results, path: Path) -> list[str]:
-    """Write the file; says so where the recording, which names the images, is not there."""
+    """Write the file; return a note if the recording with the image names is missing."""
     K = run.found.intrinsics
     names = _image_names(run)
     images = [

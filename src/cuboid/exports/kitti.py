@@ -10,7 +10,7 @@
   y down, z forward). As the benchmark has it, the place is the middle of the box's lower face.
 - ``rotation_y``: turn of the length about the camera's y axis, -pi..pi; ``score``: that of the object in the map.
 
-The form knows no other turn than that: it was made for cars that carry a level camera. Where the camera looks down,
+The format has no other rotation: it was made for cars with a level camera. Where the camera looks down,
 each box keeps its centre and its size but is set upright in the camera's frame, by the smallest turn that does it.
 """
 
@@ -33,10 +33,10 @@ from cuboid.views.projection import NEAR_M, project
 TYPE = "Misc"
 UPRIGHT = np.array([0.0, -1.0, 0.0])  # up in a level camera's frame
 
-# Least fraction seen of what is "not occluded" and "partly occluded"; the benchmark gives no figures for them.
+# Minimum visible fraction of "not occluded" and "partly occluded"; the benchmark gives no figures for them.
 WHOLE, PARTLY = 0.8, 0.4
 
-# This many boxes, evenly over the file, show how much the form loses.
+# Number of boxes, evenly over the file, for the estimate of the format's loss.
 PROBES = 200
 
 COLUMNS = 18
@@ -90,7 +90,7 @@ class KittiRow:
 
 
 def write(run: Results, path: Path) -> list[str]:
-    """Write the file; says how much the form loses."""
+    """Write the file; return a note about the format's loss."""
     rows = []
     for seen in run.tracks:
         ended = run.survivor.get(seen.label)
@@ -153,7 +153,7 @@ def _wrapped(angle_rad: float) -> float:
 
 
 def _losses(run: Results, rows: list[KittiRow]) -> list[str]:
-    """Say how far from level the camera was, and how well the upright boxes overlap the true ones."""
+    """Return a note about the camera's tilt and the overlap of upright boxes with the true ones."""
     if not rows:
         return []
     chosen = range(0, len(rows), -(-len(rows) // PROBES))

@@ -42,7 +42,7 @@ MARKERS, DETECTIONS, MAP = "/objects/markers", "/objects/detections", "/map"
 
 
 def write(run: Results, path: Path) -> list[str]:
-    """Write the file; says so where the recording, which has the pictures, is not there."""
+    """Write the file; return a note if the recording with the pictures is missing."""
     shown = run.recording_path is not None or is_there(run.report.recording)
     if shown:
         _ = run.recording  # a wrong one is found before anything is written

@@ -21,7 +21,7 @@ from cuboid.views.rerun_view import JPEG_QUALITY
 
 
 def write(run: Results, path: Path) -> list[str]:
-    """Write the file; says so where the recording, which has the pictures, is not there."""
+    """Write the file; return a note if the recording with the pictures is missing."""
     scene = RerunScene(Path(run.report.recording).name, "--to rerun")
     shown = run.recording_path is not None or is_there(run.report.recording)
     if shown:

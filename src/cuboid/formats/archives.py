@@ -1,4 +1,4 @@
-"""Files in .zip and .tar archives, without unpacking them: the index is read, then each file that is asked for."""
+"""Files in .zip and .tar archives, without unpacking: the index is read, then each requested file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 if TYPE_CHECKING:
     from cuboid.formats.stored import Entry, StoredPath
 
-# A compressed file up to this size is opened in memory, a larger one in the cache: it must be read in any order.
+# Maximum size of a compressed file that is unpacked in memory; larger ones go to the cache, for random access.
 MAX_IN_MEMORY = 16 << 20
 # Header of a file in a zip: signature and fields, then the lengths of its name and of the extra field.
 _LOCAL_HEADER = struct.Struct("<26xHH")
@@ -26,17 +26,17 @@ BUFFER_BYTES = 1 << 16
 
 
 class Window(io.RawIOBase):
-    """A part of a file that others read as well, as a file of its own.
+    """A part of a shared file, as a separate file.
 
     Parameters
     ----------
     file : file
     lock : Lock
-        Held while the file is moved and read.
+        Lock that is held while the file is positioned and read.
     start, size : int
         Bytes.
     owner : object
-        Whose file it is; it lives as long as this does.
+        Owner of the file; it is kept alive by this object.
     """
 
     def __init__(self, file: Any, lock: threading.Lock, start: int, size: int, owner: object) -> None:
@@ -52,7 +52,7 @@ class Window(io.RawIOBase):
         return True
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Move."""
+        """Set the position."""
         base = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
         if base + offset < 0:
             raise OSError(errno.EINVAL, "a place before the file's beginning")
@@ -60,11 +60,11 @@ class Window(io.RawIOBase):
         return self._at
 
     def tell(self) -> int:
-        """Return the place."""
+        """Return the position."""
         return self._at
 
     def readinto(self, buffer: bytearray | memoryview) -> int:  # type: ignore[override]
-        """Read."""
+        """Read bytes into a buffer."""
         wanted = max(0, min(len(buffer), self._size - self._at))
         with self._lock:
             self._file.seek(self._start + self._at)
@@ -113,7 +113,7 @@ class _Index:
 
 
 def _plain(name: str) -> str | None:
-    """Return a name without what leads nowhere; None where it leads out of the archive."""
+    """Return a normalised name; None if it leads out of the archive."""
     parts = [part for part in PurePosixPath(name.replace("\\", "/")).parts if part != "."]
     return None if not parts or parts[0] == "/" or ".." in parts else "/".join(parts)
 
@@ -124,7 +124,7 @@ class ZipStore:
     Raises
     ------
     OSError
-        It has no index, or one that is damaged.
+        The index is missing or damaged.
     """
 
     def __init__(self, archive: StoredPath) -> None:
@@ -132,7 +132,7 @@ class ZipStore:
         self._file = archive.outside()
         weakref.finalize(self, self._file.close)
         self._file.seek(max(0, self._file.seek(0, os.SEEK_END) - 1))
-        self._file.read(1)  # what a server says to this, zipfile would keep to itself
+        self._file.read(1)  # zipfile would hide a server's error
         try:
             self._zip = zipfile.ZipFile(self._file)
             infos = self._zip.infolist()
@@ -144,7 +144,7 @@ class ZipStore:
         self._index = _Index(archive, ((name, one.file_size) for name, one in self._infos.items()))
 
     def entry(self, path: StoredPath) -> Entry:
-        """Return what lies at a path."""
+        """Return the entry at a path."""
         return self._index.entry(path)
 
     def names(self, path: StoredPath) -> list[str]:
@@ -152,7 +152,7 @@ class ZipStore:
         return self._index.names(path)
 
     def open(self, path: StoredPath) -> BinaryIO:
-        """Open a file; where it is compressed, all of it is unpacked, in memory or in the cache."""
+        """Open a file; a compressed one is unpacked in memory or in the cache."""
         if self.entry(path).is_folder:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         info = self._infos[self._index.name(path)]
@@ -192,7 +192,7 @@ class ZipStore:
 
 
 class TarStore:
-    """The files of a tar archive; of one that was cut short those that are whole.
+    """The files of a tar archive; of a truncated one the complete files.
 
     Raises
     ------
@@ -220,7 +220,7 @@ class TarStore:
         self._index = _Index(archive, ((name, size) for name, (_, size) in self._spans.items()))
 
     def entry(self, path: StoredPath) -> Entry:
-        """Return what lies at a path."""
+        """Return the entry at a path."""
         return self._index.entry(path)
 
     def names(self, path: StoredPath) -> list[str]:

@@ -1,4 +1,4 @@
-"""A folder for files of archives and servers that some library wants to have on disk; it has a limit."""
+"""A cache folder of limited size for files from archives and servers that libraries need on disk."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, BinaryIO
 if TYPE_CHECKING:
     from cuboid.formats.stored import StoredPath
 
-# The most that the cache holds, unless the environment says otherwise: a bag of an hour at 640x480, compressed.
+# Environment variable and default of the cache's size limit: a compressed bag of an hour at 640x480.
 LIMIT_VARIABLE, LIMIT_MB = "CUBOID_CACHE_MB", 4096
-# This much of the disk is left to others.
+# Free space that the cache leaves on the disk.
 LEFT_FREE_BYTES = 512 << 20
 COPY_BYTES = 1 << 20
 
 
 def local_file(path: Path) -> Path:
-    """Return a path of the file system with the content of a file, which is copied where it lies in a store.
+    """Return a local path with the contents of a file; files in a store are copied.
 
     Raises
     ------
@@ -37,13 +37,13 @@ def local_file(path: Path) -> Path:
         return path
 
     with path.open("rb") as source:
-        if isinstance(name := getattr(source, "name", None), str | Path):  # it was put here to be opened
+        if isinstance(name := getattr(source, "name", None), str | Path):  # already a file in the cache
             return Path(name)
         return CACHE.file(path, path.stat().st_size, lambda file: shutil.copyfileobj(source, file, COPY_BYTES))
 
 
 class Cache:
-    """Files, those that were asked for last; all go when the process ends."""
+    """The most recently used files; all are deleted when the process ends."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -52,7 +52,7 @@ class Cache:
         self._made = 0
 
     def file(self, path: StoredPath, size: int, write: Callable[[BinaryIO], None]) -> Path:
-        """Return the file that holds the content of a path, made by `write` where it is not there.
+        """Return the cached file with the contents of a path; `write` creates it if it is missing.
 
         Raises
         ------

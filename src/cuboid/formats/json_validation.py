@@ -1,4 +1,4 @@
-"""Validation of JSON files: from bytes to a document whose fields are as its format says, or one line why not."""
+"""Validation of JSON files: from bytes to a document of its format, or a one-line error."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def read_json(path: Path, kind: type[T]) -> T:
     Raises
     ------
     InputError
-        The file cannot be read, is no JSON, is of another format or version, or a field is not as it must be; the
-        message names the field, what is there, and what was expected.
+        The file cannot be read, is no JSON, is of another format or version, or a field is invalid; the message names
+        the field, its value, and the expected value.
     """
     return checked(path, read_bytes(path, MAX_JSON_BYTES), kind)
 
@@ -56,7 +56,7 @@ def read_any(path: Path) -> dict[str, Any]:
 
 
 def format_in(path: Path) -> str | None:
-    """Return the format that a JSON document says it has, if it says one; raises as `read_json`."""
+    """Return the declared format of a JSON document, if any; raises as `read_json`."""
     said = checked(path, read_bytes(path, MAX_JSON_BYTES), _Head).format
     return said if isinstance(said, str) else None
 
@@ -89,7 +89,7 @@ def _refuse_other(content: bytes, kind: type[Any]) -> None:
 
 
 def format_of(kind: type[Any]) -> tuple[str, int] | None:
-    """Return the format's name and version that documents of a kind say; None where they say nothing."""
+    """Return the format's name and version that documents of a kind declare, or None."""
     if kind is _Head or not hasattr(kind, "__struct_fields__"):
         return None
     hints = get_type_hints(kind)
@@ -113,7 +113,7 @@ def _explained(error: msgspec.ValidationError, content: bytes, kind: type[Any]) 
 
 
 def in_words(said: str) -> str:
-    """Return what msgspec says in the words of people who write such files."""
+    """Return an error message of msgspec in plain words."""
     said = re.sub(
         r"`(float|int|str|bool|array|object)( \| null)?`", lambda m: _WORDS[m[1]] + (" or null" if m[2] else ""), said
     )
@@ -124,7 +124,7 @@ def in_words(said: str) -> str:
 
 
 def _found(content: bytes, place: str) -> str:
-    """Return ", got ..." with what is at a place of a document; nothing where the place cannot be followed."""
+    """Return ", got ..." with the value at a place of a document; empty if the place is not found."""
     try:
         value = msgspec.json.decode(content)
         for name, number in re.findall(r"([^.\[\]]+)|\[(\d+)\]", place):

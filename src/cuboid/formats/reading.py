@@ -1,4 +1,4 @@
-"""Files are opened here: regular ones only, and no more of them is read than a file of their kind can have."""
+"""Opening of files: only regular files, with a size limit for each kind."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import BinaryIO
 from cuboid.core.errors import InputError
 from cuboid.formats.stored import StoredPath
 
-# The largest file of each kind. A map of 10,000 objects takes 6 MB of JSON, a day of poses 250 MB of text.
+# Maximum size of each kind of file. A map of 10,000 objects takes 6 MB of JSON, a day of poses 250 MB of text.
 MAX_JSON_BYTES = 64 << 20
 MAX_TEXT_BYTES = 1 << 30
 MAX_BINARY_BYTES = 1 << 30
@@ -35,9 +35,9 @@ class UnreadableError(InputError):
     Attributes
     ----------
     reason : str
-        Why, without the file's name.
+        Reason, without the file's name.
     missing : bool
-        Whether there is none.
+        Whether the file is missing.
     """
 
     def __init__(self, path: Path, reason: str, missing: bool = False) -> None:
@@ -58,7 +58,7 @@ def opened(path: Path, most_bytes: int) -> Iterator[BinaryIO]:
     with _refusals(path):
         try:
             found = path.stat()
-            _refuse_special(path, found, most_bytes)  # before it is opened: that alone has effects on a device
+            _refuse_special(path, found, most_bytes)  # before opening, which has side effects on a device
             stored = isinstance(path, StoredPath)
             file = path.open("rb") if stored else open(path, "rb", opener=_open)  # noqa: SIM115
         except ValueError:  # a NUL, or half a character, in the name
@@ -116,18 +116,18 @@ def text_lines(path: Path) -> Generator[str, None, None]:
 
 
 def real_path(path: Path) -> Path:
-    """Return where a path leads through all links; one in a circle of links leads to itself."""
+    """Return a path with all links resolved; a path in a circle of links is returned unchanged."""
     return Path(os.path.realpath(path))
 
 
 def kind_of(found: os.stat_result) -> str:
-    """Return what is at a place that is no regular file, with its article."""
+    """Return the kind of something that is no regular file, with an article."""
     return _KINDS.get(stat.S_IFMT(found.st_mode), "no file")
 
 
 @contextmanager
 def _refusals(path: Path) -> Iterator[None]:
-    """Turn the system's refusals into one line."""
+    """Turn the system's errors into one line."""
     try:
         yield
     except (FileNotFoundError, NotADirectoryError):
@@ -137,7 +137,7 @@ def _refusals(path: Path) -> Iterator[None]:
 
 
 def _open(path: str, flags: int) -> int:
-    """Open without waiting, as for who writes a FIFO."""
+    """Open without blocking, for example on a FIFO without a writer."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 

@@ -1,7 +1,8 @@
-"""Files that lie in an archive or behind a URL, under paths like all others: nothing is unpacked or fetched whole.
+"""Paths of files in archives or at URLs, without unpacking or downloading everything.
 
-`located` makes such a path of what the user names. It can be gone into, listed and opened for reading as a folder's
-path can; each operation goes to the store that holds it: an archive (`archives`), or a server (`transports`).
+`located` makes such a path from the user's argument. It supports the operations of a folder's path (joining, listing,
+opening for reading); each operation is passed to the store that contains the file: an archive (`archives`), or a server
+(`transports`).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ SERVER_PARTS = 2
 # Archives by the ending of their names; .r3d is what the app Record3D makes.
 ZIP_ENDINGS, TAR_ENDINGS = (".zip", ".r3d"), (".tar",)
 ARCHIVE_ENDINGS = ZIP_ENDINGS + TAR_ENDINGS
-# Archives that cannot be read but from their beginning.
+# Archives without random access.
 PACKED_ENDINGS = (".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar.zst", ".7z", ".rar")
 
 
@@ -40,7 +41,7 @@ class Store(Protocol):
     """A place that holds files; its methods raise OSError."""
 
     def entry(self, path: StoredPath) -> Entry:
-        """Return what lies at a path."""
+        """Return the entry at a path."""
 
     def names(self, path: StoredPath) -> list[str]:
         """Return the names in a folder."""
@@ -49,7 +50,7 @@ class Store(Protocol):
         """Open a file for reading, from any place in any order."""
 
 
-# This many archives and servers stay open; any other is opened again when it is asked for.
+# Number of archives and servers that stay open; others are opened again on request.
 STORES_OPEN = 16
 _stores: OrderedDict[str, Store] = OrderedDict()
 
@@ -57,7 +58,7 @@ _stores: OrderedDict[str, Store] = OrderedDict()
 class StoredPath(type(Path())):  # type: ignore[misc]
     """A path in an archive or behind a URL.
 
-    What lies in no store is a path of the file system: an archive's neighbours.
+    A path outside of all stores, such as an archive's neighbour, is a path of the file system.
     """
 
     def __str__(self) -> str:
@@ -100,7 +101,7 @@ class StoredPath(type(Path())):  # type: ignore[misc]
             return False
 
     def exists(self, *, follow_symlinks: bool = True) -> bool:
-        """Tell whether anything lies there."""
+        """Tell whether the path exists."""
         return self._is(stat.S_IFREG, stat.S_IFDIR)
 
     def is_file(self, *, follow_symlinks: bool = True) -> bool:
@@ -129,7 +130,7 @@ class StoredPath(type(Path())):  # type: ignore[misc]
 
 
 def _store_at(path: StoredPath) -> Store | None:
-    """Return the store whose root a path is; None where it is none."""
+    """Return the store whose root is this path, or None."""
     key = PurePath.__str__(path)
     if key in _stores:
         _stores.move_to_end(key)
@@ -157,7 +158,7 @@ def _keep(key: str, store: Store) -> None:
 
 
 def located(path: PathLike) -> Path:
-    """Return the path that a user means: of a file, a folder, an archive (as a folder), a place in one, or a URL.
+    """Return the path for a user's argument: a file, a folder, an archive (as a folder), a path in one, or a URL.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def located(path: PathLike) -> Path:
 
 
 def is_there(path: PathLike) -> bool:
-    """Tell whether anything that can be read lies where a user or a result says."""
+    """Tell whether a path from a user or a result exists and can be read."""
     try:
         return located(path).exists()
     except OSError:
@@ -190,7 +191,7 @@ def is_there(path: PathLike) -> bool:
 
 
 def _enter(archive: StoredPath) -> None:
-    """Make an archive a folder."""
+    """Open an archive as a folder."""
     from cuboid.formats.archives import TarStore, ZipStore
 
     kind = ZipStore if archive.suffix.lower() in ZIP_ENDINGS else TarStore

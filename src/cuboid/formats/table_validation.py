@@ -1,4 +1,4 @@
-"""Validation of text files with a row a line: from words to numbers, each as its format says, or one line why not."""
+"""Validation of text tables with one row per line: from words to valid numbers, or a one-line error."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def read_table(path: Path, kind: type[R], *, any_order: bool = False) -> Iterato
     kind : type
         The description of a row.
     any_order : bool
-        Whether the columns may stand in any order and others among them, which are left alone.
+        Whether columns may have any order, and other columns are ignored.
 
     Yields
     ------
@@ -46,9 +46,9 @@ def read_table(path: Path, kind: type[R], *, any_order: bool = False) -> Iterato
     Raises
     ------
     InputError
-        The file cannot be read, its header is another, or a cell is not as it must be; the message names file and line.
+        The file cannot be read, its header is wrong, or a cell is invalid; the message names file and line.
     """
-    # Closed at once where a row is bad, not whenever what the error holds is collected.
+    # Closed at once after a bad row, not when the error's traceback is garbage-collected.
     with closing(text_lines(path)) as lines:
         cells_of = csv.reader(lines, skipinitialspace=True)
         try:
@@ -83,7 +83,7 @@ def data_lines(path: Path) -> Generator[tuple[int, str], None, None]:
 
 
 def parse_row(path: Path, line: int, cells: Sequence[str], kind: type[R]) -> R:
-    """Return the row that cells are; raises InputError where one is not as it must be."""
+    """Return the row of cells; raise InputError if a cell is invalid."""
     if len(cells) != len(kind.__struct_fields__):
         raise InputError(f"{path}:{line}: expected {header_of(kind, ' ')}, got {len(cells)} values")
     try:

@@ -1,4 +1,4 @@
-"""Files behind URLs, by `fsspec` and what it brings for each kind: https, s3, gs and others."""
+"""Files at URLs, through `fsspec` and its file systems: https, s3, gs and others."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cuboid.formats.stored import Entry, StoredPath
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# A file is fetched in blocks of this size, of which each open file keeps a few: small images come in one.
+# Block size of downloads, and number of blocks cached per open file: a small image fits into one block.
 BLOCK_BYTES, BLOCKS_KEPT = 256 << 10, 32
 FILES_OPEN = 8
 # Seconds without an answer after which a server counts as gone.
@@ -39,7 +39,7 @@ class ServerStore:
     Raises
     ------
     OSError
-        What reads such URLs is not installed, or there is nothing that does.
+        The package for such URLs is not installed, or the kind of URL is unknown.
     """
 
     def __init__(self, scheme: str, name: str) -> None:
@@ -47,7 +47,7 @@ class ServerStore:
         self._http = scheme in ("http", "https")
         self._system = _filesystem(scheme, name)
         self._entries: dict[str, dict[str, Entry | None]] = {}  # by folder; None: a file of unknown size
-        self._alone: dict[str, dict[str, Entry | None]] = {}  # what was asked for one by one
+        self._alone: dict[str, dict[str, Entry | None]] = {}  # entries that were requested one by one
         self._files: OrderedDict[str, tuple[Any, threading.Lock, int]] = OrderedDict()
 
     def entry(self, path: StoredPath) -> Entry:
@@ -119,7 +119,7 @@ class ServerStore:
 
 
 class _Guarded:
-    """A file of `fsspec` whose faults are the system's."""
+    """A file of `fsspec` that raises OSError for all faults."""
 
     def __init__(self, file: Any, url: str) -> None:
         self._file, self._url = file, url

@@ -1,4 +1,4 @@
-"""The files that a run leaves behind: written row by row, shown only when they are whole, and read again."""
+"""The result files of a run: written row by row, visible only when complete, and read again."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""The output folder: nothing in it looks whole before it is, and nothing that was in it is lost before that.
+"""The output folder: results appear only when complete, and old results are kept until then.
 
 A run writes into a hidden working folder. A new output folder is that working folder, renamed in one step at the end.
 Where results of an earlier run are replaced (`force`), the working folder lies inside the output folder. The old
 results stay until the new ones are complete; then the working folder gets the name `COMPLETE`, in one step, and its
 files take the places of the old ones, ``run.json`` (which says that results are complete) going first and coming last.
-Whoever is killed in between leaves a `COMPLETE` behind: who opens the folder next finishes the work
+A process that is killed in between leaves `COMPLETE` behind: the next process that opens the folder finishes the work
 (`finish_replacing`).
 
-A working folder is locked while its run lives, so that those of killed runs can be told and removed.
+A working folder is locked while its run lives, so that folders of killed runs can be recognised and removed.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ OUTPUT_NAMES = (
 
 @contextmanager
 def writing(path: Path, shown_as: Path | None = None) -> Iterator[None]:
-    """Turn the system's refusal to write `path` into one line.
+    """Turn the system's errors on writing `path` into one line.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class ResultFolder:
         return self._working / name
 
     def commit(self) -> None:
-        """Let the results appear under the name that the user gave.
+        """Publish the results under the user's name.
 
         Raises
         ------
@@ -165,7 +165,7 @@ class ResultFolder:
 
 
 def finish_replacing(folder: Path, *, locked: bool = False) -> None:
-    """Put complete results in the places of old ones, where a run that was to do it was killed.
+    """Finish replacing old results by complete ones, after the run that did it was killed.
 
     Parameters
     ----------

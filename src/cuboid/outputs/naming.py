@@ -39,12 +39,12 @@ def renamed_object(item: TrackedObject, name: str) -> TrackedObject:
 
 
 def name_object(folder: Path, label: int, name: str) -> TrackedObject:
-    """Give an object of a result folder a name, or take it away with an empty one; return the object as it is then.
+    """Set the name of an object of a result folder, or remove it with an empty name; return the changed object.
 
     Parameters
     ----------
     folder : Path
-        What `cuboid track` left behind; its `objects.json` is replaced.
+        Result folder of `cuboid track`; its `objects.json` is replaced.
     label : int
     name : str
 
@@ -53,7 +53,7 @@ def name_object(folder: Path, label: int, name: str) -> TrackedObject:
     InputError
         No object has the label, or the name cannot be one.
     OutputError
-        The file cannot be written; what was there is there.
+        The file cannot be written; it is unchanged.
     """
     path = folder / OBJECTS
     name = checked_name(path, name)

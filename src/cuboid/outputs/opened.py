@@ -69,7 +69,7 @@ class FrameRecord:
     T_world_camera : (4, 4) float64 or None
         Camera pose, metres; None where the frame was not used.
     reason : str or None
-        Why it was not used; None where it was.
+        Reason why the frame was not used; None if it was used.
     """
 
     index: int
@@ -93,7 +93,7 @@ class Results(MapQueries):
     folder : str or os.PathLike
         The result folder.
     recording_path : str or os.PathLike, optional
-        Where the recording is now; where it was during the run unless given.
+        Present path of the recording; default: its path during the run.
 
     Attributes
     ----------
@@ -314,7 +314,7 @@ class Results(MapQueries):
 
     @cached_property
     def events(self) -> list[EventRow]:
-        """What happened to objects while the camera watched, by frame; none where nothing moved."""
+        """Events of objects during the run, by frame; empty if nothing moved."""
         path = self.folder / EVENTS
         rows = read_events(path) if path.exists() else []
         self._refuse_unused(EVENTS, rows)
@@ -367,7 +367,7 @@ def open_results(folder: PathLike, recording: PathLike | None = None) -> Results
     folder : str or os.PathLike
         The result folder.
     recording : str or os.PathLike, optional
-        Where the recording is now; where it was during the run unless given.
+        Present path of the recording; default: its path during the run.
 
     Raises
     ------

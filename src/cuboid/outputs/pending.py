@@ -1,4 +1,4 @@
-"""A file, or a folder of files, that appears when it is whole."""
+"""A file, or a folder of files, that appears when it is complete."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ class PendingFile:
             raise
 
     def show(self) -> None:
-        """Let the file appear under its own name, or replace the one that is there."""
+        """Move the file to its own name; an existing one is replaced."""
         self.partial.replace(self.path)
 
     def drop(self) -> None:
-        """Leave no file."""
+        """Delete the partial file."""
         with contextlib.suppress(OSError):
             self.partial.unlink(missing_ok=True)
 
@@ -78,12 +78,12 @@ def _refuse_special(path: Path) -> None:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file that appears, or replaces the one that is there, when it is whole.
+    """Write a file atomically; an existing one is replaced.
 
     Raises
     ------
     OutputError
-        The file cannot be written; what was there is there.
+        The file cannot be written; an existing one is unchanged.
     """
     file = PendingFile(path)
     with file.writing():
@@ -93,7 +93,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 @contextlib.contextmanager
 def new_file(path: Path, *, force: bool) -> Iterator[Path]:
-    """Give the place where a file is written that appears at the end.
+    """Yield the path at which to write a file that appears at the end.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def new_file(path: Path, *, force: bool) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def new_folder(path: Path, *, force: bool, replaces: str) -> Iterator[Path]:
-    """Give the place where a folder of files is written that appears at the end.
+    """Yield the path at which to write a folder of files that appears at the end.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`run.json`: how a run went."""
+"""`run.json`: the report of a run."""
 
 from __future__ import annotations
 
@@ -72,11 +72,11 @@ class RunReport:
     peak_memory_mb : float
         Of the process, in units of 2**20 bytes.
     warnings : tuple of str
-        What is likely to be wrong with the input, one line each.
+        Probable faults of the input, one line each.
     limits : mapping of str to LimitReached
         What some frames had too much of.
     frames_dropped : int
-        That a live camera gave and nobody took in time; they have no numbers.
+        Number of live-camera frames that were not taken in time; they have no frame numbers.
     """
 
     version: str
@@ -127,7 +127,7 @@ class RunReport:
         return read[~np.isin(read, [frame for frame, _ in self.skipped])]
 
     def skipped_kinds(self) -> list[SkippedKind]:
-        """Return what kinds of bad frames there were, the most frequent first.
+        """Return the kinds of bad frames, the most frequent first.
 
         Reasons that differ only in words with digits in them (names of files, numbers, sizes) are one kind.
         """
@@ -138,7 +138,7 @@ class RunReport:
         return sorted(found, key=lambda kind: (-kind.count, kind.frame))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document that `run.json` holds."""
+        """Return the contents of `run.json`."""
         return {
             "version": self.version,
             "complete": self.complete,

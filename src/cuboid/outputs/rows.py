@@ -78,7 +78,9 @@ class ProposalRow(Proposal3D):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class EventRow(ObjectEvent):
-    """An event with the frame that told it: a line of `events.csv`; the other attributes are those of `ObjectEvent`.
+    """An event with the frame that reported it: a line of `events.csv`.
+
+    The other attributes are those of `ObjectEvent`.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Results written while a run goes: rows leave memory with their frame."""
+"""Writing of results during a run: the rows of each frame are written at once."""
 
 from __future__ import annotations
 
@@ -113,14 +113,14 @@ class ResultWriter:
             raise OutputError(str(error).replace(str(path), str(self._shown / name))) from error
 
     def go_on(self, texts: Mapping[str, str], keep: Callable[[str, str], None] | None = None) -> None:
-        """Begin with the rows of a run that was broken off, and tell of each new text where it goes.
+        """Continue with the rows of an interrupted run, and report each new text.
 
         Parameters
         ----------
         texts : mapping of str to str
             By the name of the file.
         keep : callable, optional
-            Told the name of the file and the text.
+            Called with the name of the file and each new text.
 
         Raises
         ------
@@ -169,7 +169,7 @@ class ResultWriter:
         corrected: Sequence[PoseRow] | None = None,
         views: ViewKeeper | None = None,
     ) -> None:
-        """Write the files of the run as a whole and let all results appear.
+        """Write the files that cover the whole run, and publish all results.
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ class ResultWriter:
         points : MapPoints
         report : RunReport
         corrected : sequence of PoseRow, optional
-            The poses as corrected since.
+            The corrected poses.
         views : ViewKeeper, optional
             The views of the objects, where they were kept.
 

@@ -1,4 +1,4 @@
-"""Recordings: a folder's frames. Other packages add formats (entry points ``cuboid.readers``)."""
+"""Readers of recordings. Other packages can add formats (entry points ``cuboid.readers``)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = [
     "open_recording",
 ]
 
-# The modules of the formats: each registers its own.
+# The modules of the formats: each registers its formats.
 _FORMATS = (
     *("arkitscenes", "azure_kinect", "bonn", "bop", "datasets", "icl_nuim", "infinitam", "nerfstudio", "open3d"),
     *("plain", "polycam", "realsense_bag", "record3d", "record3d_file", "ros_bag", "scannet_sens", "stray_scanner"),

@@ -12,7 +12,7 @@ Expected tree, of the raw dataset or of 3dod::
                                                          rotation as axis times angle; may be absent
 
 The number in a name is its time in seconds. Poses come at 10 Hz, and are interpolated. The world's z points up. The
-focus changes the focal length a little from frame to frame; the median counts, and frames far from it are skipped.
+focal length changes slightly with the focus; the median is used, and frames far from it are skipped.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Rea
 from cuboid.readers.tum import associate
 
 DEPTH_UNITS_PER_METRE = 1000.0
-# Color, the first that is there: about as fine as what is made of other phones' videos; as depth; far finer.
+# Folders of color, the first existing one is used: resolution similar to other phones' videos; as depth; much higher.
 COLOR_FOLDERS = ("vga_wide", "lowres_wide", "wide")
 DEPTH, CONFIDENCE, TRAJECTORY = "lowres_depth", "confidence", "lowres_wide.traj"
 NAME = re.compile(r"\d+_(\d+\.\d+)")
 DEPTH_FILE = re.compile(rf"{NAME.pattern}\.png")
 MIN_CONFIDENCE = 1
-# Color and depth are of one moment; their times may differ in the last digit.
+# Color and depth are taken at the same time; their timestamps may differ in the last digit.
 WITHIN_S = 0.005
-# This many of the files with a camera are read to find the usual one.
+# Number of camera files that are read to find the median camera.
 CAMERAS_READ = 25
 # Poses come 0.1 s apart.
 LARGEST_GAP_S = 0.25
 
 
 def recognises(path: Path) -> bool:
-    """Tell whether the folder holds lowres_depth and one of the folders with color, with names of an id and a time."""
+    """Tell whether the folder contains lowres_depth and a color folder, with names of an id and a time."""
     return _color_folder(path) is not None and has_file(path / DEPTH, DEPTH_FILE)
 
 
@@ -60,7 +60,7 @@ def _color_folder(path: Path) -> str | None:
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where the trajectory has another form, or no camera can be read."""
+    """List the frames; raise InputError if the trajectory has another format, or no camera can be read."""
     folder = _color_folder(path)
     assert folder is not None, "recognises"
     colors, depths = _by_time(path / folder), _by_time(path / DEPTH)
@@ -108,7 +108,7 @@ def _line(line: str) -> TimedPose:
 
 
 def _usual_camera(folder: Path, colors: list[Path]) -> tuple[tuple[float, float, float, float], tuple[int, int]]:
-    """Return the median of fx, fy, cx, cy of some frames, and the size; InputError where none can be read."""
+    """Return the median fx, fy, cx, cy of some frames, and the size; raise InputError if none can be read."""
     step, found, fault = max(1, len(colors) // CAMERAS_READ), [], "there are no images"
     for file in colors[::step]:
         try:
@@ -122,7 +122,7 @@ def _usual_camera(folder: Path, colors: list[Path]) -> tuple[tuple[float, float,
 
 
 def _camera(path: Path) -> list[float]:
-    """Read width, height, fx, fy, cx and cy; raises InputError where the file has another form."""
+    """Read width, height, fx, fy, cx and cy; raise InputError if the file has another format."""
     for number, line in data_lines(path):
         try:
             camera = parse_numbers(line, 6, "width height fx fy cx cy")

@@ -1,7 +1,7 @@
 """Recordings of k4arecorder, of an Azure Kinect or an Orbbec Femto: a Matroska file.
 
 Expected: an ``.mkv`` file with the tracks COLOR (MJPEG, NV12, YUY2 or BGRA) and DEPTH (16-bit, big-endian, millimetres)
-and the attachment ``calibration.json``; other tracks and attachments are left alone.
+and the attachment ``calibration.json``; other tracks and attachments are ignored.
 
 Depth is registered to color with the two cameras of the attachment. The cameras of a mode (which part of the sensor it
 shows) are those of the Azure Kinect Sensor SDK.
@@ -32,8 +32,8 @@ CALIBRATION = "calibration.json"
 MAX_CALIBRATION_BYTES = 1 << 20
 # Both cameras are triggered together; a recording may shift one of them by up to half the time between two images.
 WITHIN_S = 0.02
-# The calibration is that of the whole sensor: the width and height that it has in each mode, and the column and row at
-# which the mode's image begins.
+# The calibration refers to the whole sensor: width and height of the sensor in each mode, and column and row at which
+# the mode's image begins.
 DEPTH_MODES = {
     (320, 288): (512, 512, 96, 90),
     (640, 576): (1024, 1024, 192, 180),
@@ -49,7 +49,7 @@ COLOR_MODES = {
     (4096, 3072): (4096, 3072, 0, 0),
 }
 PURPOSES = {"color": "CALIBRATION_CameraPurposePhotoVideo", "depth": "CALIBRATION_CameraPurposeDepth"}
-# FOURCC codes of what is not MJPEG: bytes a pixel, and how OpenCV makes RGB of them.
+# FOURCC codes other than MJPEG: bytes per pixel, and OpenCV's conversion to RGB.
 RAW_COLOR = {
     b"NV12": (1.5, cv2.COLOR_YUV2RGB_NV12),
     b"YUY2": (2.0, cv2.COLOR_YUV2RGB_YUYV),
@@ -70,7 +70,7 @@ def recognises(path: Path) -> bool:
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where color, depth or the calibration is missing."""
+    """List the frames; raise InputError if color, depth or the calibration is missing."""
     try:
         found = list_matroska(path)
     except (OSError, ValueError) as error:
@@ -135,7 +135,7 @@ def _data(path: Path, block: Block, what: str) -> tuple[bytes, str]:
 
 
 def _code(track: Track) -> bytes:
-    """Return the FOURCC of a track in the header that Windows has for pictures (BITMAPINFOHEADER, at byte 16)."""
+    """Return the FOURCC of a track, at byte 16 of its Windows header (BITMAPINFOHEADER)."""
     return track.private[16:20] if track.codec == "V_MS/VFW/FOURCC" and len(track.private) >= 20 else b""
 
 

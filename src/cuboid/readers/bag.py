@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and ROS 2, open for reading one message at a time; `rosbags` knows their insides."""
+"""Bags of ROS 1 and ROS 2, opened with `rosbags` for reading single messages."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V2", b"\x89MCAP0\r\n", b"SQLite format 3\x00"
 MAGIC = {".bag": ROS1_MAGIC, ".mcap": MCAP_MAGIC, ".db3": SQLITE_MAGIC}
-# Messages that stay decoded: color and depth of a frame are asked for by its pose and by its images.
+# Number of cached decoded messages: color and depth of a frame are requested for its pose and for its images.
 KEPT_MESSAGES = 6
 
 
@@ -40,17 +40,17 @@ def is_bag_file(path: Path) -> bool:
 
 
 class Bag:
-    """One recording of ROS messages, in one file or several that follow each other.
+    """One recording of ROS messages, in one file or several consecutive ones.
 
     Parameters
     ----------
     paths : sequence of Path
-        Its files.
+        Files of the bag.
 
     Attributes
     ----------
     name : str
-        Of its first file, for messages.
+        Name of the first file, for messages.
     types : dict of str to str
         Message type of each topic, such as "sensor_msgs/msg/Image".
 
@@ -61,7 +61,7 @@ class Bag:
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        self._lock = threading.Lock()  # a file has one position; frames are decoded in another thread
+        self._lock = threading.Lock()  # a file has one position, and frames are decoded in another thread
         self.name = paths[0].name
         self._parts = [(path, _open(path)) for path in paths]
         self._close = weakref.finalize(self, _close_all, [reader for _, reader in self._parts])
@@ -76,7 +76,7 @@ class Bag:
         self._times: dict[str, tuple[Times, npt.NDArray[np.int64]]] = {}
 
     def times(self, topic: str) -> Times:
-        """Return when each message of a topic was logged, nanoseconds, rising (N,); no message is read.
+        """Return the log time of each message of a topic, nanoseconds, increasing (N,), without reading messages.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class Bag:
         Raises
         ------
         FrameError
-            It cannot be read.
+            The message cannot be read.
         """
         with self._lock:
             if (topic, time_ns) in self._kept:
@@ -105,14 +105,14 @@ class Bag:
             return found
 
     def first(self, topic: str) -> Any:
-        """Return the first message of a topic; None where it has none, or none that can be read."""
+        """Return the first message of a topic; None if there is no readable message."""
         times = self.times(topic)
         with suppress(FrameError):
             return self.read(topic, int(times[0])) if len(times) else None
         return None
 
     def between(self, topic: str, start_ns: int, stop_ns: int) -> list[Any]:
-        """Return the messages of a topic that were logged in a span of time; those that can be read."""
+        """Return the readable messages of a topic that were logged in a time span."""
         found: list[Any] = []
         for part, connection in self._connections.get(topic, ()):
             work = partial(self._span, part, connection, start_ns, stop_ns, found)
@@ -121,7 +121,7 @@ class Bag:
         return found
 
     def _listed(self, topic: str) -> tuple[Times, npt.NDArray[np.int64]]:
-        """Return the times of a topic's messages and the number of the connection that each came by."""
+        """Return the times of a topic's messages, and the connection number of each."""
         if topic not in self._times:
             times, which = [], []
             for k, (part, connection) in enumerate(self._connections[topic]):
@@ -145,13 +145,13 @@ class Bag:
             if part not in self._mcap_times:
                 self._mcap_times[part] = mcap_times(owner)
             return self._mcap_times[part].get(connection.id, np.zeros(0, np.int64))
-        reader = self._parts[part][1]  # MCAP without an index: its messages are gone through
+        reader = self._parts[part][1]  # MCAP without an index: iterate over all messages
         return np.array([time_ns for _, time_ns, _ in reader.messages([connection])], np.int64)
 
     def _message(self, part: int, connection: Connection, time_ns: int) -> Any:
         reader, owner = self._parts[part][1], connection.owner
         indexes: Any = getattr(owner, "indexes", None)
-        if indexes is not None:  # it would walk the whole index up to the message
+        if indexes is not None:  # rosbags would walk the whole index up to the message
             whole = indexes[connection.id]
             indexes[connection.id] = whole[_position(whole, time_ns) :][:1]
         try:
@@ -169,7 +169,7 @@ class Bag:
             found.append(reader.deserialize(data, connection.msgtype))
 
     def _guarded(self, part: int, work: Callable[[], Any], error: type[FrameError | InputError]) -> Any:
-        """Do what may fail in a damaged file: the library then raises nearly anything."""
+        """Run code that may fail on a damaged file: the library then raises all kinds of errors."""
         try:
             return work()
         except Exception as fault:
@@ -182,7 +182,7 @@ def _open(path: Path) -> AnyReader:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise InputError(missing(f"{path}: a bag", "rosbags", "ros")) from None
-    if path.suffix == ".db3":  # SQLite wants a file of its own
+    if path.suffix == ".db3":  # SQLite needs a real file
         try:
             path = local_file(path)
         except OSError as error:
@@ -191,7 +191,7 @@ def _open(path: Path) -> AnyReader:
     try:
         reader = AnyReader([path], default_typestore=store)
         reader.open()
-    except Exception as fault:  # a damaged file makes the library raise nearly anything
+    except Exception as fault:  # the library raises all kinds of errors on damaged files
         mended = _mended(path, store)
         if mended is None:
             raise InputError(f"{path}: cannot be read as a bag: {_line(fault)}") from None
@@ -200,7 +200,7 @@ def _open(path: Path) -> AnyReader:
 
 
 def _mended(path: Path, store: Any) -> AnyReader | None:
-    """Open a bag whose end is missing by what is whole of it; None where that is nothing."""
+    """Open the complete part of a bag whose end is missing; None if there is none."""
     from rosbags.highlevel import AnyReader
 
     from cuboid.readers.bag_mending import CutMcapReader, CutRos1Reader
@@ -232,7 +232,7 @@ def _line(fault: Exception) -> str:
 
 
 def _position(entries: Sequence[Any], time_ns: int) -> int:
-    """Return the place of the first entry at or after a time."""
+    """Return the index of the first entry at or after a time."""
     low, high = 0, len(entries)
     while low < high:
         middle = (low + high) // 2

@@ -1,4 +1,4 @@
-"""From ROS's CameraInfo to a pinhole and the distortion of its lens."""
+"""Conversion of ROS's CameraInfo to a pinhole and lens distortion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cuboid.core.errors import InputError
 
 
 def camera_of(info: Any, rectified: bool, topic: str) -> tuple[tuple[float, float, float, float], tuple[float, ...]]:
-    """Return fx, fy, cx, cy and the distortion of a CameraInfo; raises InputError where it has none."""
+    """Return fx, fy, cx, cy and the distortion of a CameraInfo; raise InputError if it has no camera."""
     K = [float(value) for value in np.asarray(getattr(info, "K", getattr(info, "k", ()))).reshape(-1)]
     P = [float(value) for value in np.asarray(getattr(info, "P", getattr(info, "p", ()))).reshape(-1)]
     D = [float(value) for value in np.asarray(getattr(info, "D", getattr(info, "d", ()))).reshape(-1)]

@@ -1,4 +1,4 @@
-"""Where up is in a camera, from an accelerometer beside it: at rest it measures what holds it up against gravity."""
+"""Up in the camera from an accelerometer: at rest it measures the reaction to gravity, which points up."""
 
 from __future__ import annotations
 
@@ -10,34 +10,35 @@ from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float64Array
 from cuboid.readers.bag import Bag
 
-# Measurements this far from a frame in time are averaged: half of a second makes a step of 0.1 m/s a tilt of 1 degree.
+# Measurements within this time of a frame are averaged: over half a second, a velocity change of 0.1 m/s causes a tilt
+# of 1 degree.
 WINDOW_NS = 250_000_000
-# Gravity, and how far from it a measurement may be while the camera hardly accelerates, m/s^2.
+# Gravity, and maximum deviation of a measurement while the camera hardly accelerates, m/s^2.
 GRAVITY, MAX_OFF = 9.81, 1.5
 
 
 class Gravity:
-    """An accelerometer that was recorded in a bag.
+    """An accelerometer whose measurements are in a bag.
 
     Parameters
     ----------
     bag : Bag
     topic : str
-        Of ``sensor_msgs/Imu``.
+        Topic of ``sensor_msgs/Imu``.
     R_color_imu : (3, 3) float64
-        Carries directions of the accelerometer to those of the color camera.
+        Rotation from the accelerometer's axes to the color camera's.
     """
 
     def __init__(self, bag: Bag, topic: str, R_color_imu: Float64Array) -> None:
         self._bag, self._topic, self._R_color_imu = bag, topic, R_color_imu
 
     def up_at(self, time_ns: int) -> Float64Array:
-        """Return the direction away from the earth's pull (3,) in the color camera when a frame was logged.
+        """Return up (opposite to gravity), (3,), in the color camera at the log time of a frame.
 
         Raises
         ------
         FrameError
-            If nothing was measured then, or the camera was being shaken.
+            There are no measurements at that time, or the camera was shaken.
         """
         messages = self._bag.between(self._topic, time_ns - WINDOW_NS, time_ns + WINDOW_NS)
         if not messages:
@@ -50,7 +51,7 @@ class Gravity:
 
 
 def measures_gravity(message: Any) -> bool:
-    """Tell whether a message holds an acceleration, not rates of turn alone."""
+    """Tell whether a message contains an acceleration, not only angular velocities."""
     return bool(abs(float(np.linalg.norm(acceleration(message))) - GRAVITY) <= 2 * MAX_OFF)
 
 

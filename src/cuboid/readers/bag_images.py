@@ -1,4 +1,4 @@
-"""From image messages of ROS to arrays."""
+"""Conversion of ROS image messages to arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RAW = "sensor_msgs/msg/Image"
 # REP 118: depth as 16-bit numbers is in millimetres, as floating point in metres.
 WHOLE_UNITS_PER_METRE, FLOAT_UNITS_PER_METRE = 1000.0, 1.0
 DEPTH_ENCODINGS: dict[str, np.dtype[Any]] = {"16UC1": np.dtype("u2"), "mono16": np.dtype("u2"), "32FC1": np.dtype("f4")}
-# Channels of color encodings, and how OpenCV makes RGB of them.
+# Channels of color encodings, and OpenCV's conversion to RGB.
 COLOR_ENCODINGS: dict[str, tuple[int, int | None]] = {
     "rgb8": (3, None),
     "bgr8": (3, cv2.COLOR_BGR2RGB),
@@ -34,12 +34,12 @@ COLOR_ENCODINGS: dict[str, tuple[int, int | None]] = {
     "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUYV),
     "yuyv": (2, cv2.COLOR_YUV2RGB_YUYV),
 }
-# compressed_depth_image_transport writes this before the PNG: format, and two numbers that turn inverse depth back.
+# Header of compressed_depth_image_transport before the PNG: format, and two parameters to decode inverse depth.
 _DEPTH_HEADER = struct.Struct("<iff")
 
 
 def is_depth(message: Any) -> bool | None:
-    """Tell whether an image message holds depth; None where its encoding is neither depth's nor color's."""
+    """Tell whether an image message contains depth (True) or color (False); None for other encodings."""
     if message.__msgtype__ not in (RAW, COMPRESSED):
         return None
     if message.__msgtype__ == COMPRESSED:
@@ -51,19 +51,19 @@ def is_depth(message: Any) -> bool | None:
 
 
 def units_per_metre(message: Any) -> float:
-    """Return the units of the depth that `depth_of` makes of a message."""
+    """Return the units per metre of the depth that `depth_of` returns."""
     encoding = message.format.split(";")[0].strip() if message.__msgtype__ == COMPRESSED else message.encoding
     return FLOAT_UNITS_PER_METRE if encoding == "32FC1" else WHOLE_UNITS_PER_METRE
 
 
 def _refuse_no_image(message: Any, what: str) -> None:
-    """Raise FrameError where a damaged index leads to a message of another type."""
+    """Raise FrameError if a damaged index leads to a message of another type."""
     if message.__msgtype__ not in (RAW, COMPRESSED):
         raise FrameError(f"{what} is no image but a {message.__msgtype__}")
 
 
 def color_of(message: Any, what: str) -> UInt8Array:
-    """Return the color image (H, W, 3) of a message; raises FrameError where it holds none."""
+    """Return the color image (H, W, 3) of a message; raise FrameError if it is invalid."""
     _refuse_no_image(message, what)
     if message.__msgtype__ == COMPRESSED:
         image = decode_bytes(_bytes(message), what, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -76,7 +76,7 @@ def color_of(message: Any, what: str) -> UInt8Array:
 
 
 def depth_of(message: Any, what: str) -> DepthArray:
-    """Return the depth image (H, W) of a message, in `units_per_metre`; raises FrameError where it holds none."""
+    """Return the depth image (H, W) of a message, in `units_per_metre`; raise FrameError if it is invalid."""
     _refuse_no_image(message, what)
     if message.__msgtype__ == COMPRESSED:
         return _compressed_depth(message, what)
@@ -88,7 +88,7 @@ def depth_of(message: Any, what: str) -> DepthArray:
 
 
 def _pixels(message: Any, kind: np.dtype[Any], channels: int, what: str) -> npt.NDArray[Any]:
-    """Return the pixels of a raw image (H, W, channels), whatever pads its rows."""
+    """Return the pixels of a raw image (H, W, channels) without the padding of its rows."""
     height, width, step = int(message.height), int(message.width), int(message.step)
     row = width * channels * kind.itemsize
     data = np.asarray(message.data).view(np.uint8).reshape(-1)

@@ -1,4 +1,4 @@
-"""When the messages of an MCAP file were logged, by its indexes alone: no message is read (mcap.dev/spec)."""
+"""Log times of the messages in an MCAP file, from its indexes only, without reading messages (mcap.dev/spec)."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ import numpy.typing as npt
 
 # A MessageIndex record: operation code and length, channel, bytes of the array; then pairs of log time and offset.
 _HEADER, _ENTRY_BYTES = struct.Struct("<BQHI"), 16
-# The indexes behind a chunk are larger only in a damaged file.
+# Maximum size of the indexes after a chunk; only damaged files exceed it.
 MAX_BYTES = 1 << 26
 
 Times = npt.NDArray[np.int64]
 
 
 def mcap_times(owner: Any) -> dict[int, Times]:
-    """Return the log times of each channel, nanoseconds, rising, from the message indexes behind the chunks.
+    """Return the log times of each channel, nanoseconds, increasing, from the message indexes after the chunks.
 
-    The indexes of a chunk lie side by side and are read at once; where the file is the system's, it is told beforehand
-    which parts of it will be read, so that the disk has them ready.
+    The indexes of a chunk are adjacent and are read at once. For local files, the system is informed beforehand which
+    parts will be read, so that it can prefetch them.
 
     Parameters
     ----------
     owner : rosbags' storage of an MCAP file
-        Its `chunks` and its open file.
+        Storage with its `chunks` and its open file.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def _times(data: bytes, at: int, channel: int, offset: int) -> Times:
 
 
 def _announce(file: Any, parts: list[tuple[int, int]]) -> None:
-    """Tell the system which parts of a file will be read, where it is a file of the system."""
+    """Announce to the system which parts of a local file will be read."""
     if sys.platform == "linux":
         with suppress(OSError, ValueError, OverflowError, AttributeError):
             for start, length in parts:

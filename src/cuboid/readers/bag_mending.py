@@ -1,7 +1,6 @@
-"""Bags that were cut off while they were recorded or copied: their index is made anew of the chunks that are whole.
+"""Readers for bags that were truncated while recording or copying: the index is rebuilt from the complete chunks.
 
-The formats are those of ROS bags 2.0 (wiki.ros.org/Bags/Format/2.0) and MCAP (mcap.dev/spec); what lies in a record is
-left to `rosbags`.
+The formats are ROS bags 2.0 (wiki.ros.org/Bags/Format/2.0) and MCAP (mcap.dev/spec); records are decoded by `rosbags`.
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ _MCAP_INDEX = struct.Struct("<HI")
 
 
 class CutRos1Reader(Ros1Reader):
-    """A ROS 1 bag without its index at the end; a chunk counts where its own index follows it."""
+    """A ROS 1 bag without its final index; a chunk is used if its own index follows it."""
 
     def open(self) -> None:
-        """Go through the records, reading none of the data but where a new connection begins."""
+        """Scan the records; data is read only where a new connection begins."""
         self.bio = self.path.open("rb")
         end = self.path.stat().st_size
         self.bio.readline()
@@ -54,7 +53,7 @@ class CutRos1Reader(Ros1Reader):
         self.connections = [one._replace(msgcount=len(self.indexes[number])) for number, one in connections.items()]
 
     def _connections_in(self, at: int) -> dict[int, Any]:
-        """Return the connections that a chunk begins, by their number."""
+        """Return the new connections in a chunk, by number."""
         file, chunk = self.bio, self.chunks[at]
         assert file is not None, "open"
         file_at = file.tell()
@@ -79,7 +78,7 @@ class CutRos1Reader(Ros1Reader):
 
 
 class CutMcapReader(McapReader):
-    """An MCAP file without its summary; a chunk counts where its message indexes follow it."""
+    """An MCAP file without its summary; a chunk is used if its message indexes follow it."""
 
     def _open(self) -> None:
         assert self.bio is not None, "open"

@@ -1,4 +1,4 @@
-"""Where a camera is at a time, from the transforms that a ROS bag holds."""
+"""Camera poses over time, from the transforms in a ROS bag."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ STAMPED_TYPES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
 )
-# Transforms are read by the second, and this many seconds are kept: frames come in order, one reads on.
+# Transforms are read in blocks of one second; this many blocks are cached, because frames are read in order.
 BLOCK_NS, KEPT_BLOCKS = 1_000_000_000, 6
-# About the first image they are looked for within this first: one step at 30 Hz either way.
+# Time around the first image that is searched first: one step at 30 Hz in both directions.
 AT_FIRST_NS = 40_000_000
-# A chain that is longer goes in a circle.
+# Maximum length of a chain of transforms; a longer one contains a cycle.
 LONGEST_CHAIN = 64
-# Between two transforms at most this far apart a pose is interpolated; else the nearest within the other counts.
+# Maximum gap between two transforms for interpolation; elsewhere the nearest one within NEAREST_WITHIN_S is used.
 LARGEST_GAP_S, NEAREST_WITHIN_S = 1.0, 0.05
 # The quaternion of a transform must have length 1 to within this.
 QUATERNION_LENGTH_TOLERANCE = 0.01
@@ -42,7 +42,7 @@ class Transforms:
     ----------
     bag : Bag
     pose_topic : str, optional
-        A topic of poses or odometry that is taken for the camera's, instead of the tree.
+        A topic with the camera's poses or odometry, used instead of the tree.
     """
 
     def __init__(self, bag: Bag, pose_topic: str | None = None) -> None:
@@ -61,10 +61,10 @@ class Transforms:
                         self._fixed[child] = (parent, T)
 
     def moves(self, frame: str, time_ns: int) -> bool:
-        """Tell whether, about a time, something moves the frame: whether there are poses."""
+        """Tell whether there are moving transforms of a frame around a time, and thus poses."""
         if self._pose_topic is not None:
             return True
-        # Where transforms come often, the first few tell, and seconds of a large bag need not be read to open it.
+        # With frequent transforms, the first few are enough, and opening a large bag need not read whole seconds.
         if self._moved(frame, self._edges_between(time_ns - AT_FIRST_NS, time_ns + AT_FIRST_NS)):
             return True
         return self._moved(frame, self._block(time_ns // BLOCK_NS) | self._block(time_ns // BLOCK_NS + 1))
@@ -86,11 +86,11 @@ class Transforms:
         Parameters
         ----------
         frame : str
-            Of the camera.
+            Coordinate frame of the camera.
         time_ns : int
-            When the frame was logged: transforms of the seconds around are read.
+            Log time of the image: transforms of the surrounding seconds are read.
         time_s : float
-            When it was taken, by the clock of the messages.
+            Time of capture, by the clock of the messages.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class Transforms:
         return found.T_world_frame
 
     def between(self, frame: str, other: str) -> Float64Array | None:
-        """Return the fixed transform T_frame_other (4, 4) of two frames; None where they have no fixed common root."""
+        """Return the fixed transform T_frame_other (4, 4) of two frames; None without a fixed common root."""
         (root, T_root_frame), (other_root, T_root_other) = self._fixed_root(frame), self._fixed_root(other)
         return se3.inverse(T_root_frame) @ T_root_other if root == other_root else None
 
@@ -127,7 +127,7 @@ class Transforms:
         return block
 
     def _edges_between(self, start_ns: int, stop_ns: int) -> dict[str, Edge]:
-        """Return the moving transforms that were logged in a span of time, by child."""
+        """Return the moving transforms that were logged in a time span, by child."""
         found: dict[str, Edge] = {}
         for topic in [self._pose_topic] if self._pose_topic else self._moving:
             for message in self._bag.between(topic, start_ns, stop_ns):
@@ -197,7 +197,7 @@ def camera_pose(
 
 
 def frame_name(name: str) -> str:
-    """Return the name of a frame as ROS 2 writes it."""
+    """Return the name of a frame in the style of ROS 2."""
     return name.lstrip("/")
 
 
@@ -207,7 +207,7 @@ def stamp_s(message: Any) -> float:
 
 
 def matrix(translation: Any, rotation: Any) -> Float64Array | None:
-    """Return a transform (4, 4) of ROS's vector and quaternion; None where it is none."""
+    """Return a transform (4, 4) from ROS's vector and quaternion; None if it is invalid."""
     quat_wxyz = (rotation.w, rotation.x, rotation.y, rotation.z)
     values = np.array([*quat_wxyz, translation.x, translation.y, translation.z], np.float64)
     length = float(np.linalg.norm(values[:4])) if np.isfinite(values).all() else 0.0
@@ -217,7 +217,7 @@ def matrix(translation: Any, rotation: Any) -> Float64Array | None:
 
 
 def edges_of(message: Any) -> Iterable[tuple[str, str, float, Float64Array]]:
-    """Give parent, child, time and T_parent_child of what a message says; the child of a lone pose is ""."""
+    """Yield parent, child, time and T_parent_child of a message; the child of a single pose is ""."""
     if message.__msgtype__ in TF_TYPES:
         for one in message.transforms:
             T = matrix(one.transform.translation, one.transform.rotation)

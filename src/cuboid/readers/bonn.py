@@ -1,4 +1,4 @@
-"""Bonn RGB-D Dynamic (Palazzolo et al., "ReFusion", IROS 2019): the form of TUM, with other axes.
+"""Bonn RGB-D Dynamic (Palazzolo et al., "ReFusion", IROS 2019): the TUM format with other axes.
 
 Expected tree::
 
@@ -8,13 +8,13 @@ Expected tree::
       rgb/1548266469.88633.png      8-bit color
       depth/1548266469.88246.png    16-bit, 0 is no reading
 
-What differs from TUM: the camera; and the lines of the trajectory are the poses of the markers on the camera in the
-motion capture's axes. The dataset's page carries points of the first camera into the world of its laser scan by
-T_ros T_0 T_ros T_m, where T_0 is the first line and T_m the calibration of markers and camera; what holds for the first
-line holds for each. T_m also holds a scale, 1.059: depth at the page's 5000 units a metre falls short of the motion
-capture and the scan by this factor. The reader makes it part of the depth scale.
+Differences from TUM: the camera; and the trajectory has the poses of the markers on the camera in the motion capture's
+axes. The dataset's page transforms points of the first camera to the world of its laser scan by T_ros T_0 T_ros T_m,
+where T_0 is the first line and T_m the calibration of markers and camera; the same formula is used for each line. T_m
+also contains a scale, 1.059: depth at the page's 5000 units per metre is too small by this factor compared with the
+motion capture and the scan. The reader includes it in the depth scale.
 
-Color and depth are registered, and bent alike by the lens of the color camera.
+Color and depth are registered, and both have the distortion of the color camera's lens.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from cuboid.readers.reader import READERS, Calibration, Listing, Reader
 from cuboid.readers.tum import BONN, has_lists, list_frames
 from cuboid.readers.tum import DEPTH_UNITS_PER_METRE as TUM_UNITS_PER_METRE
 
-# All four by the dataset's page.
+# All values are from the dataset's page.
 CALIBRATION = Calibration(
     542.822841,
     542.576870,
@@ -53,7 +53,7 @@ DEPTH_UNITS_PER_METRE = TUM_UNITS_PER_METRE / SCALE
 
 
 def _without_scale(T: Float64Array) -> Float64Array:
-    """Return the rigid transform that is nearest to one with a scale and four digits."""
+    """Return the rigid transform nearest to a transform with scale and four-digit rounding."""
     rigid = T.copy()
     left, _, right = np.linalg.svd(T[:3, :3])
     rigid[:3, :3] = left @ right
@@ -69,7 +69,7 @@ def recognises(path: Path) -> bool:
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where a list or the trajectory has a line of another form."""
+    """List the frames; raise InputError if a line of a list or of the trajectory has another format."""
     return Listing(list_frames(path, _pose_at), DEPTH_UNITS_PER_METRE, CALIBRATION, camera_folders=(path,))
 
 

@@ -29,7 +29,7 @@ from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Rea
 
 CAMERAS = "scene_camera.json"
 COLOR_FOLDERS = ("rgb", "gray")
-# Cameras that differ by less than this are one, pixels.
+# Maximum difference of parameters of the same camera, pixels.
 SAME_CAMERA_PX = 0.01
 
 
@@ -39,7 +39,7 @@ def recognises(path: Path) -> bool:
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where the cameras have another form."""
+    """List the frames; raise InputError if the cameras have another format."""
     folder, file = _color(path), path / CAMERAS
     assert folder is not None, "recognises"
     cameras = {int(key): value for key, value in read_object(file).items() if key.isdigit() and isinstance(value, dict)}
@@ -72,7 +72,7 @@ def _by_number(folder: Path) -> dict[int, Path]:
 
 
 def _camera(camera: dict[str, Any], where: str) -> tuple[tuple[float, float, float, float], float]:
-    """Return fx, fy, cx, cy and the scale; raises InputError where they are none."""
+    """Return fx, fy, cx, cy and the scale; raise InputError if they are invalid."""
     K, scale = _numbers(camera.get("cam_K"), 9), _numbers([camera.get("depth_scale", 1.0)], 1)
     if K is None or scale is None or min(K[0], K[4], scale[0]) <= 0:
         raise InputError(f"{where}: expected 'cam_K' with 9 numbers, row by row, and a 'depth_scale' above 0")
@@ -90,7 +90,7 @@ def _numbers(values: Any, count: int) -> Float64Array | None:
 def _fault(
     camera: dict[str, Any] | None, number: int, K: tuple[float, float, float, float], scale: float
 ) -> str | None:
-    """Return why an image cannot be used with the camera of the recording."""
+    """Return the reason why an image cannot be used with the recording's camera, or None."""
     if camera is None:
         return f"{CAMERAS} has no camera of image {number}"
     try:

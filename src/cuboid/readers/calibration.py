@@ -1,4 +1,4 @@
-"""Which camera and depth scale hold for a recording: the user's, the folder's or the published ones."""
+"""Selection of a recording's camera and depth scale: the user's, the folder's or the published ones."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ _DISTORTION = "distortion"
 
 HOW_TO_GIVE = f"give them with --intrinsics FX,FY,CX,CY or in {CAMERA_FILE}"
 
-# What a user may give: fx, fy, cx, cy of images without distortion, a file of the form of camera.json or
-# camera-intrinsics.txt, or all that is known of the camera.
+# Intrinsics from a user: fx, fy, cx, cy of undistorted images, a file in the format of camera.json or
+# camera-intrinsics.txt, or a complete calibration.
 GivenIntrinsics = Sequence[float] | PathLike | Calibration
 
 
@@ -41,14 +41,13 @@ def choose(
 ) -> tuple[Calibration, float]:
     """Return the calibration and the depth units per metre of a recording.
 
-    The user's word comes first, then `camera.json` or `camera-intrinsics.txt` beside the images,
-    then what was published for the format.
+    The user's values come first, then `camera.json` or `camera-intrinsics.txt` beside the images, then the values
+    published for the format.
 
     Raises
     ------
     InputError
-        If one of the two is nowhere to be found (the error's notes then hold the `camera.json` to write), or what was
-        found makes no sense.
+        One of the two is missing (the error's notes then contain the `camera.json` to write), or is invalid.
     """
     calibration, units = listing.calibration, listing.depth_units_per_metre
     found = _find_file(listing.camera_folders)
@@ -79,7 +78,7 @@ def choose(
 
 
 def up_world(listing: Listing) -> tuple[float, float, float] | None:
-    """Return the direction away from the earth's pull in the world of the poses, as `camera.json` or the format says.
+    """Return up (opposite to gravity) in the world of the poses, from `camera.json` or the format, or None.
 
     Raises
     ------
@@ -91,17 +90,17 @@ def up_world(listing: Listing) -> tuple[float, float, float] | None:
     return own or listing.up_world
 
 
-# Focal lengths of cameras, in widths of their images: 179.4 degrees are in view at the least, 3.4 minutes at the most.
+# Minimum and maximum focal length, in image widths: fields of view of 179.4 degrees and of 3.4 arc minutes.
 MIN_FOCAL, MAX_FOCAL = 0.005, 1000.0
 
 
 def for_size(calibration: Calibration, width: int, height: int, recording: Path) -> Intrinsics:
-    """Return the pinhole of images of this size.
+    """Return the intrinsics for images of this size.
 
     Raises
     ------
     InputError
-        If the calibration is for another image size, or no camera's.
+        The calibration is for another image size, or is not plausible.
     """
     if calibration.size not in (None, (width, height)):
         raise InputError(
@@ -124,12 +123,12 @@ def for_size(calibration: Calibration, width: int, height: int, recording: Path)
 
 
 def undistortion(calibration: Calibration, size: tuple[int, int], recording: Path) -> Undistortion:
-    """Return what takes the distortion of a lens out of images of this width and height.
+    """Return the undistortion of images with this width and height.
 
     Raises
     ------
     InputError
-        If the coefficients are no lens's.
+        The coefficients are not plausible for a lens.
     """
     K = np.array([[calibration.fx, 0, calibration.cx], [0, calibration.fy, calibration.cy], [0, 0, 1]], np.float64)
     try:
@@ -141,12 +140,12 @@ def undistortion(calibration: Calibration, size: tuple[int, int], recording: Pat
 
 
 def registration(calibration: Calibration, intrinsics: Intrinsics, recording: Path) -> Registration | None:
-    """Return the registration of depth to images with these intrinsics; None where depth is aligned already.
+    """Return the registration of depth to images with these intrinsics; None if depth is already aligned.
 
     Raises
     ------
     InputError
-        If the depth camera is none.
+        The depth camera is invalid.
     """
     if calibration.depth_camera is None:
         return None
@@ -199,7 +198,7 @@ def write_camera(
 
 
 def _read_json(path: Path) -> tuple[Calibration, float | None]:
-    """Read a camera.json: fx, fy, cx, cy, width, height and, where needed, depth_units_per_metre and distortion."""
+    """Read a camera.json: fx, fy, cx, cy, width, height and, optionally, depth_units_per_metre and distortion."""
     camera = read_json(path, CameraDocument)
     size, distortion = (camera.width, camera.height), tuple(camera.distortion)
     depth = depth_camera_of(camera)

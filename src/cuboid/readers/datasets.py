@@ -1,6 +1,6 @@
-"""Data sets whose images have their frame's number in their name: one reader, and a table of what differs.
+"""Data sets whose image names contain the frame number: one reader, and a table of their differences.
 
-7-Scenes (Shotton et al., "Scene coordinate regression forests", CVPR 2013), and its form::
+7-Scenes (Shotton et al., "Scene coordinate regression forests", CVPR 2013), and recordings in its format::
 
     chess/
       seq-01/                          <- the recording
@@ -10,9 +10,9 @@
         ...
       camera-intrinsics.txt            3x3 matrix, here or in seq-01; may be absent
 
-The frames may also lie in the upper folder itself. As published, depth and poses are the depth camera's: depth is
-registered to the color image, and the poses become those of the color camera. Where the folder or the user names
-another camera, images count as registered unless a depth camera is named with it.
+The frames may also be in the upper folder itself. As published, depth and poses belong to the depth camera: depth is
+registered to the color image, and the poses are converted to the color camera. If the folder or the user gives another
+camera, images count as registered unless a depth camera is given too.
 
 3RScan (Wald et al., "RIO: 3D object instance re-localization in changing indoor environments", ICCV 2019), with
 sequence.zip unpacked or not::
@@ -24,7 +24,7 @@ sequence.zip unpacked or not::
         frame-000000.depth.pgm         16-bit; .png as well
         frame-000000.pose.txt          4x4 matrix, camera to world
 
-Color is finer than depth, and both are of one place: depth is registered to color.
+Color has a higher resolution than depth, from the same position: depth is registered to color.
 
 UW RGB-D Scenes v2 (Lai, Bo, Fox, "Unsupervised feature learning for 3D scene labeling", ICRA 2014)::
 
@@ -33,12 +33,12 @@ UW RGB-D Scenes v2 (Lai, Bo, Fox, "Unsupervised feature learning for 3D scene la
         00000-color.png                8-bit color (.jpg as well)
         00000-depth.png                16-bit, 1/10000 m, 0 is no reading, aligned to color
         ...
-      pc/01.pose                       a line a frame: qw qx qy qz tx ty tz, camera to world; may be absent
+      pc/01.pose                       one line per frame: qw qx qy qz tx ty tz, camera to world; may be absent
 
-The line of a frame is the one of its number, so a part of a scene keeps its poses. The pose file is also found inside
+The frame number is the line number, so a part of a scene keeps its poses. The pose file is also found inside
 the scene's folder.
 
-Replica as NICE-SLAM renders it, and what is laid out like it::
+Replica as rendered by NICE-SLAM, and recordings with the same layout::
 
     Replica/
       cam_params.json                  {"camera": {"w":, "h":, "fx":, "fy":, "cx":, "cy":, "scale":}}, or in office0
@@ -56,7 +56,7 @@ Scans of ScanNet as its own tool extracts them (Dai et al., CVPR 2017)::
       intrinsic/intrinsic_color.txt    4x4 matrices
       intrinsic/intrinsic_depth.txt
 
-Color and depth are of one place and of two cameras' images: depth is registered to color.
+Color and depth were taken from the same position by two cameras: depth is registered to color.
 """
 
 from __future__ import annotations
@@ -83,25 +83,25 @@ from cuboid.readers.netpbm import read_netpbm
 from cuboid.readers.posetext import numbered_rows, parse_numbers, pose_from_matrix, pose_from_quaternion
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader, has_file
 
-# The files of each frame by their kind: color, depth, pose; by the number in their names.
+# The files of each kind (color, depth, pose), by the number in their names.
 Files = Mapping[str, Mapping[str, Path]]
 Cameras = tuple[Calibration | None, float | None]
-# Gives the pose of a frame by its number.
+# Returns the pose of a frame by its number.
 PoseOf = Callable[[str], Float64Array]
 
 MILLIMETRES = 1000.0
 MATRIX = "the 16 numbers of a 4x4 matrix"
-# A matrix has four lines; more of a file than this is not looked at.
+# A matrix has four lines; at most this many lines of a file are read.
 MAX_LINES = 20
 
 FRAME_FILE = re.compile(r"frame-(?P<number>\d+)\.(?P<kind>color|depth|pose)\.(png|jpg|jpeg|pgm|txt)")
 UW_FILE = re.compile(r"(?P<number>\d+)-(?P<kind>color|depth)\.(png|jpg|jpeg)")
 REPLICA_FILE = re.compile(r"(?P<kind>frame|depth)(?P<number>\d+)\.(jpg|png)")
 
-# Color and depth of 7-Scenes are not registered. Its page gives the depth camera (585, 585, 320, 240) and nothing of
-# the color camera; that is a Kinect's: 525 (OpenNI's), 2.5 cm beside the other. Where color images show the
-# edges of depth (u_depth = 1.11 u_color - 29, v_depth = 1.11 v_color - 24) both numbers hold for things 2 m away, and
-# the color camera looks 2.2 pixels lower: a tilt of 0.0042.
+# Color and depth of 7-Scenes are not registered. Its page gives the depth camera (585, 585, 320, 240), but not the
+# color camera, which is a Kinect's: 525 (OpenNI's), 2.5 cm beside the other. The positions of depth edges in color
+# images (u_depth = 1.11 u_color - 29, v_depth = 1.11 v_color - 24) confirm both numbers for objects 2 m away, and the
+# color camera points 2.2 pixels lower: a tilt of 0.0042.
 _TILT = 0.0042
 _T_COLOR_DEPTH = np.array(
     [
@@ -116,8 +116,8 @@ _SEVEN_SCENES_DEPTH = DepthCamera(585.0, 585.0, 320.0, 240.0, _KINECT, _T_COLOR_
 SEVEN_SCENES = Calibration(
     525.0, 525.0, 320.0, 240.0, _KINECT, "published for 7-Scenes", depth_camera=_SEVEN_SCENES_DEPTH
 )
-# Not the 570.3, (320, 240) of the dataset's page: with those the given poses do not fit together, and every
-# object comes out as two or three ghosts 2-3 cm apart. Scene 01, fused with its poses, is sharpest here.
+# Not the 570.3, (320, 240) of the dataset's page: with those the given poses are inconsistent, and every object appears
+# as two or three ghosts 2-3 cm apart. Scene 01, fused with its poses, is sharpest here.
 UW_SCENES = Calibration(534.8, 534.8, 320.9, 246.9, _KINECT, "fitted to the poses of UW RGB-D Scenes v2")
 
 # 3RScan: the file of both cameras, and its fields.
@@ -131,22 +131,22 @@ COLOR_K, DEPTH_K = "intrinsic/intrinsic_color.txt", "intrinsic/intrinsic_depth.t
 
 @dataclass(frozen=True, slots=True)
 class DataSet:
-    """What the folders of a data set have in common.
+    """The common layout of a data set's folders.
 
     Attributes
     ----------
     expects, recognises
-        As of `Reader`.
+        As in `Reader`.
     files : callable
         Path -> the files of each frame.
     cameras : callable
-        (path, files) -> the camera and the units of depth a metre; raises InputError where a file has another form.
+        (path, files) -> the camera and the depth units per metre; raises InputError if a file has another format.
     poses : callable
-        (path, files) -> what gives the pose of a frame; None where there are no poses.
+        (path, files) -> a function that returns the pose of a frame; None if there are no poses.
     upper : callable
-        Path -> the folder above that may hold the camera of several recordings.
+        Path -> the parent folder that may contain the camera of several recordings.
     poses_of_depth : bool
-        As of `Listing`.
+        As in `Listing`.
     """
 
     expects: str
@@ -158,7 +158,7 @@ class DataSet:
     poses_of_depth: bool = False
 
     def read(self, path: Path) -> Listing:
-        """List the frames; InputError where a file of the recording has another form."""
+        """List the frames; raise InputError if a file of the recording has another format."""
         files = self.files(path)
         calibration, units = self.cameras(path, files)
         pose = self.poses(path, files)
@@ -177,7 +177,7 @@ class DataSet:
 def _named(pattern: re.Pattern[str], folder: Path) -> Files:
     """Return the files of a folder whose names match."""
     files: dict[str, dict[str, Path]] = {}
-    for name in sorted(names_in(folder)):  # of two forms of an image .png, the original, comes last and stays
+    for name in sorted(names_in(folder)):  # of two image formats, the original .png comes last and stays
         if match := pattern.fullmatch(name):
             kind = "color" if match["kind"] == "frame" else match["kind"]
             files.setdefault(match["number"], {})[kind] = folder / name
@@ -196,7 +196,7 @@ def _published(calibration: Calibration, units: float, path: Path, files: Files)
     return calibration, units
 
 
-# --- poses: a file a frame, or a line a frame
+# --- poses: one file or one line per frame
 
 
 def _files_of_poses(name: str, path: Path, files: Files) -> PoseOf:
@@ -230,7 +230,7 @@ def _lines_of_matrices(path: Path, files: Files) -> PoseOf | None:
 
 
 def _lines_of_quaternions(path: Path, files: Files) -> PoseOf | None:
-    """Return the poses of UW RGB-D Scenes v2; a bad line costs its frame alone."""
+    """Return the poses of UW RGB-D Scenes v2; a bad line only affects its own frame."""
     number = path.name.removeprefix("scene_")
     here = (_above_images(path) / "pc" / f"{number}.pose", path / f"{number}.pose")
     file = next((one for one in here if one.is_file()), None)
@@ -264,7 +264,7 @@ def _above_images(path: Path) -> Path:
 
 
 def _info(path: Path, files: Files) -> Cameras:
-    """Return the two cameras of 3RScan, and the units of depth a metre."""
+    """Return the two cameras of 3RScan, and the depth units per metre."""
     file, values = path / INFO, {}
     for line in text_lines(file):
         name, equals, value = line.partition("=")
@@ -291,7 +291,7 @@ def _info(path: Path, files: Files) -> Cameras:
 
 
 def _parameters(path: Path, files: Files) -> Cameras:
-    """Return the camera of Replica and the units of depth a metre; None where no file tells."""
+    """Return the camera of Replica and the depth units per metre; None for values without a file."""
     file = next((one / PARAMETERS for one in (path, path.parent) if (one / PARAMETERS).is_file()), None)
     if file is None:
         return None, None
@@ -305,7 +305,7 @@ def _parameters(path: Path, files: Files) -> Cameras:
 
 
 def _two_matrices(path: Path, files: Files) -> Cameras:
-    """Return the two cameras of ScanNet; the depth camera is that of color where no file tells."""
+    """Return the two cameras of ScanNet; without a file for depth, its camera is the color camera."""
     sizes = [_size_of(files, kind) for kind in ("color", "depth")]
     color, depth = _camera_matrix(path / COLOR_K), None
     if (path / DEPTH_K).is_file() and sizes[0] is not None and sizes[1] is not None:

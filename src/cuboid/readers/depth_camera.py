@@ -30,9 +30,9 @@ class DepthCamera:
     size : (int, int)
         Width and height of the depth images.
     T_color_depth : (4, 4) float64
-        Carries coordinates of the depth camera (x right, y down, z forward, metres) to those of the color camera.
+        Transform from the depth camera (x right, y down, z forward, metres) to the color camera.
     distortion : tuple of float
-        Of its lens, in OpenCV's order; empty where the images are a pinhole's.
+        Distortion of the lens, in OpenCV's order; empty for undistorted images.
     """
 
     fx: float
@@ -47,7 +47,7 @@ class DepthCamera:
         return f"DepthCamera({self.size[0]} x {self.size[1]} pixels, fx {self.fx:.1f}, fy {self.fy:.1f})"
 
     def document(self) -> dict[str, Any]:
-        """Return what `camera.json` says of it."""
+        """Return the depth camera's entry in `camera.json`."""
         values = (self.fx, self.fy, self.cx, self.cy)
         camera: dict[str, Any] = {name: round(value, 4) for name, value in zip(_NUMBERS, values, strict=False)}
         camera |= {"width": self.size[0], "height": self.size[1]}
@@ -57,7 +57,7 @@ class DepthCamera:
 
 
 def depth_camera_of(document: CameraDocument | ConfigEntry) -> DepthCamera | None:
-    """Return the depth camera that a `camera.json`, or the settings of a run, have; None where they have none."""
+    """Return the depth camera in a `camera.json` or in the settings of a run, or None."""
     camera, matrix = document.depth_camera, document.T_color_depth
     if camera is None or matrix is None:
         return None
@@ -66,7 +66,7 @@ def depth_camera_of(document: CameraDocument | ConfigEntry) -> DepthCamera | Non
 
 
 def check_number(name: str, value: Any, where: str, prefix: str = "") -> None:
-    """Raise InputError unless a value is a number: one above 0 where it is no centre, a pixel or more for a side."""
+    """Raise InputError unless a value is a valid number: positive (except for centres), at least 1 for sides."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not number or (value <= 0 and name not in ("cx", "cy")):
         above = " above 0" * (name not in ("cx", "cy"))

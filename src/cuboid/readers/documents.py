@@ -9,23 +9,23 @@ from typing import Any
 from cuboid.core.errors import InputError
 from cuboid.formats.reading import read_bytes
 
-# The largest document that is read: a pose for every frame of an hour.
+# Maximum size of a document, bytes: enough for a pose of every frame of an hour.
 MAX_BYTES = 256 << 20
 
 
 def read_object(path: Path) -> dict[str, Any]:
-    """Return the object that a JSON file holds.
+    """Return the object in a JSON file.
 
     Raises
     ------
     InputError
-        If it cannot be read, is too large, is not JSON, or holds something else.
+        The file cannot be read, is too large, is not JSON, or contains something else.
     """
     return parse_object(read_bytes(path, MAX_BYTES), str(path))
 
 
 def parse_object(data: bytes, where: str) -> dict[str, Any]:
-    """Return the object that JSON text holds; raises InputError where it holds none."""
+    """Return the object in JSON text; raise InputError if there is none."""
     try:
         document: Any = json.loads(data, parse_int=_whole)
     except json.JSONDecodeError as error:
@@ -38,5 +38,5 @@ def parse_object(data: bytes, where: str) -> dict[str, Any]:
 
 
 def _whole(digits: str) -> int | float:
-    """Return a whole number; one that no 64 bits hold as a fraction, or infinity, which those who check refuse."""
+    """Return an integer; beyond 64 bits a float or infinity, which later validation refuses."""
     return int(digits) if len(digits) < 19 else float(digits)

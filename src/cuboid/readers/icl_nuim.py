@@ -8,9 +8,9 @@ Expected tree, that of the "TUM RGB-D compatible PNGs"::
       associations.txt                lines "0 depth/0.png 0 rgb/0.png"
       livingRoom2.gt.freiburg         lines "number tx ty tz qx qy qz qw"; downloaded apart; may be absent
 
-The dataset is rendered with a left-handed camera (x right, y up, z forward), so that its page gives a negative fy. Here
-y is turned in camera and world alike: fy is positive, and poses are those of a right-handed camera with y down, in a
-world with y down.
+The dataset is rendered with a left-handed camera (x right, y up, z forward), so its page gives a negative fy. The
+reader flips y in camera and world: fy is positive, and poses are those of a right-handed camera with y down, in a world
+with y down.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ DEPTH_UNITS_PER_METRE = 5000.0
 ASSOCIATIONS, TRAJECTORY_ENDING = "associations.txt", ".gt.freiburg"
 LINE = re.compile(r"(\d+)\s+(depth/\S+)\s+\d+\s+(rgb/\S+)")
 CALIBRATION = Calibration(481.20, 480.00, 319.50, 239.50, (640, 480), "published for ICL-NUIM")
-# Turns y of a left-handed frame.
+# Flips y of a left-handed coordinate frame.
 TURN = np.diag([1.0, -1.0, 1.0, 1.0])
 
 # A line of the trajectory: its number in the file, and the seven numbers of the pose.
@@ -40,7 +40,7 @@ PoseLine = tuple[int, list[float]]
 
 
 def recognises(path: Path) -> bool:
-    """Tell whether the folder holds rgb, depth and associations.txt with lines of this form."""
+    """Tell whether the folder contains rgb, depth and associations.txt with lines of this format."""
     if not all((path / name).is_dir() for name in ("rgb", "depth")) or not (path / ASSOCIATIONS).is_file():
         return False
     try:
@@ -54,7 +54,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where a line has another form."""
+    """List the frames; raise InputError if a line has another format."""
     file = next((path / name for name in sorted(names_in(path)) if name.endswith(TRAJECTORY_ENDING)), None)
     poses = None if file is None else _poses(file)
     frames = []

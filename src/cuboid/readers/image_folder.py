@@ -1,4 +1,4 @@
-"""The images of a folder that belong together by their names; stray files are left out."""
+"""The images of a folder whose names follow one pattern; stray files are left out."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from cuboid.readers.reader import FrameEntry
 
 IMAGE_ENDINGS = (".png", ".jpg", ".jpeg")
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
-# A message names this many of the images that are left out.
+# Number of left-out images that a message names.
 NAMED = 4
-# And this many kinds of files.
+# Number of kinds of files that a message names.
 KINDS = 4
 
 
 def is_image(name: str) -> bool:
-    """Tell whether a file's name ends like an image's."""
+    """Tell whether a file name has the suffix of an image."""
     return os.path.splitext(name)[1].lower() in IMAGE_ENDINGS
 
 
 def pattern_of(name: str) -> str:
-    """Return the name of an image without its ending, each number in it as "#"."""
+    """Return the name of an image without suffix, with each number replaced by "#"."""
     return NUMBER.sub("#", os.path.splitext(name)[0])
 
 
 def fitting(names: Sequence[str]) -> list[str]:
-    """Return the names that have the pattern of the most of them, in their order.
+    """Return the names with the most frequent pattern, in order.
 
-    The pattern must have a number, and more than half of the names (or half, if no other pattern has a number). Without
-    such a pattern all names are returned, except those of hidden files.
+    The pattern must contain a number, and cover more than half of the names (or half, if no other pattern has a
+    number). Without such a pattern all names are returned, except those of hidden files.
     """
     shown = [name for name in names if not name.startswith(".")]
     patterns = Counter(map(pattern_of, shown))
@@ -47,7 +47,7 @@ def fitting(names: Sequence[str]) -> list[str]:
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Return the images in a folder whose names fit together, sorted by name.
+    """Return the images in a folder whose names have the same pattern, sorted by name.
 
     Raises
     ------
@@ -58,13 +58,13 @@ def images_in(folder: Path) -> list[Path]:
 
 
 def counted_endings(names: Iterable[str]) -> str:
-    """Return how many files of each ending there are, the most first: "400 .jpg, 1 .txt"; hidden files are left out."""
+    """Return counts of file suffixes, the most frequent first: "400 .jpg, 1 .txt"; without hidden files."""
     endings = Counter(os.path.splitext(name)[1].lower() for name in names if not name.startswith("."))
     return ", ".join(f"{count} {ending}" for ending, count in endings.most_common(KINDS) if ending)
 
 
 def left_out(frames: Iterable[FrameEntry]) -> list[Path]:
-    """Return the images beside those of the frames whose names have another pattern than these."""
+    """Return the images in the frames' folders whose names have another pattern than the frames' images."""
     patterns: dict[Path, set[str]] = {}
     for entry in frames:
         for image in (entry.color, entry.depth):
@@ -79,7 +79,7 @@ def left_out(frames: Iterable[FrameEntry]) -> list[Path]:
 
 
 def _names_if_there(folder: Path) -> list[str]:
-    """Return the names in a folder, sorted; none where a list of images names a folder that is not there."""
+    """Return the names in a folder, sorted; none if the folder, named by a list of images, is missing."""
     try:
         return sorted(names_in(folder))
     except (InputError, ValueError):
@@ -87,7 +87,7 @@ def _names_if_there(folder: Path) -> list[str]:
 
 
 def left_out_warning(recording: Path, files: Sequence[Path]) -> str | None:
-    """Return one line that counts and names the images that are left out; None where there are none."""
+    """Return a one-line warning that counts and names the left-out images; None if there are none."""
     if not files:
         return None
     names = ", ".join(

@@ -1,4 +1,4 @@
-"""From the bytes of an image to pixels, or to the one-line reason why not."""
+"""Decoding of images, with one-line error messages."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ JPEG_MAGIC = b"\xff\xd8\xff"
 
 # Segments of a JPEG without a length: TEM, and the restart marks.
 _BARE = {0x01, *range(0xD0, 0xD8)}
-# Segments that give its size: SOF0 to SOF15, but for DHT, JPG and DAC, which lie among their numbers.
+# Segments that contain the image size: SOF0 to SOF15, except for DHT, JPG and DAC, which are among these numbers.
 _SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Return width and height in pixels of a PNG or JPEG; None of other data, and where the size is unknown."""
+    """Return width and height in pixels of a PNG or JPEG; None for other data, or if the size is unknown."""
     if data.startswith(PNG_MAGIC):
         if data[12:16] != b"IHDR" or len(data) < 24:
             return None
@@ -39,7 +39,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF:
         kind = data[at + 1]
-        if kind == 0xFF:  # a filling byte
+        if kind == 0xFF:  # a fill byte
             at += 1
         elif kind in _BARE:
             at += 2
@@ -51,7 +51,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-# The largest file, and the most pixels, that are decoded; a depth camera's color image has 12 megapixels at most.
+# Maximum file size and number of pixels for decoding; color images of depth cameras have at most 12 megapixels.
 MAX_IMAGE_BYTES = 256 << 20
 MAX_PIXELS = 64 << 20
 
@@ -65,17 +65,16 @@ SATURATED = 65535
 # start at 0.1-0.5 m, and end below 20 m. A wrong scale (mm taken for m, ...) puts all readings outside.
 PLAUSIBLE_M = (0.1, 20.0)
 
-# A scale that is wrong is most often so by one of these factors; the right one brings the median below this fraction of
-# the farthest plausible reading.
+# Frequent factors of a wrong scale; with the right one the median is below USUAL_FAR of the farthest plausible reading.
 FACTORS, USUAL_FAR = (1000, 100, 10, 0.1, 0.01, 0.001), 0.25
 
-# Pixels as stored: a turn noted in EXIF would part color from depth and from the intrinsics.
+# Pixels as stored: a rotation in EXIF would make color inconsistent with depth and intrinsics.
 _COLOR_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 _COLOR_RGB_FLAGS = getattr(cv2, "IMREAD_COLOR_RGB", None)  # absent from some builds of OpenCV 4
 
 
 def image_dimensions(path: Path) -> tuple[int, int] | None:
-    """Return width and height of an image file, decoded; None where it cannot be."""
+    """Return width and height of an image file by decoding it; None if this fails."""
     try:
         image = _decode(path, str(path), cv2.IMREAD_UNCHANGED)
     except FrameError:
@@ -111,7 +110,7 @@ def decode_color(source: ImageSource, name: str) -> UInt8Array:
 
 
 def decode_depth(source: ImageSource, name: str) -> DepthArray:
-    """Return the depth image as stored, (H, W) uint16, or float32 where a reader gives that.
+    """Return the depth image as stored, (H, W) uint16, or float32 from some readers.
 
     Raises
     ------
@@ -132,7 +131,7 @@ def decode_depth(source: ImageSource, name: str) -> DepthArray:
 def depth_in_metres(raw: DepthArray, units_per_metre: float, name: str) -> Float32Array:
     """Return depth in metres, (H, W) float32, with 0 where there is no reading.
 
-    That is 0 or 65535 in an image of whole numbers; in one of others what is not above 0 or not finite.
+    Pixels without a reading are 0 or 65535 in integer images, and not positive or not finite in float images.
 
     Raises
     ------
@@ -144,7 +143,7 @@ def depth_in_metres(raw: DepthArray, units_per_metre: float, name: str) -> Float
     elif raw.max() == SATURATED:
         raw = np.where(raw == SATURATED, np.uint16(0), raw)
     low, high = (limit * units_per_metre for limit in PLAUSIBLE_M)
-    if high <= raw.max() or raw.max() < low:  # else the largest reading is a plausible one
+    if high <= raw.max() or raw.max() < low:  # otherwise the largest reading is plausible
         _refuse_implausible(raw, units_per_metre, low, high, name)
     return np.divide(raw, np.float32(units_per_metre), dtype=np.float32)
 
@@ -176,7 +175,7 @@ def _decode(path: Path, what: str, flags: int) -> npt.NDArray[Any]:
 
 
 def decode_bytes(data: bytes, what: str, flags: int) -> npt.NDArray[Any]:
-    """Return the image that the bytes of a file hold, as OpenCV decodes it with these flags.
+    """Return the image in the bytes of a file, decoded by OpenCV with these flags.
 
     Raises
     ------
@@ -194,7 +193,7 @@ def decode_bytes(data: bytes, what: str, flags: int) -> npt.NDArray[Any]:
 
 
 def _check_whole(data: bytes, what: str) -> None:
-    """Raise FrameError where an image is cut short: decoders give the part that is there without a word."""
+    """Raise FrameError if an image is truncated: decoders return the available part without an error."""
     if not data:
         raise FrameError(f"{what} is empty (0 bytes)")
     size = image_size(data)

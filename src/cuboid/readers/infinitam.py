@@ -7,15 +7,15 @@ Expected tree::
       Frames/0000.ppm            8-bit color; .png or .jpg as well
       Frames/0000.pgm            16-bit: disparity of a Kinect, or depth
 
-`calib.txt` holds, between blanks: width, height, fx, fy, cx, cy of the color camera; the same of the depth camera;
-three rows of a 3x4 matrix, color camera to depth camera, in metres; then how depth follows from a number d of an
-image::
+`calib.txt` contains, separated by blanks: width, height, fx, fy, cx, cy of the color camera; the same of the depth
+camera; three rows of a 3x4 matrix, color camera to depth camera, in metres; then the conversion of an image value d to
+depth::
 
     [kinect] a b                 8 b fx / (a - d) metres, fx that of the depth camera
     affine a b                   a d + b metres
     0 0                          d millimetres
 
-The first number in a name puts color and depth together. Depth is registered to color.
+Color and depth are paired by the first number in their names. Depth is registered to color.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource,
 CALIBRATION, FRAMES = "calib.txt", "Frames"
 FILE = re.compile(r"\D*(\d+)\.(ppm|png|jpg|pgm)")
 DEPTH_FILE = re.compile(r"\D*\d+\.pgm")
-# Larger depths that an affine rule gives are no readings.
+# Maximum image value for a reading with an affine conversion.
 MAX_AFFINE = 32000
 
 
 @dataclass(frozen=True, slots=True)
 class _Rule:
-    """How metres follow from the numbers of an image."""
+    """The conversion of image values to metres."""
 
     affine: bool
     a: float
@@ -58,7 +58,7 @@ class _Rule:
     def metres(self, d: Float32Array) -> Float32Array:
         """Return depth in metres, 0 where there is no reading."""
         if self.affine:
-            # In double precision: 0.001 is no float32.
+            # In double precision: float32 cannot represent 0.001 exactly.
             return np.where((d > 0) & (d <= MAX_AFFINE), self.a * d.astype(np.float64) + self.b, 0).astype(np.float32)
         away = np.where((d > 0) & (d < self.a), self.a - d, np.inf)
         return (8 * self.b * self.fx / away).astype(np.float32)
@@ -70,7 +70,7 @@ def recognises(path: Path) -> bool:
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where calib.txt has another form."""
+    """List the frames; raise InputError if calib.txt has another format."""
     calibration, rule = _calibration(path / CALIBRATION)
     files: dict[int, dict[str, Path]] = {}
     for name in sorted(names_in(path / FRAMES)):
@@ -100,7 +100,7 @@ def _depth(file: Path, rule: _Rule) -> Float32Array:
 
 
 def _calibration(path: Path) -> tuple[Calibration, _Rule]:
-    """Return both cameras, and the rule for depth."""
+    """Return both cameras, and the conversion of depth."""
     words = " ".join(line for _, line in data_lines(path)).split()
     affine = "affine" in words
     numbers = _numbers([word for word in words if word not in ("affine", "kinect")], path)

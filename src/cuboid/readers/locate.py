@@ -1,4 +1,4 @@
-"""From what the user names to the one recording that is meant, or to a message that tells what lies there."""
+"""Search for the single recording at a user's path; otherwise a message that describes the contents."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from cuboid.readers.image_folder import counted_endings, left_out, left_out_warn
 from cuboid.readers.reader import READERS, Listing, Reader
 from cuboid.readers.recording import Recording
 
-# At most this many folders, and layouts, are described.
+# Maximum number of folders, and of layouts, in a message.
 FOLDERS, LAYOUTS = 4, 3
-# The layout for recordings of one's own.
+# The format for users' own recordings.
 PLAIN = "plain"
 
 
 def nothing_found(given: Path, readers: Iterable[tuple[str, Reader]]) -> InputError:
-    """Return the error for a path without a recording; its notes name what was seen, and the nearest layouts."""
+    """Return the error for a path without a recording; notes list its contents and the nearest layouts."""
     known = list(readers)
     if given.is_file():
         return InputError(f"{given} is a file{_expected(known)}")
@@ -51,12 +51,12 @@ def _expected(readers: list[tuple[str, Reader]]) -> str:
 def _names(folder: Path) -> list[str]:
     try:
         return list(names_in(folder))
-    except InputError:  # a folder that may not be read
+    except InputError:  # an unreadable folder
         return []
 
 
 def _seen(given: Path, names: list[str], folders: list[str]) -> str:
-    """Return how many files of each ending there are, here and in each folder."""
+    """Return counts of file suffixes, here and in each folder."""
     parts = []
     files = counted_endings(name for name in names if name not in folders)
     if files:
@@ -72,7 +72,7 @@ def _seen(given: Path, names: list[str], folders: list[str]) -> str:
 def _near(
     names: list[str], inside: dict[str, list[str]], readers: list[tuple[str, Reader]]
 ) -> list[tuple[str, list[str]]]:
-    """Return the layouts of which some parts are there, those that lack the fewest first, and what each lacks."""
+    """Return partly present layouts with their missing parts, those with the fewest missing parts first."""
     found = []
     for name, reader in readers:
         parts = [part for part in reader.expects.split(", ") if "/" in part or "." in part]
@@ -83,7 +83,7 @@ def _near(
 
 
 def _there(part: str, names: list[str], inside: dict[str, list[str]]) -> bool:
-    """Tell whether a part of a layout is there: a folder `name/`, or a file in whose name N is a digit."""
+    """Tell whether a part of a layout exists: a folder `name/`, or a file name in which N is a digit."""
     folder, slash, file = part.strip().rpartition("/")
     if slash and not file:
         return folder in inside
@@ -92,7 +92,7 @@ def _there(part: str, names: list[str], inside: dict[str, list[str]]) -> bool:
 
 
 def _pattern(name: str) -> str:
-    """Return the regular expression of a file's name: NNN is a number, .png|jpg either ending."""
+    """Return the regular expression of a file name: NNN is a number, .png|jpg either suffix."""
     stem, dot, ending = name.rpartition(".")
     numbers = re.sub(r"N+|TIME", r"\\d+", re.escape(stem))
     return f"{numbers}{re.escape(dot)}(?:{'|'.join(map(re.escape, ending.split('|')))})"
@@ -100,7 +100,7 @@ def _pattern(name: str) -> str:
 
 # A user may name a dataset's folder: recordings lie up to two folders deeper (rgbd-scenes-v2/imgs/scene_01).
 LEVELS = 2
-# This many recordings are named when there are several to choose from.
+# Maximum number of recordings that a message lists if there are several.
 NAMED = 8
 
 
@@ -116,26 +116,26 @@ def open_recording(
     Parameters
     ----------
     path : path
-        The recording's folder (or file), or a folder up to two levels above it if it is the only one there. A .zip or
-        .tar counts as a folder, and so does what lies behind a URL (https://, s3://, gs://; extra "remote").
+        The recording's folder or file, or a folder up to two levels above it if it contains no other recording. A .zip
+        or .tar archive counts as a folder, and so does a URL (https://, s3://, gs://; extra "remote").
     format : str, optional
         Name of the reader: "plain", "tum", "7-scenes", "uw-rgbd-scenes-v2", ..., or one of another package; options of
         the format follow a colon, as in "ros-bag:color=/camera/color/image_raw".
     intrinsics : sequence of 4 floats or path, optional
-        fx, fy, cx, cy in pixels, instead of those found with the recording; or a file of the form of ``camera.json``,
-        whose depth scale counts too, or of ``camera-intrinsics.txt``.
+        fx, fy, cx, cy in pixels, instead of those in the recording; or a file in the format of ``camera.json``, whose
+        depth scale is used too, or of ``camera-intrinsics.txt``.
     depth_scale : float, optional
         Units per metre of the depth images, instead of the format's own.
 
     Returns
     -------
     Recording
-        Of its images only the first few are decoded, to learn their size.
+        The recording; only its first few images are decoded, to find their size.
 
     Raises
     ------
     InputError
-        If there is no recording, or more than one, or it cannot be used; one line says why.
+        There is no recording, or more than one, or it cannot be used; the message is one line with the reason.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def _read_with(name: str, reader: Reader, path: Path, text: str) -> Listing:
 
 
 def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, Path]:
-    """Return the one recording at or beneath a path; what lies inside a recording is none of its own."""
+    """Return the single recording at or below a path; folders inside a recording do not count."""
     found: list[tuple[str, Reader, Path]] = []
     level = [given]
     for depth in range(LEVELS + 1):
@@ -208,7 +208,7 @@ def _only_one(found: list[tuple[str, Reader, Path]], given: Path) -> tuple[str, 
 
 
 def _inside(path: Path, endings: set[str]) -> list[Path]:
-    """Return the folders in a folder, and files with these endings, sorted; hidden and closed ones are left out."""
+    """Return subfolders and files with these suffixes, sorted, without hidden and unreadable ones."""
     if not path.is_dir():
         return []
     try:

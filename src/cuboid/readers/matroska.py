@@ -1,7 +1,7 @@
-"""Where the blocks and the attachments of a Matroska file lie; nothing of them is read.
+"""Positions of the blocks and attachments in a Matroska file, without reading their data.
 
-The elements are those of RFC 9559, the coding of their numbers and lengths that of RFC 8794 (EBML). A file that was cut
-short has the blocks that are whole.
+The elements are defined in RFC 9559, the coding of numbers and lengths in RFC 8794 (EBML). Of a truncated file, the
+complete blocks are listed.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ TRACKS, TRACK, TRACK_NUMBER, TRACK_NAME, CODEC, CODEC_PRIVATE = 0x1654AE6B, 0xAE
 VIDEO, WIDTH, HEIGHT = 0xE0, 0xB0, 0xBA
 CLUSTER_TIME, SIMPLE_BLOCK, BLOCK = 0xE7, 0xA3, 0xA1
 ATTACHMENTS, ATTACHED, FILE_NAME, FILE_DATA = 0x1941A469, 0x61A7, 0x466E, 0x465C
-# Elements whose content is elements.
+# Elements that contain elements.
 FOLDERS = {SEGMENT, CLUSTER, BLOCK_GROUP, INFO, TRACKS, TRACK, VIDEO, ATTACHMENTS, ATTACHED}
 MAGIC = b"\x1a\x45\xdf\xa3"
-# Numbers and names are no longer than this; pictures are not read here.
+# Maximum length of numbers and names; pictures are not read here.
 MAX_VALUE_BYTES = 1 << 16
 DEFAULT_SCALE_NS = 1_000_000
 
@@ -39,7 +39,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Where the data of a block lie: time in nanoseconds, offset and length in bytes."""
+    """The position of a block's data: time in nanoseconds, offset and length in bytes."""
 
     time_ns: int
     offset: int
@@ -65,7 +65,7 @@ class Matroska:
 
 
 def list_matroska(path: Path) -> Matroska:
-    """List what a Matroska file holds, by the lengths of its elements.
+    """List the contents of a Matroska file, by the lengths of its elements.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def list_matroska(path: Path) -> Matroska:
 
 
 def read_span(path: Path, offset: int, length: int) -> bytes:
-    """Return bytes of a file; fewer where it ends before."""
+    """Return bytes of a file; fewer if the file ends earlier."""
     with path.open("rb") as file:
         file.seek(offset)
         return file.read(length)
@@ -92,7 +92,7 @@ def read_span(path: Path, offset: int, length: int) -> bytes:
 
 @dataclass(slots=True)
 class _State:
-    """The last values read, which hold for the blocks that follow."""
+    """The last values that were read; they apply to the following blocks."""
 
     scale_ns: int = DEFAULT_SCALE_NS
     cluster: int = 0
@@ -100,7 +100,7 @@ class _State:
     attachment: str = ""
 
     def take(self, found: Matroska, file: BinaryIO, kind: int, offset: int, length: int) -> None:
-        """Take in one element."""
+        """Process one element."""
         if kind in (SIMPLE_BLOCK, BLOCK):
             self._block(found, file, offset, length)
         elif kind == FILE_DATA:
@@ -134,11 +134,11 @@ class _State:
             self.track.height = number
 
     def _block(self, found: Matroska, file: BinaryIO, offset: int, length: int) -> None:
-        """A block: the number of its track, a time after the cluster's (16 bits), flags, then one frame."""
+        """Process a block: track number, time relative to the cluster (16 bits), flags, then one frame."""
         file.seek(offset)
         head = file.read(min(length, 11))
         size = _length_of(head[0]) if head else 0
-        if not size or len(head) < size + 3 or head[size + 2] & 0x06:  # several frames in one: no video has that
+        if not size or len(head) < size + 3 or head[size + 2] & 0x06:  # several frames in one block: not in videos
             return
         track = int.from_bytes(head[:size], "big") & ((1 << (7 * size)) - 1)
         after = int.from_bytes(head[size : size + 2], "big", signed=True)
@@ -151,7 +151,7 @@ _FIELDS = {TIMESTAMP_SCALE, CLUSTER_TIME, FILE_NAME, *_OF_TRACK}
 
 
 def _elements(file: BinaryIO, start: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Give kind, offset and length of the content of each whole element, those in a folder after the folder."""
+    """Yield kind, content offset and content length of each complete element, containers before their contents."""
     at = start
     while at < end:
         file.seek(at)
@@ -164,11 +164,11 @@ def _elements(file: BinaryIO, start: int, end: int) -> Iterator[tuple[int, int, 
         kind = int.from_bytes(head[:kind_size], "big")
         length = int.from_bytes(head[kind_size : kind_size + size], "big") & ((1 << (7 * size)) - 1)
         offset = at + kind_size + size
-        if length == (1 << (7 * size)) - 1:  # not known: to the end of what it lies in
+        if length == (1 << (7 * size)) - 1:  # unknown length: to the end of the container
             length = end - offset
         if kind in FOLDERS:
             yield kind, offset, min(length, end - offset)
-            at = offset  # go in; what follows a folder is found behind its last element
+            at = offset  # descend; the next element follows the container's last one
         else:
             if offset + length > end:
                 return
@@ -177,5 +177,5 @@ def _elements(file: BinaryIO, start: int, end: int) -> Iterator[tuple[int, int, 
 
 
 def _length_of(first: int) -> int:
-    """Return how many bytes a number has whose first byte this is; 0 where it is none."""
+    """Return the length in bytes of a number from its first byte; 0 if it is invalid."""
     return 9 - first.bit_length() if first else 0

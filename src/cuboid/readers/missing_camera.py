@@ -16,20 +16,20 @@ from cuboid.core.errors import FrameError, InputError
 from cuboid.readers.images import SATURATED, decode_color, decode_depth
 from cuboid.readers.reader import Calibration, FrameEntry, Listing
 
-# Images that are decoded for the guesses, evenly over the recording.
+# Number of images that are decoded for the guesses, evenly spaced.
 IMAGES = 5
 # Field of view along the longer side of the image, degrees: color cameras of depth sensors have 55 to 70.
 USUAL_FIELD_OF_VIEW = 60.0
 # Depth units per metre in use, and what writes them.
 SCALES = {1000.0: "millimetres", 5000.0: "TUM", 10000.0: "0.1 mm"}
-# In millimetres 95 % of the readings of these sensors are below this; else a larger scale is meant, the next one up to
-# this median, metres.
+# With millimetres, 95 % of the readings of these sensors are below FARTHEST_MM; otherwise the scale is larger: the next
+# one with a median up to USUAL_MEDIAN_M, metres.
 FARTHEST_MM = 9000.0
 USUAL_MEDIAN_M = 5.0
 
 
 class UnknownIntrinsicsError(InputError):
-    """The intrinsics of a recording are nowhere to be found."""
+    """The intrinsics of a recording are unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +39,17 @@ class Guess:
     Attributes
     ----------
     size : (int, int) or None
-        Width and height of color, pixels; None where no color image can be decoded.
+        Width and height of color, pixels; None if no color image can be decoded.
     depth_size : (int, int) or None
-        The same of depth.
+        Width and height of depth, pixels.
     focal : float or None
-        For the usual field of view, pixels.
+        Focal length for the usual field of view, pixels.
     median : float or None
         Median of the depth readings, in their units.
     units : float
         Depth units per metre.
     fault : str
-        Why no depth image can be decoded, or nothing.
+        Reason why no depth image can be decoded, or empty.
     """
 
     size: tuple[int, int] | None
@@ -63,14 +63,14 @@ class Guess:
 def missing_camera(
     listing: Listing, recording: Path, calibration: Calibration | None, units: float | None, camera_file: str
 ) -> InputError:
-    """Return the error that names all that is missing; its notes hold the `camera.json` to write, with guesses.
+    """Return the error that lists the missing values; its notes contain the `camera.json` to write, with guesses.
 
     Parameters
     ----------
     listing : Listing
     recording : Path
     calibration : Calibration or None
-        What is known of the color camera.
+        The color camera, if it is known.
     units : float or None
         Depth units per metre, if known.
     camera_file : str
@@ -92,7 +92,7 @@ def missing_camera(
 
 
 def guess_camera(frames: Sequence[FrameEntry]) -> Guess:
-    """Return what some of the images tell of their camera."""
+    """Return guesses of the camera from some of the images."""
     sizes: list[tuple[int, int]] = []
     depth_size, fault = None, ""
     readings: list[npt.NDArray[np.float64]] = []
@@ -131,7 +131,7 @@ def _scale(median: float, far: float) -> float:
 def _notes(
     guess: Guess, calibration: Calibration | None, units: float | None, file: Path, recording: Path, own_scale: bool
 ) -> list[str]:
-    """Return the lines beneath the message, each at most 80 characters wide where no name of a file is longer."""
+    """Return the lines below the message, at most 80 characters wide except for long file names."""
     document, lines = _document(guess, calibration, units), []
     if file.is_file():
         lines.append(f'add "depth_units_per_metre": {guess.units:g} to {file}, once the guess is checked')
@@ -159,7 +159,7 @@ def _notes(
 
 
 def _document(guess: Guess, calibration: Calibration | None, units: float | None) -> dict[str, Any] | None:
-    """Return the `camera.json` to write; None where no color image can be decoded."""
+    """Return the `camera.json` to write; None if no color image can be decoded."""
     if guess.size is None or guess.focal is None:
         return None
     width, height = guess.size

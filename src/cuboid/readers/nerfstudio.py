@@ -1,4 +1,4 @@
-"""Scenes of nerfstudio, instant-ngp and their likes that have depth: ``transforms.json``.
+"""Scenes of nerfstudio, instant-ngp and similar programs with depth: ``transforms.json``.
 
 Expected tree::
 
@@ -8,9 +8,9 @@ Expected tree::
       images/frame_00001.png     8-bit color (.jpg as well), wherever file_path says
       depth/frame_00001.png      16-bit; depth_unit_scale_factor (0.001 unless given) makes metres
 
-Axes of the camera are OpenGL's there (x right, y up, z back), and become x right, y down, z forward; cx and cy count
-from the corner of the image, not from the middle of its first pixel. Frames are sorted by the names of their color
-images. Depth of another size than color is that of the same camera.
+The files use OpenGL's camera axes (x right, y up, z back), which are converted to x right, y down, z forward; cx and cy
+are relative to the corner of the image, not to the middle of its first pixel. Frames are sorted by the names of their
+color images. Depth with another image size than color is from the same camera.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def recognises(path: Path) -> bool:
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where the document has another form or no depth."""
+    """List the frames; raise InputError if the document has another format or no depth."""
     file = path / TRANSFORMS
     document = read_object(file)
     frames = document.get("frames")
@@ -74,7 +74,7 @@ def _entry(path: Path, frame: Mapping[str, Any], document: Mapping[str, Any]) ->
 
 
 def _image(path: Path, name: Any) -> Path | None:
-    """Return an image's file; instant-ngp leaves out the ending."""
+    """Return an image's file; instant-ngp omits the suffix."""
     if not isinstance(name, str) or not name or "\0" in name:
         return None
     file = path / name
@@ -86,7 +86,7 @@ def _image(path: Path, name: Any) -> Path | None:
 def _calibration(
     file: Path, document: Mapping[str, Any], frames: list[Any], entries: list[FrameEntry]
 ) -> Calibration | None:
-    """Return the camera: of all frames, or of the first; None where neither tells."""
+    """Return the camera of all frames, or of the first one; None if there is neither."""
     said = document if "fl_x" in document else frames[0]
     if "fl_x" not in said:
         return None
@@ -121,7 +121,7 @@ def _pose(matrix: Any, name: str) -> Float64Array:
 
 
 def _in_order(name: str) -> list[str]:
-    """Return what puts 10.png behind 9.png: numbers with as many digits as any has."""
+    """Return the key of the natural order, in which 10.png comes after 9.png."""
     return [f"{part:0>20}" if k % 2 else part for k, part in enumerate(NUMBER.split(name))]
 
 

@@ -1,4 +1,4 @@
-"""Images as Netpbm has them in binary: grey (PGM, 8 or 16 bits) and color (PPM, 8 bits)."""
+"""Binary Netpbm images: grey (PGM, 8 or 16 bits) and color (PPM, 8 bits)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from cuboid.formats.reading import UnreadableError, read_bytes
 from cuboid.readers.images import MAX_IMAGE_BYTES, MAX_PIXELS
 
 CHANNELS = {b"P5": 1, b"P6": 3}
-# Between the words of the header are blanks and comments; behind the last is one blank.
+# Blanks and comments separate the words of the header; one blank follows the last word.
 _BLANK = rb"(?:\s|#[^\n]*\n)+"
 HEADER = re.compile(rb"(P[56])" + _BLANK + rb"(\d{1,9})" + _BLANK + rb"(\d{1,9})" + _BLANK + rb"(\d{1,5})\s")
-# No header with its comments is longer.
+# Maximum length of a header with comments.
 MAX_HEADER_BYTES = 4096
 
 
@@ -43,14 +43,14 @@ def read_netpbm(path: Path, name: str) -> npt.NDArray[Any]:
 
 
 def parse_netpbm(data: bytes, name: str) -> npt.NDArray[Any]:
-    """Return the image that the bytes of a file hold; raises as `read_netpbm` does."""
+    """Return the image in the bytes of a file; raises as `read_netpbm` does."""
     header = HEADER.match(data[:MAX_HEADER_BYTES])
     if header is None:
         raise FrameError(f"{name} is neither a binary PGM nor a PPM ({len(data)} bytes)")
     channels, width, height, largest = CHANNELS[header[1]], *(int(header[k]) for k in (2, 3, 4))
     if not 0 < width * height <= MAX_PIXELS or not 0 < largest < 1 << 16:
         raise FrameError(f"{name} is {width}x{height} up to {largest}, no image of a camera")
-    kind = np.dtype(">u2" if largest > 255 else "u1")  # of two bytes the higher comes first
+    kind = np.dtype(">u2" if largest > 255 else "u1")  # big-endian
     expected = width * height * channels * kind.itemsize
     if len(data) - header.end() < expected:
         raise FrameError(f"{name} is truncated ({len(data)} bytes, expected {header.end() + expected})")

@@ -8,7 +8,7 @@ Expected tree::
       camera_intrinsic.json       or intrinsic.json: width, height, intrinsic_matrix (9 numbers, column by column)
       trajectory.log              camera to world, 5 lines a frame; or scene/trajectory.log; may be absent
 
-The first number in a name puts color and depth together. Without a file of intrinsics those that Open3D takes count: a
+Color and depth are paired by the first number in their names. Without a file of intrinsics, Open3D's default is used: a
 PrimeSense camera's, for 640x480.
 """
 
@@ -38,19 +38,19 @@ TRAJECTORY = "trajectory.log"
 PRIMESENSE = Calibration(525.0, 525.0, 319.5, 239.5, (640, 480), "Open3D's PrimeSense default")
 FIRST_NUMBER = re.compile(r"\D*(\d+)")
 
-# The pose of a frame as its file has it: the line that it begins with, and its 16 numbers.
+# The pose of a frame in the file: its first line number, and 16 numbers.
 LoggedPose = tuple[int, list[float]]
 
 
 def recognises(path: Path) -> bool:
-    """Tell whether the folder holds depth, color and what Open3D writes beside them."""
+    """Tell whether the folder contains depth, color and Open3D's files beside them."""
     if not (path / "depth").is_dir() or _color(path) is None or (path / CAMERA_FILE).is_file():
         return False
     return any((path / name).is_file() for name in INTRINSIC_FILES) or _trajectory(path) is not None
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where a name, the intrinsics or the trajectory has another form."""
+    """List the frames; raise InputError if a name, the intrinsics or the trajectory has another format."""
     folder = _color(path)
     assert folder is not None, "recognises"
     colors, depths = _by_number(folder), _by_number(path / "depth")
@@ -77,7 +77,7 @@ def _color(path: Path) -> Path | None:
 
 
 def _trajectory(path: Path) -> Path | None:
-    """Return the trajectory here or one folder below; of several the first by name."""
+    """Return the trajectory here or one folder below, the first by name."""
     if (path / TRAJECTORY).is_file():
         return path / TRAJECTORY
     return next(
@@ -112,7 +112,7 @@ def _intrinsics(path: Path) -> Calibration:
 
 
 def _read_log(path: Path) -> dict[int, LoggedPose]:
-    """Read groups of a line of three numbers, the first the frame's place, and four lines of a matrix."""
+    """Read groups of one line with three numbers, the first being the frame's index, and a matrix in four lines."""
     lines, poses = list(data_lines(path)), {}
     for start in range(0, len(lines) - 4, 5):
         try:

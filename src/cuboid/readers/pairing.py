@@ -1,4 +1,4 @@
-"""Color and depth images of two folders, put together by the numbers in their names, by time, or by order."""
+"""Pairing of color and depth images of two folders, by the numbers in their names, by time, or by order."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cuboid.readers.image_folder import NUMBER, images_in, pattern_of
 from cuboid.readers.tum import ASSOCIATE_WITHIN_S, associate
 
 LAST_NUMBER = re.compile(r"\D*(\d+(?:\.\d+)?)")
-# Digits of a time since 1970 in milliseconds, microseconds and nanoseconds, and how many of them make a second.
+# Number of digits of a time since 1970 in milliseconds, microseconds and nanoseconds, and units per second.
 EPOCH_UNITS = {13: Decimal(10**3), 16: Decimal(10**6), 19: Decimal(10**9)}
 
 
@@ -27,7 +27,7 @@ class Images:
     files : list of Path
         In natural order: 2.png before 10.png.
     numbers : list of Decimal or None
-        Of each file, all different; None where the names have no such number.
+        Number of each file, all different; None if the names have no such number.
     """
 
     folder: Path
@@ -35,13 +35,13 @@ class Images:
     numbers: list[Decimal] | None
 
     def by_number(self) -> dict[Decimal, Path]:
-        """Return the files by number; empty where they have none."""
+        """Return the files by number; empty if they have none."""
         return dict(zip(self.numbers or (), self.files, strict=False))
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """The images of one frame; the number is the color image's where there is one."""
+    """The images of one frame; the number is the color image's, if there is one."""
 
     number: Decimal
     color: Path | None
@@ -49,7 +49,7 @@ class Pair:
 
 
 def find_images(folder: Path) -> Images:
-    """Return the images of a folder; raises InputError where two have the same number."""
+    """Return the images of a folder; raise InputError if two have the same number."""
     files = sorted(images_in(folder), key=_natural)
     numbers = _numbers([file.stem for file in files])
     if numbers is not None and len(set(numbers)) < len(numbers):
@@ -59,22 +59,22 @@ def find_images(folder: Path) -> Images:
 
 
 def pair_images(colors: Images, depths: Images) -> tuple[list[Pair], str | None]:
-    """Put color and depth together.
+    """Pair color and depth images.
 
-    By number, if a number occurs in both folders; images without a partner are kept, alone. Else by time, if the
-    numbers are times. Else by order, if there are as many of one as of the other.
+    Images are paired by number, if a number occurs in both folders; images without a partner are kept alone. Otherwise
+    they are paired by time, if the numbers are times, or by order, if both folders have the same number of images.
 
     Returns
     -------
     list of Pair
         Sorted by number.
     str or None
-        A warning for the user if they were put together by order.
+        A warning for the user if they were paired by order.
 
     Raises
     ------
     InputError
-        None of this works.
+        The images cannot be paired.
     """
     color, depth = colors.by_number(), depths.by_number()
     common, fewer = len(color.keys() & depth.keys()), min(len(colors.files), len(depths.files))
@@ -95,7 +95,7 @@ def pair_images(colors: Images, depths: Images) -> tuple[list[Pair], str | None]
 
 
 def seconds_of(number: Decimal) -> Decimal | None:
-    """Return the time that a number in a file's name is, seconds; None where it is a mere count."""
+    """Return the time, seconds, from a number in a file name; None if the number is only a counter."""
     if "." in str(number):
         return number
     unit = EPOCH_UNITS.get(len(str(int(number))))
@@ -111,7 +111,7 @@ def _seconds(numbers: Sequence[Decimal]) -> list[float]:
 
 
 def _by_time(color: dict[Decimal, Path], depth: dict[Decimal, Path]) -> list[Pair]:
-    """Give each color image the depth image nearest in time, one to one; depth images that are left have no frame."""
+    """Pair each color image with the depth image nearest in time, one to one; other depth images are dropped."""
     colors, depths = sorted(color), sorted(depth)
     pairs = associate(_seconds(colors), _seconds(depths), ASSOCIATE_WITHIN_S)
     if not pairs:
@@ -123,7 +123,7 @@ def _by_time(color: dict[Decimal, Path], depth: dict[Decimal, Path]) -> list[Pai
 
 
 def _no_partners(colors: Images, depths: Images) -> str:
-    """Say which files have no partner."""
+    """Return a message about files without a partner."""
     return (
         f"{colors.folder.parent}: {colors.folder.name}/ ({len(colors.files)}: {_names(colors)}) and "
         f"{depths.folder.name}/ ({len(depths.files)}: {_names(depths)}) cannot be paired: no number in the names "
@@ -147,7 +147,7 @@ def _natural(file: Path) -> list[tuple[str, Decimal]]:
 
 
 def _numbers(stems: Sequence[str]) -> list[Decimal] | None:
-    """Return the number of each image: of several numbers in a name, the first that no two names share."""
+    """Return the number of each image: the first number position in the names whose values are all different."""
     if len({pattern_of(f"{stem}.png") for stem in stems}) != 1:
         matches = [LAST_NUMBER.fullmatch(stem) for stem in stems]
         return [Decimal(match[1]) for match in matches if match] if stems and all(matches) else None

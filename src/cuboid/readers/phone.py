@@ -15,24 +15,24 @@ from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.images import MAX_IMAGE_BYTES, decode_bytes, decode_depth
 from cuboid.readers.reader import Calibration
 
-# Depth has 192x256 pixels: color is shrunk by a whole number to about this width or height, whichever is longer. Finer
-# color says more of textures than of shapes, and costs in proportion.
+# Depth has 192x256 pixels: color is downsampled by an integer factor so that its longer side is about this. Finer color
+# shows more texture, not more shape, and costs time in proportion.
 LONGEST_SIDE_PX = 640
-# A frame whose focal length is further than this fraction from the median is of another zoom.
+# Maximum relative difference of a frame's focal length from the median; beyond it the zoom is different.
 SAME_FOCAL = 0.03
-# Of ARKit's world, as all these apps run it (world alignment "gravity").
+# Up in ARKit's world, as used by all these apps (world alignment "gravity").
 UP_WORLD = (0.0, 1.0, 0.0)
-# Carries coordinates of a camera with OpenCV's axes (y down, z forward) to those of one with ARKit's and OpenGL's.
+# Transform from a camera with OpenCV's axes (y down, z forward) to one with the axes of ARKit and OpenGL.
 T_OPENGL_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def shrink_factor(size: tuple[int, int]) -> int:
-    """Return by how much color of this width and height is shrunk."""
+    """Return the downsampling factor of color with this width and height."""
     return max(1, max(size) // LONGEST_SIDE_PX)
 
 
 def shrunk(color: UInt8Array, factor: int) -> UInt8Array:
-    """Return color (H, W, 3) with each block of `factor` x `factor` pixels its mean."""
+    """Return color (H, W, 3) downsampled by the mean of blocks of `factor` x `factor` pixels."""
     height, width = color.shape[0] // factor, color.shape[1] // factor
     if not height or not width:
         raise FrameError(f"the color image is {color.shape[1]}x{color.shape[0]}, too small to be shrunk by {factor}")
@@ -43,16 +43,16 @@ def shrunk(color: UInt8Array, factor: int) -> UInt8Array:
 def phone_cameras(
     K: tuple[float, float, float, float], size: tuple[int, int], depth_size: tuple[int, int], source: str
 ) -> Calibration:
-    """Return the cameras of color that was shrunk and of depth that shows the same.
+    """Return the cameras of downsampled color and of depth with the same view.
 
     Parameters
     ----------
     K : (float, float, float, float)
-        fx, fy, cx, cy for color as it was recorded.
+        fx, fy, cx, cy for color as recorded.
     size, depth_size : (int, int)
         Width and height as recorded.
     source : str
-        Where they come from.
+        Source of the intrinsics, for messages.
     """
     factor = shrink_factor(size)
     color = _scaled(K, 1 / factor, 1 / factor)
@@ -62,7 +62,7 @@ def phone_cameras(
 
 
 def confident_depth(file: Path, confidence: Path, least: int) -> npt.NDArray[np.uint16]:
-    """Return a depth image (H, W) without the readings whose confidence is less; all where there is no such image.
+    """Return a depth image (H, W) without readings of less confidence; all readings if there is no confidence.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The plain folder, for recordings of one's own; ``docs/recordings.md`` defines it.
+"""The plain folder, for users' own recordings; ``docs/recordings.md`` defines it.
 
 Expected tree::
 
@@ -9,8 +9,8 @@ Expected tree::
       poses.txt              lines "number tx ty tz qx qy qz qw", camera to world; may be absent
       timestamps.txt         lines "number seconds"; may be absent
 
-The number in a name puts color, depth, pose and time together; it may be the time itself (12.033.png). Images whose
-numbers never agree are paired by time or by order, see `pairing`.
+Color, depth, pose and time are matched by the number in the name, which may be the time itself (12.033.png). Images
+whose numbers never agree are paired by time or by order, see `pairing`.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ def recognises(path: Path) -> bool:
 
 
 def gives_way(path: Path) -> bool:
-    """Tell whether a reader that knows more of the same folder is right: unless it has color/ and camera.json."""
+    """Tell whether a more specific reader takes precedence: unless the folder has color/ and camera.json."""
     return not ((path / CAMERA_FILE).is_file() and (path / COLOR_FOLDERS[0]).is_dir())
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where images cannot be paired, or a line has another form."""
+    """List the frames; raise InputError if images cannot be paired, or a line has another format."""
     color, depth = _folder(path, COLOR_FOLDERS), _folder(path, DEPTH_FOLDERS)
     assert color is not None, "recognises"
     assert depth is not None, "recognises"
@@ -71,7 +71,7 @@ def read(path: Path) -> Listing:
 
 
 def _folder(path: Path, names: tuple[str, ...]) -> Path | None:
-    """Return the first of these folders that is there, in lower case, capitalised or in upper case."""
+    """Return the first existing folder of these names, in lower case, capitalised or in upper case."""
     written = (path / form for name in names for form in (name, name.capitalize(), name.upper()))
     return next((folder for folder in written if folder.is_dir()), None)
 
@@ -116,7 +116,7 @@ def _poses(path: Path, numbers: list[Decimal]) -> dict[Decimal, PoseLine]:
 
 
 def _times_s(path: Path, numbers: list[Decimal]) -> dict[Decimal, float]:
-    """Return the frames' times in seconds: of timestamps.txt, else numbers that are times."""
+    """Return the frames' times in seconds, from timestamps.txt, else from numbers that are times."""
     if not path.is_file():
         if not any(map(seconds_of, numbers)):
             return {}

@@ -8,10 +8,10 @@ Expected tree::
         depth/12345678.png             16-bit, 256x192, millimetres
         confidence/12345678.png        0 is low: no reading; may be absent
         cameras/12345678.json          fx, fy, cx, cy, width, height, t_00 ... t_23 (camera to world) [, timestamp]
-        corrected_cameras/...          the same after optimisation, and corrected_images/; taken where they are there
+        corrected_cameras/...          the same after optimisation, and corrected_images/; used if present
 
-Axes of the camera are ARKit's there (x right, y up, z back), and become x right, y down, z forward. The focus changes
-the focal length a little from frame to frame; the median counts, and frames far from it are skipped.
+The files use ARKit's camera axes (x right, y up, z back), which are converted to x right, y down, z forward. The focal
+length changes slightly with the focus; the median is used, and frames far from it are skipped.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _keyframes(path: Path) -> Path:
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where no camera can be read."""
+    """List the frames; raise InputError if no camera can be read."""
     folder = _keyframes(path)
     corrected = "corrected_" if (folder / "corrected_cameras").is_dir() else ""
     colors = {file.stem: file for file in images_in(folder / f"{corrected}images")}
@@ -86,7 +86,7 @@ def read(path: Path) -> Listing:
 
 
 def _cameras(folder: Path, names: list[str]) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
-    """Return the cameras of the frames, and why others have none; InputError where all have none."""
+    """Return the frames' cameras, and the reasons of missing ones; raise InputError if there are none."""
     cameras: dict[str, dict[str, float]] = {}
     faults: dict[str, str] = {}
     for name in names:
@@ -105,7 +105,7 @@ def _median(cameras: dict[str, dict[str, float]]) -> dict[str, float]:
 
 
 def _camera(path: Path) -> dict[str, float]:
-    """Return the numbers of one camera; raises InputError where one is missing."""
+    """Return the numbers of one camera; raise InputError if one is missing."""
     document = read_object(path)
     for name in _CAMERA:
         check_number(name, document.get(name), str(path))

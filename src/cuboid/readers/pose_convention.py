@@ -1,4 +1,4 @@
-"""Camera poses in other conventions than ours (T_world_camera in metres, x right, y down, z forward), converted."""
+"""Conversion of camera poses to our convention (T_world_camera in metres, x right, y down, z forward)."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def _scaled(metres: float) -> Callable[[Float64Array], Float64Array]:
     return convert
 
 
-# What a recording's poses may be, with the conversion; in the order in which several are applied. `wxyz` and `xyzw` are
-# the order of the numbers of quaternions in the file, where the format has the other one.
+# Conventions of a recording's poses, with their conversions, in the order of application. `wxyz` and `xyzw` are the
+# order of quaternions in the file, if it differs from the format's.
 CONVENTIONS: dict[str, Callable[[Float64Array], Float64Array]] = {
     "wxyz": _wxyz,
     "xyzw": _xyzw,
@@ -57,7 +57,7 @@ def convention_names(text: str) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        One is none of `CONVENTIONS`, or two exclude each other.
+        A name is not in `CONVENTIONS`, or two exclude each other.
     """
     names = [name.strip() for name in text.split(",")]
     for name in names:

@@ -16,15 +16,15 @@ from cuboid.core.values import LATEST_S, refuse_no_quaternion
 from cuboid.formats.table_validation import data_lines
 from cuboid.geometry import se3
 
-# Between two poses this far apart in time (seconds) the pose is interpolated: a hand-held camera's
+# Maximum gap (seconds) between two poses for interpolation: a hand-held camera's
 # acceleration of 2 m/s^2 makes that wrong by a t^2 / 8 = 2.5 mm, the noise of depth at 1.3 m.
 LARGEST_GAP_S = 0.1
-# Elsewhere the nearest pose counts if it is this close (seconds): at 0.25 m/s, TUM fr1/xyz's mean, 5 mm.
+# Elsewhere the nearest pose is used if it is within this time (seconds): at 0.25 m/s, TUM fr1/xyz's mean, 5 mm.
 NEAREST_WITHIN_S = 0.02
 
 
 def parse_numbers(text: str, count: int, expected: str) -> list[float]:
-    """Return the `count` numbers of a line; `expected` says in messages what they are.
+    """Return the `count` numbers of a line; `expected` describes them in messages.
 
     Raises
     ------
@@ -42,12 +42,12 @@ def parse_numbers(text: str, count: int, expected: str) -> list[float]:
 
 
 def numbered_rows(path: Path, count: int | None, expected: str) -> list[tuple[int, list[float]]]:
-    """Return the lines of a file, each with its number and its numbers: this many, or any where None is given.
+    """Return line number and `count` numbers of each line of a file; any count if None.
 
     Raises
     ------
     InputError
-        If a line has another form; `expected` says in the message what it is.
+        A line has another format; `expected` describes it in the message.
     """
     rows = []
     for number, line in data_lines(path):
@@ -64,7 +64,7 @@ def parse_time(word: str) -> float:
     Raises
     ------
     ValueError
-        If it is no number, or none that a clock shows.
+        It is no number, or not a plausible time.
     """
     try:
         time_s = float(word)
@@ -92,7 +92,7 @@ def pose_from_quaternion(quat_wxyz: Sequence[float], translation: Sequence[float
 
 
 def pose_from_matrix(values: npt.ArrayLike, where: str) -> Float64Array:
-    """Return T_world_camera (4, 4) of a matrix (4, 4) as read, its rotation freed of rounding.
+    """Return T_world_camera (4, 4) of a matrix (4, 4) as read, with an exactly orthogonal rotation.
 
     Raises
     ------
@@ -110,23 +110,23 @@ TimedPose = tuple[float, tuple[float, ...]]
 
 
 def tum_line(line: str) -> TimedPose:
-    """Read ``timestamp tx ty tz qx qy qz qw``, T_world_camera; raises ValueError where it is another."""
+    """Read ``timestamp tx ty tz qx qy qz qw``, T_world_camera; raise ValueError for other lines."""
     time_s, tx, ty, tz, qx, qy, qz, qw = parse_numbers(line, 8, "timestamp tx ty tz qx qy qz qw")
     return time_s, (qw, qx, qy, qz, tx, ty, tz)
 
 
 class Trajectory:
-    """Poses at times, from a file with a line for each.
+    """Timed poses from a file with one line per pose.
 
-    Lines whose pose is no pose (NaN, no unit quaternion) are gaps; every line has a time.
+    Lines with an invalid pose (NaN, no unit quaternion) are gaps; every line has a time.
 
     Parameters
     ----------
     path : Path
     read_line : callable
-        Reads a line; the TUM form unless given. It raises ValueError where the line has another form.
+        Reads a line; default: the TUM format. It raises ValueError if the line has another format.
     largest_gap_s : float
-        Between poses this far apart the pose is interpolated.
+        Maximum gap between two poses for interpolation.
 
     Raises
     ------
@@ -159,7 +159,7 @@ class Trajectory:
 
     @property
     def times_s(self) -> Float64Array:
-        """Times (N,) of the poses, rising."""
+        """Times (N,) of the poses, increasing."""
         return self._times_s
 
     @property
@@ -170,8 +170,8 @@ class Trajectory:
     def at(self, time_s: float) -> Float64Array:
         """Return T_world_camera (4, 4) at a time.
 
-        Interpolated between neighbours at most `largest_gap_s` apart,
-        else the nearest within `NEAREST_WITHIN_S`.
+        The pose is interpolated between neighbours at most `largest_gap_s` apart, else it is the nearest one within
+        `NEAREST_WITHIN_S`.
 
         Raises
         ------

@@ -13,16 +13,16 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class _End:
-    """Comes behind the last item; with the exception that ended the work, if one did."""
+    """Marks the end of the items, with the exception that ended the work, if any."""
 
     error: BaseException | None
 
 
 def run_ahead(items: Iterable[T], capacity: int) -> Generator[T, None, None]:
-    """Iterate over `items`, which a thread of its own produces up to `capacity` items ahead.
+    """Iterate over `items`, which a separate thread produces up to `capacity` items ahead.
 
-    Order is kept and exceptions arrive where they would without the thread. When the consumer stops early
-    (closes the generator, or lets go of it), the thread ends before the close returns.
+    The order is kept, and exceptions are raised where they would be without the thread. If the consumer stops early
+    (closes or drops the generator), the thread ends before the close returns.
     """
     ready: queue.Queue[T | _End] = queue.Queue(maxsize=capacity)
     stop = threading.Event()
@@ -34,7 +34,7 @@ def run_ahead(items: Iterable[T], capacity: int) -> Generator[T, None, None]:
                 if stop.is_set():
                     return
             ready.put(_End(None))
-        except BaseException as error:  # carried over to the consumer, who raises it
+        except BaseException as error:  # passed to the consumer, which raises it
             ready.put(_End(error))
 
     thread = threading.Thread(target=produce, name="cuboid-decode", daemon=True)
@@ -49,7 +49,7 @@ def run_ahead(items: Iterable[T], capacity: int) -> Generator[T, None, None]:
             yield item
     finally:
         stop.set()
-        while thread.is_alive():  # it may wait for a free place in the queue
+        while thread.is_alive():  # the thread may wait for a free place in the queue
             while not ready.empty():
                 ready.get_nowait()
             thread.join(timeout=0.005)

@@ -1,4 +1,4 @@
-"""The interface of a reader: it recognises its format, and lists the frames without decoding any."""
+"""The interface of a reader: it recognises its format, and lists the frames without decoding them."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from cuboid.core.registry import Registry
 from cuboid.formats.reading import names_in
 from cuboid.readers.depth_camera import DepthCamera
 
-# An image file, or, for recordings that are one big file, a function that gives the decoded image:
-# color (H, W, 3) uint8 RGB, depth (H, W) uint16 or float32. It raises FrameError where it cannot.
+# An image file, or, for recordings in one big file, a function that returns the decoded image: color (H, W, 3) uint8
+# RGB, depth (H, W) uint16 or float32. It raises FrameError if it fails.
 ImageSource = Path | Callable[[], npt.NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
 class FrameEntry:
-    """Where one frame of a recording lies; nothing of it is decoded.
+    """The sources of one frame of a recording, not decoded.
 
     Attributes
     ----------
     color, depth : Path, callable or None
-        None where the recording lacks it; the frame is then skipped.
+        Source of the image; None if it is missing, and the frame is then skipped.
     timestamp_s : float or None
         Seconds; None in recordings without timestamps.
     pose : callable or None
-        Gives T_world_camera (4, 4), which `Recording` checks, or raises FrameError with the reason why this frame has
+        Returns T_world_camera (4, 4), which `Recording` checks, or raises FrameError with the reason why this frame has
         none.
     fault : str or None
-        A reason known beforehand why the frame cannot be used, one line.
+        Reason, known in advance, why the frame cannot be used, one line.
     up_camera : callable or None
-        Gives the direction away from the earth's pull, (3,) in coordinates of the color camera, as it was measured when
-        the frame was taken, or raises FrameError; None in recordings that did not measure it.
+        Returns the measured up direction (opposite to gravity), (3,), in the color camera, or raises FrameError; None
+        in recordings without such measurements.
     """
 
     color: ImageSource | None
@@ -50,22 +50,22 @@ class FrameEntry:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """A camera and where what is known of it was found.
+    """A camera and the source of its parameters.
 
     Attributes
     ----------
     fx, fy, cx, cy : float
         Pixels.
     size : (int, int) or None
-        Width and height in pixels of the images that it holds for; None where that is not said.
+        Width and height in pixels of the images to which it applies; None if unknown.
     source : str
-        Where it comes from, for messages: "camera.json", "published for freiburg1".
+        Source of the parameters, for messages: "camera.json", "published for freiburg1".
     distortion : tuple of float
-        Of the lens, in OpenCV's order: k1, k2, p1, p2[, k3[, k4, k5, k6]]; empty where the images are a pinhole's.
-        It is taken out of color and depth.
+        Distortion of the lens, in OpenCV's order: k1, k2, p1, p2[, k3[, k4, k5, k6]]; empty for undistorted images. It
+        is removed from color and depth.
     depth_camera : DepthCamera or None
-        Where depth was taken by a camera of its own, beside this one, and is not aligned to color; then the
-        attributes above are those of the color camera, and depth is registered to its image.
+        A separate depth camera, if depth is not aligned to color; the attributes above then belong to the color camera,
+        and depth is registered to its image.
     """
 
     fx: float
@@ -85,19 +85,19 @@ class Listing:
     Attributes
     ----------
     frames : sequence of FrameEntry
-        In the order of the recording, those known to be bad included.
+        Frames in the order of the recording, including known bad ones.
     depth_units_per_metre : float or None
-        The format's own depth scale; None where each recording has to say.
+        The format's depth scale; None if each recording has its own.
     calibration : Calibration or None
-        The pinhole that was published for the recording or its format, used where no file gives another.
+        The pinhole that was published for the recording or its format, used unless a file gives another one.
     camera_folders : tuple of Path
-        Folders in which a ``camera.json`` or ``camera-intrinsics.txt`` counts, the first find wins.
+        Folders that are searched for a ``camera.json`` or ``camera-intrinsics.txt``; the first one found is used.
     poses_of_depth : bool
-        Whether the poses are those of the depth camera, where depth has a camera of its own; else of the color camera.
+        Whether the poses belong to the depth camera, if there is a separate one; else to the color camera.
     up_world : (float, float, float) or None
-        Unit vector away from the earth's pull in the world of the poses, where the format or the file says so.
+        Up (opposite to gravity), a unit vector in the world of the poses, if the format or the file gives it.
     warnings : tuple of str
-        What the user should know of the files, one line each.
+        Warnings for the user about the files, one line each.
     """
 
     frames: Sequence[FrameEntry]
@@ -116,18 +116,17 @@ class Reader:
     Attributes
     ----------
     expects : str
-        What a recording of this format holds, in a few words, for messages.
+        Contents of a recording of this format, in a few words, for messages.
     recognises : callable
-        Path -> bool: whether exactly this path (not something beneath it) is a recording of this format.
+        Path -> bool: whether exactly this path (not a path below it) is a recording of this format.
     read : callable
-        Path -> Listing; raises InputError where the recording as a whole is faulty.
+        Path -> Listing; raises InputError if the recording as a whole is faulty.
     read_with : callable, optional
-        (Path, options) -> Listing, where the format has options: names and values, as the user gave them behind the
-        format's name.
+        (Path, options) -> Listing, for formats with options: names and values from the user, after the format's name.
     files : tuple of str
-        Endings of the names of files that may be such a recording; folders always may.
+        Suffixes of files that may be such a recording; folders are always tried.
     gives_way : callable
-        Path -> bool: whether another reader that recognises the same path is right, for it knows more of it.
+        Path -> bool: whether another, more specific reader that recognises the same path takes precedence.
     """
 
     expects: str
@@ -139,7 +138,7 @@ class Reader:
 
 
 def has_file(path: Path, name: re.Pattern[str]) -> bool:
-    """Tell whether a path is a folder with a file whose whole name matches; stops at the first.
+    """Tell whether a path is a folder with a file whose whole name matches.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Recordings of the RealSense SDK and its viewer: a ROS 1 bag with its own topics.
+"""Recordings of the RealSense SDK and its viewer: a ROS 1 bag with special topics.
 
 Expected: a ``.bag`` file with the topics ::
 
@@ -7,8 +7,8 @@ Expected: a ``.bag`` file with the topics ::
     /device_0/sensor_1/Color_0/image/data          rgb8, bgr8, ...
     /device_0/sensor_2/Accel_0/imu/data            tells where up is; may be absent
 
-Depth is that of its own camera: it is registered to color with what the file says of the two. Times count from the
-start.
+Depth comes in the depth camera's image: it is registered to color with the calibration in the file. Times start at the
+beginning of the recording.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from cuboid.readers.tum import associate
 
 IMAGE = re.compile(r"(/device_\d+/sensor_\d+)/(Depth|Color)_\d+/image/data")
 ACCELEROMETER = re.compile(r"/device_\d+/sensor_\d+/Accel_\d+/imu/data")
-# Bytes of the index at the end of the file, which names the topics, that are examined.
+# Number of bytes at the end of the file, where the index lists the topics, that are examined.
 INDEX_BYTES = 1 << 16
-# Color and depth of one frame are at most this far apart, or half the time between two color images.
+# Maximum time between color and depth of one frame, or half the time between two color images.
 WITHIN_S = 0.02
 
 
 def is_realsense(path: Path) -> bool:
-    """Tell whether a bag is one of the RealSense SDK, by the names in its index."""
+    """Tell whether a bag was written by the RealSense SDK, by the names in its index."""
     with suppress(OSError, ValueError), path.open("rb") as file:
         head = file.read(4096)
         at = head.find(b"index_pos=")
@@ -58,7 +58,7 @@ def recognises(path: Path) -> bool:
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where the file has no color or no depth."""
+    """List the frames; raise InputError if the file has no color or no depth."""
     bag = Bag([path])
     streams: dict[str, str] = {}
     for topic in sorted(bag.types):
@@ -73,7 +73,7 @@ def read(path: Path) -> Listing:
 
 
 def _gravity(bag: Bag, color: str, path: Path) -> Gravity | None:
-    """Return what measures gravity: the accelerometer of the camera; None where it was not recorded."""
+    """Return the camera's accelerometer as a gravity sensor; None if it was not recorded."""
     topic = next((topic for topic in sorted(bag.types) if ACCELEROMETER.fullmatch(topic)), None)
     if topic is None:
         return None
@@ -111,7 +111,7 @@ def _image(bag: Bag, topic: str, time_ns: int, decode: Any) -> Any:
 
 
 def _beside(bag: Bag, topic: str, name: str) -> Any:
-    """Return the first message of a topic beside the images of a stream; None where there is none."""
+    """Return the first message of a topic beside the images of a stream; None if there is none."""
     other = topic.removesuffix("image/data") + name
     return bag.first(other) if other in bag.types else None
 
@@ -125,7 +125,7 @@ def _units(bag: Bag, topic: str) -> float:
 
 
 def _calibration(bag: Bag, color: str, depth: str, path: Path) -> Calibration:
-    """Return the cameras; their transforms both lead from one reference stream."""
+    """Return the cameras; both transforms start at one reference stream."""
     cameras = []
     for topic in (color, depth):
         info = _beside(bag, topic, "info/camera_info")

@@ -7,8 +7,8 @@ Expected tree::
       rgb/0.jpg              8-bit color
       depth/0.exr            metres, one channel
 
-The number in a name is the frame's place in `poses`. Axes of the camera are ARKit's there (x right, y up, z back), and
-become x right, y down, z forward. Color is shrunk by a whole number, to a third of 1440x1920.
+The number in a name is the frame's index in `poses`. The files use ARKit's camera axes (x right, y up, z back), which
+are converted to x right, y down, z forward. Color is downsampled by an integer factor, to a third of 1440x1920.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def recognises(path: Path) -> bool:
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where the metadata has another form or OpenEXR is not installed."""
+    """List the frames; raise InputError if the metadata is malformed or OpenEXR is not installed."""
     _require_openexr(path)
     metadata = read_object(path / METADATA)
     K, size = color_camera(metadata, str(path / METADATA))
@@ -100,7 +100,7 @@ def _exr_source(file: Path | None) -> Callable[[], Float32Array] | None:
 
 
 def _time_s(metadata: dict[str, Any], number: int) -> float:
-    """Return when a frame was taken: as its metadata say, else by the rate."""
+    """Return the time of a frame: from the metadata, else from the frame rate."""
     times, fps = metadata.get("frameTimestamps"), metadata.get("fps")
     if isinstance(times, list) and number < len(times) and isinstance(times[number], (int, float)):
         return float(times[number])
@@ -128,7 +128,7 @@ def _depth(file: Path) -> Float32Array:
 
     name = f"depth image depth/{file.name}"
     try:
-        with opened(file, MAX_IMAGE_BYTES):  # the library would wait for a FIFO
+        with opened(file, MAX_IMAGE_BYTES):  # otherwise the library would wait for a FIFO
             local = str(local_file(file))
     except UnreadableError as error:
         raise FrameError(f"{name} {error.reason}") from None
@@ -142,7 +142,7 @@ def _depth(file: Path) -> Float32Array:
         with OpenEXR.File(local) as image:
             pixels = next(iter(image.channels().values())).pixels
             found = np.array(pixels, np.float32)
-    except Exception as error:  # the library raises nearly anything on a damaged file
+    except Exception as error:  # the library raises all kinds of errors on damaged files
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise FrameError(f"{name} cannot be decoded: {reason}") from None
     if found.ndim != 2:

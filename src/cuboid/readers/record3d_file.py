@@ -36,7 +36,7 @@ METADATA, FRAMES = "metadata", "rgbd"
 FILE = re.compile(r"(\d+)\.(jpg|depth)")
 DEPTH_FILE = re.compile(r"\d+\.depth")
 MIN_CONFIDENCE = 1
-# Blocks of LZFSE: their first four bytes. Behind them stands how many bytes they make.
+# First four bytes of LZFSE blocks; the unpacked size follows.
 _STORED, _LZVN, _FSE, _END = b"bvx-", b"bvxn", b"bvx2", b"bvx$"
 _FSE_HEADER = struct.Struct("<4sIQQQ")
 _LOW_20 = (1 << 20) - 1
@@ -81,7 +81,7 @@ def _depth(file: Path, size: tuple[int, int]) -> Float32Array:
 
 
 def _unpacked(file: Path, size: int) -> bytes:
-    """Return what is packed in a file of LZFSE; FrameError unless it has this size."""
+    """Return the unpacked contents of an LZFSE file; raise FrameError unless they have this size."""
     import liblzfse
 
     name = f"{FRAMES}/{file.name}"
@@ -102,9 +102,9 @@ def _unpacked(file: Path, size: int) -> bytes:
 
 
 def packed_size(data: bytes) -> int:
-    """Return how many bytes the blocks of LZFSE make, by their headers; 0 where they are none, or do not end.
+    """Return the unpacked size of LZFSE blocks, from their headers; 0 if they are invalid or do not end.
 
-    The library takes as much memory as damaged data say.
+    It is checked first, because the library allocates as much memory as damaged data claim.
     """
     at = made = 0
     while data[at : at + 4] != _END:

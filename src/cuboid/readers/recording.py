@@ -1,4 +1,4 @@
-"""A recording: frames that are decoded when they are asked for, never all at once."""
+"""A recording: frames are decoded on request, never all at once."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from cuboid.readers.prefetch import run_ahead
 from cuboid.readers.reader import Calibration, FrameEntry, ImageSource, Listing
 from cuboid.readers.undistortion import DepthArray
 
-# Frames per second of recordings that do not say: all common depth cameras of this kind run at 30.
+# Default frame rate of recordings without timestamps: all common depth cameras run at 30 Hz.
 DEFAULT_RATE_HZ = 30.0
-# The image size of a recording is the one that most of its first decodable frames have.
+# Number of first decodable frames whose most frequent image size is the recording's.
 SIZE_VOTERS = 5
-# Frames decoded ahead: one in work and one ready are enough to hide decoding; each holds 2 MB at 640x480.
+# Number of frames decoded ahead: one in work and one ready hide the decoding time; each takes 2 MB at 640x480.
 FRAMES_AHEAD = 2
 # glibc gives freed blocks back to the kernel and faults them in anew at the next frame, page by page (1 ms a
 # frame), until it has seen a block of this size freed (its limit is 32 MB); then it keeps them.
@@ -42,20 +42,19 @@ class Recording:
     path : Path
         What holds the frames.
     intrinsics : Intrinsics
-        Of its frames, from which the distortion of the lens, where it is known, is taken out, and in which depth is
-        aligned to color.
+        Intrinsics of the frames, which are undistorted (if the distortion is known) and have depth aligned to color.
     calibration : Calibration
-        The camera that took them, and where what is known of it was found.
+        The camera of the recording, and the source of its parameters.
     depth_units_per_metre : float
     has_poses : bool
-        Whether frames come with a camera pose; those of them without one are then skipped.
+        Whether frames have camera poses; frames without one are then skipped.
     has_timestamps : bool
-        Whether times are the recording's own; else they are index / 30 s.
+        Whether the recording has timestamps; otherwise times are index / 30 s.
     up_world : (3,) float64 or None
-        Unit vector away from the earth's pull in the world of the poses, where the recording says so; `up_camera` has
-        what was measured with each frame.
+        Up (opposite to gravity), a unit vector in the world of the poses, if the recording has it; `up_camera` has the
+        measurement of each frame.
     warnings : tuple of str
-        What the user should know of its files, one line each: images left out, images paired by order.
+        Warnings for the user about the files, one line each: images left out, images paired by order.
     """
 
     def __init__(
@@ -86,7 +85,7 @@ class Recording:
             self.up_world = unit(listing.up_world)
 
     def _set_camera(self, calibration: Calibration) -> None:
-        """Let frames come from this camera, and from its depth camera, where it has one."""
+        """Set the camera of the frames, and its depth camera, if it has one."""
         self.calibration = calibration
         self._register = calibrations.registration(calibration, self.intrinsics, self.path)
         depth_camera = calibration.depth_camera
@@ -96,12 +95,12 @@ class Recording:
 
     @property
     def distortion(self) -> tuple[float, ...]:
-        """Coefficients of the lens distortion, which is removed from the frames; empty where there is none."""
+        """Coefficients of the lens distortion, which is removed from the frames; empty if there is none."""
         return self.calibration.distortion if any(self.calibration.distortion) else ()
 
     @property
     def depth_camera(self) -> DepthCamera | None:
-        """The depth camera whose images were registered to color; None where depth was aligned already."""
+        """The depth camera whose images were registered to color; None if depth was already aligned."""
         return self.calibration.depth_camera
 
     def __len__(self) -> int:
@@ -109,13 +108,13 @@ class Recording:
         return len(self._frames)
 
     def __getitem__(self, index: int) -> Frame:
-        """Return one frame, the last ones counted from the end by negative numbers; raises as `read` does."""
+        """Return one frame; negative numbers count from the end; raises as `read` does."""
         if not isinstance(index, int):
             raise TypeError(f"a recording has frames by number, got {index!r}; iterate(every, limit) gives several")
         return self.read(index + len(self) if index < 0 else index)
 
     def __iter__(self) -> Iterator[Frame | SkippedFrame]:
-        """Give all frames in order, as `iterate` does."""
+        """Iterate over all frames in order, as `iterate` does."""
         return self.iterate()
 
     def __repr__(self) -> str:
@@ -124,7 +123,7 @@ class Recording:
         return f"Recording({self.format}: {len(self)} frames of {K.width} x {K.height}, {poses}; {self.path})"
 
     def without_poses(self) -> Recording:
-        """Return the same recording with its camera poses, and the faults in them, left aside."""
+        """Return the same recording without its camera poses and their faults."""
         bare = object.__new__(Recording)
         bare.__dict__.update(self.__dict__)
         bare.has_poses = False
@@ -132,7 +131,7 @@ class Recording:
         return bare
 
     def with_intrinsics(self, intrinsics: Intrinsics) -> Recording:
-        """Return the same recording with another pinhole for its frames, which stay as they are."""
+        """Return the same recording with other intrinsics; the images are unchanged."""
         other = object.__new__(Recording)
         other.__dict__.update(self.__dict__)
         other.intrinsics = intrinsics
@@ -144,7 +143,7 @@ class Recording:
         Raises
         ------
         InputError
-            It is none.
+            The depth camera is invalid.
         """
         other = object.__new__(Recording)
         other.__dict__.update(self.__dict__)
@@ -191,11 +190,11 @@ class Recording:
 
     @property
     def up_measured(self) -> bool:
-        """Whether frames come with a direction away from the earth's pull of their own."""
+        """Whether up was measured with each frame."""
         return any(entry.up_camera is not None for entry in self._frames)
 
     def up_camera(self, index: int) -> Float64Array | None:
-        """Return the direction away from the earth's pull in the camera that took a frame, without decoding the frame.
+        """Return up (opposite to gravity) in the camera of a frame, without decoding the frame.
 
         Parameters
         ----------
@@ -204,13 +203,13 @@ class Recording:
         Returns
         -------
         (3,) float64 or None
-            Unit vector in camera coordinates (x right, y down, z forward): as it was measured with the frame, else by
-            the frame's pose; None where the recording tells neither.
+            Unit vector in camera coordinates (x right, y down, z forward): measured with the frame, else from the
+            frame's pose; None if the recording has neither.
 
         Raises
         ------
         FrameError
-            If there was none to be read for this frame.
+            Up cannot be read for this frame.
         """
         measured = self._frames[index].up_camera is not None
         return self._up_in(index, None if measured or self.up_world is None else self.pose(index))
@@ -223,14 +222,14 @@ class Recording:
         return None if T_world_camera is None or self.up_world is None else T_world_camera[:3, :3].T @ self.up_world
 
     def _up_if_told(self, index: int, T_world_camera: Float64Array | None) -> Float64Array | None:
-        """Return it, None where it is unknown: that is no fault of the frame's images."""
+        """Return up in the camera, or None if it is unknown: the frame's images remain usable."""
         try:
             return self._up_in(index, T_world_camera)
         except FrameError:
             return None
 
     def color_name(self, index: int) -> str | None:
-        """Return the file of a frame's color image as seen from the recording; None where it has no file of its own."""
+        """Return a frame's color file, relative to the recording; None if it has no separate file."""
         color = self._frames[index].color
         return self._name(color) if isinstance(color, Path) else None
 
@@ -249,7 +248,7 @@ class Recording:
         """
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of a recording with {len(self)} frames")
-        T_world_camera = self.pose(index)  # first: it costs the least
+        T_world_camera = self.pose(index)  # first, because it is the cheapest
         color, raw, depth_name = self._decode(self._frames[index])
         expected = (self.intrinsics.height, self.intrinsics.width)
         if color.shape[:2] != expected:
@@ -270,11 +269,11 @@ class Recording:
         Parameters
         ----------
         every : int
-            Take one frame in this many, from frame 0.
+            Use every n-th frame, from frame 0.
         limit : int or None
             At most this many frames, skipped ones included.
         prefetch : bool
-            Decode the next frames in a thread of their own while the consumer works on this one.
+            Whether to decode the next frames in a separate thread.
         """
         if every < 1 or (limit is not None and limit < 0):
             raise ValueError(f"every must be at least 1 and limit at least 0, got {every} and {limit}")
@@ -292,7 +291,7 @@ class Recording:
             return SkippedFrame(index, str(error))
 
     def _decode(self, entry: FrameEntry) -> tuple[UInt8Array, DepthArray, str]:
-        """Return color, depth as stored and its name; FrameError unless both are there and of the expected sizes."""
+        """Return color, stored depth and its name; raise FrameError unless both exist in the expected sizes."""
         if entry.fault is not None:
             raise FrameError(entry.fault)
         if entry.color is None or entry.depth is None:
@@ -328,7 +327,7 @@ class Recording:
         return width, height
 
     def _name(self, source: ImageSource | None) -> str:
-        """Return a file's name as seen from the recording."""
+        """Return a file's name relative to the recording."""
         if not isinstance(source, Path):
             return "(in the recording's file)"
         return str(source.relative_to(self.path)) if source.is_relative_to(self.path) else str(source)

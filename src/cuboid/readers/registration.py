@@ -1,4 +1,4 @@
-"""Carries depth into the color image, where the two come from cameras side by side."""
+"""Registration of depth to color, for two cameras side by side."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.readers.depth_camera import DepthCamera
 
-# A pixel whose ray, bent by the lens again, comes out this far from it has no ray: it lies where the lens's model ends.
+# Maximum error, pixels, of a pixel's ray when projected through the lens again; beyond it the lens model is not valid.
 RAY_ERROR_PX = 0.5
-# With a shorter focal length a camera sees all before it in a few pixels.
+# Minimum focal length, pixels: with a shorter one the whole scene fits into a few pixels.
 MIN_FOCAL_PX = 1.0
-# A lens that gives fewer of its pixels a ray is none.
+# Minimum fraction of pixels with a valid ray; with fewer the lens is implausible.
 MIN_SEEN = 0.5
 
 
 class Registration:
     """Registration of depth from its own camera to the color image, computed once for all frames.
 
-    Every surface that the depth camera sees keeps its place in space, is seen from where the color camera is, and hides
-    what lies behind it. What the color camera sees and the depth camera does not has no reading.
+    Every surface seen by the depth camera is projected to the color camera and hides surfaces behind it. Surfaces that
+    only the color camera sees have no reading.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ def _rays(depth: DepthCamera) -> Float64Array:
 
 
 def _footprint(rays: Float64Array, T_color_depth: Float64Array, color: Intrinsics) -> Float32Array:
-    """Return how far in the color image (u, v) the next column and the next row lie (H, W, 4).
+    """Return the steps (u, v) in the color image to the next column and the next row, (H, W, 4).
 
-    For a surface that faces the camera, at a depth at which the distance of the cameras does not count.
+    They hold for a surface that faces the camera, at a depth where the baseline is negligible.
     """
     focal = np.array([color.fx, color.fy])
-    turned = T_color_depth[:2, :2] * focal[:, None]  # what a small step of a ray becomes in the color image
+    turned = T_color_depth[:2, :2] * focal[:, None]  # a ray's small step in the color image
     steps = [np.nan_to_num(np.gradient(rays, axis=axis) @ turned.T) for axis in (1, 0)]
     return np.concatenate(steps, axis=2).astype(np.float32)

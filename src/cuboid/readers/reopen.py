@@ -26,24 +26,24 @@ def reopen_recording(
     Parameters
     ----------
     path : Path
-        Where it lies now.
+        Present path of the recording.
     format : str
-        Name of its layout, from the results.
+        Name of the format, from the results.
     intrinsics : Intrinsics
-        Of its color image, from the results.
+        Intrinsics of the color image, from the results.
     distortion : tuple of float
-        Of its lens, from the results; it was taken out.
+        Distortion of the lens, from the results; it was removed.
     depth_camera : DepthCamera or None
-        From the results; depth was registered from it to color.
+        Depth camera from the results, whose depth was registered to color.
     last_frame : int
-        The last of its frames that the results speak of.
+        The last frame in the results.
     depth_units_per_metre : float, optional
-        Of its depth images, from the results; its own where they do not say.
+        Units of the depth images, from the results; default: the recording's own.
 
     Raises
     ------
     InputError
-        It is not there, or its size or its number of frames shows that it is another one.
+        The recording is missing, or its image size or number of frames differs from the results.
     """
     K = intrinsics
     camera = Calibration(K.fx, K.fy, K.cx, K.cy, None, "the results", distortion, depth_camera)

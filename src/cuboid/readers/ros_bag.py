@@ -38,13 +38,13 @@ from cuboid.readers.tum import associate
 
 OPTIONS = ("color", "depth", "pose")
 CAMERA_INFO, IMU = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/Imu"
-# Color and depth of one frame are at most this far apart, or half the time between two images where that is more.
+# Maximum time between color and depth of one frame, or half the time between two images if that is more.
 WITHIN_S = 0.02
-# Words in a topic's name by which it is preferred, the first most, and by which it is neither color nor depth.
+# Words in names of preferred topics, the best first, and words in names of topics that are neither color nor depth.
 DEPTH_WORDS = ("aligned_depth_to_color", "depth_registered", "depth")
 COLOR_WORDS = ("color", "rgb", "image")
 NEITHER = ("infra", "/ir/", "confidence", "mask", "fisheye", "theora", "ffmpeg")
-# A clock in the headers that is further than this from the clock of the log is not a clock of the same world.
+# Maximum difference between header times and log times from the same clock.
 SAME_CLOCK_S = 5.0
 
 
@@ -62,12 +62,12 @@ def _files(path: Path) -> list[Path]:
 
 
 def read(path: Path) -> Listing:
-    """List the frames with the topics that are found."""
+    """List the frames of the topics that are found."""
     return read_topics(path, {})
 
 
 def read_topics(path: Path, topics: Mapping[str, str]) -> Listing:
-    """List the frames of some topics; InputError where there are none, or several to choose from."""
+    """List the frames of given topics; raise InputError if there are none, or several candidates."""
     for kind in topics:
         if kind not in OPTIONS:
             raise InputError(f"topics are chosen with {'=, '.join(OPTIONS)}=, got '{kind}='")
@@ -108,7 +108,7 @@ def _image_topics(bag: Bag, path: Path, topics: Mapping[str, str]) -> tuple[str,
 
 
 def _best(candidates: list[str], words: tuple[str, ...], bag: Bag, path: Path, what: str) -> str:
-    """Return the topic whose name is preferred; of equals the raw one, and the one with the most messages."""
+    """Return the topic with the preferred name; in a tie the raw one, then the one with the most messages."""
     if not candidates:
         raise InputError(f"{path}: has no topic with {what} images; it has {', '.join(sorted(bag.types))}")
 
@@ -132,7 +132,7 @@ def _pose_topic(bag: Bag) -> str | None:
 
 
 def _gravity(bag: Bag, transforms: Transforms, frame: str) -> Gravity | None:
-    """Return what measures gravity: the first accelerometer that is fixed to the camera; None where there is none."""
+    """Return the first accelerometer that is fixed to the camera, as a gravity sensor, or None."""
     for topic in sorted(topic for topic, kind in bag.types.items() if kind == IMU):
         first = bag.first(topic) if len(bag.times(topic)) else None
         if first is None or not measures_gravity(first):
@@ -187,7 +187,7 @@ def _pose(bag: Bag, topic: str, time_ns: int, transforms: Transforms) -> Float64
 def _calibration(
     bag: Bag, transforms: Transforms, color: tuple[str, Any], depth: tuple[str, Any]
 ) -> Calibration | None:
-    """Return the cameras; None where color's is not known."""
+    """Return the cameras; None if the color camera is unknown."""
     info, depth_info = _camera_info(bag, color[0]), _camera_info(bag, depth[0])
     if info is None:
         return None

@@ -1,4 +1,4 @@
-"""TUM RGB-D (Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012), and its form.
+"""TUM RGB-D (Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012), and its format.
 
 Expected tree::
 
@@ -10,16 +10,15 @@ Expected tree::
       depth/1305031102.160407.png  16-bit, 1/5000 m, 0 is no reading
       camera.json                  for cameras other than freiburg1, 2 and 3
 
-Color, depth and poses run on clocks of their own. Each color image takes the depth image nearest in time,
+Color, depth and poses have separate timestamps. Each color image takes the depth image nearest in time,
 one to one; the frame's time, and its pose, are those of the depth image, since depth is what is measured.
 
-Color and depth are pixel to pixel, and bent alike: the depth images were registered to the color images as they come
-from the lens. The distortion that the dataset's page gives for freiburg1 and 2 (the images of freiburg3 come without)
-is taken out of both. On fr1/xyz poses estimated from the images are then 1.16 cm off, as they come 1.70 cm; and the
-focal length at which the frames fit together best by the given poses is 522.9 +- 1.4 pixels, as they come 531.0 +- 1.5,
-where the page gives 517.3. Color alone must not be undistorted, that moves it away from depth: the mean distance from a
-depth edge to the nearest color edge (at most 6 pixels), where the distortion is over 3 pixels, grows from 3.04 to
-3.30 pixels.
+Color and depth are aligned and have the same distortion: the depth images were registered to the distorted color
+images. The distortion that the dataset's page gives for freiburg1 and 2 (the images of freiburg3 come without) is
+removed from both. On fr1/xyz the error of poses estimated from the images is then 1.16 cm, and 1.70 cm without it. The
+focal length with the best agreement of frames under the given poses is 522.9 +- 1.4 pixels, and 531.0 +- 1.5 without
+it; the page gives 517.3. Undistorting only color would misalign it with depth: the mean distance from a depth edge to
+the nearest color edge (at most 6 pixels), where the distortion is over 3 pixels, grows from 3.04 to 3.30 pixels.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ DEPTH_UNITS_PER_METRE = 5000.0
 ASSOCIATE_WITHIN_S = 0.02
 # Folders of the Bonn dataset, which has the same files, are named rgbd_bonn_balloon and the like.
 BONN = "rgbd_bonn"
-# Where color comes this much more often than depth (60 Hz and 30 Hz), the color images between are no frames.
+# Minimum ratio of the rates of color and depth (60 Hz and 30 Hz) at which color images without depth are ignored.
 FASTER_STREAM = 1.5
 
 # Color camera and the distortion of its lens (k1, k2, p1, p2, k3), by the dataset's page; the folder's name tells which
@@ -103,7 +102,7 @@ def associate(times_a_s: list[float], times_b_s: list[float], within_s: float) -
     Returns
     -------
     dict of int to int
-        From positions in a to positions in b; what has no partner is absent.
+        Positions in a with their positions in b; positions without a partner are absent.
     """
     order = np.argsort(np.asarray(times_b_s, np.float64), kind="stable")
     sorted_b = np.asarray(times_b_s, np.float64)[order]

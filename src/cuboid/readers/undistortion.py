@@ -1,4 +1,4 @@
-"""Takes the distortion of a lens out of color and depth, so that what follows sees a pinhole."""
+"""Removal of lens distortion from color and depth, so that later stages get pinhole images."""
 
 from __future__ import annotations
 
@@ -14,17 +14,16 @@ from cuboid.core.frame import Float64Array, UInt8Array
 # Depth as stored: whole units, or units with fractions.
 DepthArray = npt.NDArray[np.uint16] | npt.NDArray[np.float32]
 
-# An image that is stretched or pressed together by more than this factor of its area anywhere is no camera's.
+# Maximum factor by which a plausible lens stretches or compresses the area anywhere in the image.
 MAX_STRETCHED = 10.0
 
 
 class Undistortion:
-    """The pixels of a distorted image that those of a pinhole's see, found once for all frames.
+    """The map from pinhole pixels to pixels of the distorted image, computed once for all frames.
 
     The pinhole has the focal length, the centre and the size of the distorted camera. Color is interpolated; each depth
-    is a reading of the image, never a mean of two surfaces. Where the pinhole sees more than the image has, it is
-    black and without depth; that is better than an edge that goes on, to which estimated poses hold (fr1/xyz: 1.26 cm
-    off instead of 1.16).
+    is a reading of the image, never a mean of two surfaces. Outside the distorted image, color is black and there is no
+    depth. Replicating the border instead misleads pose estimation (fr1/xyz: error 1.26 cm instead of 1.16).
 
     Parameters
     ----------
@@ -69,7 +68,7 @@ class Undistortion:
 
 
 def rescaled(coefficients: Sequence[float], factor: float) -> tuple[float, ...]:
-    """Return the coefficients that bend the same pixels by the same way when the focal length is `factor` times it."""
+    """Return the coefficients with the same distortion in pixels for a focal length `factor` times as long."""
     powers = (2, 4, 1, 1, 6, 2, 4, 6)
     return tuple(float(value * factor**power) for value, power in zip(coefficients, powers, strict=False))
 

@@ -25,7 +25,7 @@ class VideoFile:
     Raises
     ------
     InputError
-        It cannot be opened, or holds no pictures.
+        The video cannot be opened, or contains no pictures.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,7 +44,7 @@ class VideoFile:
         self._container: Any = av.open(file, "r")
         self._close = weakref.finalize(self, _close, self._container, file)
         self._frames: Iterator[Any] = iter(())
-        self._next = -1  # number of the picture that comes next, -1 where that is not known
+        self._next = -1  # number of the next picture, -1 if unknown
 
     def __len__(self) -> int:
         """Return the number of pictures."""

@@ -36,7 +36,7 @@ CLEAR_M, WIDEST_M = 0.04, 0.17
 OVER_M = 0.14
 # Pose of absent objects and people: below the floor.
 AWAY = shift((0.0, 0.0, -8.0))
-# Name, inner sides and wall thickness of the open box, metres.
+# Name of the open box, its sides and its wall thickness, metres.
 OPEN_BOX, OPEN_BOX_M, WALL_M = "open box", (0.26, 0.2, 0.1), 0.004
 # Distance at which a walker passes the middle of the table; lateral distance at which the walk begins and ends, metres;
 # walking speed.

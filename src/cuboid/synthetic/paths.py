@@ -19,7 +19,7 @@ STEP_M = 0.0165
 STEP_RAD = np.radians(1.2)
 # The camera's inertia: its path is smoothed over this many frames.
 INERTIA_FRAMES = 5.0
-# Maximum number of curve pieces between waypoints; poses are interpolated between them.
+# Number of points on the curve through all waypoints; poses are interpolated between them.
 _PIECES = 2400
 
 
@@ -134,7 +134,8 @@ PoseNoise = Callable[[Float64Array, np.random.Generator], Float64Array]
 # Standard deviation of the error of each frame, which accumulates: after 200 frames about 1.4 cm and 0.4 degrees, as
 # with good odometry without loop closure around a table.
 DRIFT_M, DRIFT_RAD = 0.001, np.radians(0.03)
-# A jump, as when tracking is lost and recovered: mean interval, size of translation and rotation.
+# A jump, as when tracking is lost and recovered: mean interval (frames), range of translation and rotation, range of
+# duration (frames).
 JUMP_EVERY_FRAMES = 45
 JUMP_M, JUMP_RAD = (0.01, 0.035), (np.radians(0.4), np.radians(1.5))
 JUMP_FRAMES = (6, 20)

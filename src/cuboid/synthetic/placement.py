@@ -109,7 +109,7 @@ class Arrangement:
     def put_in(self, model: Model, other: SceneObject, inside: Surface, gap: float) -> SceneObject | None:
         """Put a model anywhere on the floor of a container, `gap` metres from its walls and from others in it.
 
-        Returns None where there is no room.
+        Returns None if there is no room.
         """
         model = turned(model, self._rng.uniform(0, 2 * np.pi))
         outline = hull(model.mesh().vertices[:, :2])

@@ -1,4 +1,4 @@
-"""Edges of depth, and how well color shows edges where they are put."""
+"""Depth edges, and the strength of color edges at their moved positions."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ def depth_edges(depth_m: Float32Array, jump: float, gap: int, out: Float32Array,
     Parameters
     ----------
     depth_m : (H, W) float32
-        Metres, 0 is no reading.
+        Depth, metres; 0 is no reading.
     jump : float
-        The next reading must be farther by more than this fraction of the depth.
+        Minimum increase of depth to the next reading, as a fraction of the depth.
     gap : int
-        Pixels without a reading (the shadow of a projector) that may lie between the two.
+        Maximum number of pixels without a reading (the shadow of a projector) between the two.
     out : (N, 3) float32
         Written: column, row of the edge, half a pixel beyond the last reading of the nearer surface, and its depth.
     across : (N,) bool
@@ -29,7 +29,7 @@ def depth_edges(depth_m: Float32Array, jump: float, gap: int, out: Float32Array,
     Returns
     -------
     int
-        How many were found, at most N.
+        Number of edges found, at most N.
     """
     height, width = depth_m.shape
     found = 0
@@ -42,7 +42,7 @@ def depth_edges(depth_m: Float32Array, jump: float, gap: int, out: Float32Array,
                 dc = 1 if side == 0 else -1 if side == 1 else 0
                 dr = 1 if side == 2 else -1 if side == 3 else 0
                 if depth_m[r - dr, c - dc] <= 0 or abs(depth_m[r - dr, c - dc] - z) > jump * z * 0.5:
-                    continue  # a lone reading is no surface
+                    continue  # a single isolated reading is no surface
                 row, column, steps = r + dr, c + dc, 0
                 while 0 <= row < height and 0 <= column < width and depth_m[row, column] <= 0 and steps < gap:
                     row, column, steps = row + dr, column + dc, steps + 1
@@ -66,20 +66,20 @@ def edge_agreement(
     sums: Float64Array,
     counts: Float64Array,
 ) -> None:
-    """Sum the strength of color's edges where moves put depth's edges.
+    """Sum the strength of color edges at the moved positions of depth edges.
 
     A move (g, du, dv, p, q) puts an edge at (u, v) of depth z to center + g ((u, v) - center) + (du, dv) + (p, q) / z.
 
     Parameters
     ----------
     places : (N, 3) float32
-        Column, row and depth of depth's edges.
+        Column, row and depth of depth edges.
     across : (N,) bool
         Whether an edge crosses its row, else its column.
     image : (N,) int32
-        Which image it is of.
+        Image of each edge.
     strength : (F, 2, H, W) float32
-        How strong an edge across the row, and across the column, each image has at each pixel.
+        Strength of color edges across the row, and across the column, in each image.
     moves : (M, 5) float64
     center : (2,) float64
     sums, counts : (M, F) float64

@@ -1,4 +1,4 @@
-"""Depth of one camera in the image of another."""
+"""Projection of one camera's depth into another camera's image."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from cuboid.core.compiled import kernel
 from cuboid.core.frame import Float32Array, Float64Array
 
-# Half the side of what a reading covers, in pixels of the depth image: a little more than half a pixel, since
-# neighbours of a curved surface do not meet exactly.
+# Half the side of a reading's footprint, in pixels of the depth image: slightly more than half a pixel, because
+# neighbours on a curved surface do not meet exactly.
 COVERS_PX = 0.6
-# Readings of neighbours lie on one surface if their depths differ by no more than a surface tilted by 80 degrees
-# makes of a pixel, and three deviations of structured light's noise (1.425e-3 z^2 m; Khoshelham, Oude Elberink,
+# Neighbouring readings lie on one surface if their depths differ by at most the step per pixel of a surface tilted by
+# 80 degrees, plus three standard deviations of structured light's noise (1.425e-3 z^2 m; Khoshelham, Oude Elberink,
 # Sensors 2012), the largest of the common sensors.
 STEEPEST = 5.7
 NOISE_PER_M = 3 * 1.425e-3
@@ -27,16 +27,16 @@ def project_depth(
     K_color: Float64Array,
     uvz: Float32Array,
 ) -> None:
-    """Give each reading its place in the color image.
+    """Compute the position of each reading in the color image.
 
     Parameters
     ----------
     depth_m : (H, W) float32
-        Metres, 0 is no reading.
+        Depth, metres; 0 is no reading.
     rays : (H, W, 2) float32
         x / z and y / z of each pixel of the depth image; NaN where none is known.
     T_color_depth : (4, 4) float64
-        Carries coordinates of the depth camera to those of the color camera.
+        Transform from the depth camera to the color camera.
     K_color : (4,) float64
         fx, fy, cx, cy of the color image.
     uvz : (H, W, 3) float32
@@ -63,24 +63,23 @@ def project_depth(
 def splat_depth(
     uvz: Float32Array, footprint: Float32Array, pixel: float, offset: Float32Array, out_m: Float32Array
 ) -> None:
-    """Draw each reading over the pixels of the color image that it covers, the nearest surface in front.
+    """Draw each reading onto the pixels of the color image that it covers; the nearest surface wins.
 
-    A reading covers the parallelogram halfway to its neighbours on the same surface, its depth going over into theirs;
-    where it has none there, its own footprint at its own depth: surfaces are whole whatever the two
-    resolutions are, and nothing is drawn between two of them. Of several readings of one surface the one whose
-    middle is nearest counts.
+    A reading covers the parallelogram halfway to its neighbours on the same surface, with interpolated depth; without a
+    neighbour, its own footprint at its own depth. So surfaces have no gaps at any ratio of resolutions, and nothing is
+    drawn between two surfaces. Of several readings of one surface, the one with the nearest middle is used.
 
     Parameters
     ----------
     uvz : (H, W, 3) float32
-        From `project_depth`.
+        Output of `project_depth`.
     footprint : (H, W, 4) float32
         Pixels of the color image to the next column (u, v) and the next row (u, v) of the depth image, for a surface
         that faces the camera.
     pixel : float
         Width of a pixel of the depth image at 1 m, metres.
     offset : (h, w) float32
-        Written: square of how far the middle of the reading that counts is, in pixels of the depth image.
+        Written: squared distance to the middle of the used reading, in pixels of the depth image.
     out_m : (h, w) float32
         Written: depth in the color image, 0 where there is no reading.
     """
