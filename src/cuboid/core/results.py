@@ -236,6 +236,8 @@ class TrackedObject:
         The next most likely classes, at most three, with their probabilities.
     kind : str
         "volume"; for objects without depth readings "flat" (on a plane) or "box".
+    size_sigma_m : tuple of float
+        Standard deviations of the three sizes of the box, metres, for objects without depth readings; else empty.
     relations : tuple of Relation
         Relations to other objects and to surfaces; empty if they were not requested.
     """
@@ -268,6 +270,7 @@ class TrackedObject:
     name_score: float | None = None
     names: tuple[tuple[str, float], ...] = ()
     kind: str = "volume"
+    size_sigma_m: tuple[float, ...] = ()
     relations: tuple[Relation, ...] = ()
 
     def with_given_name(self, name: str) -> Self:

@@ -79,6 +79,11 @@ def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
         ("name_score", _Score, "probability of the class; absent for a user's name"),
         ("names", _Names, "the next most likely classes, at most 3, with their probabilities"),
         ("kind", _Kind, "`flat` (on a plane) or `box` for objects without depth readings; absent for volumes"),
+        (
+            "size_sigma_m",
+            Sides | UnsetType,
+            "standard deviations of `size`, metres; only for objects without depth readings",
+        ),
         ("relations", _Relations, "relations to other objects and surfaces; absent if they were not requested"),
     ):
         yield name, Annotated[kind, Meta(description=what)], UNSET
