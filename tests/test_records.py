@@ -48,8 +48,8 @@ def test_a_record_is_written_as_its_fields_say() -> None:
 
 def test_each_field_of_an_object_is_in_every_file_and_table() -> None:
     described = columns_of(TrackedObject)
-    # The classes of a detector, relations, and the planes of furniture are lists, which only some files hold.
-    lists = {"name_score", "names", "kind", "relations", "planes"}
+    # The classes of a detector, relations, uncertain sizes and the planes of furniture are lists in some files only.
+    lists = {"name_score", "names", "kind", "size_sigma_m", "relations", "planes"}
     declared = {one.name for one in described} | {"center", "size", "rotation"} | lists
     assert declared == {*ObjectEntry.__struct_fields__}
     assert {*names_in(described)} < {*COLUMNS}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -13,9 +14,14 @@ import pytest
 
 from cuboid.cli import main
 from cuboid.core.errors import InputError, OutputError
+from cuboid.detection import models
 from cuboid.detection.fetching import fetch
 from cuboid.detection.models import MODELS, Model, models_folder
 
+# A file of a release, or of one revision: a branch may change.
+PUBLISHED = re.compile(
+    r"https://(github\.com/[^/]+/[^/]+/releases/download|huggingface\.co/[^/]+/[^/]+/resolve/[0-9a-f]{40})/"
+)
 CONTENT = bytes(range(256)) * 4096  # a megabyte
 
 
@@ -138,7 +144,7 @@ def test_what_is_listed_has_a_checksum_a_license_and_the_publishers_address() ->
     for model in MODELS.values():
         assert len(model.sha256) == 64
         assert model.license in ("Apache-2.0", "MIT", "BSD-3-Clause")
-        assert model.url.startswith("https://github.com/")
+        assert PUBLISHED.match(model.url)
         assert model.size_bytes > 1_000_000
 
 
@@ -146,3 +152,26 @@ def test_the_folder_of_models(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     monkeypatch.delenv("CUBOID_MODELS", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert models_folder() == tmp_path / "cuboid" / "models"
+
+
+def test_a_model_of_any_size_gets_the_size_that_it_was_trained_with(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("CUBOID_MODELS", str(tmp_path))
+    asked: list[int | None] = []
+    monkeypatch.setattr(models, "OnnxDetector", lambda path, options: asked.append(options.size))
+    for name in ("d-fine-n", "yolox-nano"):
+        MODELS[name].path.write_bytes(b"weights")
+        for options in (None, "score=0.1", "size=320"):
+            models.kept_model(name, options)
+    assert asked == [640, 640, 320, None, None, 320]
+
+
+def test_the_list_has_a_dozen_models_with_all_their_facts(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["models", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["models"]
+    assert len(rows) >= 12
+    for fact in ("name", "url", "sha256"):
+        assert len({row[fact] for row in rows}) == len(rows)
+    assert main(["models"]) == 0
+    assert "not measured" in capsys.readouterr().out

@@ -1,6 +1,7 @@
 """Cameras that a ROS 2 node publishes: over DDS without ROS (extra ``ros2``), or over any other transport.
 
-Options of ``--camera ros2``: ``color=`` and ``depth=`` the topics of images (``Image`` or ``CompressedImage``), if they are not found by
+Options of ``--camera ros2``:
+``color=`` and ``depth=`` the topics of images (``Image`` or ``CompressedImage``), if they are not found by
 name; ``domain=`` ROS_DOMAIN_ID (default: from the environment, or 0); ``info=`` the topic of color's ``CameraInfo``, if
 it is not beside the color topic.
 

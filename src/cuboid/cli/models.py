@@ -54,6 +54,7 @@ def _row(name: str) -> dict[str, Any]:
         "license": model.license,
         "publisher": model.publisher,
         "size_bytes": model.size_bytes,
+        "milliseconds": model.milliseconds,
         "sha256": model.sha256,
         "url": model.url,
         "path": str(model.path) if model.path.is_file() else None,
@@ -64,11 +65,13 @@ def _show(rows: list[dict[str, Any]]) -> None:
     from cuboid.cli.tables import console, new_table
 
     out = console()
-    table = new_table("model", "what", "license", "publisher", "MB", "downloaded", left=4)
+    table = new_table("model", "what", "license", "publisher", "MB", "ms", "kept", left=4)
     for row in rows:
         kept = "yes" if row["path"] else "no"
         size_mb = f"{row['size_bytes'] / 1e6:.1f}"
-        table.add_row(row["name"], row["what"], row["license"], row["publisher"], size_mb, kept)
+        took = "-" if row["milliseconds"] is None else f"{row['milliseconds']:.0f}"
+        table.add_row(row["name"], row["what"], row["license"], row["publisher"], size_mb, took, kept)
     out.print(table)
+    out.print("ms: an image on one quiet core, - not measured; kept: downloaded before", markup=False)
     for row in rows:
         out.print(f"{row['name']}: {row['path'] or row['url']}", markup=False, soft_wrap=True)

@@ -16,6 +16,7 @@ from cuboid.core.results import TrackedObject
 from cuboid.outputs import RunReport, Timing
 from cuboid.outputs.folder import EVENTS
 from cuboid.outputs.rows import EventRow
+from cuboid.tracking.measuring import DETECTOR_BUDGET, DetectorCost
 
 # A pipe has no width: tables take what they need, and no cell is cut.
 WIDE = 200
@@ -133,6 +134,19 @@ def skipped_lines(report: RunReport) -> list[str]:
     if len(kinds) > KINDS_SHOWN:
         lines.append(f"  and {sum(kind.count for kind in kinds[KINDS_SHOWN:])} others")
     return lines
+
+
+def detector_lines(milliseconds: Mapping[str, Sequence[float]]) -> list[str]:
+    """Return the line about the time of the detector, and how often it may run; none without a detector."""
+    cost = DetectorCost.of(milliseconds["frame"], milliseconds.get("detector", ()))
+    if cost is None:
+        return []
+    line = (
+        f"detector: {cost.detector_ms:.1f} ms; with it a frame takes {cost.mean_ratio:.2f} times as long on average, "
+        f"{cost.median_ratio:.2f} times on median"
+    )
+    within = f"; --detector-every {cost.every} keeps the average within {DETECTOR_BUDGET}"
+    return [line + (within if cost.mean_ratio > DETECTOR_BUDGET else "")]
 
 
 def limit_lines(report: RunReport) -> list[str]:

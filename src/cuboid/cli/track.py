@@ -207,7 +207,15 @@ def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:
 
 def print_outcome(outcome: RunOutcome, output: Path) -> None:
     """Print the table of objects and the summary of the run."""
-    from cuboid.cli.tables import console, event_lines, furniture_lines, limit_lines, objects_table, skipped_lines
+    from cuboid.cli.tables import (
+        console,
+        detector_lines,
+        event_lines,
+        furniture_lines,
+        limit_lines,
+        objects_table,
+        skipped_lines,
+    )
     from cuboid.core.compiletime import compiling_s
     from cuboid.outputs import Results
     from cuboid.outputs.folder import REPORT, VIDEO
@@ -221,7 +229,7 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         out.print(line, markup=False)
     for warning in report.warnings:
         out.print(f"warning: {warning}", markup=False, soft_wrap=not out.is_terminal)
-    for line in [*skipped_lines(report), *limit_lines(report)]:
+    for line in [*skipped_lines(report), *limit_lines(report), *detector_lines(outcome.milliseconds)]:
         out.print(line, markup=False)
     if report.frames_dropped:
         out.print(f"{counted(report.frames_dropped, 'frame')} of the camera dropped: the tracker was too slow for them")

@@ -239,6 +239,8 @@ class TrackedObject:
     kind : str
         "volume"; for objects without depth readings "flat" (on a plane) or "box"; "support" for furniture that bears
         supporting planes.
+    size_sigma_m : tuple of float
+        Standard deviations of the three sizes of the box, metres, for objects without depth readings; else empty.
     relations : tuple of Relation
         Relations to other objects and to surfaces; empty if they were not requested.
     planes : tuple of int
@@ -273,6 +275,7 @@ class TrackedObject:
     name_score: float | None = None
     names: tuple[tuple[str, float], ...] = ()
     kind: str = "volume"
+    size_sigma_m: tuple[float, ...] = ()
     relations: tuple[Relation, ...] = ()
     planes: tuple[int, ...] = ()
 

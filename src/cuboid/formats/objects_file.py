@@ -86,6 +86,11 @@ def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
             "`flat` (on a plane) or `box` for objects without depth readings; `support` for furniture that bears "
             "supporting planes, and is no object; absent for volumes",
         ),
+        (
+            "size_sigma_m",
+            Sides | UnsetType,
+            "standard deviations of `size`, metres; only for objects without depth readings",
+        ),
         ("relations", _Relations, "relations to other objects and surfaces; absent if they were not requested"),
         ("planes", _Planes, "indices of the supporting planes that furniture bears; absent for objects"),
     ):

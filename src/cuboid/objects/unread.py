@@ -152,8 +152,7 @@ class UnreadMap:
         self._add_ray(one, box, seen, weight)
         z = float(transform(seen.T_camera_world, one.center)[2])
         if z > NEAREST_M and not is_cut_off(box, seen):
-            one.weight += weight
-            one.size_m = one.size_m + (size_at(box, z, seen) - one.size_m) * weight / one.weight
+            one.add_size(size_at(box, z, seen), float(np.linalg.norm(one.center - seen.eye)), weight)
         self._hit[one.number] = box
 
     @staticmethod

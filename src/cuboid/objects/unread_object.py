@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cuboid.core.frame import Float64Array
+from cuboid.core.state import ADDED
 from cuboid.geometry.box import Box
 from cuboid.objects.affinity import CERTAIN_LOG_ODDS
 
@@ -22,6 +23,15 @@ FLAT_M, THIN_M = 0.05, 0.02
 MIN_SINE = 0.2
 # Shortest side, metres.
 MIN_SIDE_M = 0.01
+# Standard deviation of the sides of a detector's rectangle, as a fraction of them: small detectors' are off by a tenth.
+SIDE = 0.1
+# A rectangle does not tell how a thing is turned about up: its width may be that of a side half as long. Deviation of a
+# side that is uniform between, as a fraction of the width.
+TURNED = 0.5 / 3**0.5
+# What lies flat is up to twice `FLAT_M` thick. Deviation of `THIN_M` from thicknesses that are uniform up to there.
+THICKNESS_M = ((FLAT_M - THIN_M) ** 2 + (2.0 * FLAT_M) ** 2 / 12.0) ** 0.5
+# The side away from the camera is a guess, with this fraction of it as its deviation.
+GUESSED = 0.5
 
 
 @dataclass(slots=True, eq=False)
@@ -41,6 +51,10 @@ class UnreadObject:
         Width and height across the line of sight, metres.
     weight : float
         Sum of the weights of the sightings in `size_m`.
+    size_scatter_m2 : (2,) float64
+        Weighted variance of the sizes of the sightings.
+    distance_m : float
+        Weighted mean distance of the camera at the sightings.
     label : int
         Label, 0 until confirmed.
     hits : int
@@ -79,6 +93,8 @@ class UnreadObject:
     merged_labels: list[int] = field(default_factory=list)
     name_log_odds: dict[str, float] = field(default_factory=dict)
     views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)))
+    size_scatter_m2: Float64Array = field(default_factory=lambda: np.zeros(2), metadata=ADDED)
+    distance_m: float = field(default_factory=float, metadata=ADDED)
 
     @property
     def center(self) -> Float64Array:
@@ -89,6 +105,15 @@ class UnreadObject:
     def score(self) -> float:
         """Confidence that it exists, 0..1."""
         return float(1.0 / (1.0 + np.exp(-self.log_odds)))
+
+    def add_size(self, size_m: Float64Array, distance_m: float, weight: float) -> None:
+        """Take in the size (2,) of one more sighting, metres, from a distance."""
+        self.weight += weight
+        part = weight / self.weight
+        off_m = size_m - self.size_m
+        self.size_m = self.size_m + off_m * weight / self.weight
+        self.size_scatter_m2 = (1.0 - part) * (self.size_scatter_m2 + part * off_m**2)
+        self.distance_m += part * (distance_m - self.distance_m)
 
     @property
     def is_sure(self) -> bool:
@@ -120,8 +145,7 @@ def box_of(one: UnreadObject, planes: Planes) -> tuple[Box, str]:
     planes : Planes
     """
     center, (width, height) = one.center, np.maximum(one.size_m, MIN_SIDE_M).tolist()
-    toward = one.views[:, :3].sum(axis=0) if len(one.views) else planes.up
-    toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
+    toward = _toward(one, planes)
     across = np.cross(planes.up, toward)
     if np.linalg.norm(across) < 1e-3:  # seen from above: use any horizontal direction
         across = np.cross(planes.up, np.eye(3)[int(np.abs(planes.up).argmin())])
@@ -133,3 +157,44 @@ def box_of(one: UnreadObject, planes: Planes) -> tuple[Box, str]:
         reach = max((height - THIN_M * (1.0 - sine)) / sine, MIN_SIDE_M)
         return Box(center, np.array([width, reach, THIN_M]), rotation), "flat"
     return Box(center, np.array([width, min(width, height), height]), rotation), "box"
+
+
+def size_sigma_of(one: UnreadObject, planes: Planes, kind: str) -> Float64Array:
+    """Return the standard deviations (3,) of the sides of the box of a thing, metres.
+
+    Those of width and height follow from the scatter of the rectangles, from the error of a rectangle that all frames
+    share, and from the distance, as the triangulation knows it. What a rectangle does not tell comes on top: how the
+    thing is turned, and how far it reaches away from the camera.
+
+    Parameters
+    ----------
+    one : UnreadObject
+    planes : Planes
+    kind : str
+        As of `box_of`.
+    """
+    sides = np.maximum(one.size_m, MIN_SIDE_M)
+    width, height = sides.tolist()
+    toward = _toward(one, planes)
+    covariance = np.linalg.inv(one.information)
+    along_m = float(np.sqrt(toward @ covariance @ toward))
+    relative = np.hypot(SIDE, along_m / max(one.distance_m, along_m))
+    seen = np.sqrt(one.size_scatter_m2 + (relative * sides) ** 2)
+    wide = float(np.hypot(seen[0], TURNED * width))
+    sine = max(float(toward @ planes.up), 0.0)
+    cosine = float(np.sqrt(max(0.0, 1.0 - sine**2)))
+    if kind == "flat":
+        # Its thickness is twice the height of its middle above the plane.
+        thick = float(np.hypot(THICKNESS_M, 2.0 * np.sqrt(planes.up @ covariance @ planes.up)))
+        reach = np.array([seen[1], TURNED * height, thick * cosine]) / max(sine, MIN_SINE)
+        return np.array([wide, float(np.linalg.norm(reach)), thick])
+    cosine, deep = max(cosine, MIN_SINE), min(width, height)
+    # The rectangle's height is between that of a thing without depth and one that is as deep as the box.
+    shown = max(abs(height / cosine - height), abs(height - (height - deep * sine) / cosine)) / 3**0.5
+    return np.array([wide, GUESSED * deep, float(np.hypot(seen[1], shown))])
+
+
+def _toward(one: UnreadObject, planes: Planes) -> Float64Array:
+    """Return the mean direction (3,) from a thing to who looks at it."""
+    toward = one.views[:, :3].sum(axis=0) if len(one.views) else planes.up
+    return np.asarray(toward / max(float(np.linalg.norm(toward)), 1e-9))

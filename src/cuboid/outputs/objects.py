@@ -155,6 +155,7 @@ def object_to_json(item: TrackedObject) -> dict[str, Any]:
         **plain_fields(item, columns_of(TrackedObject)[1:]),
         **name_to_json(item),
         **kind,
+        **({"size_sigma_m": rounded_list(item.size_sigma_m, LENGTH)} if item.size_sigma_m else {}),
         **({"relations": [relation_to_json(one) for one in item.relations]} if item.relations else {}),
         **({"planes": list(item.planes)} if item.planes else {}),
     }
@@ -182,6 +183,7 @@ def _object(item: ObjectEntry) -> TrackedObject:
         name_score=None if item.name_score is UNSET else item.name_score,
         names=() if item.names is UNSET else tuple(item.names),
         kind="volume" if item.kind is UNSET else item.kind,
+        size_sigma_m=() if item.size_sigma_m is UNSET else item.size_sigma_m,
         relations=()
         if item.relations is UNSET
         else tuple(Relation(one.kind, one.to, one.score) for one in item.relations),

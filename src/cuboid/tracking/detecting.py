@@ -16,7 +16,7 @@ from cuboid.objects.entry import MapObject
 from cuboid.objects.naming import chosen_name, name_objects, name_scores
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.unread import UnreadMap
-from cuboid.objects.unread_object import Planes, box_of
+from cuboid.objects.unread_object import Planes, box_of, size_sigma_of
 from cuboid.objects.visibility import Visibility
 from cuboid.tracking.rolling import Roll
 
@@ -116,6 +116,7 @@ class Detecting:
                     plane=None,
                     merged_labels=tuple(one.merged_labels),
                     kind=kind,
+                    size_sigma_m=tuple(size_sigma_of(one, planes, kind).tolist()),
                     **chosen_name(name_scores(one.name_log_odds)),
                 )
             )

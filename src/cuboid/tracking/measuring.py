@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from array import array
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.compiletime import working_s
 from cuboid.core.limits import LIMITS
@@ -14,6 +19,8 @@ from cuboid.outputs import LimitReached, Timing
 # The first used frames include the loading of kernels and the filling of caches: stage times exclude them, unless the
 # run is so short that few frames would remain.
 WARM_UP_FRAMES = 10
+# With a detector a frame takes at most so many times as long as without, on average.
+DETECTOR_BUDGET = 1.5
 
 
 def warm_up_of(used: int) -> int:
@@ -84,6 +91,50 @@ class FrameLog:
         """Return median and 95th percentile of each stage after warm-up."""
         start = self._warm
         return {stage: Timing.of(values[start:]) for stage, values in self.milliseconds.items() if len(values)}
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorCost:
+    """The time that a detector adds to the frames of a run.
+
+    Attributes
+    ----------
+    detector_ms : float
+        Median time of the detector in a frame that it looks at.
+    median_ratio, mean_ratio : float
+        Median and mean time of a frame with the detector, over those without.
+    every : int
+        The least n for which the detector, on every n-th frame, keeps the mean ratio within `DETECTOR_BUDGET`.
+    """
+
+    detector_ms: float
+    median_ratio: float
+    mean_ratio: float
+    every: int
+
+    @classmethod
+    def of(cls, frame_ms: npt.ArrayLike, detector_ms: npt.ArrayLike) -> DetectorCost | None:
+        """Return the cost of a run; None where the detector looked at no frame after warm-up.
+
+        Parameters
+        ----------
+        frame_ms, detector_ms : (N,) array_like
+            Time of each used frame, and of the detector in it: 0 where it did not look.
+        """
+        whole, own = (np.asarray(values, np.float64) for values in (frame_ms, detector_ms))
+        if not len(own):
+            return None
+        start = warm_up_of(len(whole))
+        whole, own = whole[start:], own[start:]
+        rest, looks = whole - own, own[own > 0.0]
+        if not len(looks) or rest.mean() <= 0.0:
+            return None
+        return cls(
+            detector_ms=float(np.median(looks)),
+            median_ratio=float(np.median(whole) / np.median(rest)),
+            mean_ratio=float(whole.mean() / rest.mean()),
+            every=max(1, math.ceil(looks.mean() / ((DETECTOR_BUDGET - 1.0) * rest.mean()))),
+        )
 
 
 class FrameClock:
