@@ -1,4 +1,4 @@
-"""A question for objects, the same for a store, a result folder, a scene and a running tracker."""
+"""Conditions on objects, the same for a store, a result folder, a scene and a running tracker."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cuboid.core.values import RelationKind
 from cuboid.queries.likeness import COLOR_WORDS
 from cuboid.text_search import TextQuery
 
-# An object is found by a class that is not its name where the class is likely by this.
+# Minimum probability of a class, other than the name, by which an object is found.
 LIKELY = 0.2
 SURFACE = re.compile(r"(plane|wall):\d{1,9}")
 _LABEL = re.compile(r"#?(\d{1,9})")
@@ -20,35 +20,35 @@ _LABEL = re.compile(r"#?(\d{1,9})")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Filters:
-    """A query for objects; None matches everything.
+    """Conditions on objects; None matches everything.
 
     Attributes
     ----------
     size_m : (float, float) or None
-        Least and greatest length of the longest side.
+        Minimum and maximum length of the longest side.
     near : (float, float, float) or None
-        A place in the world, metres.
+        A point in the world, metres.
     near_object : str or None
         Another object, by label or name.
     within_m : float
-        Greatest distance from `near` and `near_object`.
+        Maximum distance from `near` or `near_object`.
     on, inside, beside : str or None
-        What it is on, in, or beside: label or name of an object, or "plane:k".
+        Label or name of the object that it is on, in or beside; or "plane:k".
     recording : str or None
         Glob of names of recordings.
     since, until : datetime or None
-        When it was last seen.
+        Range of the time of the last sighting.
     color : str or None
         One of `COLOR_WORDS`.
     name : str or None
         Its name, or one of the next likely classes with a probability of `LIKELY` and more; in any case.
     min_score : float or None
     like : (str, int) or None
-        Recording and label of an object: those most like it come first.
+        Recording and label of an object: the most similar objects come first.
     text : TextQuery or None
-        Objects are ranked by how well their pictures fit it; those without a vector of its model are left out.
+        Objects are ranked by how well their pictures fit it; objects without a vector of its model are left out.
     limit : int
-        This many at most.
+        Maximum number of objects.
     """
 
     size_m: tuple[float, float] | None = None

@@ -1,7 +1,7 @@
-"""Questions to one place and their answers: the layer below `cuboid find`, the HTTP server and the MCP server.
+"""Queries of one place: the layer below `cuboid find`, the HTTP server and the MCP server.
 
-Objects are answered from lists that are made anew when the map has changed. What takes long (relations, up, clouds,
-meshes) is found aside, from the place opened a second time: other questions do not wait for it.
+Queries of objects use lists that are rebuilt after the map has changed. Slow results (relations, up, vectors, clouds,
+meshes) are computed from a second opening of the place: other queries do not wait for them.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ from cuboid.shapes import ObjectMesh
 from cuboid.text_search import TextModel, ranked
 
 T = TypeVar("T")
-# What takes long to find is found again, after the map has changed, when it is this many times as old as it took.
-# So it takes a tenth of the time at most, and is no older than ten times what it takes.
+# A slow result is computed again after the map has changed, but not before this many times its computing time has
+# passed: computing takes at most a tenth of the time.
 REST = 10.0
-# With more objects, relations are found only around those that are asked for, in boxes nearer than this, metres: what
-# things are on, in and beside is decided by what is within `BESIDE_M` of them, and of what these are on.
+# With more objects, relations are computed only among objects within this distance of those of the query, metres: the
+# relations on, in and beside depend on objects within `BESIDE_M`, and on those that these are on.
 SMALL, AROUND_M = 300, 0.3
-# Sightings of a history that are answered unless others are asked for.
+# Default number of sightings in a history.
 SIGHTINGS = 20
-# Free height over a footprint unless another is asked for, metres: that of most things on tables.
+# Default free height above a footprint, metres: that of most objects on tables.
 FREE_HEIGHT_M = 0.3
 # Filters that need more than one recording, or the columns that a store has.
 ONLY_IN_A_STORE = ("recording", "like")
 
 
 class Place:
-    """A place that is asked, from any thread: one question at a time, each to the map as it is then.
+    """Queries of a place, from any thread; each sees the map of one moment.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Place:
         self.refresh()
 
     def refresh(self) -> None:
-        """Take the map as it is now, and note its changes; what asks for changes calls it now and then."""
+        """Compare the map with its previous state, and record the changes; servers call it at intervals."""
         with self._lock:
             now = self._now()
             if now is not self._compared:
@@ -83,7 +83,7 @@ class Place:
                 self._compared = now
 
     def about(self) -> About:
-        """Return what the place is."""
+        """Return title, kind and state of the place."""
         up = self._known_up()
         with self._lock:
             found = self._now().living
@@ -151,7 +151,7 @@ class Place:
             return self._answer(now, item, None, relations if state == "present" else None, state)
 
     def last_seen(self, what: str) -> list[FoundObject]:
-        """Return where objects were seen last, those that are gone as well, the latest first.
+        """Return the objects with a label or name at their last sighting, also those that are gone, the latest first.
 
         Parameters
         ----------
@@ -192,14 +192,14 @@ class Place:
         surface : str
             "plane:k".
         length_m, width_m, height_m : float
-            Of what is to stand there, metres.
+            Size of the object that needs the place, metres.
         near : str, optional
-            "X,Y,Z" in the world, or label or name of an object; the middle of the surface unless given.
+            "X,Y,Z" in the world, or label or name of an object; the middle of the surface by default.
 
         Raises
         ------
         InputError
-            There is no such surface or object, or a size is none.
+            There is no such surface or object, or a size is not positive.
         """
         with self._lock:
             planes, now = self._source.map.planes, self._now()
@@ -209,7 +209,7 @@ class Place:
             return free_place(surface, plane, boxes, (length_m, width_m, height_m), self._near(now, near))
 
     def tree(self) -> tuple[TreeNode, ...]:
-        """Return the tree of the place: surfaces, what is on them, and what is on and in that."""
+        """Return the tree of the place: surfaces, the objects on them, and the objects on and in those."""
         relations, up = self._known_relations(), self._known_up()
         with self._lock:
             now = self._now()

@@ -1,4 +1,4 @@
-"""What is asked: a result folder, a scene file; each tells its objects, when they were seen, and their pictures."""
+"""Sources of a place: a result folder or a scene file, with objects, sightings and pictures."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ CALENDAR_S = 1.0e9
 
 
 class Source(Protocol):
-    """The interface of a place that is asked; calls come from one thread at a time."""
+    """The interface of a source of a place; calls come from one thread at a time."""
 
     @property
     def title(self) -> str:
-        """What people call it."""
+        """Title for people."""
 
     @property
     def kind(self) -> Literal["results", "scene", "run"]:
-        """What it is."""
+        """Kind of the source."""
 
     @property
     def running(self) -> bool:
-        """Whether a run goes on."""
+        """Whether a run is active."""
 
     @property
     def map(self) -> MapQueries:
-        """The map as it is now."""
+        """The present map."""
 
     @property
     def aside(self) -> MapQueries:
-        """The same map for what takes long, asked by another thread."""
+        """The same map for slow queries of another thread."""
 
     def walls(self) -> Sequence[Wall]:
         """Return the walls that objects may be against, where finding them is cheap enough."""
@@ -51,10 +51,10 @@ class Source(Protocol):
         """Return the vectors of the objects by an image-text model, by label."""
 
     def version(self) -> object:
-        """Return what differs once the map has changed."""
+        """Return a value that differs after the map has changed."""
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
-        """Return all objects that are told, those that are gone as well, by label."""
+        """Return all objects, also those that are gone, by label."""
 
     def first_seen(self, item: TrackedObject) -> Seen:
         """Return when an object was seen first."""

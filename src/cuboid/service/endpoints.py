@@ -117,7 +117,7 @@ ENDPOINTS = (
     Endpoint("/api", "Title, number of objects, and state of the place", lambda place, _: place.about(), About),
     Endpoint(
         "/api/objects",
-        "Objects, with the conditions of `cuboid find`",
+        "Objects, with the conditions of cuboid find",
         _find,
         list[FoundObject],
         {name: PARAMETERS[name] for name in FILTERS},

@@ -1,4 +1,4 @@
-"""The page that tells people what a served place holds, and at which addresses."""
+"""The page of a served place: its objects, and the addresses of the API."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ STYLE = """
 .scrolls { overflow-x: auto; }
 td img { display: block; height: 44px; width: 58px; object-fit: cover; border-radius: 4px; background: var(--raised); }
 td:has(img) { width: 1px; }
+td .chip { vertical-align: middle; }
 a { color: inherit; text-decoration-color: var(--muted); text-underline-offset: 3px; }
 h1 { max-width: none; }
 .note { color: var(--muted); }
@@ -38,8 +39,8 @@ def front_page(place: Place) -> str:
     )
     objects = _table(_HEAD, [_object(one) for one in found]) if found else '<p class="empty">No object yet.</p>'
     addresses = [(_address(one.path), escape(one.what)) for one in ENDPOINTS]
-    addresses.append((f"<code>{SOCKET}</code>", "a WebSocket: each change of the map as it happens"))
-    addresses.append((_address("/openapi.json"), "all of this for programs, as an OpenAPI document"))
+    addresses.append((f"<code>{SOCKET}</code>", "A WebSocket that sends each change of the map"))
+    addresses.append((_address("/openapi.json"), "The description of this API for programs (OpenAPI)"))
     lines = [f"<tr><td>{address}</td><td class=wide>{what}</td></tr>" for address, what in addresses]
     title = f"<h1>{escape(about.title)}</h1><p class=note>{'running, ' if about.running else ''}{count}</p>"
     return (
