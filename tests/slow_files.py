@@ -78,6 +78,7 @@ SLOW_FILES = frozenset(
         "scene/test_scene.py",
         "service/test_client_of_the_docs.py",
         "service/test_mcp.py",
+        "service/test_place_by_text.py",
         "service/test_serve_place.py",
         "service/test_served_run.py",
         "scene/test_unread.py",

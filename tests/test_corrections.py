@@ -30,7 +30,9 @@ def drifted_tracker() -> PosedTracker:
     tracker = PosedTracker(CAMERA)
     for k in range(37):
         shown = eye(k) if k < 25 else DRIFT @ eye(k)
-        tracker.update(frame_of(SCENE, eye(k), k, T_shown=shown), anchor=1 if k < 25 else 2)
+        result = tracker.update(frame_of(SCENE, eye(k), k, T_shown=shown), anchor=1 if k < 25 else 2)
+        assert not result.events  # poses are off, no thing moves
+        assert not result.agents
     return tracker
 
 

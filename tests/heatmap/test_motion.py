@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from cuboid.core.working import thin
+from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.heatmap.motion import REST_S, Motion
 from made_scenes import CAMERA, cast, frame_of, look_at, upright
@@ -55,6 +57,38 @@ def test_nothing_moves_round_a_table_and_where_poses_are_a_little_off() -> None:
         shown = T.copy()
         shown[:3, 3] += rng.normal(0.0, 0.003, 3)
         assert motion.find(thin(frame, CAMERA, 320, index), shown, index / 30) is None
+
+
+SHIFTS = {
+    "jump": lambda k: se3.exp([0.02, 0.25 * (k >= 30), 0.01, 0.0, 0.0, 0.03 * (k >= 30)]),
+    "drift": lambda k: se3.exp([0.001 * k, 0.002 * k, 0.0, 0.0, 0.0, 0.0005 * k]),
+}
+
+
+@pytest.mark.parametrize("name", SHIFTS)
+def test_poses_that_are_off_move_no_things_and_hide_none_that_move(name: str) -> None:
+    motion, things = Motion(1.4e-3), [FLOOR, TABLE, thing(-0.3), thing(0.3)]
+    most = 0
+    for index in range(70):
+        angle = 0.01 * index
+        T = look_at((1.1 * np.sin(angle), -1.1 * np.cos(angle), 0.8), (0.0, 0.0, 0.0))
+        hand = upright((-0.8 + 0.02 * (index - 40), -0.2), (0.1, 0.1, 0.1), z=0.15)
+        boxes = [*things, hand] if index >= 40 else things
+        shown = SHIFTS[name](index) @ T
+        found = motion.find(thin(frame_of(boxes, T, index), CAMERA, 320, index), shown, index / 30)
+        truth = cast(boxes, T)[1] == 4
+        if found is not None:
+            assert (found.astype(bool) & ~truth).sum() < 400
+            most = max(most, (found.astype(bool) & truth).sum() / max(1, truth.sum()))
+    assert most > 0.7
+
+
+def test_a_camera_that_moves_under_a_pose_that_stands_sees_no_things_move() -> None:
+    motion = Motion(1.4e-3)
+    for index in range(60):
+        T = look_at((0.01 * index, -1.1, 0.8), (0.01 * index, 0.0, 0.0))
+        frame = frame_of([FLOOR, TABLE, thing(-0.1), thing(0.2)], T, index)
+        assert motion.find(thin(frame, CAMERA, 320, index), STANDING, index / 30) is None
 
 
 def test_after_a_correction_of_poses_nothing_is_held_against_earlier_frames() -> None:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from made_place import OBJECTS
 
 from cuboid.core.results import ObjectEvent, TrackedObject
 from cuboid.queries.answers import MapChange
 from cuboid.queries.changes import KEPT, MOVED_M, ChangeLog
+from made_place import OBJECTS
 
 
 def moved(item: TrackedObject, by_m: float) -> TrackedObject:

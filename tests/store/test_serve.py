@@ -10,9 +10,9 @@ from urllib.request import Request, urlopen
 
 import pytest
 from made_stores import put_run, thing
-from served import served
 
 from cuboid.store.place import Place
+from served import served
 
 
 @pytest.fixture(scope="module")

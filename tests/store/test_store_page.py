@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from made_stores import put_run, thing
 from playwright.sync_api import Browser, Page
-from served import served
 
 from browser import Watched, browser
 from cuboid.queries.filters import Filters
@@ -19,6 +18,7 @@ from cuboid.store.page import found_page, summary_page
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
 from cuboid.store.summary import summarise_store
+from served import served
 
 
 @pytest.fixture(scope="module")

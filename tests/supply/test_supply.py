@@ -28,7 +28,9 @@ for module in pkgutil.walk_packages(cuboid.__path__, "cuboid."):
         try:
             importlib.import_module(module.name)
         except ModuleNotFoundError as missing:  # an extra: what needs it is imported where it is used
-            extras = {{"rosbags", "cyclonedds", "distributed", "dask", "pyarrow", "duckdb", "fsspec", "starlette"}}
+            extras = {{
+                "rosbags", "cyclonedds", "distributed", "dask", "pyarrow", "duckdb", "fsspec", "starlette", "mcp"
+            }}
             assert missing.name.split(".")[0] in extras, missing
 import cuboid.pipeline.run
 from cuboid.cli import main

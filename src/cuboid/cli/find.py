@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cuboid.cli.results import add_results, give
-from cuboid.cli.text_model import add_text, query_from
+from cuboid.cli.text_model import add_text, ranking_model
 from cuboid.cli.workers import positive
 from cuboid.queries.words import length, moment, place, sizes, thing
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from cuboid.queries.filters import Filters
+    from cuboid.text_search import TextModel
 
 EXAMPLE = "cuboid find STORE --size 8..14cm"
 
@@ -39,9 +40,11 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.outputs.pending import write_whole
     from cuboid.queries.filters import Filters
     from cuboid.queries.opening import is_place
+    from cuboid.queries.parameters import text_query
     from cuboid.queries.rows import plain
 
     limit_threads(1)
+    model = ranking_model(args)
     filters = Filters(
         size_m=args.size,
         near=args.near,
@@ -57,11 +60,14 @@ def run(args: argparse.Namespace) -> int:
         name=args.name,
         min_score=args.min_score,
         like=args.like,
-        text=query_from(args),
+        text=text_query(args.text, model),
         limit=args.limit,
     )
-    of_one = is_place(args.place)
-    rows = (_in_place if of_one else _in_store)(args.place, filters, pictures=args.html is not None)
+    pictures = args.html is not None
+    if is_place(args.place):
+        rows = _in_place(args.place, filters, model, pictures=pictures)
+    else:
+        rows = _in_store(args.place, filters, pictures=pictures)
     if args.html is not None:
         from cuboid.store.page import found_page
 
@@ -86,14 +92,14 @@ def _in_store(store: str, filters: Filters, *, pictures: bool) -> list[dict[str,
     return find(Tables(store), filters, pictures=pictures)
 
 
-def _in_place(path: str, filters: Filters, *, pictures: bool) -> list[dict[str, Any]]:
+def _in_place(path: str, filters: Filters, model: TextModel | None, *, pictures: bool) -> list[dict[str, Any]]:
     from cuboid.core.extras import need_cluster
     from cuboid.queries.opening import open_place
     from cuboid.queries.rows import row_of
 
     if pictures:
         need_cluster("cuboid find --html")
-    place, title = open_place(path), Path(path).stem
+    place, title = open_place(path, model), Path(path).stem
     found = place.find(filters)
     return [row_of(one, title, place.picture(one.label) if pictures else None) for one in found]
 

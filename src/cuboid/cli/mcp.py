@@ -6,6 +6,7 @@ import argparse
 import sys
 
 from cuboid.cli.serving import add_address, listen
+from cuboid.cli.text_model import add_text_model, serving_model
 
 EXAMPLE = "cuboid mcp kitchen.cuboid"
 PORT = 8766
@@ -18,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--http", action="store_true", help="serve over HTTP, at /mcp; else over standard input and output"
     )
     add_address(parser, PORT)
+    add_text_model(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -33,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"{args.place}: expected a scene file or a result folder")
     from cuboid.service.mcp import server_of
 
-    server = server_of(open_place(args.place))
+    server = server_of(open_place(args.place, serving_model(args)))
     if not args.http:
         print(f"cuboid: {args.place} over standard input and output", file=sys.stderr, flush=True)
         server.run("stdio")

@@ -27,21 +27,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    from cuboid.core.errors import InputError
     from cuboid.core.extras import need_cluster, need_serve
     from cuboid.core.threads import limit_threads
     from cuboid.queries.opening import is_place
 
     of_one = is_place(args.place)
-    if of_one and args.text_model is not None:
-        raise InputError("--text-model is for a store; 'cuboid scene find' and 'cuboid view' rank objects by a text")
     (need_serve if of_one else need_cluster)("cuboid serve")
     limit_threads(1)
     import uvicorn
 
     address = listen(args.host, args.port, args.token)
     try:
-        app = _app(args.place, address, None if of_one else serving_model(args), of_one=of_one)
+        app = _app(args.place, address, serving_model(args), of_one=of_one)
         print(f"{args.place} at {address.url} (Ctrl-C ends it)", flush=True)
         server = uvicorn.Server(uvicorn.Config(app, log_level="warning", server_header=False, access_log=False))
         server.run(sockets=[address.listening])
@@ -57,7 +54,7 @@ def _app(path: str, address: Address, model: TextModel | None, *, of_one: bool) 
         from cuboid.queries.opening import open_place
         from cuboid.service.app import application as place_application
 
-        return place_application(open_place(path), token=address.token, hosts=address.hosts)
+        return place_application(open_place(path, model), token=address.token, hosts=address.hosts)
     from cuboid.store.asgi import application as store_application
 
     return store_application(path, token=address.token, hosts=address.hosts, model=model)

@@ -1,4 +1,4 @@
-"""`--text-model`: the image-text model of the commands that embed objects, or rank them by a text."""
+"""`--text-model`: the image-text model of commands that embed objects or rank them by a text."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from cuboid.core.errors import InputError
 
 if TYPE_CHECKING:
-    from cuboid.text_search import TextModel, TextQuery
+    from cuboid.text_search import TextModel
 
-MODEL = "folder of an image-text model: image.onnx, text.onnx, tokenizer.json"
+MODEL = "folder with an image-text model (image.onnx, text.onnx, tokenizer.json)"
 
 
 def add_embedding(parser: argparse._ActionsContainer) -> None:
     """Add `--text-model` of a run, which embeds the objects at its end."""
-    what = f"embed pictures of the objects, to find them by a text: {MODEL}"
+    what = f"at the end, embed pictures of the objects for searches by a text: {MODEL}"
     parser.add_argument("--text-model", metavar="DIR", help=what)
 
 
@@ -30,13 +30,13 @@ def add_text(parser: argparse._ActionsContainer, *, required: bool = False) -> N
         "--text",
         metavar="TEXT",
         required=required,
-        help="rank by how well their pictures fit a text, as 'something to drink from'",
+        help="rank objects by how well their pictures fit a text, such as 'something to drink from'",
     )
     add_text_model(parser)
 
 
 def embedding_model(args: argparse.Namespace) -> TextModel | None:
-    """Return the model that a run embeds its objects with, checked before the work; None where none is asked for.
+    """Return the model that embeds the objects of a run, checked before the run; None without `--text-model`.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def embedding_model(args: argparse.Namespace) -> TextModel | None:
 
 
 def serving_model(args: argparse.Namespace) -> TextModel | None:
-    """Return the model of a server, as the arguments or the environment name it; None where neither does."""
+    """Return the model of a server, from the arguments or the environment; None without either."""
     import os
 
     from cuboid.text_search import MODEL_VARIABLE, open_text_model
@@ -61,8 +61,8 @@ def serving_model(args: argparse.Namespace) -> TextModel | None:
     return open_text_model(args.text_model) if args.text_model or os.environ.get(MODEL_VARIABLE) else None
 
 
-def query_from(args: argparse.Namespace) -> TextQuery | None:
-    """Return the text that is asked for, with its vector; None where none is.
+def ranking_model(args: argparse.Namespace) -> TextModel | None:
+    """Return the model that ranks objects by `--text`; None without a text.
 
     Raises
     ------
@@ -75,4 +75,4 @@ def query_from(args: argparse.Namespace) -> TextQuery | None:
         return None
     from cuboid.text_search import open_text_model
 
-    return open_text_model(args.text_model).query(args.text)
+    return open_text_model(args.text_model)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -14,6 +16,8 @@ from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, JUMP_M
 from cuboid.core.working import WorkingImage
 from cuboid.geometry.se3 import inverse
 from cuboid.heatmap.kernels.motion import grow, mark_freed
+from cuboid.poses import alignment
+from cuboid.poses.pyramid import Level, levels_of
 
 # What has rested for this long is still, seconds; frames are remembered at this interval.
 REST_S, EVERY_S = 2.0, 0.4
@@ -25,16 +29,47 @@ POSE_ERROR, MAX_POSE_ERROR_M = 0.2, 2.0 * DRIFT_M
 STANDS_M, STANDS_RAD = 0.1 * DRIFT_M, 0.1 * DRIFT_RAD
 # Pixels that are so near to one that moves, and on the same surface, move with it.
 GROWN_PX = 2
+# Poses are off where another motion of the whole picture leaves less than this fraction of the readings in free space.
+# It is found down to this level of the picture.
+UNEXPLAINED, FINEST = 0.5, 1
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
+class _View:
+    """A frame: its pose, and what is examined of it."""
+
+    image: WorkingImage
+    T_world_camera: Float64Array
+
+    @cached_property
+    def depth_m(self) -> Float32Array:
+        """Every other reading in both directions."""
+        return np.ascontiguousarray(self.image.depth_m[::STEP, ::STEP])
+
+    @cached_property
+    def pinhole(self) -> Float64Array:
+        """Of `depth_m`: fx, fy, cx, cy."""
+        return self.image.camera.pinhole / STEP
+
+    @cached_property
+    def levels(self) -> tuple[Level, ...]:
+        """What is aligned to other frames."""
+        return levels_of(self.image)
+
+    @cached_property
+    def points(self) -> alignment.Reference:
+        """What other frames are aligned to."""
+        return alignment.pick(self.levels)
+
+
+@dataclass
 class _Reference:
     """An earlier frame: the nearest reading around each examined pixel, as near as noise and as poses may err."""
 
     time_s: float
+    view: _View
     near_m: Float32Array
     nearest_m: Float32Array
-    pinhole: Float64Array
     T_camera_world: Float64Array
 
 
@@ -42,7 +77,9 @@ class Motion:
     """Finds what moves in the frames of a camera whose pose is known.
 
     A reading moves when a frame of the last two seconds saw free space in its place. What has rested since is still,
-    whatever it is; so is what no such frame could see.
+    whatever it is; so is what no such frame could see. Poses that jump or drift make still readings lie in free space
+    too, but then one other motion of the whole picture explains most of them: the earlier frame is judged from where
+    that says it was.
 
     Parameters
     ----------
@@ -53,6 +90,8 @@ class Motion:
     def __init__(self, noise_per_m: float) -> None:
         self._noise_per_m = noise_per_m
         self._references: deque[_Reference] = deque(maxlen=int(REST_S / EVERY_S))
+        # T_world_camera of the last frame.
+        self._T_last: Float64Array = np.eye(4)
 
     def forget(self) -> None:
         """Know of no earlier frames: poses were corrected, or time has passed."""
@@ -62,39 +101,100 @@ class Motion:
         """Return which readings (h, w) of the next frame move, as 1; None where none does."""
         while self._references and not 0.0 <= time_s - self._references[0].time_s <= REST_S + EVERY_S:
             self._references.popleft()
-        depth_m, pinhole = np.ascontiguousarray(image.depth_m[::STEP, ::STEP]), image.camera.pinhole / STEP
-        moving = self._moving(depth_m, pinhole, T_world_camera) if self._references else None
+        view = _View(image, T_world_camera)
+        moving = self._moving(view) if self._references else None
+        self._T_last = T_world_camera
         if not self._references or time_s - self._references[-1].time_s >= EVERY_S:
-            self._references.append(_reference(image, pinhole, T_world_camera, time_s))
+            self._references.append(_reference(view, time_s))
         if moving is None:
             return None
         height, width = image.depth_m.shape
         return np.ascontiguousarray(moving.repeat(STEP, 0).repeat(STEP, 1)[:height, :width])
 
-    def _moving(self, depth_m: Float32Array, pinhole: Float64Array, T_world_camera: Float64Array) -> UInt8Array | None:
-        known = self._references
-        T = np.array([one.T_camera_world @ T_world_camera for one in known])
-        shift_m = np.linalg.norm(T[:, :3, 3], axis=1)
-        turn_rad = np.arccos(np.clip((np.trace(T[:, :3, :3], axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0))
-        stands = (shift_m < STANDS_M) & (turn_rad < STANDS_RAD)
-        near_m = np.array([one.near_m if still else one.nearest_m for one, still in zip(known, stands, strict=True)])
-        # A turn shifts what is a metre away by as many metres as it has radians.
-        error_m = JUMP_M + np.minimum(POSE_ERROR * (shift_m + turn_rad), MAX_POSE_ERROR_M)
-        freed = np.empty(depth_m.shape, np.uint8)
-        cameras = np.array([one.pinhole for one in known])
-        mark_freed(depth_m, pinhole, near_m, cameras, T, error_m, self._noise_per_m, freed)
+    def _moving(self, view: _View) -> UInt8Array | None:
+        known = list(self._references)
+        freed = self._freed(view, known)
+        if self._mend_poses(view, freed):
+            freed = self._freed(view, known)
         moving = _without_small(np.minimum(freed, 1, out=freed))
         if moving is not None:
             for _ in range(GROWN_PX):
                 before = moving.copy()
-                grow(depth_m, before, BIAS_M, self._noise_per_m, moving)
+                grow(view.depth_m, before, BIAS_M, self._noise_per_m, moving)
         return moving
 
+    def _freed(self, view: _View, known: Sequence[_Reference]) -> UInt8Array:
+        """Return which readings (h, w) lie where earlier frames saw free space: bit k is set where the k-th one did."""
+        T = np.array([one.T_camera_world @ view.T_world_camera for one in known])
+        return self._freed_at(view, known, T, T)
 
-def _reference(image: WorkingImage, pinhole: Float64Array, T_world_camera: Float64Array, time_s: float) -> _Reference:
-    wide = 1 + int(np.ceil(DRIFT_RAD * image.camera.fx))
-    near_m, nearest_m = (_nearest_around(image.depth_m, reach) for reach in (STEP + 1, wide))
-    return _Reference(time_s, near_m, nearest_m, pinhole, inverse(T_world_camera))
+    def _freed_at(
+        self, view: _View, known: Sequence[_Reference], T: Float64Array, T_claimed: Float64Array
+    ) -> UInt8Array:
+        """Return the same with the view at T_reference_view (K, 4, 4), with the tolerance of the claimed ones."""
+        near_m = np.array(
+            [one.near_m if still else one.nearest_m for one, still in zip(known, _stands(T_claimed), strict=True)]
+        )
+        freed, cameras = np.empty(view.depth_m.shape, np.uint8), np.array([one.view.pinhole for one in known])
+        error_m = _error_m(T_claimed)
+        mark_freed(view.depth_m, view.pinhole, near_m, cameras, T, error_m, self._noise_per_m, freed)
+        return freed
+
+    def _mend_poses(self, view: _View, freed: UInt8Array) -> bool:
+        """Move earlier frames whose poses, with that of a frame, are off; tell whether any was."""
+        mended, certain, around = False, np.zeros(freed.shape, np.uint8), np.ones((2 * GROWN_PX + 1,) * 2, np.uint8)
+        for k in reversed(range(len(self._references))):
+            # What later frames saw to move needs no other reason.
+            marked = np.asarray((freed >> k) & 1 & ~certain, np.uint8)
+            if not groups_of(marked, MIN_GROUP):
+                continue
+            moved = self._explained(view, self._references[k], marked)
+            if moved is None:
+                certain |= np.asarray(cv2.dilate(marked, around), np.uint8)
+                continue
+            # All that lie before it have been shifted as it has been, or more.
+            for one in list(self._references)[: k + 1]:
+                one.T_camera_world = one.T_camera_world @ inverse(moved)
+            freed, mended = self._freed(view, list(self._references)), True
+        return mended
+
+    def _explained(self, view: _View, earlier: _Reference, marked: UInt8Array) -> Float64Array | None:
+        """Return T_new_old of an earlier frame's world, where this explains most readings (h, w) that seem to move."""
+        T_claimed = earlier.T_camera_world @ view.T_world_camera
+        # The camera has hardly moved since the last frame, whatever poses say.
+        start = inverse(earlier.T_camera_world @ self._T_last)
+        found = alignment.align(earlier.view.points, view.levels, start, finest=FINEST)
+        T = inverse(found.T_camera_reference)
+        if not found.reliable or _stands((found.T_camera_reference @ T_claimed)[None])[0]:
+            return None
+        left = self._freed_at(view, [earlier], T[None], T_claimed[None]) & marked
+        if np.count_nonzero(left) >= UNEXPLAINED * np.count_nonzero(marked):
+            return None
+        return view.T_world_camera @ found.T_camera_reference @ earlier.T_camera_world
+
+
+def _size(T: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Return how far motions (..., 4, 4) shift, metres, and turn, radians."""
+    cosine = (np.trace(T[..., :3, :3], axis1=-2, axis2=-1) - 1.0) / 2.0
+    return np.linalg.norm(T[..., :3, 3], axis=-1), np.arccos(np.clip(cosine, -1.0, 1.0))
+
+
+def _stands(T: Float64Array) -> npt.NDArray[np.bool_]:
+    """Return which motions (K, 4, 4) are none."""
+    shift_m, turn_rad = _size(T)
+    return np.asarray((shift_m < STANDS_M) & (turn_rad < STANDS_RAD))
+
+
+def _error_m(T: Float64Array) -> Float64Array:
+    """Return how far poses may be off that lie these motions (K, 4, 4) apart, metres."""
+    # A turn shifts what is a metre away by as many metres as it has radians.
+    return np.asarray(JUMP_M + np.minimum(POSE_ERROR * sum(_size(T)), MAX_POSE_ERROR_M))
+
+
+def _reference(view: _View, time_s: float) -> _Reference:
+    wide = 1 + int(np.ceil(DRIFT_RAD * view.image.camera.fx))
+    near_m, nearest_m = (_nearest_around(view.image.depth_m, reach) for reach in (STEP + 1, wide))
+    return _Reference(time_s, view, near_m, nearest_m, inverse(view.T_world_camera))
 
 
 def _nearest_around(depth_m: Float32Array, reach: int) -> Float32Array:

@@ -16,7 +16,7 @@ from cuboid.core.working import WorkingImage
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.objects.kernels.clusters import score_shifts
 from cuboid.poses.alignment import Points, Prior, Reference, align
-from cuboid.poses.pyramid import LEVELS, Level, build_levels
+from cuboid.poses.pyramid import LEVELS, Level
 
 # Points that tell the normal of the surface around one.
 NEIGHBOURS = 12
@@ -93,7 +93,7 @@ class Cluster:
         ----------
         seen : Observation
         levels : tuple of Level
-            Its picture in all sizes, see `levels_of`.
+            Its picture in all sizes, see `pyramid.levels_of`.
         expected : (4, 4) float64
             T_now_start.
         reach_m : float
@@ -135,14 +135,6 @@ class Cluster:
         limits = ON_M, self._noise_per_m, ALIKE
         score_shifts(points, normals, self._colors, shifts, view, image.camera.pinhole, T_camera, *limits, counts)
         return counts
-
-
-def levels_of(image: WorkingImage) -> tuple[Level, ...]:
-    """Return a working image in all sizes, as an alignment needs it."""
-    import cv2
-
-    gray = np.asarray(cv2.cvtColor(image.color, cv2.COLOR_RGB2GRAY), np.uint8)
-    return build_levels(gray, np.ascontiguousarray(image.depth_m), image.camera)
 
 
 def _in_front(points: Float64Array, image: WorkingImage) -> npt.NDArray[np.int64]:

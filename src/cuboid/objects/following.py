@@ -26,13 +26,13 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.heatmap.motion import REST_S, groups_of
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.objects.cluster import Cluster, Fit, levels_of
+from cuboid.objects.cluster import Cluster, Fit
 from cuboid.objects.entry import MapObject
 from cuboid.objects.kernels.leaving import count_passed
 from cuboid.objects.similarity import ColorProfile, color_profile_of, most_similar, similarity
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.visibility import measure_visibility
-from cuboid.poses.pyramid import Level
+from cuboid.poses.pyramid import Level, levels_of
 from cuboid.surfaces.planes import PlaneTracker
 
 # An object begins to move when frames see through this fraction of what is seen of its place, and has left when they

@@ -237,7 +237,7 @@ class Results(MapQueries):
         from cuboid.text_search import Embeddings, open_text_model
 
         opened = open_text_model(model, "embed")
-        found = Embeddings(opened.identity, super()._vectors(opened))
+        found = Embeddings(opened.identity, super().vectors(opened))
         write_whole(self.folder / EMBEDDINGS, found.content())
         self._embedded[opened.identity] = found.vectors
         return found
@@ -251,10 +251,10 @@ class Results(MapQueries):
         kept = [Embeddings.read(path)] if path.is_file() else []
         return {one.model: one.vectors for one in kept}
 
-    def _vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects: those that were kept, else of pictures from the recording."""
         if model.identity not in self._embedded:
-            self._embedded[model.identity] = super()._vectors(model)
+            self._embedded[model.identity] = super().vectors(model)
         return self._embedded[model.identity]
 
     def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:

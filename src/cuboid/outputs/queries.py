@@ -189,10 +189,20 @@ class MapQueries(ABC):
 
         opened = open_text_model(model, "find")
         query = opened.query(text)
-        return ranked(self.objects, self._vectors(opened), query)
+        return ranked(self.objects, self.vectors(opened), query)
 
-    def _vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
-        """Return the vectors of the objects by an image-text model, by label; of those of which there are views."""
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the unit vectors (D,) of the objects by an image-text model, by label.
+
+        An object without views has none.
+
+        Raises
+        ------
+        InputError
+            The model cannot be run, or no pictures of the objects are there.
+        MissingExtraError
+            ONNX Runtime is not installed.
+        """
         from cuboid.text_search import embed_views
         from cuboid.text_search.pictures import PICTURED_VIEWS
 

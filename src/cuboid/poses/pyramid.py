@@ -11,6 +11,7 @@ import numpy.typing as npt
 from cuboid.core.downscaling import SAME_SURFACE
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.kernels.blocks import halve_depth
+from cuboid.core.working import WorkingImage
 from cuboid.poses.kernels import align as kernel
 
 # The finest level is about so wide, pixels: at 320 a frame costs a quarter, and its intensity and depth are
@@ -96,6 +97,14 @@ def build_levels(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) ->
         kernel.pack(gray, depth_m, image)
         levels.append(Level(image, np.array([camera.fx, camera.fy, camera.cx, camera.cy])))
     return tuple(levels)
+
+
+def levels_of(image: WorkingImage) -> tuple[Level, ...]:
+    """Return the image that the tracker works on in all sizes, finest first."""
+    import cv2
+
+    gray = np.asarray(cv2.cvtColor(image.color, cv2.COLOR_RGB2GRAY), np.uint8)
+    return build_levels(gray, np.ascontiguousarray(image.depth_m), image.camera)
 
 
 def keep(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) -> SmallImage:

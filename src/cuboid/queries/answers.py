@@ -83,6 +83,8 @@ class FoundObject:
     frames_seen : int
     distance_m : float or None
         From what it was to be near.
+    text_score : float or None
+        Cosine of the angle between the vectors of a text and of the object's pictures, -1..1; None without a text.
     relations : tuple of Related or None
         None where they were not asked for.
     """
@@ -102,6 +104,7 @@ class FoundObject:
     last_seen: Seen
     frames_seen: int
     distance_m: float | None = None
+    text_score: float | None = None
     relations: tuple[Related, ...] | None = None
 
 

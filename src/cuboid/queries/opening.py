@@ -7,6 +7,7 @@ from pathlib import Path
 from cuboid.outputs.folder import OBJECTS, RUN
 from cuboid.queries.place import Place
 from cuboid.queries.sources import ResultsSource, SceneSource
+from cuboid.text_search import TextModel
 
 SCENE_SUFFIX = ".cuboid"
 
@@ -17,8 +18,14 @@ def is_place(path: str) -> bool:
     return place.suffix == SCENE_SUFFIX or place.is_file() or any((place / name).is_file() for name in (RUN, OBJECTS))
 
 
-def open_place(path: str) -> Place:
-    """Open a scene file or a result folder to ask it.
+def open_place(path: str, model: TextModel | None = None) -> Place:
+    """Open a scene file or a result folder for queries.
+
+    Parameters
+    ----------
+    path : str
+    model : TextModel, optional
+        The image-text model that ranks objects by a text.
 
     Raises
     ------
@@ -26,4 +33,4 @@ def open_place(path: str) -> Place:
         It is none, or damaged.
     """
     place = Path(path)
-    return Place(ResultsSource(place) if place.is_dir() else SceneSource(place))
+    return Place(ResultsSource(place) if place.is_dir() else SceneSource(place), model)

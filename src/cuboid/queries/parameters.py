@@ -10,11 +10,11 @@ from cuboid.core.errors import InputError
 from cuboid.queries.filters import Filters
 from cuboid.queries.likeness import COLOR_WORDS
 from cuboid.queries.words import length, moment, place, thing
-from cuboid.text_search import TextModel
+from cuboid.text_search import TextModel, TextQuery
 
 T = TypeVar("T")
 
-# The parameter that only a server with an image-text model takes.
+# Only a server with an image-text model accepts this parameter.
 TEXT = "text"
 MAX_ROWS = 1000
 MAX_SIZE_M = 1e9
@@ -94,15 +94,13 @@ def given(asked: Mapping[str, str]) -> dict[str, str]:
 
 
 def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filters:
-    """Return a request's parameters, from `given`, as filters; `model` is what texts are understood by.
+    """Return a request's parameters, from `given`, as filters; `model` is that of `text_query`.
 
     Raises
     ------
     InputError
         A value cannot be understood, or there is a text and no model.
     """
-    if TEXT in asked and model is None:
-        raise InputError("text: this server has no image-text model; 'cuboid serve STORE --text-model DIR' has one")
 
     def read(name: str, reader: Callable[[str], T], otherwise: T) -> T:
         try:
@@ -126,9 +124,32 @@ def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filt
         inside=asked.get("in"),
         beside=asked.get("beside"),
         near_object=asked.get("near_object"),
-        text=model.query(asked[TEXT]) if model is not None and TEXT in asked else None,
+        text=text_query(asked.get(TEXT), model),
         limit=int(min(MAX_ROWS, max(1.0, read("limit", _number, 50.0)))),
     )
+
+
+def text_query(text: str | None, model: TextModel | None) -> TextQuery | None:
+    """Return a text with its vector; None without a text.
+
+    Parameters
+    ----------
+    text : str or None
+    model : TextModel or None
+        The image-text model of the server.
+
+    Raises
+    ------
+    InputError
+        There is a text and no model, or the model cannot be run.
+    """
+    if text is None:
+        return None
+    if model is None:
+        raise InputError(
+            "text: this server has no image-text model; 'cuboid serve' and 'cuboid mcp' take one by --text-model DIR"
+        )
+    return model.query(text)
 
 
 def _number(text: str) -> float:

@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from cuboid.core.errors import InputError, shown
-from cuboid.core.frame import Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.results import Relation, SupportPlane, TrackedObject
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs.queries import PointCloud
@@ -30,6 +30,7 @@ from cuboid.queries.sources import Source, vector
 from cuboid.relations import Branch, find_relations, place_tree
 from cuboid.relations.tree import number_of, plane_heights_m
 from cuboid.shapes import ObjectMesh
+from cuboid.text_search import TextModel, ranked
 
 T = TypeVar("T")
 # What takes long to find is found again, after the map has changed, when it is this many times as old as it took.
@@ -42,8 +43,8 @@ SMALL, AROUND_M = 300, 0.3
 SIGHTINGS = 20
 # Free height over a footprint unless another is asked for, metres: that of most things on tables.
 FREE_HEIGHT_M = 0.3
-# Filters that need more than one recording, or the vectors that a store has.
-ONLY_IN_A_STORE = ("recording", "like", "text")
+# Filters that need more than one recording, or the columns that a store has.
+ONLY_IN_A_STORE = ("recording", "like")
 
 
 class Place:
@@ -52,21 +53,25 @@ class Place:
     Parameters
     ----------
     source : Source
+    model : TextModel, optional
+        The image-text model that ranks objects by a text.
 
     Attributes
     ----------
     changes : ChangeLog
         The changes of the map since it was opened.
+    model : TextModel or None
     """
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
+    def __init__(self, source: Source, model: TextModel | None = None) -> None:
+        self._source, self.model = source, model
         self._lock, self._aside_lock = threading.Lock(), threading.Lock()
         self.changes = ChangeLog()
         self._compared: _Objects | None = None
         self._objects: _Kept[_Objects] = _Kept(lambda: _Objects(source))
         self._relations: _Kept[dict[int, tuple[Relation, ...]]] = _Kept(self._find_relations)
         self._up: _Kept[Float64Array | None] = _Kept(lambda: source.aside.up)
+        self._vectors: _Kept[Mapping[int, Float32Array]] = _Kept(self._find_vectors)
         self.refresh()
 
     def refresh(self) -> None:
@@ -87,12 +92,14 @@ class Place:
             return About(title, kind, len(found), None if up is None else vector(up), last, running)
 
     def find(self, filters: Filters) -> list[FoundObject]:
-        """Return the objects that are asked for: the nearest first where they are to be near, else by label.
+        """Return the objects that pass the filters: the best match of a text first, else the nearest, else by label.
 
         Raises
         ------
         InputError
-            An object that is named is not there, or a filter is for stores only.
+            A named object does not exist, a filter is for stores only, or a text is given without a model or pictures.
+        MissingExtraError
+            ONNX Runtime or tokenizers is not installed.
         """
         for name in ONLY_IN_A_STORE:
             if getattr(filters, name) is not None:
@@ -100,6 +107,7 @@ class Place:
         asked = dict(filters.related())
         related = bool(asked)
         relations = self._relations_to(asked.values()) if related else {}
+        vectors = {} if filters.text is None else self._found_aside(self._vectors)
         with self._lock:
             now = self._now()
             kept = now.kept(filters)
@@ -112,10 +120,20 @@ class Place:
             rows = np.flatnonzero(kept)
             if distances is not None:
                 rows = rows[np.argsort(distances[rows], kind="stable")]
-            away = dict(zip(rows.tolist(), [] if distances is None else distances[rows].tolist(), strict=False))
+            items, fits = [now.living[k] for k in rows.tolist()], dict[int, float]()
+            away = dict(zip(now.labels[rows].tolist(), [] if distances is None else distances[rows], strict=False))
+            if filters.text is not None:
+                matches = ranked(items, vectors, filters.text)
+                items, fits = [one.item for one in matches], {one.item.label: one.score for one in matches}
             return [
-                self._answer(now, now.living[k], away.get(k), relations if related else None)
-                for k in rows[: filters.limit].tolist()
+                self._answer(
+                    now,
+                    item,
+                    away.get(item.label),
+                    relations if related else None,
+                    text_score=fits.get(item.label),
+                )
+                for item in items[: filters.limit]
             ]
 
     def object(self, label: int) -> FoundObject:
@@ -265,6 +283,11 @@ class Place:
             return {item.label: item.relations for item in living}
         return find_relations(living, planes, self._source.aside.up, self._source.walls())
 
+    def _find_vectors(self) -> Mapping[int, Float32Array]:
+        if self.model is None:
+            raise InputError("text: this place was opened without an image-text model")
+        return self._source.vectors(self.model)
+
     def _ends(self, now: _Objects, to: str) -> set[int | str]:
         """Return what a relation may be to: a surface, or the objects of a label or a name."""
         if is_surface(to):
@@ -301,6 +324,7 @@ class Place:
         distance_m: float | None,
         relations: Mapping[int, Sequence[Relation]] | None,
         state: State = "present",
+        text_score: float | None = None,
     ) -> FoundObject:
         own = None if relations is None else relations.get(item.label, ())
         w, x, y, z = (round(float(value), 6) for value in quat_wxyz_from_rotation(item.box.rotation))
@@ -319,7 +343,8 @@ class Place:
             first_seen=self._source.first_seen(item),
             last_seen=self._source.last_seen(item),
             frames_seen=item.frames_seen,
-            distance_m=None if distance_m is None else round(distance_m, 4),
+            distance_m=None if distance_m is None else round(float(distance_m), 4),
+            text_score=None if text_score is None else round(text_score, 6),
             relations=None if own is None else tuple(_related(one, now) for one in own),
         )
 

@@ -34,6 +34,7 @@ def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict
         "last_seen": None if seen is None else datetime.fromisoformat(seen),
         "run": None,
         **({} if found.distance_m is None else {"distance_m": found.distance_m}),
+        **({} if found.text_score is None else {"text_score": found.text_score}),
         **({} if picture is None else {"picture": picture}),
     }
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Protocol
 
 from cuboid.core.errors import InputError
-from cuboid.core.frame import Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.results import TrackedObject, Wall
 from cuboid.outputs import Results
 from cuboid.outputs.folder import OBJECTS
 from cuboid.outputs.queries import MapQueries
 from cuboid.queries.answers import PastRelated, Seen, SightingAnswer, State, Vector
 from cuboid.scene import Scene, SceneObject
+from cuboid.text_search import TextModel
 
 # Times from here on (2001) are those of a calendar; cameras that start at zero stay below for thirty years.
 CALENDAR_S = 1.0e9
@@ -45,6 +46,9 @@ class Source(Protocol):
 
     def walls(self) -> Sequence[Wall]:
         """Return the walls that objects may be against, where finding them is cheap enough."""
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects by an image-text model, by label."""
 
     def version(self) -> object:
         """Return what differs once the map has changed."""
@@ -106,6 +110,10 @@ class ResultsSource:
         """Return the walls that objects may be against."""
         return self.aside.walls
 
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects by an image-text model, by label."""
+        return self.aside.vectors(model)
+
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return the objects, by label."""
         return [(item, "present") for item in self.map.objects]
@@ -163,6 +171,7 @@ class SceneSource:
     def __init__(self, path: Path) -> None:
         if not path.is_file():
             raise InputError(f"{path}: there is no such scene file")
+        self._path = path
         self.map, self.aside = Scene.open(path), Scene.open(path)
         self.title = str(path)
         self._begun: dict[int, str] = {}
@@ -179,6 +188,14 @@ class SceneSource:
     def walls(self) -> Sequence[Wall]:
         """Return none: the whole map would have to be read."""
         return ()
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects by an image-text model, by label.
+
+        A scene keeps new vectors. It is opened for this call alone: while it is open to write, no run can add to it.
+        """
+        with Scene.open(self._path) as scene:
+            return scene.vectors(model)
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return all objects that ever had a label, by label."""

@@ -14,19 +14,18 @@ PLACED = ("on", "in")
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """A surface or an object of a place, with what is on it and in it.
+    """A surface or an object of a place, with the objects on it and in it.
 
     Attributes
     ----------
     of : int or str
-        Label of the object; "plane:k" for a supporting plane; "" above objects of which it is unknown where they
-        stand.
+        Label of the object; "plane:k" for a supporting plane; "" for the parent of objects with an unknown support.
     kind : str
-        "on" or "in" what is above it in the tree; "" for the first ones.
+        Relation to the parent: "on" or "in"; "" at the root.
     score : float
-        Probability of that, 0..1; 1 for the first ones.
+        Probability of this relation, 0..1; 1 at the root.
     height_m : float or None
-        Of a surface over the lowest one, metres; None of others.
+        Height of a surface above the lowest one, metres; None for an object.
     children : tuple of Branch
         By label.
     """

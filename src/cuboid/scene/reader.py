@@ -241,7 +241,7 @@ class SceneReader(MapQueries):
         rows = self._rows(("objects.picture",), "objects WHERE label = ?", (label,))
         return rows[0][0] if rows else None
 
-    def _vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects: those that were kept, else of the scene's own pictures."""
         from cuboid.scene.vectors import is_of, read_vectors, vector_of_picture
 

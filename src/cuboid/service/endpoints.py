@@ -76,7 +76,7 @@ def _flag(asked: Asked, name: str) -> bool:
 
 
 def _find(place: Place, asked: Asked) -> list[FoundObject]:
-    return place.find(filters_of({name: value.strip() for name, value in asked.items() if value.strip()}))
+    return place.find(filters_of({name: value.strip() for name, value in asked.items() if value.strip()}, place.model))
 
 
 def _free(place: Place, asked: Asked) -> FreePlace | None:
@@ -103,21 +103,21 @@ def _cloud(place: Place, asked: Asked) -> bytes:
 
 _CLOSE = {
     "form": _query("string", "form of the file", enum=list(MESHES), default="glb"),
-    "close": _query("boolean", "let walls go down to the support, and close the foot"),
+    "close": _query("boolean", "extend the walls down to the support, and close the bottom"),
     "complete": _query("boolean", "close all holes"),
 }
 _SIDES = {
-    "length": _query("string", "of the footprint", example="20cm"),
-    "width": _query("string", "of the footprint", example="15cm"),
-    "height": _query("string", "of the free space above it", default=f"{FREE_HEIGHT_M:g}m"),
-    "near": _query("string", "near a place X,Y,Z, or an object by label or name", example="mug"),
+    "length": _query("string", "length of the footprint", example="20cm"),
+    "width": _query("string", "width of the footprint", example="15cm"),
+    "height": _query("string", "height of the free space above the footprint", default=f"{FREE_HEIGHT_M:g}m"),
+    "near": _query("string", "near a point X,Y,Z, or near an object, by label or name", example="mug"),
 }
 
 ENDPOINTS = (
-    Endpoint("/api", "What the place is", lambda place, _: place.about(), About),
+    Endpoint("/api", "Title, number of objects, and state of the place", lambda place, _: place.about(), About),
     Endpoint(
         "/api/objects",
-        "Objects, as `cuboid find` finds them",
+        "Objects, with the conditions of `cuboid find`",
         _find,
         list[FoundObject],
         {name: PARAMETERS[name] for name in FILTERS},
@@ -128,14 +128,18 @@ ENDPOINTS = (
         "Sightings of an object, and its relations over the recordings of a scene",
         lambda place, asked: place.history(_label(asked), _read(asked, "limit", _whole, SIGHTINGS)),
         History,
-        {"limit": _query("integer", "sightings, from the first to the last at equal steps", default=SIGHTINGS)},
+        {
+            "limit": _query(
+                "integer", "maximum number of sightings, at equal steps from the first to the last", default=SIGHTINGS
+            )
+        },
     ),
     Endpoint("/api/objects/{label}/picture", "Its picture", lambda p, q: p.picture(_label(q)), "image/jpeg"),
     Endpoint("/api/objects/{label}/cloud", "Its points, as PLY", _cloud, "application/octet-stream"),
     Endpoint("/api/objects/{label}/mesh", "Its surface", _mesh, MESHES["glb"], _CLOSE),
     Endpoint(
         "/api/last-seen",
-        "Where objects were seen last, those that are gone as well",
+        "The last sighting of the objects with a label or name, also of objects that are gone",
         lambda place, asked: place.last_seen(_needed(asked, "what")),
         list[FoundObject],
         {"what": _query("string", "label or name", example="mug")},
@@ -143,14 +147,17 @@ ENDPOINTS = (
     Endpoint("/api/surfaces", "The supporting planes", lambda place, _: place.surfaces(), list[Surface]),
     Endpoint("/api/surfaces/{number}/free", "The nearest free place on a surface", _free, FreePlace, _SIDES),
     Endpoint(
-        "/api/tree", "Surfaces, what is on them, and what is on and in that", lambda p, _: p.tree(), list[TreeNode]
+        "/api/tree",
+        "The tree of the place: surfaces, the objects on them, and the objects on and in those",
+        lambda p, _: p.tree(),
+        list[TreeNode],
     ),
     Endpoint(
         "/api/changes",
         "The latest changes of the map",
         lambda place, asked: place.changes.after(_read(asked, "after", _whole, 0)),
         list[MapChange],
-        {"after": _query("integer", "those after the change of this number", default=0)},
+        {"after": _query("integer", "changes after this number", default=0)},
     ),
 )
 

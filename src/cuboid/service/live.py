@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import threading
 from collections import defaultdict, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import Literal
 
 import numpy as np
 
 from cuboid.core.errors import InputError
-from cuboid.core.frame import Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.results import MapPoints, ObjectEvent, SupportPlane, TrackedObject, Wall
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries, PointCloud
 from cuboid.queries.answers import PastRelated, Seen, SightingAnswer, State
 from cuboid.queries.sources import calendar_time
 from cuboid.service.updates import Update
+from cuboid.text_search import TextModel
 
 # Sightings that are kept of an object, the latest; a run of hours has more than anybody asks for.
 KEPT_SIGHTINGS = 1000
@@ -136,6 +137,10 @@ class RunSource:
     def walls(self) -> Sequence[Wall]:
         """Return none: they are found among the points of the whole map."""
         return ()
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return none: objects are embedded at the end of a run."""
+        return {}
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return the objects, by label."""

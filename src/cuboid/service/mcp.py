@@ -14,16 +14,18 @@ from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 
 from cuboid import __version__
-from cuboid.core.errors import InputError
+from cuboid.core.errors import InputError, MissingExtraError
 from cuboid.queries.answers import About, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
 from cuboid.queries.filters import Filters
+from cuboid.queries.parameters import text_query
 from cuboid.queries.place import FREE_HEIGHT_M, SIGHTINGS, Place
 
 T = TypeVar("T")
 INSTRUCTIONS = (
-    "A place seen by an RGB-D camera: objects with labels that last, 3D boxes, and what is on, in or beside what. "
+    "A place seen by an RGB-D camera: objects with persistent labels and 3D boxes, and their relations. "
     "Lengths are metres, in the world of the place; times are UTC. Begin with describe_place."
 )
+TEXT = "description such as 'something to drink from'; the server needs --text-model"
 READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 
 Label = Annotated[int, Field(ge=1, description="label of an object")]
@@ -44,7 +46,7 @@ async def _asked(question: Callable[..., T], *values: object) -> T:
     """Answer in a thread; what is wrong with the question is told to the assistant in one line."""
     try:
         return await run_in_threadpool(question, *values)
-    except InputError as error:
+    except (InputError, MissingExtraError) as error:
         raise ToolError(str(error)) from None
 
 
@@ -74,14 +76,18 @@ def _add_finding(server: MCPServer, place: Place) -> None:
         inside: Thing = None,
         beside: Thing = None,
         near_object: Thing = None,
-        near: Annotated[tuple[float, float, float] | None, Field(description="a place in the world")] = None,
+        near: Annotated[tuple[float, float, float] | None, Field(description="a point in the world, metres")] = None,
         within_m: Length = 0.5,
-        min_size_m: Annotated[float, Field(ge=0.0, description="of the longest side")] = 0.0,
-        max_size_m: Annotated[float, Field(gt=0.0, description="of the longest side")] = 1e9,
+        min_size_m: Annotated[float, Field(ge=0.0, description="minimum length of the longest side, metres")] = 0.0,
+        max_size_m: Annotated[float, Field(gt=0.0, description="maximum length of the longest side, metres")] = 1e9,
         color: Annotated[str | None, Field(description="one of the eleven basic color words")] = None,
+        text: Annotated[str | None, Field(description=TEXT)] = None,
         limit: Annotated[int, Field(ge=1, le=1000)] = 10,
     ) -> list[FoundObject]:
-        """Find objects by name, size, color, nearness, and what they are on, in or beside; all must hold."""
+        """Find objects by name, size, color, nearness, and what they are on, in or beside; all must hold.
+
+        With a text, they are ranked by how well their pictures fit it.
+        """
         filters = partial(
             Filters,
             name=name,
@@ -95,7 +101,7 @@ def _add_finding(server: MCPServer, place: Place) -> None:
             color=color,
             limit=limit,
         )
-        return await _asked(lambda: place.find(filters()))
+        return await _asked(lambda: place.find(filters(text=text_query(text, place.model))))
 
     @server.tool(annotations=READ_ONLY)
     async def last_seen(what: Annotated[str, Field(description="label or name")]) -> list[FoundObject]:
@@ -104,7 +110,7 @@ def _add_finding(server: MCPServer, place: Place) -> None:
 
     @server.tool(annotations=READ_ONLY)
     async def recent_changes(after: Annotated[int, Field(ge=0)] = 0) -> list[MapChange]:
-        """List what changed since the server began, or after a change's number: confirmed, moved, gone, renamed."""
+        """List the changes since the server started, or after a number: confirmed, moved, renamed, merged, gone."""
 
         def answer() -> list[MapChange]:
             place.refresh()
@@ -116,7 +122,7 @@ def _add_finding(server: MCPServer, place: Place) -> None:
 def _add_objects(server: MCPServer, place: Place) -> None:
     @server.tool(annotations=READ_ONLY)
     async def describe_object(label: Label) -> FoundObject:
-        """Describe one object: box, name, when it was seen, and its relations to others."""
+        """Describe one object: box, name, times, and its relations to other objects."""
         return await _asked(place.object, label)
 
     @server.tool(annotations=READ_ONLY)
@@ -142,5 +148,5 @@ def _add_surfaces(server: MCPServer, place: Place) -> None:
         height_m: Length = FREE_HEIGHT_M,
         near: Annotated[str | None, Field(description="X,Y,Z in the world, or label or name of an object")] = None,
     ) -> FreePlace | None:
-        """Find the nearest free place on a surface for a thing of a given footprint and height."""
+        """Find the nearest free place on a surface for an object with a given footprint and height."""
         return await _asked(place.free_place, surface, length_m, width_m, height_m, near)

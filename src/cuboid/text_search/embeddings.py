@@ -27,14 +27,14 @@ from cuboid.text_search.model import TextQuery
 
 
 class TextMatch(NamedTuple):
-    """An object that a text was asked for.
+    """An object with its similarity to a text.
 
     Attributes
     ----------
     item : TrackedObject
     score : float
-        Cosine of the angle between the vectors of the text and of the object, -1..1: it orders objects, and is no
-        probability. CLIP has about 0.2 for what does not fit, and 0.3 for what does.
+        Cosine of the angle between the vectors of the text and of the object, -1..1. It orders objects, and is no
+        probability. CLIP gives about 0.2 to objects that do not fit, and 0.3 to objects that fit.
     """
 
     item: TrackedObject
