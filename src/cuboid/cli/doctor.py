@@ -34,7 +34,7 @@ EXTRAS = {
     "synth": (("trimesh", "trimesh"), ("embreex", "embreex")),
     "ros": (("rosbags", "rosbags"),),
     "ros2": (("cyclonedds", "cyclonedds"), ("rosbags", "rosbags")),
-    "foxglove": (("foxglove-sdk", "foxglove"),),
+    "foxglove": (("foxglove-sdk", "foxglove"), ("rosbags", "rosbags")),
     "realsense": (("pyrealsense2", "pyrealsense2"),),
     "oak": (("depthai", ""),),
     "phone": (("openexr", "OpenEXR"), ("pyliblzfse", "liblzfse")),
