@@ -231,7 +231,7 @@ def test_unknown_layouts_are_refused_with_what_was_seen(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match=r"its inputs are images \(1, 3, 320, 320\), time \(1, 16\)"):
         make_detector(str(text))
-    with pytest.raises(InputError, match="unknown detector 'nothing'; there are: d-fine-l, .*yolox-nano"):
+    with pytest.raises(InputError, match=r"unknown detector 'nothing'; there are: d-fine-l, .*yolox-nano"):
         make_detector("nothing")
 
 
