@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, get_type_hints
 
 import msgspec
@@ -68,25 +69,30 @@ class OwnRectEntry(RectEntry, frozen=True):
 
 def _line_of(record: type) -> Any:
     """Return the kind of a line with a frame and a record: its label, its box, then the other fields."""
-    label, *others = ((name, one.kind) for one in columns_of(record) for name in one.names)
-    box = [(name, kind) for name, kind in get_type_hints(BoxEntry, include_extras=True).items() if name not in _SEEN_IN]
-    return msgspec.defstruct(
-        "_Line", [("frame", FrameNumber), ("timestamp", Seconds), label, *box, *others], bases=(Row,), frozen=True
-    )
+    label, *others = _columns_of(record)
+    return _of_a_frame(label, *_BOX, *others)
 
 
-def _event_line() -> Any:
-    """Return the kind of a line with an event and the frame that reported it."""
-    columns = [(name, one.kind) for one in columns_of(ObjectEvent) for name in one.names]
-    return msgspec.defstruct(
-        "_Event", [("frame", FrameNumber), ("timestamp", Seconds), *columns], bases=(Row,), frozen=True
-    )
+def _columns_of(record: type) -> Iterator[_Column]:
+    """Iterate over the names and kinds of the columns of a record."""
+    return ((name, one.kind) for one in columns_of(record) for name in one.names)
 
 
+def _of_a_frame(*columns: _Column) -> Any:
+    """Return the kind of a line with the frame, its time, and these columns."""
+    stamp = (("frame", FrameNumber), ("timestamp", Seconds))
+    return msgspec.defstruct("_Line", [*stamp, *columns], bases=(Row,), frozen=True)
+
+
+_Column = tuple[str, Any]
 _SEEN_IN = ("frame", "label")
+_BOX: list[_Column] = [
+    (name, kind) for name, kind in get_type_hints(BoxEntry, include_extras=True).items() if name not in _SEEN_IN
+]
 _Track: Any = _line_of(Sighting)
 _Proposal: Any = _line_of(Proposal3D)
-_Event: Any = _event_line()
+_Event: Any = _of_a_frame(*_columns_of(ObjectEvent))
+_Agent: Any = _of_a_frame(*_BOX)
 
 
 class TrackEntry(_Track, frozen=True):  # type: ignore[misc, call-arg]
@@ -112,21 +118,8 @@ class EventEntry(_Event, frozen=True):  # type: ignore[misc, call-arg]
                 raise ValueError(f"expected {name}_x, {name}_y and {name}_z, or none of them")
 
 
-class AgentEntry(Row, frozen=True):
+class AgentEntry(_Agent, frozen=True):  # type: ignore[misc, call-arg]
     """A box, along the axes of the map, of what moves in a frame and is no object (a person, a hand): `agents.csv`."""
-
-    frame: FrameNumber
-    timestamp: Seconds
-    cx: Metres
-    cy: Metres
-    cz: Metres
-    length: Side
-    width: Side
-    height: Side
-    qw: QuaternionPart
-    qx: QuaternionPart
-    qy: QuaternionPart
-    qz: QuaternionPart
 
     def __post_init__(self) -> None:
         refuse_no_quaternion(self.qw, self.qx, self.qy, self.qz)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -115,8 +116,7 @@ class EventRow(ObjectEvent):
 
     def line(self) -> str:
         """Return the line without its end."""
-        cells = (cell for column in columns_of(ObjectEvent) for cell in column.cells(self))
-        return ",".join((str(self.frame), number(self.timestamp_s, LENGTH), *cells))
+        return _of_a_frame(self, *_cells_of(self))
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ class AgentRow:
 
     def line(self) -> str:
         """Return the line without its end."""
-        return ",".join((str(self.frame), number(self.timestamp_s, LENGTH), _box_cells(self.box)))
+        return _of_a_frame(self, _box_cells(self.box))
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,8 +222,18 @@ def read_trajectory(path: Path) -> list[PoseRow]:
 
 
 def _line(row: TrackRow | ProposalRow) -> str:
-    label, *others = (cell for column in columns_of(type(row)) for cell in column.cells(row))
-    return ",".join((str(row.frame), number(row.timestamp_s, LENGTH), label, _box_cells(row.box), *others))
+    label, *others = _cells_of(row)
+    return _of_a_frame(row, label, _box_cells(row.box), *others)
+
+
+def _cells_of(row: TrackRow | ProposalRow | EventRow) -> Iterator[str]:
+    """Iterate over the cells of the described fields of a row."""
+    return (cell for column in columns_of(type(row)) for cell in column.cells(row))
+
+
+def _of_a_frame(row: TrackRow | ProposalRow | EventRow | AgentRow, *cells: str) -> str:
+    """Return a line that begins with the frame and its time."""
+    return ",".join((str(row.frame), number(row.timestamp_s, LENGTH), *cells))
 
 
 def _box_cells(box: Box) -> str:
