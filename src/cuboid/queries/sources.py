@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -75,7 +76,33 @@ class Source(Protocol):
         """Return the relations that an object has and had."""
 
 
-class ResultsSource:
+class OneRecording(ABC):
+    """A source of one recording: all its objects are present, and frames have no number of a recording."""
+
+    map: MapQueries
+
+    def objects(self) -> list[tuple[TrackedObject, State]]:
+        """Return the objects, by label."""
+        return [(item, "present") for item in self.map.objects]
+
+    def first_seen(self, item: TrackedObject) -> Seen:
+        """Return when an object was seen first."""
+        return self._seen(item.first_frame)
+
+    def last_seen(self, item: TrackedObject) -> Seen:
+        """Return when an object was seen last."""
+        return self._seen(item.last_frame)
+
+    def past_relations(self, item: TrackedObject) -> list[PastRelated]:
+        """Return nothing: only a scene has a history of relations."""
+        return []
+
+    @abstractmethod
+    def _seen(self, frame: int) -> Seen:
+        """Return a frame with its time."""
+
+
+class ResultsSource(OneRecording):
     """A result folder.
 
     Parameters
@@ -84,6 +111,7 @@ class ResultsSource:
     """
 
     kind: Literal["results"] = "results"
+    map: Results
     running = False
 
     def __init__(self, folder: Path) -> None:
@@ -121,18 +149,6 @@ class ResultsSource:
         """Return the vectors of the objects by an image-text model, by label."""
         return self.aside.vectors(model)
 
-    def objects(self) -> list[tuple[TrackedObject, State]]:
-        """Return the objects, by label."""
-        return [(item, "present") for item in self.map.objects]
-
-    def first_seen(self, item: TrackedObject) -> Seen:
-        """Return when an object was seen first."""
-        return self._seen(item.first_frame)
-
-    def last_seen(self, item: TrackedObject) -> Seen:
-        """Return when an object was seen last."""
-        return self._seen(item.last_frame)
-
     def _seen(self, frame: int) -> Seen:
         pose = self.map.poses.get(frame)
         return Seen(frame, None, None if pose is None else calendar_time(pose.timestamp_s))
@@ -159,10 +175,6 @@ class ResultsSource:
             SightingAnswer(row.frame, None, row.timestamp_s, vector(row.box.center), round(row.visible, 3))
             for row in self.map.sightings(item.label)
         ]
-
-    def past_relations(self, item: TrackedObject) -> list[PastRelated]:
-        """Return nothing: results are of one moment."""
-        return []
 
 
 class SceneSource:

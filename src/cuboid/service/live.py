@@ -15,8 +15,8 @@ from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.results import MapPoints, ObjectEvent, SupportPlane, TrackedObject, Wall
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries, PointCloud
-from cuboid.queries.answers import PastRelated, Seen, SightingAnswer, State
-from cuboid.queries.sources import calendar_time
+from cuboid.queries.answers import Seen, SightingAnswer
+from cuboid.queries.sources import OneRecording, calendar_time
 from cuboid.service.updates import Update
 from cuboid.text_search import TextModel
 
@@ -93,7 +93,7 @@ class LiveMap(MapQueries):
         raise InputError("meshes are made from the results, once the run has ended")
 
 
-class RunSource:
+class RunSource(OneRecording):
     """A run that goes on, as a place that is asked.
 
     Parameters
@@ -104,6 +104,7 @@ class RunSource:
     """
 
     kind: Literal["run"] = "run"
+    map: LiveMap
 
     def __init__(self, title: str, connection: Connection) -> None:
         self.title, self.running = title, True
@@ -146,18 +147,6 @@ class RunSource:
         """Return none: objects are embedded at the end of a run."""
         return {}
 
-    def objects(self) -> list[tuple[TrackedObject, State]]:
-        """Return the objects, by label."""
-        return [(item, "present") for item in self.map.objects]
-
-    def first_seen(self, item: TrackedObject) -> Seen:
-        """Return when an object was seen first."""
-        return self._seen(item.first_frame)
-
-    def last_seen(self, item: TrackedObject) -> Seen:
-        """Return when an object was seen last."""
-        return self._seen(item.last_frame)
-
     def _seen(self, frame: int) -> Seen:
         """Return a frame with its time, between those of the frames that the run told of."""
         if not self._frames:
@@ -172,7 +161,3 @@ class RunSource:
         """Return the latest sightings of an object: those of the frames that the run told of."""
         found = [one for label in (*item.merged_labels, item.label) for one in self._sightings.get(label, ())]
         return sorted(found, key=lambda one: one.frame)
-
-    def past_relations(self, item: TrackedObject) -> list[PastRelated]:
-        """Return nothing: a run is of one recording."""
-        return []
