@@ -23,7 +23,9 @@ from cuboid.core.results import ObjectEvent, Sighting
 from cuboid.core.tolerances import BIAS_M, DRIFT_M, MIN_READINGS
 from cuboid.core.values import EventName
 from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import inverse, transform
+from cuboid.heatmap.kernels.cubes import keys_of
 from cuboid.heatmap.motion import REST_S, groups_of
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.cluster import Cluster, Fit
@@ -348,7 +350,7 @@ class Following:
         here = [one.entry for one in self._followed if not one.missed]
         if not here:
             return shown
-        boxes = np.array([np.concatenate([o.box.center, o.box.size, o.box.rotation.ravel()]) for o in here])
+        boxes = pack([entry.box for entry in here])
         views = measure_visibility(here, boxes, seen, slots, self._voxels.stored.owner, self._config.depth_noise_per_m)
         found = list(shown)
         for entry, view in zip(here, views, strict=True):
@@ -389,9 +391,9 @@ def _mark_inside(box: Box, beyond_m: float, seen: Observation, marks: UInt8Array
 
 
 def _keys(points: Float32Array) -> list[int]:
-    cells = np.floor(points.astype(np.float64) / CELL_M).astype(np.int64) + (1 << 20)
-    keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
-    found: list[int] = np.unique(keys).tolist()
+    """Return the numbers of the cells that points (N, 3) lie in."""
+    cells = np.floor(points.astype(np.float64) / CELL_M).astype(np.int64)
+    found: list[int] = np.unique(keys_of(cells)).tolist()
     return found
 
 
