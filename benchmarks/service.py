@@ -153,7 +153,7 @@ def tracked(case: Case, watch: Any) -> float:
 
 @contextmanager
 def asked(http: str, mcp: str, count: int, labels: range, found: dict[str, list[float]]) -> Iterator[None]:
-    """Let clients ask meanwhile, and gather the times of the answers, ms."""
+    """Run clients during the measurement, and collect the times of their answers, ms."""
     context = multiprocessing.get_context("spawn")
     out, stop = context.Queue(), context.Event()
     asking = context.Process(target=clients, args=(http, mcp, count, labels, out, stop), daemon=True)

@@ -19,7 +19,7 @@ from cuboid.store.rows import RunHead
 from cuboid.store.schema import DONE, FAILED, SET_ASIDE
 from cuboid.store.snapshot import key_of, snapshot
 
-# Number of recordings after which their files are gathered: reading so many small files takes one or two seconds.
+# Number of recordings after which the store merges their files: reading so many small files takes one or two seconds.
 GATHER_EVERY = 512
 
 # Number of recordings that a worker identifies per task: one task per recording would cost more than the work.

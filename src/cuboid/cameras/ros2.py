@@ -39,7 +39,7 @@ WAITING = 8
 TICK_S = 0.01
 # An image waits no longer than this for the transforms of its time, seconds.
 POSE_WAIT_S = 0.25
-# Stamps are kept of so many images, to give them back to the nanosecond.
+# Number of images whose stamps are stored, so that answers have them to the nanosecond.
 STAMPS_KEPT = 64
 
 

@@ -172,7 +172,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.store.schema import DONE
 
     version = f"{__version__}+{args.tag}" if args.tag else __version__
-    embedding_model(args)  # what does not fit is told before workers are started
+    embedding_model(args)  # mistakes are reported before workers start
     order = Order(args.output, settings_from(args), args.tables_only, args.retry, version)
     sources = expand(args.sources)
     place = Place(order.store)  # a mistake in its name is told before workers are started

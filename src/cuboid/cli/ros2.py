@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         simulated_time=args.sim_time,
         foxglove=args.foxglove,
     )
-    Parameters(lambda settings: None).set_texts(args.param)  # a mistake is told before the wait for images
+    Parameters(lambda settings: None).set_texts(args.param)  # mistakes are reported before the wait for images
 
     def make_session(intrinsics: Intrinsics, poses: str) -> Session:
         return session_from(args, intrinsics, poses)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 # This machine alone.
 HOST = "127.0.0.1"
-# Where the token may be, so that it stands in no list of processes.
+# The environment variable with the token: an option would be visible in the list of processes.
 TOKEN = "CUBOID_TOKEN"
 
 
