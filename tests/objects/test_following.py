@@ -24,6 +24,7 @@ class Stage:
 
     def __init__(self, places: list[int]) -> None:
         self.tracker, self.index, self.events = PosedTracker(CAMERA), 0, list[ObjectEvent]()
+        self.claimed = STANDING
         self.at: list[tuple[float, float, float]] = [(FREE_X[place], 0.0, 0.0) for place in places]
 
     def things(self) -> list[Box]:
@@ -31,7 +32,7 @@ class Stage:
 
     def show(self, *others: Box, frames: int = 1) -> FrameResult:
         for _ in range(frames):
-            frame = frame_of([FLOOR, TABLE, *self.things(), *others], STANDING, self.index)
+            frame = frame_of([FLOOR, TABLE, *self.things(), *others], STANDING, self.index, T_shown=self.claimed)
             result = self.tracker.update(frame)
             self.events += result.events
             self.index += 1
@@ -69,6 +70,21 @@ def test_a_thing_that_is_carried_keeps_its_label_on_the_way_and_is_told_to_have_
     assert event.to_m is not None
     np.testing.assert_allclose(event.from_m[:2], (FREE_X[0], 0.0), atol=0.03)
     np.testing.assert_allclose(event.to_m[:2], (FREE_X[4], 0.05), atol=0.03)
+
+
+def test_things_stay_where_a_hand_moves_elsewhere_and_poses_err() -> None:
+    stage = Stage([0, 2])
+    stage.show(frames=75)
+    labels = stage.label_of(0), stage.label_of(1)
+    assert None not in labels
+    # A hand comes from the right; poses say that the camera goes ahead, 10 mm a frame.
+    for step, x in enumerate(np.linspace(0.75, 0.5, 20), 1):
+        stage.claimed = STANDING.copy()
+        stage.claimed[:3, 3] += 0.01 * step * STANDING[:3, 2]
+        stage.show(upright((float(x), -0.1), (0.1, 0.1, 0.1), z=0.05))
+    stage.show(frames=160)
+    assert stage.events == []
+    assert (stage.label_of(0), stage.label_of(1)) == labels
 
 
 def test_a_thing_that_is_put_back_has_not_moved() -> None:

@@ -67,10 +67,14 @@ class Box:
         away = np.abs((points - self.center) @ self.rotation) - self.size / 2.0
         return np.asarray((away <= (0.0, 0.0, beyond_m)).all(1))
 
+    def distances_m(self, points: Float64Array) -> Float64Array:
+        """Return the distances of points (N, 3) from the box, metres, (N,); 0 inside."""
+        beyond = np.abs((points - self.center) @ self.rotation) - self.size / 2.0
+        return np.asarray(np.linalg.norm(np.maximum(beyond, 0.0), axis=-1))
+
     def distance_m(self, point: Float64Array) -> float:
         """Return the distance of a point (3,) from the box, metres; 0 inside."""
-        beyond = np.abs((point - self.center) @ self.rotation) - self.size / 2.0
-        return float(np.linalg.norm(np.maximum(beyond, 0.0)))
+        return float(self.distances_m(point))
 
     def moved(self, T_new_old: Float64Array) -> Box:
         """Return the box after a rigid transform (4, 4)."""

@@ -40,6 +40,8 @@ from cuboid.surfaces.planes import PlaneTracker
 # An object begins to move when frames see through this fraction of what is seen of its place, and has left when they
 # see through most of it, so many frames in a row.
 STIRS, LEFT, IN_A_ROW = 0.2, 0.5, 3
+# An object can leave only where something moved nearer to it than this, metres, about a hand's width.
+NEAR_M = 0.1
 # How far an object may be from where it stirred when this is seen first, and from where it is expected, metres.
 FIRST_REACH_M, REACH_M = 0.08, 0.04
 # A followed object has moved on where so much more of it is seen there than in its last place, as a fraction.
@@ -111,8 +113,8 @@ class Following:
         self._config, self._store, self._voxels, self._planes = config, store, voxels, planes
         self._followed: list[_Followed] = []
         self._gone: list[_Gone] = []
-        # When something was last seen to move, seconds.
-        self._moved_s = -np.inf
+        # When something moved near each object, by number, the last frames, seconds.
+        self._near_s: dict[int, deque[float]] = {}
         # Frames in a row in which each object stirred, and was left, by number.
         self._stirs: dict[int, int] = {}
         self._leaves: dict[int, int] = {}
@@ -140,10 +142,10 @@ class Following:
         self._levels = None
         self._settled = [(entry, until_s) for entry, until_s in self._settled if time_s < until_s]
         if seen.moving is not None:
-            self._moved_s = time_s
-            self._note_cells(_points_of(seen))
-        if time_s - self._moved_s < GONE_S:
-            self._find_leaving(seen, time_s)
+            places = _points_of(seen)
+            self._note_cells(places)
+            self._note_near(places, time_s)
+        self._find_leaving(seen, time_s)
         for one in list(self._followed):
             self._follow(one, seen, time_s)
         self._tell_gone(time_s)
@@ -180,7 +182,7 @@ class Following:
     def _find_leaving(self, seen: Observation, time_s: float) -> None:
         image, noise = seen.image, self._config.depth_noise_per_m
         pinhole, T = image.camera.pinhole, np.ascontiguousarray(seen.T_camera_world)
-        for entry in self._store.confirmed():
+        for entry in self._may_leave(time_s):
             points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
             stays, passed = count_passed(points, image.depth_m, pinhole, T, IN_PLACE_M, noise)
             enough = passed >= MIN_READINGS
@@ -188,6 +190,18 @@ class Following:
             self._count(self._leaves, entry, enough and passed >= LEFT * (stays + passed))
             if self._stirs.get(entry.number, 0):
                 self._let_go(entry, seen, time_s)
+
+    def _note_near(self, places: Float32Array, time_s: float) -> None:
+        """Record near which labelled objects something moves."""
+        centers = (np.unique(np.floor(places / NEAR_M), axis=0) + 0.5) * NEAR_M
+        for entry in self._store.confirmed():
+            if entry.box.distances_m(centers).min(initial=np.inf) < NEAR_M:
+                self._near_s.setdefault(entry.number, deque(maxlen=IN_A_ROW)).append(time_s)
+
+    def _may_leave(self, time_s: float) -> list[MapObject]:
+        """Return the labelled objects near which something moved in enough frames, the last not long ago."""
+        self._near_s = {number: at_s for number, at_s in self._near_s.items() if time_s - at_s[-1] < GONE_S}
+        return [entry for entry in self._store.confirmed() if len(self._near_s.get(entry.number, ())) == IN_A_ROW]
 
     @staticmethod
     def _count(counts: dict[int, int], entry: MapObject, more: bool) -> None:
