@@ -21,7 +21,7 @@ from cuboid.objects.continuation import is_structure
 from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import CLEAR, ends_above
 from cuboid.objects.store import ObjectStore
-from cuboid.objects.support import above_support_rim, find_holder
+from cuboid.objects.support import above_support_rim, encloses, find_holder
 from cuboid.objects.validity import fits_object, too_large
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
@@ -116,7 +116,7 @@ class Fitting:
         entry.holder = 0 if rests is None else find_holder(entry, *rests, near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
-        supports_plane = self._supports_plane(entry)
+        supports_plane = self._supports_plane(entry) or encloses(entry, [o for o in near if o.confirmed])
         # A thinner or flatter object may be noise of a surface.
         structure = (
             supports_plane
@@ -131,7 +131,8 @@ class Fitting:
             # Candidates are fitted only while they are likely.
             while (times := times - 1) > 0 and entry.log_odds > 0:
                 entry.log_odds -= STRUCTURE
-        # Regardless of its outline: an object that supports a plane at two successive fits is furniture.
+        # Regardless of its outline: an object that supports a plane, or encloses others, at two successive fits is
+        # furniture.
         if too_large(box, self._config) or (entry.confirmed and entry.supports_plane and supports_plane):
             self._store.retire(entry)
         entry.supports_plane = supports_plane

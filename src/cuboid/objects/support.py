@@ -12,11 +12,16 @@ from cuboid.boxes.quantiles import quantile
 from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.limits import SAMPLE_POINTS
 from cuboid.core.tolerances import DRIFT_M, JUMP_M, MIN_READINGS, OUTLIER_FRACTION
+from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.distances import points_near
 from cuboid.objects.entry import MapObject
 from cuboid.objects.kernels.rims import highest_rim
 
+# An object lies within another one if this fraction of its points is in the other one's box.
+WITHIN_FRACTION = 0.9
+# It is covered if the other one's points lie over this fraction of its footprint.
+COVERED_FRACTION = 0.5
 # The space beneath an object's foot is known if it is known beneath this fraction of its lowest points.
 KNOWN_BENEATH_FRACTION = 0.8
 
@@ -74,6 +79,35 @@ def find_holder(
         if np.count_nonzero(beneath) / len(low) >= KNOWN_BENEATH_FRACTION:
             best, holder = touches, other.number
     return holder
+
+
+def encloses(entry: MapObject, others: Iterable[MapObject]) -> bool:
+    """Return whether an object surrounds and covers one of others, as a shelf does; a box that holds things is open.
+
+    Parameters
+    ----------
+    entry : MapObject
+        The object, with its points.
+    others : iterable of MapObject
+        Labelled objects near it.
+    """
+    box = entry.box
+    for other in others:
+        if other.box.volume >= box.volume or not len(other.points):
+            continue
+        inside = box.contains(other.points[:: 1 + len(other.points) // SAMPLE_POINTS].astype(np.float64), DRIFT_M)
+        if np.count_nonzero(inside) >= WITHIN_FRACTION * len(inside) and _covers(entry.points, other.box):
+            return True
+    return False
+
+
+def _covers(points: Float32Array, box: Box) -> bool:
+    """Return whether points (N, 3) lie over most of an upright box's footprint."""
+    local = (points - box.center) @ box.rotation
+    over = local[(local[:, 2] > box.size[2] / 2.0 + DRIFT_M) & (np.abs(local[:, :2]) <= box.size[:2] / 2.0).all(1)]
+    cells = np.floor(over[:, :2] / DRIFT_M).astype(np.int64)
+    area_m2 = len(np.unique(cells, axis=0)) * DRIFT_M**2
+    return bool(area_m2 >= COVERED_FRACTION * box.size[0] * box.size[1])
 
 
 def above_support_rim(
