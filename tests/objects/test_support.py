@@ -6,7 +6,7 @@ import numpy as np
 from made_maps import box_of, grid, map_of, shell
 
 from cuboid.objects.entry import MapObject
-from cuboid.objects.support import above_support_rim, find_holder
+from cuboid.objects.support import above_support_rim, encloses, find_holder
 
 UP = np.array([0.0, 0.0, 1.0])
 TABLE = grid((0.0, 0.6), (0.0, 0.4), (-0.01, 0.0))
@@ -107,3 +107,28 @@ def test_what_is_no_wider_is_no_rim() -> None:
 
 def test_what_stands_on_its_plane_keeps_all_of_its_points() -> None:
     assert stands(JAR - [0.0, 0.0, 0.59], RIM - [0.0, 0.0, 0.59]) == [True, True]
+
+
+CAN = shell((0.2, 0.27), (0.1, 0.17), (0.0, 0.12))
+SIDES = [shell((0.0, 0.01), (0.0, 0.3), (0.0, 0.4)), shell((0.59, 0.6), (0.0, 0.3), (0.0, 0.4))]
+BOARD = grid((0.0, 0.6), (0.0, 0.3), (0.24, 0.25))
+
+
+def entry(number: int, *parts: np.ndarray) -> MapObject:
+    points = np.concatenate(parts)
+    return MapObject(number, box_of(points), 0, 0, points=points.astype(np.float32))
+
+
+def test_a_shelf_encloses_what_stands_beneath_one_of_its_boards() -> None:
+    assert encloses(entry(1, *SIDES, BOARD), [entry(2, CAN)], 0.01)
+
+
+def test_an_open_box_and_a_lamp_enclose_nothing_of_what_stands_in_and_beneath_them() -> None:
+    assert not encloses(entry(1, *SIDES, grid((0.0, 0.6), (0.0, 0.3), (0.0, 0.01))), [entry(2, CAN)], 0.01)
+    arm = grid((0.22, 0.24), (0.0, 0.3), (0.38, 0.4))
+    assert not encloses(entry(1, *SIDES, arm), [entry(2, CAN)], 0.01)
+
+
+def test_a_shelf_does_not_enclose_what_stands_before_it_or_on_it() -> None:
+    before, above = (CAN + np.array(shift) for shift in ((0.0, -0.12, 0.0), (0.0, 0.0, 0.25)))
+    assert not encloses(entry(1, *SIDES, BOARD), [entry(2, before), entry(3, above)], 0.01)

@@ -116,7 +116,9 @@ class Fitting:
         entry.holder = 0 if rests is None else find_holder(entry, *rests, near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
-        supports_plane = self._supports_plane(entry) or encloses(entry, [o for o in near if o.confirmed])
+        supports_plane = self._supports_plane(entry) or encloses(
+            entry, [o for o in near if o.confirmed], voxels.voxel_m
+        )
         # A thinner or flatter object may be noise of a surface.
         structure = (
             supports_plane

@@ -21,7 +21,7 @@ from cuboid.objects.kernels.rims import highest_rim
 # An object lies within another one if this fraction of its points is in the other one's box.
 WITHIN_FRACTION = 0.9
 # It is covered if the other one's points lie over this fraction of its footprint.
-COVERED_FRACTION = 0.5
+COVERED_FRACTION = 0.6
 # The space beneath an object's foot is known if it is known beneath this fraction of its lowest points.
 KNOWN_BENEATH_FRACTION = 0.8
 
@@ -81,7 +81,7 @@ def find_holder(
     return holder
 
 
-def encloses(entry: MapObject, others: Iterable[MapObject]) -> bool:
+def encloses(entry: MapObject, others: Iterable[MapObject], voxel_m: float) -> bool:
     """Return whether an object surrounds and covers one of others, as a shelf does; a box that holds things is open.
 
     Parameters
@@ -90,23 +90,26 @@ def encloses(entry: MapObject, others: Iterable[MapObject]) -> bool:
         The object, with its points.
     others : iterable of MapObject
         Labelled objects near it.
+    voxel_m : float
+        Edge of a voxel, metres: points are that far apart.
     """
     box = entry.box
     for other in others:
         if other.box.volume >= box.volume or not len(other.points):
             continue
         inside = box.contains(other.points[:: 1 + len(other.points) // SAMPLE_POINTS].astype(np.float64), DRIFT_M)
-        if np.count_nonzero(inside) >= WITHIN_FRACTION * len(inside) and _covers(entry.points, other.box):
+        if np.count_nonzero(inside) >= WITHIN_FRACTION * len(inside) and _covers(entry.points, other.box, voxel_m):
             return True
     return False
 
 
-def _covers(points: Float32Array, box: Box) -> bool:
+def _covers(points: Float32Array, box: Box, voxel_m: float) -> bool:
     """Return whether points (N, 3) lie over most of an upright box's footprint."""
     local = (points - box.center) @ box.rotation
     over = local[(local[:, 2] > box.size[2] / 2.0 + DRIFT_M) & (np.abs(local[:, :2]) <= box.size[:2] / 2.0).all(1)]
-    cells = np.floor(over[:, :2] / DRIFT_M).astype(np.int64)
-    area_m2 = len(np.unique(cells, axis=0)) * DRIFT_M**2
+    # Points of adjacent voxels are at most two voxels apart.
+    cell_m = 2.0 * voxel_m
+    area_m2 = len(np.unique(np.floor(over[:, :2] / cell_m), axis=0)) * cell_m**2
     return bool(area_m2 >= COVERED_FRACTION * box.size[0] * box.size[1])
 
 
