@@ -1,7 +1,7 @@
-"""The command `cuboid`: a module for each of its commands, and only the chosen one is imported.
+"""The command `cuboid`: each of its commands has a module, and only the chosen module is imported.
 
-A command module has `EXAMPLE` (a call that works), `add_arguments(parser)` and `run(args) -> int`; whatever is slow to
-import is imported inside `run`.
+A command module has `EXAMPLE` (a valid call), `add_arguments(parser)` and `run(args) -> int`; modules that are slow to
+import are imported inside `run`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cuboid.cli.names import without_guessing
 from cuboid.cli.parser import MISTAKE, Parser, did_you_mean
 from cuboid.core.errors import CuboidError, one_line, printable
 
-# The commands by what they are for, as the help lists them; a line each.
+# The commands in groups, as the help lists them, with a line for each.
 GROUPS = {
     "run": {
         "track": "track the objects of a recording and write the results",
@@ -74,13 +74,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     argv : sequence of str, optional
-        Arguments without the program's name; those of the process unless given.
+        Arguments without the program's name (default: the arguments of the process).
 
     Returns
     -------
     int
-        0 done, 2 a mistake in the call or the input, 130 or 143 ended by Ctrl-C or SIGTERM; a fault of the
-        program is a traceback, and the interpreter then exits with 1.
+        0: done; 2: mistake in the call or the input; 130 or 143: ended by Ctrl-C or SIGTERM. A bug of the
+        program prints a traceback, and the interpreter exits with 1.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     _open_streams()
@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("cuboid: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # who read our output has gone: nothing is left to say, nor to be flushed at exit
+    except BrokenPipeError:  # the reader of the output is gone: print nothing more, flush nothing at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
     except OSError as error:
@@ -106,9 +106,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _open_streams() -> None:
-    """Let there be all three standard streams, each of which takes any character.
+    """Open missing standard streams, and let the output streams accept any character.
 
-    Where one is closed, the next file that is opened would get its number, and what is printed would go into it.
+    If a standard stream is closed, the next opened file gets its number, and printed text would go into that file.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:
@@ -125,10 +125,10 @@ def _open_streams() -> None:
 
 
 def _flushed(words: list[str]) -> int:
-    """Run, and flush standard output while what it refuses can still be handled."""
+    """Run the command, and flush standard output here, where errors of writing are still handled."""
     try:
         status = _run(words)
-    except SystemExit:  # --help, or a complaint
+    except SystemExit:  # --help, or an error message of the parser
         sys.stdout.flush()
         raise
     sys.stdout.flush()
@@ -138,7 +138,7 @@ def _flushed(words: list[str]) -> int:
 def _run(words: list[str]) -> int:
     if " ".join(words[:2]) in COMMANDS:  # a command of two words
         words = [" ".join(words[:2]), *words[2:]]
-    completing = "_ARGCOMPLETE" in os.environ  # the words are in the environment then
+    completing = "_ARGCOMPLETE" in os.environ  # if set, the words are in the environment
     parser = Parser(prog="cuboid", description=DESCRIPTION, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"cuboid {__version__}")
     chosen = next((word for word in words if not word.startswith("-")), None)
@@ -176,13 +176,13 @@ def _run(words: list[str]) -> int:
 
 
 def description(name: str) -> str:
-    """Return what a command does, as a sentence."""
+    """Return the purpose of a command, as a sentence."""
     line = next(group[name] for group in GROUPS.values() if name in group)
     return f"{line[0].upper()}{line[1:]}."
 
 
 def _without_command(parser: Parser, words: list[str]) -> int:
-    """Print the help where nothing else is asked for; complain of a command that does not exist."""
+    """Print the help if no command is given; report a command that does not exist."""
     unknown = [word for word in words if not word.startswith("-")]
     if unknown:
         hint = did_you_mean(" ".join(unknown[:2]), COMMANDS) or did_you_mean(unknown[0], COMMANDS)
@@ -197,7 +197,7 @@ def _without_command(parser: Parser, words: list[str]) -> int:
 
 
 def _listed() -> str:
-    """Return the commands in their groups, a line each."""
+    """Return the commands in their groups, one per line."""
     width = max(map(len, COMMANDS))
     lines = []
     for group, commands in GROUPS.items():

@@ -1,4 +1,4 @@
-"""`cuboid annotate`: draw rectangles into some frames of a recording, as a truth for its results."""
+"""`cuboid annotate`: draw rectangles into some frames of a recording, as the truth for its results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "cuboid annotate RECORDING"
 
-# Number of keyframes that are suggested: ten minutes of work, and enough to tell a good result from a bad one.
+# Number of suggested keyframes: ten minutes of work, and enough to distinguish a good result from a bad one.
 SUGGESTED = 12
 NAME = "keyframes.json"
 
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _path(output: Path | None, recording: Recording) -> Path:
-    """Return the file of the keyframes; OutputError where none can be written there."""
+    """Return the file of the keyframes; raises OutputError if it cannot be written."""
     import os
 
     from cuboid.core.errors import OutputError

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class BatchProgress:
-    """A progress bar on a terminal, else a line from time to time; a context manager."""
+    """Context manager: a progress bar on a terminal, elsewhere a line at intervals."""
 
     def __init__(self, planned: Plan, dashboard: str) -> None:
         self._planned = planned
@@ -66,7 +66,7 @@ class BatchProgress:
         self._bar.stop()
 
     def ended(self, one: Ended) -> None:
-        """Take note of a recording that has ended."""
+        """Count a recording that has ended."""
         self._states[one.state] += 1
         self._frames += one.frames
         self._objects += one.objects
@@ -76,11 +76,11 @@ class BatchProgress:
         self._line()
 
     def count(self, state: str) -> int:
-        """Return how many recordings ended so."""
+        """Return the number of recordings that ended in this state."""
         return self._states[state]
 
     def figures(self) -> dict[str, Any]:
-        """Return what was done, ready for JSON."""
+        """Return the figures of the finished recordings, ready for JSON."""
         from cuboid.store.schema import DONE, FAILED, SET_ASIDE
 
         states = {state.replace(" ", "_"): self._states[state] for state in (DONE, FAILED, SET_ASIDE)}
@@ -115,7 +115,7 @@ class BatchProgress:
 
 
 def duration(seconds: float) -> str:
-    """Return a time as people say it."""
+    """Return a time in units that suit its length."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     minutes = seconds / 60
@@ -124,7 +124,7 @@ def duration(seconds: float) -> str:
 
 EXAMPLE = "cuboid batch RECORDINGS --output STORE"
 
-# This many recordings are named by --dry-run; of the rest the number.
+# --dry-run names this many recordings, and prints the number of the others.
 NAMED = 20
 
 
@@ -175,7 +175,7 @@ def run(args: argparse.Namespace) -> int:
     embedding_model(args)  # mistakes are reported before workers start
     order = Order(args.output, settings_from(args), args.tables_only, args.retry, version)
     sources = expand(args.sources)
-    place = Place(order.store)  # a mistake in its name is told before workers are started
+    place = Place(order.store)  # a mistake in its name is reported before workers start
 
     def waiting() -> None:
         print(
@@ -221,7 +221,7 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
         "every": args.every,
         "limit": args.limit,
         "scale": args.scale,
-        # only where asked for: the settings are part of what a run in the store is known by
+        # only if requested: the settings are part of the identity of a run in the store
         **({"detector": args.detector} if args.detector else {}),
         **({"detector_every": args.detector_every} if args.detector_every else {}),
         **({"relations": True} if args.relations else {}),
@@ -230,13 +230,13 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _plan_document(planned: Plan) -> dict[str, Any]:
-    """Return what would be done, ready for JSON."""
+    """Return the recordings that would be tracked, ready for JSON."""
     to_do = [{"recording": task.source.name, "source": task.source.url} for task in planned.tasks]
     return {"to_do": to_do, **_before(planned)}
 
 
 def _before(planned: Plan) -> dict[str, Any]:
-    """Return what is not to be done, and why, ready for JSON."""
+    """Return the recordings that will not be tracked, with the reason, ready for JSON."""
     broken = [{"recording": one.name, "source": one.url, "reason": why} for one, why in planned.broken.items()]
     return {"done_before": planned.done, "failed_before": planned.failed, "not_listed": broken}
 

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 EXAMPLE = "cuboid bench RECORDING --limit 100"
 
-# Cost over time compares these parts of the used frames: early, but with a map to match against, and the end.
+# Cost over time compares these parts of the used frames: an early part that already has a map, and the end.
 EARLY = (0.10, 0.35)
 LATE = (0.80, 1.00)
-# Figures of the frames that are printed, and their names.
+# Printed figures of the frames, and their names.
 TAIL = {"median": "median", "99th percentile": "p99", "worst": "worst"}
 
 
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def measurements(outcome: RunOutcome) -> dict[str, Any]:
-    """Return all that was measured, ready for JSON."""
+    """Return all measurements, ready for JSON."""
     report = outcome.report
     document = report.to_dict()
     names = (
@@ -79,10 +79,10 @@ def measurements(outcome: RunOutcome) -> dict[str, Any]:
 
 
 def tail(frame_ms: Sequence[float], decode_ms: Sequence[float]) -> dict[str, float]:
-    """Return median, 99th percentile and worst of the frames after warm-up, and each in units of decoding.
+    """Return median, 99th percentile and worst of the frames after warm-up, in milliseconds and in units of decoding.
 
-    The unit is the median time that decoding color and depth of the same frames took in the same run: machines differ,
-    and one machine from hour to hour, but both then go slower together.
+    The unit is the median time of decoding color and depth of the same frames in the same run. Machines differ in
+    speed, and the speed of one machine varies, but tracking and decoding then slow down together.
     """
     import numpy as np
 
@@ -109,7 +109,7 @@ def over_time(frame_ms: Sequence[float]) -> dict[str, float] | None:
 
 
 def machine() -> dict[str, Any]:
-    """Return what the figures depend on."""
+    """Return the properties of the machine on which the figures depend."""
     model = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
@@ -144,7 +144,7 @@ def _print(measured: dict[str, Any], outcome: RunOutcome) -> None:
 
 
 def _tail_lines(measured: dict[str, Any]) -> list[str]:
-    """Return the lines about slow frames and about the map's memory."""
+    """Return the lines about slow frames and about the memory of the map."""
     lines, found, points = [], measured["tail"], measured["map"]["points"]
     if found is not None and "median_decodes" in found:
         values = (f"{name} {found[f'{key}_ms']:.1f} ms = {found[f'{key}_decodes']:.1f}" for name, key in TAIL.items())

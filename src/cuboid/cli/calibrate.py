@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 EXAMPLE = "cuboid calibrate RECORDING --output camera.json"
 
-# Where nothing is known of a camera the search begins with a focal length of this fraction of the image's width: color
-# cameras of common depth cameras have 0.71 to 0.96, and the search reaches 0.61 to 1.12.
+# If a camera is unknown, the search begins with a focal length of this fraction of the image width: color cameras of
+# common depth cameras have 0.71 to 0.96, and the search covers 0.61 to 1.12.
 UNKNOWN_FOCAL_FRACTION = 0.83
 
 
@@ -57,7 +57,8 @@ def run(args: argparse.Namespace) -> int:
             recording, poses=_poses(args.poses), every=args.every, limit=args.limit, progress=shown
         )
     units = recording.depth_units_per_metre / found.depth_scale
-    # the frames that were compared have no distortion: what took it out bends them as before with the new focal length
+    # The compared frames are undistorted. The coefficients are rescaled so that they undistort the images in the same
+    # way with the new focal length.
     distortion = rescaled(recording.distortion, found.intrinsics.fx / recording.calibration.fx)
     with new_file(args.output, force=args.force) as file:
         write_camera(file, found.intrinsics, units, distortion, recording.depth_camera)
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _document(found: CalibrationResult, units: float, output: Path) -> dict[str, Any]:
-    """Return what was found, ready for JSON; null for what was not fitted."""
+    """Return the result, ready for JSON; null for values that were not fitted."""
     from dataclasses import asdict
     from math import isfinite
 
@@ -83,7 +84,7 @@ def _document(found: CalibrationResult, units: float, output: Path) -> dict[str,
 
 
 def _poses(poses: str | None) -> str | None:
-    """Return the source of poses for `calibrate_recording`; raises InputError where it corrects them."""
+    """Return the source of poses for `calibrate_recording`; raises InputError for corrected poses."""
     from cuboid.core.errors import InputError
 
     if poses == "corrected":
@@ -92,13 +93,13 @@ def _poses(poses: str | None) -> str | None:
 
 
 def _open(args: argparse.Namespace) -> Recording:
-    """Open the recording; where its intrinsics are not known, with a guess."""
+    """Open the recording; if its intrinsics are unknown, with a guess."""
     from cuboid.readers.missing_camera import UnknownIntrinsicsError
 
     try:
         return open_from(args)
     except UnknownIntrinsicsError:
-        args.intrinsics = (500.0, 500.0, 0.0, 0.0)  # of any images, to learn their size
+        args.intrinsics = (500.0, 500.0, 0.0, 0.0)  # any values: only the size of the images is read
         size = open_from(args).intrinsics
         focal = UNKNOWN_FOCAL_FRACTION * size.width
         args.intrinsics = (focal, focal, (size.width - 1) / 2, (size.height - 1) / 2)

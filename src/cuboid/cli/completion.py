@@ -1,4 +1,4 @@
-"""`cuboid completion`: what lets a shell complete commands, options and names."""
+"""`cuboid completion`: print the script with which a shell completes commands, options and names."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print it."""
+    """Print the script."""
     from argcomplete.shell_integration import shellcode
 
     print(shellcode(["cuboid"], shell=args.shell))

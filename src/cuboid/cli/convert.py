@@ -11,7 +11,7 @@ from cuboid.cli.workers import positive
 
 EXAMPLE = "cuboid convert RECORDING --to mcap --output DIR"
 FORMS = ("plain", "tum", "mcap")
-# This many reasons for frames that were left out are shown.
+# Number of omitted frames whose reasons are printed.
 SHOWN = 8
 
 
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Convert, and print the frames that were left out."""
+    """Convert, and print the omitted frames."""
     from cuboid.cli.progress import counting
     from cuboid.core.errors import InputError, OutputError
     from cuboid.core.threads import limit_threads

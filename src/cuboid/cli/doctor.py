@@ -1,4 +1,4 @@
-"""`cuboid doctor`: check what a run needs."""
+"""`cuboid doctor`: check the requirements of a run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cuboid.core.threads import cores
 
 EXAMPLE = "cuboid doctor"
 
-# Packages that each run needs: distribution, and module ("" where importing it writes to the terminal).
+# Packages that each run needs: distribution and module ("" if the import writes to the terminal).
 PACKAGES = (
     ("numpy", "numpy"),
     ("msgspec", "msgspec"),
@@ -79,12 +79,12 @@ class Check:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the checks; 1 where one of them fails."""
+    """Print the checks; return 1 if one of them fails."""
     checks = [*_system(), *_packages(), *_kernels(), *_folders()]
     give(args, {"checks": [asdict(check) for check in checks]}, lambda: _print(checks))
     return 1 if any(check.state == BAD for check in checks) else 0
@@ -114,7 +114,7 @@ def _packages() -> Iterator[Check]:
 
 
 def _extra(extra: str, packages: tuple[tuple[str, str], ...]) -> Check:
-    """Look for all packages of an extra."""
+    """Check all packages of an extra."""
     versions, missing = [], []
     for distribution, module in packages:
         try:
@@ -128,14 +128,14 @@ def _extra(extra: str, packages: tuple[tuple[str, str], ...]) -> Check:
 
 
 def _version(distribution: str, module: str) -> str:
-    """Return the version of a package; raises ImportError where it is not installed, or does not load."""
+    """Return the version of a package; raises ImportError if it is not installed or does not load."""
     if module:
         import_module(module)
     return metadata.version(distribution)  # its PackageNotFoundError is an ImportError
 
 
 def _opencv_parts() -> Check:
-    """Look for the parts that only the contrib build of OpenCV has; another build may have overwritten it."""
+    """Check the parts that only the contrib build of OpenCV has; another build may have overwritten it."""
     try:
         import cv2
 
@@ -171,7 +171,7 @@ def _folders() -> Iterator[Check]:
 
 def _writable(name: str, folder: Path) -> Check:
     at = folder
-    while not at.exists() and at != at.parent:  # a cache is made when it is first written
+    while not at.exists() and at != at.parent:  # the first write creates the cache
         at = at.parent
     try:
         with tempfile.TemporaryFile(dir=at):

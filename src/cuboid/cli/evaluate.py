@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def print_evaluation(found: Evaluation) -> None:
-    """Print everything, as tables."""
+    """Print the evaluation as tables."""
     from cuboid.cli.tables import console
 
     out = console()

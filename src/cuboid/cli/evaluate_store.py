@@ -11,18 +11,18 @@ if TYPE_CHECKING:
     from cuboid.evaluation.statistics import Interval, Paired
     from cuboid.store.judging import Judged
 
-# Figures of the tables, with the digits of each; --json has every figure.
+# Figures of the tables, with the number of digits of each; --json has all figures.
 _FRACTIONS = ("recall_25", "precision_25", "recall_50", "precision_50", "mean_iou")
 _TRACKING = ("hota", "idf1_25", "idf1_50", "reid")
 _COUNTS = ("switches", "fragments", "merges", "false_alarms")
 SHOWN = {**dict.fromkeys(_FRACTIONS + _TRACKING, 3), **dict.fromkeys(_COUNTS, 2), "ms_frame": 1}
 
-# A comparison names this many of the scenes that lost most.
+# A comparison lists this many scenes with the largest losses.
 NAMED = 10
 
 
 def add_store(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a whole store."""
+    """Add the options for evaluating a store."""
     from cuboid.cli.workers import add_workers
 
     whole = parser.add_argument_group("a whole store")
@@ -38,7 +38,7 @@ def add_store(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Judge and print."""
+    """Evaluate and print."""
     from pathlib import Path
 
     from cuboid.core.extras import need_cluster
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _numbers(found: Judged) -> list[str]:
-    """Return the figures that are numbers."""
+    """Return the numeric figures."""
     names = dict.fromkeys(name for row in found.rows.values() for name in row)
     return [name for name in names if name != "ms_stages"]
 

@@ -159,7 +159,7 @@ def _add_filters(parser: argparse.ArgumentParser) -> None:
 
 
 def _word(read: Callable[[str], T]) -> Callable[[str], T]:
-    """Return a reader whose message argparse prints unchanged."""
+    """Return a reader of an argument; argparse prints its error message unchanged."""
 
     def read_word(text: str) -> T:
         try:

@@ -1,4 +1,4 @@
-"""Ctrl-C ends a run; its results so far are written."""
+"""Ctrl-C ends a run, and the results so far are written."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ NOTICE = b"\ncuboid: ending after this frame and writing the results so far; a s
 
 
 class Interruption:
-    """Whether a signal asked the run to end; call it to know.
+    """Whether a signal has ended the run; call the object to find out.
 
     Attributes
     ----------
     status : int
-        Exit status of a run that was ended so: 128 and the number of the signal, as shells have it.
+        Exit status of a run that a signal ended: 128 plus the number of the signal, as in shells. 0 without a signal.
     tell : callable
         Called at the first signal, inside its handler.
     """
@@ -28,21 +28,21 @@ class Interruption:
         self.tell: Callable[[], None] = lambda: None
 
     def __call__(self) -> bool:
-        """Return whether the run is to end."""
+        """Return whether the run must end."""
         return self.status != 0
 
     def handle(self, number: int, frame: FrameType | None) -> None:
-        """Note the signal; the second one ends the program at once."""
+        """Store the first signal; a second one ends the program at once."""
         if self.status:
             raise KeyboardInterrupt
         self.status = 128 + number
         self.tell()
-        os.write(STDERR, NOTICE)  # print may be at work already
+        os.write(STDERR, NOTICE)  # the signal may have interrupted a print
 
 
 @contextmanager
 def interruptible() -> Iterator[Interruption]:
-    """Let SIGINT and SIGTERM ask for the end of what runs inside, instead of breaking it off."""
+    """Within the context, SIGINT and SIGTERM request the end of the run instead of aborting it."""
     interruption = Interruption()
     before = {number: signal.signal(number, interruption.handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation
     from cuboid.evaluation.names import NameQuality
 
-# This many frames of a list are named.
+# Number of frames of a list that are named.
 NAMED = 8
 
 
@@ -48,7 +48,7 @@ def _draw(args: argparse.Namespace, found: KeyframeEvaluation) -> int:
 
 
 def print_evaluation(found: KeyframeEvaluation) -> None:
-    """Print everything, as tables."""
+    """Print the evaluation as tables."""
     from cuboid.cli.tables import console
 
     out = console()

@@ -71,7 +71,7 @@ def add_foxglove(parser: argparse._ActionsContainer) -> None:
 
 
 def address(text: str) -> tuple[str, int]:
-    """Read HOST:PORT from the command line."""
+    """Parse HOST:PORT."""
     host, _, number = text.rpartition(":")
     if not host:
         raise argparse.ArgumentTypeError(f"expected HOST:PORT, got '{text}'")
@@ -79,14 +79,14 @@ def address(text: str) -> tuple[str, int]:
 
 
 def say_foxglove(host: str, number: int) -> None:
-    """Say where Foxglove finds the run."""
+    """Print the address for Foxglove."""
     shown = "localhost" if host == "127.0.0.1" else host
     print(f"cuboid: Foxglove connects to ws://{shown}:{number}", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def served_run(args: argparse.Namespace, name: str) -> Iterator[ServedRun | None]:
-    """Answer about the run where `--serve` asks for it, and say where; gives what looks at the run."""
+    """Serve the run over HTTP if `--serve` is given, and print the address; yields the server, or None."""
     if args.serve is None:
         if args.serve_host is not None:
             from cuboid.core.errors import InputError
@@ -107,23 +107,23 @@ def served_run(args: argparse.Namespace, name: str) -> Iterator[ServedRun | None
 
 @contextmanager
 def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[Watching]:
-    """Open the views that the arguments ask for."""
+    """Open the views that the arguments request."""
     with ExitStack() as stack:
         live = stack.enter_context(live_view(args, name, intrinsics))
-        looks: list[Watch] = [] if live is None else [live]
+        views: list[Watch] = [] if live is None else [live]
         served = stack.enter_context(served_run(args, name))
-        looks += [] if served is None else [served]
+        views += [] if served is None else [served]
         if args.rerun is not None:
             from cuboid.views.rerun_view import RerunView
 
-            looks.append(stack.enter_context(RerunView(args.rerun, name, intrinsics)))
+            views.append(stack.enter_context(RerunView(args.rerun, name, intrinsics)))
         if args.foxglove is not None:
             from cuboid.views.foxglove_view import FoxgloveView
 
             view = stack.enter_context(FoxgloveView(intrinsics, *args.foxglove))
             say_foxglove(args.foxglove[0], view.port)
-            looks.append(view)
-        yield Watching(live, looks)
+            views.append(view)
+        yield Watching(live, views)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,12 +131,12 @@ class Watching:
     """All views of a run."""
 
     live: LiveView | None
-    looks: Sequence[Watch]
+    views: Sequence[Watch]
 
     def __call__(self, frame: Frame, result: FrameResult, tracker: MapLike) -> None:
-        """Show a used frame to all of them."""
-        for look in self.looks:
-            look(frame, result, tracker)
+        """Show a used frame in all views."""
+        for show in self.views:
+            show(frame, result, tracker)
 
     def end(self, report: RunReport) -> None:
         """Report the end of the run."""
@@ -146,7 +146,7 @@ class Watching:
 
 @contextmanager
 def live_view(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[LiveView | None]:
-    """Serve the run if `--live` is given, and print the address; gives the view, or None."""
+    """Serve the live page if `--live` is given, and print the address; yields the view, or None."""
     if not args.live:
         if args.live_host is not None:
             from cuboid.core.errors import InputError

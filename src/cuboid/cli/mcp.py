@@ -13,7 +13,7 @@ PORT = 8766
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     parser.add_argument("place", metavar="SCENE|RESULTS", help="a scene file or a result folder")
     parser.add_argument(
         "--http", action="store_true", help="serve over HTTP, at /mcp; else over standard input and output"
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until the assistant goes, or Ctrl-C."""
+    """Serve until the assistant disconnects, or Ctrl-C."""
     from cuboid.core.errors import InputError
     from cuboid.core.extras import require
     from cuboid.core.threads import limit_threads

@@ -1,10 +1,10 @@
-"""Words that options take: names from the tables in which they are registered, and words that may be left out."""
+"""Values of options: registered names, and the values of options that need none."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-# The value of each option where no word follows, and the test whether a word that follows belongs to it.
+# For each option with an optional value: the value if no word follows, and a test whether the next word is its value.
 OPTIONAL: dict[str, tuple[str, Callable[[str], bool]]] = {
     "--foxglove": ("127.0.0.1:8765", lambda word: word.rpartition(":")[2].isdigit()),
     "--json": ("-", lambda word: word == "-" or word.endswith(".json")),
@@ -15,7 +15,7 @@ OPTIONAL: dict[str, tuple[str, Callable[[str], bool]]] = {
 
 
 def without_guessing(words: Sequence[str]) -> list[str]:
-    """Return a command line in which these options take no word that is not for them, a recording's name say."""
+    """Return the command line with explicit values, so that these options do not take the next argument as a value."""
     words = list(words)
     for k, word in enumerate(words):
         if word in OPTIONAL:
@@ -26,14 +26,14 @@ def without_guessing(words: Sequence[str]) -> list[str]:
 
 
 def format_names() -> list[str]:
-    """Return the names of the layouts of recordings."""
+    """Return the names of the recording layouts."""
     from cuboid.readers import READERS
 
     return READERS.names()
 
 
 def detector_names() -> list[str]:
-    """Return the names of the detectors that have one."""
+    """Return the names of the registered detectors."""
     from cuboid.detection import DETECTORS
 
     return DETECTORS.names()
@@ -56,14 +56,14 @@ def setting_names() -> list[str]:
 
 
 def export_names() -> dict[str, str]:
-    """Return the names of the forms of results, each with what it is for."""
+    """Return the names of the export formats, each with its purpose."""
     from cuboid.exports import EXPORTS
 
     return {name: form.purpose for name, form in EXPORTS.items()}
 
 
 def scene_export_names() -> dict[str, str]:
-    """Return the forms in which results of a scene are written, each with what it is for."""
+    """Return the names of the formats in which results of a scene are exported, each with its purpose."""
     return {"results": "all commands that take results: a result folder", **export_names()}
 
 

@@ -1,4 +1,4 @@
-"""The parser of the command line: its complaints are one line and name what was probably meant."""
+"""The parser of the command line: its error messages are one line and suggest the word that was probably meant."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from typing import Any, NoReturn
 from cuboid.core.errors import one_line
 
 MISTAKE = 2
-# More choices than this are not listed in a complaint.
+# An error message lists the choices if there are at most this many.
 LISTED = 8
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose complaints are one line.
+    """A parser whose error messages are one line.
 
     Attributes
     ----------
     example : str
-        A call that works, which is shown where something is missing.
+        A valid call, shown if a required argument is missing.
     """
 
     example = "cuboid demo"
 
     def error(self, message: str) -> NoReturn:
-        """Print the complaint, and exit."""
+        """Print the error message, and exit."""
         message = message.replace("-o/--output", "--output")
         shown = f"; for example: {self.example}" if "required: " in message else ""
         line = one_line(f"cuboid: error: {message}{shown} (see '{self.prog} --help')")
@@ -39,7 +39,7 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint}{listed}")
 
     def format_help(self) -> str:
-        """Return the help; that of options which take a name lists the names."""
+        """Return the help; for options that take a name, it lists the names."""
         for action in self._actions:
             names = getattr(action, "names", None)
             if names is not None and action.help:
@@ -48,7 +48,7 @@ class Parser(argparse.ArgumentParser):
         return super().format_help()
 
     def refuse_unknown_options(self, words: Sequence[str]) -> None:
-        """Exit with a complaint where an option does not exist, before one about what is missing."""
+        """Exit with an error if an option does not exist; this comes before errors about missing arguments."""
         options = set(self._options(words))
         for word in words:
             name = word.split("=")[0]
@@ -69,7 +69,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return a hint at the known word that is like a given one; an empty text where none is."""
+    """Return a hint at the known word most similar to the given one; an empty text if none is similar."""
     from difflib import get_close_matches
 
     known = sorted(known)
@@ -78,23 +78,23 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Return names, each with its meaning where there are meanings, as a help lists them."""
+    """Return the names, with their meanings if given, as text for a help."""
     if isinstance(names, Mapping):
         return "; ".join(f"{name}, for {meaning}" for name, meaning in names.items()).replace("%", "%%")
     return ", ".join(names)
 
 
 def takes_names(action: argparse.Action, names: Callable[[], Iterable[str]], *, ending: str = "") -> None:
-    """Let the shell complete the names that an option takes, and its help list them.
+    """Let the shell complete the names of an option, and let its help list them.
 
     Parameters
     ----------
     action : argparse.Action
     names : callable
-        Gives the names, or a mapping from them to their meanings; called only when they are needed, since that may
-        import much.
+        Returns the names, or a mapping from names to meanings. It is called only when the names are needed, since it
+        may import large modules.
     ending : str
-        What follows a name, as "=" for NAME=VALUE.
+        Text that follows a name, such as "=" for NAME=VALUE.
     """
     action.names = names  # type: ignore[attr-defined]
     action.completer = lambda **_: [f"{name}{ending}" for name in names()]  # type: ignore[attr-defined]

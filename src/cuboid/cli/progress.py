@@ -1,4 +1,4 @@
-"""Progress of a run or of compiling: a bar on a terminal, else a line from time to time."""
+"""Progress of a run or of compiling: a bar on a terminal, elsewhere a line at intervals."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from cuboid.core.results import FrameResult
 from cuboid.tracking.types import Progress
 
 COMPILING = "compiling kernels"
-# Seconds of compiling before the rest is estimated.
+# Seconds of compiling before the remaining time is estimated.
 MIN_MEASURED_S = 5.0
 
 
 class CompileCount:
-    """Counts the kernels that are compiled and those that are still to be, and estimates the time that is left.
+    """Counts the compiled and the missing kernels, and estimates the remaining time.
 
     It is unknown in advance which kernels of the imported modules a run needs. If fewer than half of them are
-    missing, no total is given.
+    missing, no total is shown.
     """
 
     def __init__(self) -> None:
@@ -54,14 +54,14 @@ class CompileCount:
 
 
 def about_left(spent_s: float, left: float) -> str:
-    """Return the time that the rest takes, in words; empty until enough was measured.
+    """Return the remaining time in words; empty until enough was measured.
 
     Parameters
     ----------
     spent_s : float
         Seconds spent so far.
     left : float
-        The work that is left, in units of the work that is done.
+        Remaining work, in units of the finished work.
     """
     if spent_s < MIN_MEASURED_S:
         return ""
@@ -87,13 +87,12 @@ def showing_compilation(show: Callable[[str], None]) -> Iterator[None]:
         yield
 
 
-# A line of progress after this many seconds where there is no terminal: a log stays short, and who watches
-# it is not left alone.
+# Seconds between lines of progress without a terminal: a log stays short, and still shows that the run proceeds.
 LINE_EVERY_S = 10.0
 
 
 class _Rate:
-    """Frames and frames per second, without the first frame, which loads the kernels."""
+    """Number of frames, and frames per second without the first frame, which loads the kernels."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -108,7 +107,7 @@ class _Rate:
 
 
 class TerminalProgress(Progress):
-    """A bar with frames per second and the number of objects; a context manager."""
+    """Context manager: a bar with frames per second and the number of objects."""
 
     def __init__(self, console: Console) -> None:
         self._bar = Bar(
@@ -155,19 +154,19 @@ class TerminalProgress(Progress):
 
 
 class _Lines:
-    """Lines on standard error, each a while after the one before; what ends before that prints none."""
+    """Lines on standard error at intervals; a run that is shorter than the interval prints none."""
 
     def __init__(self) -> None:
         self._last_s = time.perf_counter()
         self._printed = False
 
     def print(self, text: str) -> None:
-        """Print the text where the last line, or the beginning, is long enough ago."""
+        """Print the text if the interval since the last line, or since the beginning, is over."""
         if text and time.perf_counter() - self._last_s >= LINE_EVERY_S:
             self._print(text)
 
     def print_soon(self, text: str) -> None:
-        """Print the text also where it is the first line."""
+        """Print the text, also before the first interval is over."""
         if text and not self._printed:
             self._print(text)
         self.print(text)
@@ -178,7 +177,7 @@ class _Lines:
 
 
 class LineProgress(Progress):
-    """A plain line every few seconds on standard error; a context manager."""
+    """Context manager: a plain line every few seconds on standard error."""
 
     def __init__(self) -> None:
         self._rate = _Rate()
@@ -197,11 +196,11 @@ class LineProgress(Progress):
         self._shown.close()
 
     def start(self, frames: int | None) -> None:
-        """Note how many frames there are."""
+        """Store the number of frames."""
         self._of = "" if frames is None else f" of {frames}"
 
     def frame(self, result: FrameResult) -> None:
-        """Print a line where the last one is long ago."""
+        """Count the frame; print a line if the interval is over."""
         self._done += 1
         rate = self._rate.tick()
         self._lines.print(
@@ -214,14 +213,14 @@ class LineProgress(Progress):
 
 
 def progress() -> TerminalProgress | LineProgress:
-    """Return what fits standard error."""
+    """Return the progress display that suits standard error."""
     console = Console(stderr=True)
     return TerminalProgress(console) if console.is_terminal else LineProgress()
 
 
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show the progress of other work; gives a function of the done and the total number of parts."""
+    """Show the progress of other work; yields a function of the finished and the total number of parts."""
     console = Console(stderr=True)
     with ExitStack() as shown:
         if not console.is_terminal:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def add_recording(parser: argparse.ArgumentParser, default_threads: int, *, required: bool = True) -> None:
-    """Add the recording, if wanted as one of several sources, and the options for reading and tracking it."""
+    """Add the recording (optional if not `required`), and the options for reading and tracking it."""
     add_reading(parser, required=required)
     add_threads(add_tracking(parser), default_threads)
 
@@ -45,7 +45,7 @@ def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
 
 
 def add_method(tracking: argparse._ActionsContainer) -> None:
-    """Add what finds and names objects, and the configuration."""
+    """Add the options for proposals, the detector, and the configuration."""
     source = tracking.add_argument("--proposals", metavar="NAME[:OPTIONS]", help="source of the 2D proposals")
     takes_names(source, proposal_names)
     detector = tracking.add_argument(
@@ -91,7 +91,7 @@ def add_reading(
         Add the options that select frames.
     required : bool
     tracked : bool
-        Depth that is clearly displaced from color is registered by default; else only on demand.
+        By default register depth that is clearly displaced from color; if false, only with `--register`.
     """
     parser.add_argument(
         "recording",
@@ -177,14 +177,14 @@ def tracking_from(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def config_from(args: argparse.Namespace) -> TrackerConfig:
-    """Return the configuration that the arguments give."""
+    """Return the configuration from the arguments."""
     from cuboid.core.config import TrackerConfig
 
     return TrackerConfig.from_dict(dict(args.settings))
 
 
 def intrinsics(text: str) -> tuple[float, float, float, float] | Path:
-    """Read FX,FY,CX,CY, or the name of a file that holds them, from the command line."""
+    """Parse FX,FY,CX,CY, or the name of a file that contains them."""
     if text.endswith((".json", ".txt")):
         return Path(text)
     try:
@@ -197,22 +197,22 @@ def intrinsics(text: str) -> tuple[float, float, float, float] | Path:
 
 
 def depth_scale(text: str) -> float:
-    """Read a number of depth units a metre from the command line."""
+    """Parse the number of depth units per metre."""
     return _above_zero(text, "depth units per metre")
 
 
 def seconds(text: str) -> float:
-    """Read a time above 0 from the command line."""
+    """Parse a time in seconds, greater than 0."""
     return _above_zero(text, "seconds")
 
 
 def megabytes(text: str) -> float:
-    """Read an amount of memory above 0, in units of 2**20 bytes, from the command line."""
+    """Parse an amount of memory in units of 2**20 bytes, greater than 0."""
     return _above_zero(text, "megabytes")
 
 
 def _above_zero(text: str, what: str) -> float:
-    """Read a finite number above 0 from the command line."""
+    """Parse a finite number greater than 0."""
     try:
         value = float(text)
     except ValueError:
@@ -223,7 +223,7 @@ def _above_zero(text: str, what: str) -> float:
 
 
 def setting(text: str) -> tuple[str, str]:
-    """Read NAME=VALUE from the command line."""
+    """Parse NAME=VALUE."""
     name, equals, value = text.partition("=")
     if not name or not equals or not value:
         raise argparse.ArgumentTypeError(f"expected NAME=VALUE, got '{text}'")

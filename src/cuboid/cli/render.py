@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _path(args: argparse.Namespace) -> Path:
-    """Return the file to write; raises where its name has another format, or it exists and --force is not given."""
+    """Return the output file; raises if its suffix is wrong, or if it exists and --force is not given."""
     from cuboid.core.errors import InputError
 
     suffix = ".gif" if args.gif else ".mp4"

@@ -1,4 +1,4 @@
-"""`cuboid report`: write the 3D page of finished results again."""
+"""`cuboid report`: write the 3D page of finished results."""
 
 from __future__ import annotations
 

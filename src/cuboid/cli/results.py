@@ -1,4 +1,4 @@
-"""`--output`, `--json` and `--force`: the same for all commands that have results."""
+"""`--output`, `--json` and `--force`, the same for all commands with results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cuboid.cli.names import OPTIONAL
 from cuboid.core.errors import OutputError
 
 PRINTED = OPTIONAL["--json"][0]
-# Arguments that name a file which is written beside the results.
+# Arguments that name an additional output file.
 FILES = ("json", "html", "plot", "picture")
 
 
@@ -23,7 +23,7 @@ def add_output(parser: argparse._ActionsContainer, **options: Any) -> None:
 
 
 def add_results(parser: argparse._ActionsContainer) -> None:
-    """Add `--json` (None in the arguments where it is not given) and `--force`."""
+    """Add `--json` (None if not given) and `--force`."""
     parser.add_argument(
         "--json",
         nargs="?",
@@ -35,7 +35,7 @@ def add_results(parser: argparse._ActionsContainer) -> None:
 
 
 def refuse_existing_files(args: argparse.Namespace) -> None:
-    """Refuse, before the work, a file that exists and that the arguments do not allow to replace.
+    """Refuse, before the work starts, an existing output file that `--force` does not allow to replace.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def refuse_existing_files(args: argparse.Namespace) -> None:
 
 
 def refuse_existing(file: Path, *, force: bool) -> None:
-    """Refuse a file that exists, unless it may be replaced.
+    """Refuse an existing file unless `force` is set.
 
     Raises
     ------
@@ -62,16 +62,16 @@ def refuse_existing(file: Path, *, force: bool) -> None:
 
 
 def give(args: argparse.Namespace, document: Mapping[str, Any], show: Callable[[], None]) -> None:
-    """Print results as JSON and nothing else, or show them and write JSON to a file, as the arguments ask.
+    """Print the results as JSON alone, or show them for people and also write JSON to a file, as `--json` says.
 
     Parameters
     ----------
     args : argparse.Namespace
-        With what `add_results` adds.
+        With the arguments that `add_results` adds.
     document : mapping
         The results, ready for JSON.
     show : callable
-        Prints them for people.
+        Prints the results for people.
 
     Raises
     ------

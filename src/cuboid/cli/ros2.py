@@ -1,4 +1,4 @@
-"""`cuboid ros2`: the images of a running ROS 2 to its objects, published there."""
+"""`cuboid ros2`: track the images of a running ROS 2, and publish the objects there."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ EXAMPLE = "cuboid ros2 --color /camera/color/image_raw --depth /camera/aligned_d
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     topics = parser.add_argument_group("topics in; Ctrl-C ends the node")
     topics.add_argument("--color", metavar="TOPIC", help="color images (default: found by name)")
     topics.add_argument("--depth", metavar="TOPIC", help="depth, aligned to color (default: found by name)")
@@ -115,14 +115,14 @@ def session_from(args: argparse.Namespace, intrinsics: Intrinsics, poses: str) -
 
 
 def say_opened(args: argparse.Namespace, opened: OpenNode) -> None:
-    """Say what the node is connected to."""
+    """Print the connections of the node."""
     say(f"node {args.node} on {opened.transport}: images of {opened.camera}, poses {args.pose}")
     if opened.foxglove_port is not None:
         say_foxglove(args.foxglove[0], opened.foxglove_port)
 
 
 def end(args: argparse.Namespace, opened: OpenNode) -> None:
-    """Write the results where they are wanted, and say how it went."""
+    """Print the warnings and figures, and write the results if an output folder is given."""
     for warning in opened.live.warnings:
         say(f"warning: {warning}")
     figures = opened.node.figures()
@@ -133,5 +133,5 @@ def end(args: argparse.Namespace, opened: OpenNode) -> None:
 
 
 def say(line: str) -> None:
-    """Print a line for the user: standard error, since a node has no output of its own."""
+    """Print a line for the user to standard error."""
     print(f"cuboid: {line}", file=sys.stderr, flush=True)

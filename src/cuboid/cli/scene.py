@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from cuboid.scene import Scene, SceneObject
 
-# The output of a verb: results ready for JSON, and the lines to print.
+# The output of a verb: results ready for JSON, and lines to print.
 Answer = tuple[dict[str, Any], "list[str | Table]"]
 
 EXAMPLE = "cuboid scene list kitchen.cuboid"
@@ -118,12 +118,12 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
         "label", "name", *state, "size L x W x H (cm)", "position x, y, z (m)", "last seen", "score", left=2 + args.all
     )
     for item in found:
-        told = item.state if item.merged_into is None else f"merged into {item.merged_into}"
+        state_text = item.state if item.merged_into is None else f"merged into {item.merged_into}"
         size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
         place = ", ".join(f"{value:z.2f}" for value in item.box.center)
         seen = "recording {}, frame {}".format(*item.last_seen)
         cells = (size, place, seen, f"{item.score:.2f}")
-        table.add_row(str(item.label), escape(printable(item.name or "")), *((told,) if args.all else ()), *cells)
+        table.add_row(str(item.label), escape(printable(item.name or "")), *((state_text,) if args.all else ()), *cells)
     return document, [table]
 
 
@@ -165,8 +165,8 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
 
     item = _object(scene, args.label)
     history = scene.history(args.label)
-    told = item.state if item.merged_into is None else f"merged into {item.merged_into}"
-    lines: list[str | Table] = [f"{tag_of(item.label, item.name)}: {told}"]
+    state_text = item.state if item.merged_into is None else f"merged into {item.merged_into}"
+    lines: list[str | Table] = [f"{tag_of(item.label, item.name)}: {state_text}"]
     lines.append("  size {:.1f} x {:.1f} x {:.1f} cm".format(*(100 * item.box.size)))
     lines.append("  at {:.3f}, {:.3f}, {:.3f} m".format(*item.box.center))
     visits: list[dict[str, Any]] = []

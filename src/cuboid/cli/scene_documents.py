@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def object_document(item: SceneObject) -> dict[str, Any]:
-    """Return an object: its box in the scene's world as in `objects.json`, and where it was seen first and last."""
+    """Return an object: its box in the world of the scene as in `objects.json`, and its first and last sighting."""
     from cuboid.outputs.objects import object_to_json
 
     return {
@@ -23,7 +23,7 @@ def object_document(item: SceneObject) -> dict[str, Any]:
 
 
 def change_document(one: SceneChange) -> dict[str, Any]:
-    """Return a change: where the object was and is, metres, null where it was or is not there."""
+    """Return a change: old and new position in metres; null if the object was absent before or is absent now."""
     from cuboid.outputs.text import LENGTH, rounded, rounded_list
 
     return {
@@ -39,7 +39,7 @@ def change_document(one: SceneChange) -> dict[str, Any]:
 
 
 def relation_document(one: PastRelation) -> dict[str, Any]:
-    """Return a relation, and from the end of which recording to the end of which it held."""
+    """Return a relation, and the first and last recording at whose end it held."""
     from cuboid.outputs.text import LENGTH, rounded
 
     return {

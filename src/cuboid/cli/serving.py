@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from cuboid.views.serving import PageServer
 
 
-# This machine alone.
+# This machine only.
 HOST = "127.0.0.1"
-# The environment variable with the token: an option would be visible in the list of processes.
+# The environment variable with the token: the value of an option is visible in the list of processes.
 TOKEN = "CUBOID_TOKEN"
 
 
@@ -44,7 +44,7 @@ def serve(args: argparse.Namespace, what: str, page: PageServer) -> int:
 
 
 def port(text: str) -> int:
-    """Read a port's number from the command line."""
+    """Parse the number of a port."""
     try:
         number = int(text)
     except ValueError:
@@ -55,7 +55,7 @@ def port(text: str) -> int:
 
 
 def add_address(parser: argparse.ArgumentParser, default_port: int) -> None:
-    """Add where a server listens, and the secret that requests must carry."""
+    """Add the options for the address of a server, and for the secret in requests."""
     parser.add_argument(
         "--host", default=HOST, metavar="ADDRESS", help="address to listen at (default: this machine only)"
     )
@@ -76,9 +76,9 @@ class Address:
     ----------
     listening : socket.socket
     token : str or None
-        What requests must carry; None where only this machine can reach it, and nobody asked for one.
+        Secret that requests must contain; None if only this machine can connect and no token was given.
     hosts : tuple of str
-        Names under which it is answered.
+        Host names that requests may use.
     url : str
         With the token.
     """
@@ -90,7 +90,7 @@ class Address:
 
 
 def listen(host: str, number: int, token: str | None) -> Address:
-    """Listen at an address of this machine; where others can reach it, a token is needed.
+    """Listen at an address of this machine; if other machines can connect, there is always a token.
 
     Raises
     ------
@@ -102,9 +102,9 @@ def listen(host: str, number: int, token: str | None) -> Address:
 
     alone = host in LOCAL_NAMES or host == "::1"
     token = token or os.environ.get(TOKEN) or (None if alone else secrets.token_urlsafe(16))
-    hosts = (*LOCAL_NAMES, "[::1]") if alone else ("*",)  # who is reached under other names has a token
+    hosts = (*LOCAL_NAMES, "[::1]") if alone else ("*",)  # with other names, the token protects the server
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    # Where the protocol is named, asyncio sends small answers at once (TCP_NODELAY); else they wait 40 ms.
+    # If the protocol is given, asyncio sends small answers at once (TCP_NODELAY); otherwise they wait 40 ms.
     listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

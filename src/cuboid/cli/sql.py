@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _plain(value: object) -> object:
-    """Return a value ready for JSON: bytes as base64, times as ISO 8601, numbers that are not finite as null."""
+    """Return a value ready for JSON: bytes as base64, times as ISO 8601, non-finite numbers as null."""
     from base64 import b64encode
     from datetime import date, time
     from math import isfinite

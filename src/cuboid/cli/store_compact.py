@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Merge files and remove leftovers."""
+    """Merge files, and remove the leftovers of killed tasks."""
     from dataclasses import asdict
 
     from cuboid.core.extras import need_cluster
@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.store.place import Place
     from cuboid.store.query import Tables
 
-    Tables(args.store)  # there is one
+    Tables(args.store)  # raises if there is no store
     place = Place(args.store)
     done = compact(place)
     left = tidy(place)

@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the scene, render it, print its contents."""
+    """Make the scene, render it, and print its contents."""
     limit_threads(1)
     from cuboid.cli.progress import counting
     from cuboid.cli.tables import console
@@ -103,22 +103,22 @@ def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
 
     scenes = make_visits(args.kind, args.seed, args.visits, frames=args.frames, camera=args.motion, meshes=meshes)
     with counting("rendering") as progress:
-        told = render_visits(scenes, args.output, progress=progress, **_rendered_as(args))
+        truth = render_visits(scenes, args.output, progress=progress, **_rendered_as(args))
 
     def show() -> None:
-        for visit in told["visits"]:
+        for visit in truth["visits"]:
             kinds = [change["change"] for change in visit["changes"]]
             what = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("unchanged", "moved", "gone", "new"))
             console().print(
                 f"{visit['recording']}: {what if kinds else 'the first visit'}; in {args.output}", markup=False
             )
 
-    give(args, {"output": str(args.output), "visits": told["visits"]}, show)
+    give(args, {"output": str(args.output), "visits": truth["visits"]}, show)
     return 0
 
 
 def _rendered_as(args: argparse.Namespace) -> dict[str, Any]:
-    """Return how the arguments say that a scene becomes a recording, for `render_recording` and `render_visits`."""
+    """Return the rendering options from the arguments, for `render_recording` and `render_visits`."""
     names = ("sensor", "pose_noise", "faults", "size", "workers", "force")
     return {name: getattr(args, name) for name in names}
 

@@ -1,4 +1,4 @@
-"""Tables that people read."""
+"""Tables for people to read."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from cuboid.outputs.folder import EVENTS
 from cuboid.outputs.rows import EventRow
 from cuboid.tracking.measuring import DETECTOR_BUDGET, DetectorCost
 
-# A pipe has no width: tables take what they need, and no cell is cut.
+# Width without a terminal: tables take the width they need, and no cell is cut.
 WIDE = 200
 
-# A table that is too wide shortens its texts to no fewer characters than this.
+# A table that is too wide shortens its texts, but never to fewer characters than this.
 TEXT_KEPT = 12
 
-# This many kinds of skipped frames are shown; run.json has every frame.
+# Number of kinds of skipped frames that are shown; run.json has every frame.
 KINDS_SHOWN = 8
 
-# This many events are shown; events.csv has all.
+# Number of events that are shown; events.csv has all.
 EVENTS_SHOWN = 8
 
 
 class _Console(Console):
-    """A console to which names with escape codes in them do nothing."""
+    """A console on which escape codes in names have no effect."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as usual; escape what is not printable in texts; wrap the headings of a table that is too wide."""
+        """Print; escape unprintable characters of texts, and wrap the headings of a table that is too wide."""
         for item in objects:
             if (
                 isinstance(item, Table)
@@ -45,12 +45,12 @@ class _Console(Console):
         super().print(*(_lines(item) if isinstance(item, str) else item for item in objects), **options)
 
     def on_broken_pipe(self) -> None:
-        """Let the command end as for any other output: Rich would exit with status 1."""
+        """Let the command end as with any other output; Rich would exit with status 1."""
         raise BrokenPipeError
 
 
 def _wrap_headings(table: Table) -> None:
-    """Break the headings of a table into lines as wide as the cells below; numbers are never cut."""
+    """Break the headings of a table into lines as wide as the cells below them; numbers are never cut."""
     for column in table.columns:
         cells = max((len(str(cell)) for cell in column.cells), default=1)
         words = textwrap.wrap(str(column.header), max(cells, 1), break_long_words=False)
@@ -64,7 +64,7 @@ def _lines(text: str) -> str:
 
 
 def console() -> Console:
-    """Return the console of standard output; without a terminal it is plain and wide."""
+    """Return the console of standard output; without a terminal it is plain text of `WIDE` characters."""
     plain = _Console(highlight=False, soft_wrap=True)
     return plain if plain.is_terminal else _Console(highlight=False, width=WIDE, no_color=True)
 
@@ -91,7 +91,7 @@ def objects_table(objects: Iterable[TrackedObject]) -> Table:
 
 
 def event_lines(events: Sequence[EventRow]) -> list[str]:
-    """Return the lines about what happened to objects while the camera watched."""
+    """Return the lines about events of objects in view of the camera."""
     lines = []
     for one in events[:EVENTS_SHOWN]:
         far = "" if one.metres is None else f" {one.metres * 100:.0f} cm"
@@ -102,7 +102,7 @@ def event_lines(events: Sequence[EventRow]) -> list[str]:
 
 
 def furniture_lines(objects: Sequence[TrackedObject], furniture: Sequence[TrackedObject]) -> list[str]:
-    """Return the lines about furniture: how much there is beside the objects, and the box and planes of each piece."""
+    """Return the lines about furniture: the numbers of objects and pieces, and the box and planes of each piece."""
     if not furniture:
         return []
     lines = [f"{counted(len(objects), 'object')}, {counted(len(furniture), 'piece')} of furniture:"]
@@ -137,7 +137,7 @@ def skipped_lines(report: RunReport) -> list[str]:
 
 
 def detector_lines(milliseconds: Mapping[str, Sequence[float]]) -> list[str]:
-    """Return the line about the time of the detector, and how often it may run; none without a detector."""
+    """Return the line about the time of the detector and its highest useful rate; no line without a detector."""
     cost = DetectorCost.of(milliseconds["frame"], milliseconds.get("detector", ()))
     if cost is None:
         return []

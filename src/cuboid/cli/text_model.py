@@ -14,7 +14,7 @@ MODEL = "folder with an image-text model (image.onnx, text.onnx, tokenizer.json)
 
 
 def add_embedding(parser: argparse._ActionsContainer) -> None:
-    """Add `--text-model` of a run, which embeds the objects at its end."""
+    """Add `--text-model` of a run: the objects are embedded at its end."""
     what = f"at the end, embed pictures of the objects for searches by a text: {MODEL}"
     parser.add_argument("--text-model", metavar="DIR", help=what)
 
@@ -67,7 +67,7 @@ def ranking_model(args: argparse.Namespace) -> TextModel | None:
     Raises
     ------
     InputError
-        There is no model, or a model without a text.
+        There is no model, or a model is given without a text.
     """
     if args.text is None:
         if args.text_model is not None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from cuboid.text_search import TextModel
     from cuboid.tracking.types import RunOutcome
 
-# The options that say how a recording is read, with their defaults.
+# The options for reading a recording, with their defaults.
 OF_RECORDINGS = {
     "format": None,
     "intrinsics": None,
@@ -149,7 +149,7 @@ def run(args: argparse.Namespace) -> int:
 
         with source_of(args, interruption) as source, progress() as shown:
             name = source.path.name if isinstance(source, Recording) else args.camera
-            with watching(args, name, source.intrinsics) as looks:
+            with watching(args, name, source.intrinsics) as views:
                 outcome = track_recording(
                     source,
                     args.output,
@@ -160,12 +160,12 @@ def run(args: argparse.Namespace) -> int:
                     force=args.force,
                     progress=shown,
                     stop=interruption if args.camera is None else never,
-                    watch=looks if looks.looks else None,
+                    watch=views if views.views else None,
                     into=into,
                     **tracking_from(args),
                     memory_mb=args.memory,
                 )
-                looks.end(outcome.report)
+                views.end(outcome.report)
         if text_model is not None:
             embed(args.output, text_model, into)
     give(args, outcome_document(outcome, args.output), lambda: print_outcome(outcome, args.output))
@@ -176,7 +176,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def embed(output: Path, model: TextModel, into: IntoScene | None) -> None:
-    """Embed the objects of a run, and keep their vectors beside its results and in the scene that it went into."""
+    """Embed the objects of a run, and store the vectors beside its results and in its scene."""
     from cuboid.outputs import Results
     from cuboid.scene import Scene
 
@@ -187,7 +187,7 @@ def embed(output: Path, model: TextModel, into: IntoScene | None) -> None:
 
 
 def never() -> bool:
-    """Return False: a camera ends its own run, and the results are then complete."""
+    """Return False: a run ends when its camera closes, and the results are then complete."""
     return False
 
 

@@ -1,4 +1,4 @@
-"""`cuboid view`: show finished results or a scene in the browser, and give names to objects."""
+"""`cuboid view`: show finished results or a scene in the browser, and name objects."""
 
 from __future__ import annotations
 

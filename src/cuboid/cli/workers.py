@@ -22,7 +22,7 @@ def add_threads(parser: argparse._ActionsContainer, default: int) -> None:
 
 
 def positive(text: str) -> int:
-    """Read a whole number of at least 1 from the command line."""
+    """Parse a whole number of at least 1."""
     try:
         value = int(text)
     except ValueError:
