@@ -265,7 +265,7 @@ def test_with_a_host_of_ones_own_any_local_name_is_answered() -> None:
     with LiveServer(LiveView(), "x", INTRINSICS, "0.0.0.0") as server:
         server.view.end(complete=True)
         assert get(server, "/", host="robot.local:8765")[0] == 200
-    with pytest.raises(OutputError, match=r"--live: 203\.0\.113\.1 cannot be listened on"):
+    with pytest.raises(OutputError, match=r"--live: 203\.0\.113\.1 cannot be used"):
         LiveServer(LiveView(), "x", INTRINSICS, "203.0.113.1")
 
 

@@ -1,1 +1,1 @@
-"""Pictures of what was found: labelled frames, overlays, and the videos made of them."""
+"""Pictures of results: labelled frames, overlays, and videos of both."""

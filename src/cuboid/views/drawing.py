@@ -1,4 +1,4 @@
-"""A frame with its objects drawn into it: boxes that look solid, tags that can be read, a strip of facts."""
+"""A frame with its objects drawn into it: boxes that look solid, legible tags, and a status strip."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cuboid.views.projection import TOP, Wireframe, may_be_in_view, wireframes
 from cuboid.views.tags import SteadyNames, place_tags, put_tag, tag_px, unit_of
 from cuboid.views.text import Color, put_text
 
-# Sizes in pixels of an image 640 wide; larger images have them by `unit_of`.
+# Sizes in pixels for an image 640 pixels wide; `unit_of` scales them for larger images.
 FRONT_PX = 2
 THIN_PX = 1
 HALO_PX = 2
@@ -27,8 +27,8 @@ GAP_PX = 5.0
 STRIP_PX = 24
 STRIP_TEXT_PX = 14
 
-# Opacity of the drawing in what is seen: a hint of a surface, the top more than the sides as if lit from
-# above; halos, hidden edges and hidden objects shine through.
+# Opacity of the drawing on visible surfaces: a light tint, stronger on the top than on the sides, as if lit from
+# above. Halos, hidden edges and hidden objects are translucent.
 TOP_FRACTION = 0.30
 SIDE_FRACTION = 0.12
 BEHIND_FRACTION = 0.62
@@ -37,16 +37,16 @@ STRIP_FRACTION = 0.70
 DARK = (14, 16, 20)
 WHITE = (245, 246, 248)
 
-# Fixed-point digits of coordinates that cv2 draws: a sixteenth of a pixel.
+# Fractional bits of the coordinates given to cv2: a sixteenth of a pixel.
 SHIFT = 4
 
 
-# Characters of a tag.
+# Largest number of characters of a tag.
 LONGEST_TAG = 28
 
 
 class Labelled(Protocol):
-    """Something with a label and a box: a sighting or an object of the map."""
+    """An item with a label and a box: a sighting or an object of the map."""
 
     @property
     def label(self) -> int:
@@ -58,11 +58,11 @@ class Labelled(Protocol):
 
 
 class Scored(Labelled, Protocol):
-    """Something with a label, a box and a score: a proposal."""
+    """An item with a label, a box and a score: a proposal."""
 
     @property
     def score(self) -> float:
-        """How good it is, 0..1."""
+        """Its score, 0..1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +84,10 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class _Drawn:
-    """One box on its way into the picture."""
+    """One box that will be drawn into the picture."""
 
     color: Color
-    texts: tuple[str, ...]  # its tag's, the longest first
+    texts: tuple[str, ...]  # possible texts of its tag, the longest first
     wire: Wireframe
     rect_xyxy: Float64Array
     dashed: bool
@@ -106,8 +106,8 @@ def draw_frame(
 ) -> UInt8Array:
     """Return a picture with the boxes of its objects.
 
-    Edges behind a box are thin and dim, those in front thick; each line has a dark halo, so that it reads on
-    any ground. Objects that are known but not seen are dashed. Nearer boxes are drawn over farther ones.
+    Edges behind a box are thin and dim, edges in front are thick. Each line has a dark halo, so that it is visible on
+    any background. Objects of the map that the frame does not see are dashed. Nearer boxes are drawn over farther ones.
 
     Parameters
     ----------
@@ -119,15 +119,15 @@ def draw_frame(
     sightings : iterable of Sighting
         Objects seen in the frame.
     hidden_objects : iterable of TrackedObject
-        Objects known but not seen; those out of the view leave no trace.
+        Objects of the map that the frame does not see; objects out of the view are not drawn.
     status : Status or None
-        None leaves the strip out.
+        None omits the strip.
     tinted : bool
-        Whether the sides of boxes have a hint of their color; False where the picture's colors are figures.
+        Whether the sides of boxes are tinted in the color of the box; False if the colors of the picture encode values.
     names : mapping of int to str, optional
-        What people call the objects, by label.
+        Names of the objects, by label.
     steady : SteadyNames, optional
-        Of the video that the picture is the next frame of.
+        State of the names in the video to which the picture belongs as its next frame.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def draw_frame(
 
 
 def _texts(label: int, names: Mapping[int, str]) -> tuple[str, ...]:
-    """Return the texts that a tag may have, the longest first: with the name, cut where it is long, and without."""
+    """Return the possible texts of a tag, the longest first: with the name, with a shortened name, without a name."""
     text = tag_of(label, names.get(label))
     full = text if len(text) <= LONGEST_TAG else f"{text[: LONGEST_TAG - 1]}…"
     return (full, tag_of(label)) if label in names else (full,)
@@ -153,9 +153,9 @@ def draw_proposals(
     proposals: Iterable[Scored],
     status: Status | None,
 ) -> UInt8Array:
-    """Return a picture with a frame's own 3D proposals and their scores.
+    """Return a picture with the 3D proposals of a frame and their scores.
 
-    Those of objects that have no label are grey and dashed. Parameters and result are those of `draw_frame`.
+    Proposals without a labelled object are grey and dashed. Parameters and result are those of `draw_frame`.
     """
     items = [(own, (f"{own.score:.2f}",), own.label == 0) for own in proposals]
     drawn = _in_view(items, T_world_camera, intrinsics)
@@ -165,7 +165,7 @@ def draw_proposals(
 def _in_view(
     items: Sequence[tuple[Labelled, tuple[str, ...], bool]], T_world_camera: Float64Array, intrinsics: Intrinsics
 ) -> list[_Drawn]:
-    """Return what is in the image of things with the texts of their tags and whether they are dashed."""
+    """Return the drawings of the items in view; each item comes with the texts of its tag and its `dashed` flag."""
     near = may_be_in_view([item.box for item, _, _ in items], T_world_camera, intrinsics)
     chosen = [item for item, possible in zip(items, near, strict=True) if possible]
     wires = wireframes([item.box for item, _, _ in chosen], T_world_camera, intrinsics)
@@ -187,7 +187,7 @@ def _draw(
 ) -> UInt8Array:
     unit = unit_of(intrinsics.width)
     picture = color.copy()
-    layer = np.empty_like(color)  # one for all steps: fresh memory costs more than drawing
+    layer = np.empty_like(color)  # one buffer for all steps: allocating memory costs more than drawing
     if tinted:
         _tint(picture, layer, drawn)
     _draw_behind(picture, layer, drawn, unit)
@@ -202,7 +202,7 @@ def _draw(
 
 
 def _tint(picture: UInt8Array, layer: UInt8Array, drawn: list[_Drawn]) -> None:
-    """Lay a hint of color over the sides of seen boxes that look at the camera."""
+    """Tint the sides of visible boxes that face the camera."""
     for wanted, fraction in ((False, SIDE_FRACTION), (True, TOP_FRACTION)):
         np.copyto(layer, picture)
         for item in drawn:
@@ -213,7 +213,7 @@ def _tint(picture: UInt8Array, layer: UInt8Array, drawn: list[_Drawn]) -> None:
 
 
 def _draw_behind(picture: UInt8Array, layer: UInt8Array, drawn: list[_Drawn], unit: float) -> None:
-    """Draw halos, hidden edges and dashed boxes, all of which let the picture shine through."""
+    """Draw halos, hidden edges and dashed boxes, all of them translucent."""
     np.copyto(layer, picture)
     front, thin, halo = _px(FRONT_PX, unit), _px(THIN_PX, unit), _px(HALO_PX, unit)
     for item in drawn:
@@ -242,7 +242,7 @@ def dashes(segments: Float64Array, dash_px: float, gap_px: float) -> Float64Arra
 
 
 def _put_tags(picture: UInt8Array, drawn: list[_Drawn], unit: float, strip_px: int, steady: SteadyNames | None) -> None:
-    """Give each box a tag above it; the nearest chooses its place first, and none covers another."""
+    """Put a tag above each box; the nearest box is placed first, and no tag covers another."""
     size_px = _px(tag_px(len(drawn)), unit)
     free = (picture.shape[0] - strip_px, picture.shape[1])
     first = sorted(drawn, key=lambda item: (item.dashed, item.wire.depth_m))
@@ -253,7 +253,7 @@ def _put_tags(picture: UInt8Array, drawn: list[_Drawn], unit: float, strip_px: i
 
 
 def put_strip(picture: UInt8Array, status: Status, unit: float) -> None:
-    """Write the frame and how many objects there are into a dark strip at the bottom of a picture (H, W, 3)."""
+    """Write the frame number and the numbers of objects into a dark strip at the bottom of a picture (H, W, 3)."""
     height, size_px = _px(STRIP_PX, unit), _px(STRIP_TEXT_PX, unit)
     strip = picture[-height:]
     _blend(strip, np.full_like(strip, DARK), STRIP_FRACTION)

@@ -1,4 +1,4 @@
-"""Pictures to a video file: H.264 in MP4 for browsers, GIF for pages that show nothing else."""
+"""Encode pictures as a video file: H.264 in MP4 for browsers, or GIF for pages that cannot show MP4."""
 
 from __future__ import annotations
 
@@ -18,36 +18,37 @@ from cuboid.core.errors import OutputError
 from cuboid.core.frame import UInt8Array
 from cuboid.outputs.pending import PendingFile
 
-# Measured at 640x480 on one thread, labelled frames of a moving camera: superfast takes 3.4 ms and 12 kB a
-# frame at this quality; with B frames 4.5 ms and 10 kB, ultrafast 2.1 ms and 18 kB. Thin colored lines stay clean.
+# Measured at 640x480 on one thread, on labelled frames of a moving camera: superfast takes 3.4 ms and 12 kB per
+# frame at this quality, with B frames 4.5 ms and 10 kB; ultrafast takes 2.1 ms and 18 kB. Thin colored lines stay
+# clean.
 PRESET = "superfast"
 QUALITY_CRF = "20"
 B_FRAMES = "0"
 
-# A browser can jump to each of these frames at once: every two seconds at 30 frames/s.
+# Distance between key frames, to which a browser can seek at once: two seconds at 30 frames/s.
 KEY_FRAME_EVERY = 60
 
-# Numbers of ITU-T H.273 for BT.601; players assume another where nothing is said and the picture is large. Range 1
-# is the limited one, which all players know.
+# Code points of ITU-T H.273: BT.601, and the limited range, which all players support. Without them, players assume
+# another color matrix for large pictures.
 BT601 = 6
 LIMITED = 1
 
 # Cb and Cr of R, G, B (ITU-R BT.601, limited range).
 CHROMA = np.array([[-0.148223, -0.290993, 0.439216, 128.0], [0.439216, -0.367788, -0.071427, 128.0]])
 
-# A GIF has no motion compensation, a frame of this size weighs about 50 kB: so it is small, and short.
+# A GIF has no motion compensation, and a frame of this size takes about 50 kB. Therefore it is small and short.
 GIF_WIDTH_PX = 400
 GIF_FRAMES = 100
 GIF_FRAMES_PER_SECOND = 12.5
 GIF_COLORS = 128
-# A fine ordered pattern stays where it is from frame to frame, which error diffusion does not.
+# A fine ordered pattern stays in place from frame to frame; error diffusion does not.
 GIF_DITHER = "dither=bayer:bayer_scale=4:diff_mode=rectangle"
 
 
 class VideoWriter(ABC):
-    """Takes pictures in order; a file appears when it is closed.
+    """Writes pictures in order; the file appears when the writer is closed.
 
-    As a context manager it closes at the end, and leaves no file where an error ends it.
+    As a context manager it closes at the end; after an error it leaves no file.
     """
 
     def __enter__(self) -> Self:
@@ -68,22 +69,22 @@ class VideoWriter(ABC):
         Parameters
         ----------
         picture : (H, W, 3) uint8
-            RGB; all have one size.
+            RGB; all pictures have the same size.
 
         Raises
         ------
         OutputError
-            The file cannot be written; none is left then.
+            The file cannot be written; no file is left.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Finish the file; none appears where no picture was added.
+        """Finish the file; without pictures, no file appears.
 
         Raises
         ------
         OutputError
-            The file cannot be written; none is left then.
+            The file cannot be written; no file is left.
         """
 
     @abstractmethod
@@ -92,10 +93,10 @@ class VideoWriter(ABC):
 
 
 class Mp4Writer(VideoWriter):
-    """Writes H.264 in MP4, 4:2:0, with the index in front, so that a browser plays it while it loads.
+    """Writes H.264 in MP4, 4:2:0, with the index at the start, so that a browser plays the file while it loads.
 
-    Pictures with an odd side are given one more row or column, a copy of the last. The same pictures give the
-    same bytes.
+    Pictures with an odd side get one more row or column, a copy of the last one. The same pictures give the same
+    bytes.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ class Mp4Writer(VideoWriter):
                     self._open(picture.shape[1], picture.shape[0])
                 self._container.mux(self._stream.encode(av.VideoFrame.from_ndarray(yuv420(picture), format="yuv420p")))
         except OutputError:
-            self.discard()  # FFmpeg crashes where more is written to a file whose head could not be
+            self.discard()  # FFmpeg crashes on further writing if the header could not be written
             raise
 
     def close(self) -> None:
@@ -140,7 +141,7 @@ class Mp4Writer(VideoWriter):
         """Leave no file."""
         container, self._container = self._container, None
         if container is not None:
-            with contextlib.suppress(av.FFmpegError, OSError):  # the file goes, whatever its state
+            with contextlib.suppress(av.FFmpegError, OSError):  # the file is deleted, whatever its state
                 container.close()
         self._file.drop()
 
@@ -161,11 +162,11 @@ class Mp4Writer(VideoWriter):
 def yuv420(picture: UInt8Array) -> UInt8Array:
     """Return a picture (H, W, 3), RGB, with even sides, as planes Y, Cb, Cr below each other, (3 H / 2, W).
 
-    A pixel of Cb and Cr is the mean of four, so that thin colored lines keep their color; a third of the time that
-    swscale takes.
+    A pixel of Cb and Cr is the mean of four pixels, so that thin colored lines keep their color. This takes a third of
+    the time of swscale.
     """
     height, width = picture.shape[:2]
-    planes = cv2.cvtColor(picture, cv2.COLOR_RGB2YUV_I420)  # its Cb, Cr are those of every fourth pixel
+    planes = cv2.cvtColor(picture, cv2.COLOR_RGB2YUV_I420)  # its Cb and Cr come from every fourth pixel
     half = cv2.resize(picture, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
     chroma = planes[height:].reshape(2, height // 2, width // 2)
     chroma[:] = np.moveaxis(cv2.transform(half, CHROMA), 2, 0)
@@ -173,17 +174,17 @@ def yuv420(picture: UInt8Array) -> UInt8Array:
 
 
 class GifWriter(VideoWriter):
-    """Writes a GIF that repeats for ever: small pictures, a palette made for them.
+    """Writes a GIF that repeats forever, with small pictures and a palette made for them.
 
-    Add every picture that comes: of `frames` announced ones every n-th is kept, at most `GIF_FRAMES`. They
-    are held in memory until `close` (some 36 MB), since the palette is made of all.
+    Add every picture: the writer keeps every n-th of the `frames` announced pictures, at most `GIF_FRAMES`. They stay
+    in memory until `close` (about 36 MB), since the palette depends on all of them.
 
     Parameters
     ----------
     path : Path
         The file; it appears, or is replaced, when `close` is called.
     frames : int
-        How many pictures will come.
+        Number of pictures that will be added.
     """
 
     def __init__(self, path: Path, frames: int) -> None:
@@ -222,7 +223,7 @@ class GifWriter(VideoWriter):
 
 @contextlib.contextmanager
 def _encoding(file: PendingFile) -> Iterator[None]:
-    """Turn a refusal of the system or of the encoder into one line, and leave nothing half-written."""
+    """Turn an error of the system or of the encoder into one line, and leave no partial file."""
     try:
         with file.writing():
             yield
@@ -238,7 +239,7 @@ def _shrunk(picture: UInt8Array, width: int) -> UInt8Array:
 
 
 def _with_palette(pictures: list[UInt8Array], frame_s: Fraction) -> Iterator[Any]:
-    """Yield the pictures in the colors of one palette that is made for what changes in them."""
+    """Yield the pictures in the colors of one palette, which is computed from the pixels that change."""
     height, width = pictures[0].shape[:2]
     graph = av.filter.Graph()
     shape = av.VideoFormat("rgb24", width, height)

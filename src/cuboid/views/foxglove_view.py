@@ -1,4 +1,4 @@
-"""`track --foxglove`: a run in Foxglove while it goes, without ROS."""
+"""`track --foxglove`: show a run in Foxglove as it proceeds, without ROS."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from cuboid.middleware.foxglove import EXTRA, FEATURE, HOST, PORT, FoxgloveServe
 from cuboid.views.live.watch import TrackerView
 from cuboid.views.ros_stream import OK, RosStream, StreamSettings, stamp_of
 
-# The map has 5 MB: it is sent again after this time, seconds.
+# The map has 5 MB; it is sent again after this time, seconds.
 MAP_EVERY_S = 2.0
 DIAGNOSE_EVERY_S = 1.0
 
 
 class FoxgloveView:
-    """A server that `track_recording` shows a run with; a context manager.
+    """Context manager: a server with which `track_recording` shows a run.
 
     Parameters
     ----------
     intrinsics : Intrinsics
     host : str
     port : int
-        As of `FoxgloveServer`.
+        As in `FoxgloveServer`.
 
     Attributes
     ----------
     port : int
-        Where it listens.
+        Port at which it listens.
 
     Raises
     ------
     MissingExtraError
         foxglove-sdk or rosbags is not installed.
     InputError
-        The port is taken, or the address is none of this machine.
+        The port is in use, or the address does not belong to this machine.
     """
 
     def __init__(self, intrinsics: Intrinsics, host: str = HOST, port: int = PORT) -> None:
@@ -58,7 +58,7 @@ class FoxgloveView:
         self._server.close()
 
     def __call__(self, frame: Frame, result: FrameResult, tracker: TrackerView) -> None:
-        """Show a used frame and what was found in it."""
+        """Show a used frame and its results."""
         time_ns = stamp_of(frame)
         self._stream.frame(frame, result, tracker, time_ns)
         self._frames += 1

@@ -1,4 +1,4 @@
-"""Who may ask an ASGI application of ours: whoever knows its token; and what browsers are told of its pages."""
+"""Access to the ASGI applications: a token for requests, and security headers for browsers."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from cuboid.views.serving import headers
 COOKIE = "cuboid-token"
 # Methods that change nothing.
 READING = ("GET", "HEAD")
-# How a WebSocket is closed to who may not have it (RFC 6455: policy violation).
+# Close code for a client that may not open a WebSocket (RFC 6455: policy violation).
 POLICY_VIOLATION = 1008
 
 
 class Guard:
-    """Lets in who knows the token, and tells browsers what the pages may do.
+    """Accepts requests with the token, and sends the security headers of pages to browsers.
 
-    A WebSocket is opened, and anything but GET answered, only for programs and pages of this server.
+    WebSockets and requests other than GET are accepted only from programs and from pages of this server.
 
     Parameters
     ----------
     app : ASGIApp
     token : str or None
-        None lets everybody in.
+        With None, all requests are accepted.
     methods : tuple of str
-        That are answered.
+        Accepted HTTP methods.
     """
 
     def __init__(self, app: ASGIApp, token: str | None, methods: tuple[str, ...] = READING) -> None:
         self._app, self._token, self._methods = app, token, methods
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or pass on to the application."""
+        """Refuse the request, or pass it to the application."""
         if scope["type"] == "websocket":
             await self._open_socket(scope, receive, send)
             return
@@ -51,7 +51,7 @@ class Guard:
         if request.method not in self._methods:
             answer = PlainTextResponse("read-only", 405)(scope, receive, send)
         elif request.method not in READING and not _is_own(request):
-            answer = PlainTextResponse("not for pages of others", 403)(scope, receive, send)
+            answer = PlainTextResponse("requests of pages from other sites are refused", 403)(scope, receive, send)
         elif not self._knows(request):
             answer = PlainTextResponse("a token is needed", 401, {"WWW-Authenticate": "Bearer"})(scope, receive, send)
         elif "token" in request.query_params:
@@ -73,7 +73,7 @@ class Guard:
         return any(hmac.compare_digest(one.encode(), self._token.encode()) for one in given)
 
     def _remember(self, request: Request) -> Response:
-        """Let a browser keep the token, out of the address."""
+        """Store the token in a cookie, and redirect to the address without the token."""
         rest = [(name, value) for name, value in request.query_params.multi_items() if name != "token"]
         answer = RedirectResponse(request.url.path + (f"?{urlencode(rest)}" if rest else ""))
         if self._token is not None:
@@ -82,7 +82,7 @@ class Guard:
 
 
 def _is_own(connection: HTTPConnection) -> bool:
-    """Tell whether a page of this server asks, or no page at all."""
+    """Return whether the request comes from a page of this server, or from a program that is no page."""
     origin = connection.headers.get("origin")
     return origin is None or origin.partition("://")[2] == connection.headers.get("host", "")
 

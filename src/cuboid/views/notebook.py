@@ -1,4 +1,4 @@
-"""Pictures of a frame and of what was found in it, as a notebook shows them."""
+"""Pictures of a frame and of its results, as a notebook shows them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cuboid.core.results import FrameResult
 from cuboid.views.overlays import depth_picture, heat_over
 from cuboid.views.tags import TAG_PX, place_tag, put_tag
 
-# A notebook's column is about so wide, pixels.
+# Approximate width of a notebook's column, pixels.
 WIDEST_PX = 960
 DARK = 24
 
@@ -21,12 +21,12 @@ DARK = 24
 def frame_png(frame: Frame) -> bytes:
     """Return color and depth side by side, as PNG."""
     height, width = frame.depth_m.shape
-    usual = Intrinsics(float(width), float(width), width / 2, height / 2, width, height)  # only shades the relief
+    usual = Intrinsics(float(width), float(width), width / 2, height / 2, width, height)  # only for the relief
     return png(np.hstack([frame.color, depth_picture(frame.depth_m, usual)]))
 
 
 def result_png(result: FrameResult) -> bytes:
-    """Return the heat of a frame with the objects that are seen in it, as PNG."""
+    """Return the heat of a frame with its visible objects, as PNG."""
     width, height = result.size or result.heat.shape[::-1]
     picture = heat_over(np.full((height, width, 3), DARK, np.uint8), result.heat)
     taken: list[tuple[int, int, int, int]] = []

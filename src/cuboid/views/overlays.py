@@ -1,4 +1,4 @@
-"""Numbers of pixels as colors: heat over the picture, depth in its place."""
+"""Values of pixels as colors: heat over the picture, depth instead of the picture, planes over the picture."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from cuboid.core.results import MapPoints, SupportPlane
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.views.projection import NEAR_M, project
 
-# Fraction of the colormap in a pixel of heat 1; colder ones have less, cold ones none.
+# Opacity of the colormap in a pixel of heat 1; colder pixels have less, pixels of heat 0 have none.
 HEAT_FRACTION = 0.80
 
-# Depths of the two ends of the colormap, metres: what indoor depth cameras measure well. Equal steps are
-# equal steps of disparity, as in the sensor, so that near objects get most of the colors.
+# Depths of the two ends of the colormap, metres: the range that indoor depth cameras measure well. Equal steps of
+# color are equal steps of disparity, as in the sensor, so that near objects get most of the colors.
 NEAREST_M, FARTHEST_M = 0.5, 5.0
 
-# The relief: where the light shines to in the camera frame (a unit vector), how much of a pixel it decides,
-# how bright the farthest and the nearest surface are, and over how many pixels the depth's noise is averaged.
+# The relief: direction of the light in the camera frame (a unit vector), its fraction of the brightness, brightness of
+# the farthest and the nearest surface, and side of the window in pixels that averages the noise of the depth.
 LIGHT = (0.48, 0.60, 0.64)
 SHADED_FRACTION = 0.75
 DARKEST, BRIGHTEST = 0.25, 0.85
 SMOOTH_PX = 5
 
-# Map points are splatted on cells of this many pixels a side: at 1 m a cell of 4 pixels spans 8 mm, less
-# than the spacing of the map's points, which the blur then closes.
+# Side in pixels of the cells on which map points are splatted: at 1 m a cell of 4 pixels spans 8 mm, less than the
+# spacing of the map's points; the blur closes the gaps.
 CELL_PX = 4
 BLUR_CELLS = 5
-# Fraction of the blur's window that must hold points: less is a stray point.
+# Minimum fraction of the blur's window with points; less is a stray point.
 MIN_COVER = 0.15
-# An outline is cut where it passes the camera: its edges are projected in this many steps. Coordinates
-# farther out than this, pixels, are clipped.
+# An outline is cut at the camera: each edge is projected in this many steps. Coordinates beyond this many pixels are
+# clipped.
 EDGE_STEPS, FARTHEST_PX = 16, 20_000.0
 PLANE_FRACTION = 0.35
-# Points farther than this behind the surface that the camera sees are hidden by it, fraction of the depth.
+# Points farther than this behind the visible surface are hidden by it, fraction of the depth.
 BEHIND = 0.04
-# A cell farther than its neighbour by more than this is seen through a gap between points, fraction of the depth.
+# A cell that is farther than its neighbour by more than this shows through a gap between points, fraction of the depth.
 THROUGH = 0.10
 
 
@@ -52,12 +52,12 @@ def heat_over(color: UInt8Array, heat: Float32Array) -> UInt8Array:
     color : (H, W, 3) uint8
         RGB.
     heat : (h, w) float32
-        0..1; of the picture's size, or smaller (a tracker that runs on fewer pixels).
+        0..1; of the picture's size, or smaller if the tracker runs on a reduced image.
 
     Returns
     -------
     (H, W, 3) uint8
-        Cold pixels stay as they are, hot ones take the colors of the perceptual colormap "inferno".
+        Cold pixels stay unchanged, hot pixels get the colors of the perceptual colormap "inferno".
     """
     height, width = color.shape[:2]
     if heat.shape != (height, width):
@@ -69,14 +69,14 @@ def heat_over(color: UInt8Array, heat: Float32Array) -> UInt8Array:
 
 
 def depth_picture(depth_m: Float32Array, intrinsics: Intrinsics) -> UInt8Array:
-    """Return depth as a shaded relief: near bright, far dark, no reading black, lit from the upper left.
+    """Return depth as a shaded relief: near bright, far dark, missing readings black, lit from the upper left.
 
-    The colormap is all but grey, so that the colors of labels stand out from it.
+    The colormap is almost grey, so that the colors of labels stand out.
 
     Parameters
     ----------
     depth_m : (H, W) float32
-        Metres; 0 is no reading.
+        Metres; 0 is a missing reading.
     intrinsics : Intrinsics
         Of the depth image.
 
@@ -95,7 +95,7 @@ def depth_picture(depth_m: Float32Array, intrinsics: Intrinsics) -> UInt8Array:
 
 
 def _lit(depth_m: Float32Array, disparity: Float32Array, intrinsics: Intrinsics) -> Float32Array:
-    """Return how much of the light each surface gets, (H, W), 0..1; from the slope of the smoothed depth."""
+    """Return the fraction of the light that each surface gets, (H, W), 0..1, from the slope of the smoothed depth."""
     smooth = cv2.blur(cv2.medianBlur(depth_m, 5), (SMOOTH_PX, SMOOTH_PX))
     gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=intrinsics.fx / 32.0) * disparity
     gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=intrinsics.fy / 32.0) * disparity
@@ -107,17 +107,17 @@ def _lit(depth_m: Float32Array, disparity: Float32Array, intrinsics: Intrinsics)
 def map_heat(
     points: MapPoints, depth_m: Float32Array, T_world_camera: Float64Array, intrinsics: Intrinsics
 ) -> Float32Array:
-    """Return the heat of the global map as a camera sees it.
+    """Return the heat of the global map from the view of a camera.
 
-    The nearest point in a cell of the image is the one that counts; points behind the surface that the depth
-    image shows do not. A blur that leaves empty cells out of account closes the gaps between points.
+    In each cell of the image the nearest point counts; points behind the surface of the depth image are hidden. A blur
+    that ignores empty cells closes the gaps between points.
 
     Parameters
     ----------
     points : MapPoints
         N points in the world.
     depth_m : (H, W) float32
-        The camera's depth image, metres; 0 is no reading.
+        Depth image of the camera, metres; 0 is a missing reading.
     T_world_camera : (4, 4) float64
     intrinsics : Intrinsics
         Of the depth image.
@@ -125,7 +125,7 @@ def map_heat(
     Returns
     -------
     (H, W) float32
-        0..1; 0 where no point of the map is seen.
+        0..1; 0 in pixels without a visible point of the map.
     """
     height, width = depth_m.shape
     xyz = transform(inverse(T_world_camera), points.xyz)
@@ -139,7 +139,7 @@ def map_heat(
     cells = (-(-height // CELL_PX), -(-width // CELL_PX))
     value, nearest_m = np.zeros(cells, np.float32), np.full(cells, np.inf, np.float32)
     at = (v[order] // CELL_PX, u[order] // CELL_PX)
-    value[at], nearest_m[at] = heat[order], z[order]  # far to near: the last one stays
+    value[at], nearest_m[at] = heat[order], z[order]  # far to near: the nearest overwrites the others
     around_m = cv2.erode(nearest_m, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
     cover = (nearest_m <= around_m * (1.0 + THROUGH)) & np.isfinite(nearest_m)
     value *= cover
@@ -149,7 +149,7 @@ def map_heat(
 def planes_over(
     color: UInt8Array, planes: Sequence[SupportPlane], T_world_camera: Float64Array, intrinsics: Intrinsics
 ) -> UInt8Array:
-    """Return a picture (H, W, 3) with supporting planes tinted, each in a color of its own, also where they are hidden.
+    """Return a picture (H, W, 3) with supporting planes tinted, hidden parts included; each plane has its own color.
 
     Parameters
     ----------

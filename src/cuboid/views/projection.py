@@ -1,4 +1,4 @@
-"""Boxes as a camera sees them: edges and faces cut to the view, projected, with front and back distinguished."""
+"""Boxes in the image of a camera: edges and faces are clipped to the view, projected, and divided in front and back."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import EDGES, Box
 from cuboid.geometry.se3 import inverse, transform
 
-# Nothing nearer than this is drawn, metres: before the shortest depth that any RGB-D camera measures.
+# Near plane of drawings, metres: nearer than the shortest depth that any RGB-D camera measures.
 NEAR_M = 0.05
 
-# Drawings reach this far beyond the image, pixels: room for the ends of thick lines.
+# Drawings extend beyond the image by this many pixels: room for the ends of thick lines.
 MARGIN_PX = 16.0
 
 # Corners of the faces in order around them: -x, +x, -y, +y, -z, +z.
@@ -31,16 +31,16 @@ _FACE_ENDS: Corners = np.array(FACES)
 
 @dataclass(frozen=True, slots=True)
 class Wireframe:
-    """A box in an image, cut to the view.
+    """A box in an image, clipped to the view.
 
     Attributes
     ----------
     front : (N, 2, 2) float64
-        Ends in pixels of the edges that the box itself does not hide.
+        End points, pixels, of the edges that the box itself does not hide.
     back : (M, 2, 2) float64
-        Ends in pixels of the edges behind the box.
+        End points, pixels, of the edges behind the box.
     faces : tuple of (number, (K, 2) float64)
-        The faces that look at the camera: number in `FACES`, outline in pixels.
+        The faces that look towards the camera: number in `FACES`, outline in pixels.
     depth_m : float
         Of the box's centre along the optical axis.
     """
@@ -51,7 +51,7 @@ class Wireframe:
     depth_m: float
 
     def rect_xyxy(self, intrinsics: Intrinsics) -> Float64Array | None:
-        """Return its rectangle in the image, pixels, (4,); None where nothing of it is in the image."""
+        """Return its rectangle in the image, pixels, (4,); None if no part of it is in the image."""
         ends = np.concatenate((self.front, self.back)).reshape(-1, 2)
         if len(ends) == 0:
             return None
@@ -69,10 +69,10 @@ def project(points_camera: Float64Array, intrinsics: Intrinsics) -> Float64Array
 
 
 def wireframes(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: Intrinsics) -> list[Wireframe]:
-    """Return boxes of the world as the camera sees them.
+    """Return the wireframes of boxes in the image of a camera.
 
-    A face looks at the camera where the camera lies on its outer side; an edge is in front where one of its
-    two faces looks at the camera. From inside a box every edge is in front.
+    A face looks towards the camera if the camera lies on its outer side. An edge is in front if one of its two faces
+    looks towards the camera. From inside a box all edges are in front.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def wireframes(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: I
     Returns
     -------
     list of Wireframe
-        One a box.
+        One for each box.
     """
     if not boxes:
         return []
@@ -92,7 +92,7 @@ def wireframes(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: I
     corners = transform(inverse(T_world_camera), np.array([box.corners() for box in boxes]).reshape(-1, 3))
     margins = (corners @ planes[:, :3].T + planes[:, 3]).reshape(len(boxes), -1)
     whole = margins.min(axis=1) >= 0
-    with np.errstate(divide="ignore", invalid="ignore"):  # only those of whole boxes are used
+    with np.errstate(divide="ignore", invalid="ignore"):  # only results of boxes entirely in view are used
         pixels = project(corners, intrinsics).reshape(-1, 8, 2)
     corners = corners.reshape(-1, 8, 3)
     facing = [_facing(box, T_world_camera[:3, 3]) for box in boxes]
@@ -103,14 +103,14 @@ def wireframes(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: I
 
 
 def _of_whole(corners: Float64Array, pixels: Float64Array, facing: tuple[bool, ...]) -> Wireframe:
-    """Return the wireframe of a box that lies in the view as a whole."""
+    """Return the wireframe of a box that lies entirely in the view."""
     front, back = _edges(facing)
     faces = tuple((f, pixels[_FACE_ENDS[f]]) for f in range(6) if facing[f])
     return Wireframe(pixels[front], pixels[back], faces, float(corners[:, 2].mean()))
 
 
 def _cut(corners: Float64Array, facing: tuple[bool, ...], planes: Float64Array, intrinsics: Intrinsics) -> Wireframe:
-    """Return the wireframe of what the view's planes leave of a box."""
+    """Return the wireframe of a box, clipped by the planes of the view."""
     front, back = (clip_segments(corners[ends], planes) for ends in _edges(facing))
     outlines = [(f, clip_polygon(corners[_FACE_ENDS[f]], planes)) for f in range(6) if facing[f]]
     return Wireframe(
@@ -123,22 +123,22 @@ def _cut(corners: Float64Array, facing: tuple[bool, ...], planes: Float64Array, 
 
 @cache
 def _edges(facing: tuple[bool, ...]) -> tuple[Corners, Corners]:
-    """Return the ends (N, 2) of the edges in front, and of those behind, for the faces that look at the camera."""
+    """Return the corners (N, 2) of the edges in front and of those behind; `facing`: faces towards the camera."""
     inside = not any(facing)
     is_front = np.array([inside or facing[f] or facing[g] for f, g in FACES_OF_EDGE])
     return _EDGE_ENDS[is_front], _EDGE_ENDS[~is_front]
 
 
 def visible_rect(box: Box, T_world_camera: Float64Array, intrinsics: Intrinsics) -> Float64Array | None:
-    """Return the rectangle around what of a box lies in the picture; nothing but the picture's border hides any of it.
+    """Return the rectangle around the part of a box inside the image; other objects are assumed to hide nothing.
 
-    The box is cut to the view first: its corners alone give too large a rectangle where some lie far outside of
-    the picture, and none where some lie behind the camera.
+    The box is first clipped to the view. Its corners alone would give a too large rectangle if some of them lie far
+    outside the image, and no rectangle if some lie behind the camera.
 
     Returns
     -------
     (4,) float64 or None
-        Pixels, ends exclusive; None where nothing of the box is in the picture.
+        Pixels, ends exclusive; None if no part of the box is in the image.
     """
     corners = transform(inverse(T_world_camera), box.corners())
     planes = _view_planes(intrinsics, margin_px=0.0)
@@ -152,12 +152,12 @@ def visible_rect(box: Box, T_world_camera: Float64Array, intrinsics: Intrinsics)
 
 
 def may_be_in_view(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: Intrinsics) -> npt.NDArray[np.bool_]:
-    """Tell for each box whether the ball around it reaches into the view; quick, for maps of many objects.
+    """Return for each box whether its bounding sphere reaches into the view; fast, for maps of many objects.
 
     Returns
     -------
     (N,) bool
-        False only where nothing of the box is in view.
+        False only if no part of the box is in view.
     """
     if not boxes:
         return np.zeros(0, np.bool_)
@@ -183,7 +183,7 @@ def clip_segments(ends: Float64Array, planes: Float64Array) -> Float64Array:
     Returns
     -------
     (M, 2, 3) float64
-        M <= N; what lies outside is left out.
+        M <= N; segments entirely outside are omitted.
     """
     distance = ends @ planes[:, :3].T + planes[:, 3]
     d0, d1 = distance[:, 0], distance[:, 1]
@@ -213,7 +213,7 @@ def clip_polygon(outline: Float64Array, planes: Float64Array) -> Float64Array:
     Returns
     -------
     (M, 3) float64
-        Corners in order; none where nothing is inside.
+        Corners in order; empty if no part is inside.
     """
     for plane in planes:
         distance = outline @ plane[:3] + plane[3]
@@ -229,14 +229,14 @@ def clip_polygon(outline: Float64Array, planes: Float64Array) -> Float64Array:
 
 
 def _facing(box: Box, camera: Float64Array) -> tuple[bool, ...]:
-    """Tell for each of `FACES` whether the camera's centre (3,) in the world lies on its outer side."""
+    """Return for each of `FACES` whether the camera's centre (3,) in the world lies on its outer side."""
     own = (camera - box.center) @ box.rotation
     (x, y, z), (a, b, c) = own.tolist(), (box.size / 2.0).tolist()
     return (-x > a, x > a, -y > b, y > b, -z > c, z > c)
 
 
 def _view_planes(intrinsics: Intrinsics, margin_px: float = MARGIN_PX) -> Float64Array:
-    """Return near plane and the four sides of the view, (5, 4), in the camera frame."""
+    """Return the near plane and the four sides of the view, (5, 4), in the camera frame."""
     K = intrinsics
     left, top = -(K.cx + margin_px) / K.fx, -(K.cy + margin_px) / K.fy
     right, bottom = (K.width + margin_px - K.cx) / K.fx, (K.height + margin_px - K.cy) / K.fy

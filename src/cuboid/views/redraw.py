@@ -1,4 +1,4 @@
-"""Finished results drawn into the recording they are of."""
+"""Finished results drawn into the images of their recording."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ KINDS = {"boxes": "Picture", "heat": "Heat", "depth": "Depth", "proposals": "Pro
 
 
 def drawer(what: str, results: Path, replay: Replay, *, steady: SteadyNames | None = None) -> Draw:
-    """Return what makes a picture of a frame.
+    """Return a function that draws a frame and its results.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def drawer(what: str, results: Path, replay: Replay, *, steady: SteadyNames | No
     replay : Replay
         Of that folder.
     steady : SteadyNames, optional
-        Of the video whose frames are drawn, one after the other.
+        State of the names, if the frames of a video are drawn in order.
     """
     K = replay.intrinsics
     points = read_map(results / MAP) if what == "heat" else None

@@ -1,4 +1,4 @@
-"""A finished run again, frame by frame, from its result folder: what was seen, what was known but hidden."""
+"""Replay of a finished run from its result folder: the seen and the hidden objects of each frame."""
 
 from __future__ import annotations
 
@@ -63,20 +63,20 @@ class Replay:
     Parameters
     ----------
     folder : path
-        What `cuboid track` left behind.
+        A result folder of `cuboid track`.
     recording_path : Path, optional
-        Where the recording is now; where it was during the run unless given.
+        Present path of the recording (default: its path during the run).
 
     Attributes
     ----------
     intrinsics : Intrinsics
         Of the recording's color image.
     every : int
-        One frame in this many was used.
+        Every n-th frame was used.
     planes : sequence of SupportPlane
-        Those of the whole run.
+        Planes of the whole run.
     last_frame : int
-        The last frame of the recording that was used; -1 where none was.
+        The last used frame of the recording; -1 if no frame was used.
     names : dict of int to str
         Names of the objects, by label.
 
@@ -105,16 +105,16 @@ class Replay:
             self._proposals[own.frame].append(own)
 
     def __len__(self) -> int:
-        """Return how many frames were used."""
+        """Return the number of used frames."""
         return len(self._poses)
 
     @property
     def recording(self) -> Recording:
-        """The recording of the results; InputError where it is not there."""
+        """The recording of the results; raises InputError if it does not exist."""
         return self._results.recording
 
     def frames(self, timestamp_of: Callable[[int], float]) -> Iterator[ReplayedFrame]:
-        """Iterate over the used frames, in order; those that have another time in the recording are left out.
+        """Iterate over the used frames, in order; a frame with another time in the recording is omitted.
 
         Parameters
         ----------

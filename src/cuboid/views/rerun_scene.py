@@ -1,12 +1,12 @@
-"""A run for the rerun viewer, as it goes or when it is finished, by entities in the tree of frames.
+"""A running or finished run for the rerun viewer, as entities in the tree of frames.
 
     world                     up, and the color of each label
     world/map                 the global point map
     world/planes/0            outline of a supporting plane
     world/objects/3           box of the object with label 3, in each frame that sees it
-    world/camera              pose of the camera; world/camera_path: all of its places
+    world/camera              pose of the camera; world/camera_path: all of its positions
     world/camera/image        pinhole and picture; world/camera/image/objects: rectangles in it
-    world/camera/depth        depth, of a run as it goes
+    world/camera/depth        depth, of a running run
 
 The timelines are ``frame`` (number in the recording) and ``time`` (seconds since the first frame).
 """
@@ -26,11 +26,11 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 
 APPLICATION = "cuboid"
-# Sizes of what is drawn, metres: a voxel of the map is 1 cm wide.
+# Sizes of drawn points and lines, metres: a voxel of the map is 1 cm wide.
 POINT_M, LINE_M = 0.004, 0.003
-# How far in front of the camera its picture hangs, metres.
+# Distance of the picture in front of the camera, metres.
 IMAGE_PLANE_M = 0.25
-# Digits after the point of seconds.
+# Decimal places of seconds.
 MICROSECOND = 6
 
 PLANE_COLOR = (150, 158, 170)
@@ -61,14 +61,14 @@ class RerunScene:
     name : str
         Of the recording.
     feature : str
-        What the user asked for, where rerun is missing.
+        Requested feature, for the error message if rerun is missing.
 
     Attributes
     ----------
     stream : rr.RecordingStream
-        Where it goes is still to be said: `save`, `spawn`, `connect_grpc`.
+        The caller chooses its destination: `save`, `spawn` or `connect_grpc`.
     names : mapping of int to str
-        What people call the objects, by label.
+        Names of the objects, by label.
 
     Raises
     ------
@@ -99,14 +99,14 @@ class RerunScene:
             self.stream.log(f"world/camera/{entity}", pinhole, static=True)
 
     def up(self, up: Float64Array | None) -> None:
-        """Log which axis is up, where that is known and has not been said."""
+        """Log the up axis, if it is known and not logged yet."""
         axis = _axis_of(up)
         if axis is not None and axis != self._up:
             self._up = axis
             self.stream.log("world", getattr(self._rr.ViewCoordinates, f"RIGHT_HAND_{axis}"), static=True)
 
     def labels(self, labels: Iterable[int]) -> None:
-        """Log the color of labels, where one of them is new."""
+        """Log the colors of labels, if one of the labels is new."""
         known = self._labels | set(labels)
         if known != self._labels:
             self._labels = known
@@ -125,18 +125,18 @@ class RerunScene:
             self.stream.log(f"world/planes/{number}", strip, static=static)
 
     def path(self, places: Float64Array, *, static: bool) -> None:
-        """Log where the camera has been, (N, 3)."""
+        """Log the positions of the camera so far, (N, 3)."""
         strip = self._rr.LineStrips3D([places], colors=PATH_COLOR, radii=LINE_M / 2)
         self.stream.log("world/camera_path", strip, static=static)
 
     def moment(self, frame: int, timestamp_s: float) -> None:
-        """Set the time of what follows."""
+        """Set the time of the following entries."""
         self._first_s = timestamp_s if self._first_s is None else self._first_s
         self.stream.set_time("frame", sequence=frame)
         self.stream.set_time("time", duration=round(timestamp_s - self._first_s, MICROSECOND))
 
     def camera(self, T_world_camera: Float64Array, picture: bytes | None) -> None:
-        """Log where the camera is, and its picture as JPEG."""
+        """Log the pose of the camera, and its picture as JPEG."""
         rr, T = self._rr, T_world_camera
         turn = rr.Quaternion(xyzw=quat_wxyz_from_rotation(T[:3, :3])[[1, 2, 3, 0]])
         self.stream.log("world/camera", rr.Transform3D(translation=T[:3, 3], quaternion=turn))
@@ -173,13 +173,13 @@ class RerunScene:
             self.stream.log(f"world/objects/{label}", self._rr.Clear(recursive=False))
 
     def close(self) -> None:
-        """Let everything arrive."""
+        """Wait until all entries are sent."""
         self.stream.flush()
         self.stream.disconnect()
 
 
 def _axis_of(up: Float64Array | None) -> str | None:
-    """Return the axis that is next to up, as rerun names it: "Z_UP", "Y_DOWN"; None where up is not known."""
+    """Return the axis closest to up, as rerun names it: "Z_UP", "Y_DOWN"; None if up is unknown."""
     if up is None:
         return None
     axis = int(np.argmax(np.abs(up)))

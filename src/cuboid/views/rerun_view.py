@@ -1,4 +1,4 @@
-"""`--rerun`: a run in the rerun viewer while it goes."""
+"""`--rerun`: show a run in the rerun viewer as it proceeds."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from cuboid.views.live.watch import TrackerView
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.rerun_scene import RerunScene
 
-# A viewer that is started by the run itself.
+# The run itself starts the viewer.
 SPAWNED = "viewer"
 SUFFIX = ".rrd"
-# A picture of 640x480 is about 50 kB at this quality, and lines of text in it stay clean.
+# A picture of 640x480 takes about 50 kB at this quality, and text in it stays clean.
 JPEG_QUALITY = 85
-# Depth in a fifth of a millimetre, as a PNG made at the least effort: 150 kB, 4 ms.
+# Depth in units of a fifth of a millimetre, as a PNG of the lowest compression level: 150 kB, 4 ms.
 UNITS_PER_METRE, FARTHEST_UNITS = 5000.0, 65535
-# The map has 5 MB: it is sent again after this many used frames, and at the end.
+# The map has 5 MB; it is sent again after this many used frames, and at the end.
 MAP_EVERY = 60
 
 
 class RerunView:
-    """A viewer that `track_recording` shows a run to; a context manager.
+    """Context manager: a viewer in which `track_recording` shows a run.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class RerunView:
                 stream.spawn()
             else:
                 stream.connect_grpc(where)
-        except Exception as error:  # of a library in Rust, which names no kinds
+        except Exception as error:  # a Rust library, which raises no specific classes
             raise InputError(f"--rerun: {where} cannot be opened: {error}") from None
 
     def __enter__(self) -> Self:
@@ -82,7 +82,7 @@ class RerunView:
         self._scene.close()
 
     def __call__(self, frame: Frame, result: FrameResult, tracker: TrackerView) -> None:
-        """Show a used frame and what was found in it."""
+        """Show a used frame and its results."""
         scene = self._scene
         scene.moment(frame.index, frame.timestamp_s)
         scene.camera(result.T_world_camera, encode_jpeg(frame.color, JPEG_QUALITY))
@@ -97,7 +97,7 @@ class RerunView:
             self._surroundings(tracker)
 
     def _surroundings(self, tracker: TrackerView) -> None:
-        """Show what changes slowly."""
+        """Show the planes, the path and the map, which change slowly."""
         self._scene.up(tracker.up)
         self._scene.map(tracker.map_points(), static=False)
         self._scene.planes(tracker.planes, static=False)

@@ -1,4 +1,4 @@
-"""Objects and the point map as messages of ROS 2: one code for bags (`export --to mcap`), ROS 2 and Foxglove."""
+"""Objects and the point map as ROS 2 messages, for bags (`export --to mcap`), ROS 2 and Foxglove."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from cuboid.views.report.pictures import encode_jpeg
 
 # The class of an object without a name.
 UNNAMED = "object"
-# Numbers of visualization_msgs/Marker.
+# Constants of visualization_msgs/Marker.
 CUBE, LINE_LIST, TEXT_VIEW_FACING = 1, 5, 9
 ADD, DELETE = 0, 2
 CUBE_ALPHA = 0.25
 LINE_M, TEXT_M = 0.004, 0.05
 FLOAT32 = 7  # of sensor_msgs/PointField
-# A picture of 640x480 is about 50 kB at this quality, and lines of text in it stay clean.
+# A picture of 640x480 takes about 50 kB at this quality, and text in it stays clean.
 JPEG_QUALITY = 85
-# compressed_depth_image_transport writes this before the PNG: its format, and two numbers that whole depth lacks.
+# Header of compressed_depth_image_transport before the PNG: its format, and two numbers that integer depth leaves 0.
 DEPTH_HEADER = bytes(12)
 DEPTH_FORMAT = "16UC1; compressedDepth png"
 
@@ -37,15 +37,15 @@ def detection(make: RosMessages, label: int, name: str, box: Box, score: float, 
     ----------
     make : RosMessages
     label : int
-        Becomes its `id`, which tells the same object in all messages.
+        Becomes its `id`, which identifies the object in all messages.
     name : str
-        Becomes the class; `UNNAMED` where it is empty.
+        Becomes the class; `UNNAMED` if it is empty.
     box : Box
         In the world.
     score : float
         Confidence that it is an object, 0..1.
     time_ns : int
-        Of the image that it was seen in.
+        Time of the image that shows it.
     frame : str
         Name of the world.
     """
@@ -70,7 +70,7 @@ def detection_array(make: RosMessages, detections: Sequence[Any], time_ns: int, 
 def object_markers(
     make: RosMessages, label: int, name: str, box: Box, up: Float64Array | None, time_ns: int, frame: str
 ) -> list[Any]:
-    """Return an object as visualization_msgs/Marker: its cube, its edges and its text; parameters as of `detection`."""
+    """Return an object as visualization_msgs/Marker: its cube, its edges and its text; parameters as in `detection`."""
     T, line = box_pose(box), np.array([LINE_M, 0.0, 0.0])
     ends = (CORNER_SIGNS * (box.size / 2.0))[np.array(EDGES)].reshape(-1, 3)
     above = np.eye(4)
@@ -85,7 +85,7 @@ def object_markers(
 
 
 def deleted_markers(make: RosMessages, label: int, time_ns: int, frame: str) -> list[Any]:
-    """Return the messages that take the markers of an object away."""
+    """Return the messages that delete the markers of an object."""
     header, T, scale = make.header(frame, time_ns), np.eye(4), np.ones(3)
     names = ("boxes", "edges", "labels")
     return [_marker(make, label, name, header, kind=CUBE, T=T, scale=scale, action=DELETE) for name in names]
@@ -136,14 +136,14 @@ def _marker(
 
 
 def box_pose(box: Box) -> Float64Array:
-    """Return T_world_box (4, 4): its middle and its axes."""
+    """Return T_world_box (4, 4): centre and axes of the box."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = box.rotation, box.center
     return T
 
 
 def cloud_message(make: RosMessages, xyz: Float32Array, rgb: UInt8Array, time_ns: int, frame: str) -> Any:
-    """Return points (N, 3) with colors as sensor_msgs/PointCloud2: x y z, and the color as RViz packs it."""
+    """Return points (N, 3) with colors as sensor_msgs/PointCloud2: x, y, z, and the color packed as RViz expects."""
     red, green, blue = rgb.astype(np.uint32).T
     rows = np.empty((len(xyz), 4), np.float32)
     rows[:, :3] = xyz

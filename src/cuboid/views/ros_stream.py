@@ -1,12 +1,12 @@
-"""A running tracker as topics of ROS 2: what is sent of each frame, and what is sent now and then.
+"""The topics of ROS 2 for a running tracker: messages of each frame, and messages at intervals.
 
 /cuboid/detections    vision_msgs/Detection3DArray       the objects seen in the frame
 /cuboid/markers       visualization_msgs/MarkerArray     the same as boxes and text; all objects once a second
-/cuboid/map           sensor_msgs/PointCloud2            the point map, where `map_every_s` asks for it
-/cuboid/cloud         sensor_msgs/PointCloud2            what was asked for
-/tf                   tf2_msgs/TFMessage                 the camera, and objects where `object_frames` asks for them
-/diagnostics          diagnostic_msgs/DiagnosticArray    how the run goes
-/cuboid/color/compressed, /cuboid/depth/compressedDepth, /cuboid/camera_info    for who has no other source of them
+/cuboid/map           sensor_msgs/PointCloud2            the point map, if `map_every_s` is set
+/cuboid/cloud         sensor_msgs/PointCloud2            requested points
+/tf                   tf2_msgs/TFMessage                 the camera, and the objects if `object_frames` is set
+/diagnostics          diagnostic_msgs/DiagnosticArray    state of the run
+/cuboid/color/compressed, /cuboid/depth/compressedDepth, /cuboid/camera_info    for clients without another source
 """
 
 from __future__ import annotations
@@ -39,22 +39,23 @@ NODE, WORLD = "cuboid", "map"
 DIAGNOSTICS = "/diagnostics"
 # Levels of diagnostic_msgs/DiagnosticStatus.
 OK, WARN, STALE = 0, 1, 3
-# Who comes later sees all objects after this time, seconds: frames tell of those in view only.
+# Interval between messages with all objects, seconds, for clients that connect late; other messages have only the
+# objects in view.
 ALL_EVERY_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class StreamSettings:
-    """What is sent beside the detections.
+    """Messages that are sent in addition to the detections.
 
     Attributes
     ----------
     object_frames : bool
-        One frame of `tf` an object, `object_3` for the label 3.
+        Send a frame of `tf` for each object, `object_3` for the label 3.
     min_score : float
         Objects below this score are not sent, 0..1.
     map_every_s : float
-        The point map is sent so often, seconds; 0: on request only.
+        Interval between two point maps, seconds; 0: on request only.
     """
 
     object_frames: bool = False
@@ -63,18 +64,18 @@ class StreamSettings:
 
 
 class Topic:
-    """A topic on all that carries it; a message is made where somebody listens, once."""
+    """A topic on all its carriers; a message is encoded once, and sent to carriers with subscribers."""
 
     def __init__(self, messages: RosMessages, carriers: Iterable[Outlets], name: str, kind: str, qos: Qos) -> None:
         self._messages, self._latched = messages, qos is Qos.LATCHED
         self._outlets: list[Outlet] = [carrier.outlet(name, kind, qos) for carrier in carriers]
 
     def wanted(self) -> bool:
-        """Tell whether somebody listens."""
+        """Return whether there is a subscriber."""
         return any(outlet.wanted() for outlet in self._outlets)
 
     def send(self, message: Any, time_ns: int) -> None:
-        """Send a message to all that listen, or that may listen later."""
+        """Send a message to all subscribers; on a latched topic also to later subscribers."""
         data = self._messages.encode(message)
         for outlet in self._outlets:
             if self._latched or outlet.wanted():
@@ -82,7 +83,7 @@ class Topic:
 
 
 class RosStream:
-    """Sends what a tracker finds.
+    """Sends the results of a tracker.
 
     Parameters
     ----------
@@ -90,19 +91,19 @@ class RosStream:
     carriers : sequence of Outlets
     intrinsics : Intrinsics
     node : str
-        Begins the names of its own topics.
+        Prefix of the names of its own topics.
     world, camera : str
         Frames of `tf`: the world, and the camera.
     camera_moves : bool
-        Whether it sends where the camera is; others do where poses come from them.
+        Whether to send the pose of the camera; False if another node provides it.
     pictures : sequence of Outlets
-        Those of `carriers` that also get color, depth and the camera.
+        The `carriers` that also get color, depth and the camera.
 
     Attributes
     ----------
     settings : StreamSettings
     names : mapping of int to str
-        Names that users gave, by label; before those of a detector.
+        Names that users gave, by label; they take precedence over the names of a detector.
     """
 
     def __init__(
@@ -140,7 +141,7 @@ class RosStream:
         self._all_s = self._map_s = float("-inf")
 
     def frame(self, frame: Frame, result: FrameResult, tracker: TrackerView, time_ns: int) -> None:
-        """Send what was found in a frame.
+        """Send the results of a frame.
 
         Parameters
         ----------
@@ -180,11 +181,11 @@ class RosStream:
         return self.cloud(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), time_ns)
 
     def send_cloud(self, cloud: Any, time_ns: int) -> None:
-        """Send points that were asked for."""
+        """Send requested points."""
         self._cloud.send(cloud, time_ns)
 
     def clear(self, time_ns: int) -> None:
-        """Take all markers away: the map begins anew."""
+        """Delete all markers, since the map starts again."""
         gone = [
             one for label in sorted(self._shown) for one in deleted_markers(self._messages, label, time_ns, self.world)
         ]
@@ -193,17 +194,17 @@ class RosStream:
         self._all_s = self._map_s = float("-inf")
 
     def diagnose(self, level: int, message: str, values: Mapping[str, object], time_ns: int) -> None:
-        """Send how the run goes.
+        """Send the state of the run.
 
         Parameters
         ----------
         level : {OK, WARN, STALE}
         message : str
-            In a few words.
+            A few words.
         values : mapping of str to object
             Figures, by name.
         time_ns : int
-            Now, by the clock of the node.
+            Present time by the clock of the node.
         """
         make = self._messages.make
         pairs = [make("diagnostic_msgs/KeyValue", key=key, value=str(value)) for key, value in values.items()]

@@ -1,4 +1,4 @@
-"""Base of the two servers: whom they answer, which requests they accept, and for how long."""
+"""Base of the two page servers: accepted clients, accepted requests, and time limits."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from urllib.parse import urlsplit
 
 from cuboid.core.errors import OutputError
 
-# Nobody but who is on this machine, or comes through a forwarded port, sees the results.
+# Only clients on this machine, or through a forwarded port, see the results.
 HOST = "127.0.0.1"
 LOCAL_NAMES = ("localhost", HOST)
-# Ends of names that are given within a local network only (RFC 6762, RFC 8375, and by habit).
+# Suffixes of names that exist only within a local network (RFC 6762, RFC 8375, and common usage).
 LOCAL_ENDINGS = (".local", ".lan", ".internal", ".home.arpa", ".localdomain")
 
 # Largest number of connections at once; a browser opens 6.
 MAX_CONNECTIONS = 128
-# A client that is silent for so long is cut off; so is one that takes longer to send a request, or to take an answer.
+# Time limits of a client, seconds: silence, sending a request, and receiving an answer. Beyond them it is disconnected.
 SILENT_S = 10.0
 SENDING_S = 10.0
 TAKING_S = 60.0
-# The longest address, and the largest head of a request; browsers send about 1 kB.
+# The longest address, and the largest header of a request, bytes; browsers send about 1 kB.
 LONGEST_ADDRESS = 2_000
 LARGEST_HEAD = 16_000
 
-# A page sends back a document of some kilobytes; a larger one is not from our page.
+# Largest request body, bytes; a page of this program sends some kilobytes.
 MAX_BYTES = 16 << 20
 
 Answer = tuple[str, bytes]
 
 
 def headers(*, forms: bool = False) -> dict[str, str]:
-    """Return the headers of a page, which tell the browser what the page may do; `forms` may ask its own server."""
+    """Return the security headers of a page; with `forms` it may send forms to its own server."""
     return {
         "Cache-Control": "no-store",  # the next run's pictures have the same addresses
-        # the pages hold their own scripts and style, and need nothing from elsewhere
+        # the pages contain their scripts and styles, and load nothing from other servers
         "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
         "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; "
         f"form-action '{'self' if forms else 'none'}'; frame-ancestors 'none'",
@@ -54,7 +54,7 @@ def headers(*, forms: bool = False) -> dict[str, str]:
 
 
 class Phase(Enum):
-    """The phase of a connection: the client sends a request, the server works on it, the client takes the answer."""
+    """The phase of a connection: the client sends a request, the server works on it, the client receives the answer."""
 
     SENDING = "sending"
     WORKING = "working"
@@ -70,17 +70,17 @@ class Refusal(Exception):  # noqa: N818 - an answer, not a fault
 
 
 class PageHandler(BaseHTTPRequestHandler):
-    """Answers GET for what is there, and POST where a page may send something back, under a name of this machine.
+    """Answers GET requests, and POST requests of pages that may send data, under the names of this machine.
 
     Attributes
     ----------
     show : callable
-        Kind and content of what lies at an address; None where nothing does.
+        Returns content type and content for an address; None if there is no content.
     take : callable or None
-        The same for what was sent to an address as JSON; None takes nothing.
+        Returns the same for JSON that was sent to an address; with None, POST is refused.
     names : tuple of str
-        Names of this machine that are answered to. With none of them number addresses and the names of a local network
-        are, but no name that another site could own and have lead here.
+        Accepted host names of this machine. If empty, numeric addresses and names of a local network are accepted, but
+        no name that another site could own and direct to this machine.
     """
 
     show: Callable[[str], Answer | None]
@@ -90,19 +90,19 @@ class PageHandler(BaseHTTPRequestHandler):
     server: PageServer
 
     def do_GET(self) -> None:
-        """Answer, unless it is asked from elsewhere, or at too great a length."""
+        """Answer, unless the request is from another site or too long."""
         if self._is_taken():
             self._answer(lambda: self.show(self.path))
 
     def do_POST(self) -> None:
-        """Take what one of our own pages sends."""
+        """Accept the data that a page of this server sends."""
         take = self.take
         if not self._is_taken():
             return
         if take is None:
             self.send_error(HTTPStatus.METHOD_NOT_ALLOWED)
             return
-        # a form of another site's page can send neither this type nor our origin
+        # a form on a page of another site can send neither this content type nor this origin
         length = self.headers.get("Content-Length", "")
         if "Origin" not in self.headers or self.headers.get_content_type() != "application/json":
             self.send_error(HTTPStatus.FORBIDDEN)
@@ -113,7 +113,7 @@ class PageHandler(BaseHTTPRequestHandler):
             self._answer(lambda: take(self.path, content))
 
     def _is_taken(self) -> bool:
-        """Tell whether a request is of bounded length and from a page of ours, or the user; refuse it else."""
+        """Return whether a request has an accepted length, host and origin; otherwise refuse it."""
         if len(self.path) > LONGEST_ADDRESS:
             self.send_error(HTTPStatus.REQUEST_URI_TOO_LONG)
         elif sum(len(name) + len(value) for name, value in self.headers.items()) > LARGEST_HEAD:
@@ -125,7 +125,7 @@ class PageHandler(BaseHTTPRequestHandler):
         return False
 
     def _is_own_origin(self) -> bool:
-        """Tell whether a page that asks, if one does, is our own: of this host and port."""
+        """Return whether the request has no origin, or only the origin of this host and port."""
         own = f"http://{self.headers.get('Host', '')}"
         return all(origin == own for origin in self.headers.get_all("Origin", []))
 
@@ -156,18 +156,18 @@ class PageHandler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def version_string(self) -> str:
-        """Return what answers: not which Python it runs on."""
+        """Return the name of the server, without the version of Python."""
         return "cuboid"
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class's name
-        """Say nothing: a slider asks often."""
+        """Log nothing: a slider sends many requests."""
 
 
 class PageServer(ThreadingHTTPServer):
     """A server of pages with a bounded number of connections, which slow clients do not block.
 
-    A client has a time limit for sending its request and one for taking the answer. Where there are too many
-    connections, a new one takes the place of the one whose client keeps us waiting longest.
+    A client has a time limit for sending its request, and another for receiving the answer. If there are too many
+    connections, a new one replaces the connection whose client has kept the server waiting longest.
     """
 
     daemon_threads = True
@@ -175,12 +175,12 @@ class PageServer(ThreadingHTTPServer):
     request_queue_size = MAX_CONNECTIONS
 
     def __init__(self, address: tuple[str, int], handler: type[PageHandler]) -> None:
-        self._connections: dict[Any, tuple[Phase, float]] = {}  # each with its phase, and when that began
+        self._connections: dict[Any, tuple[Phase, float]] = {}  # phase of each, and the time at which it began
         self._lock = threading.Lock()
         super().__init__(address, handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread of its own; refused where as many connections as there may be are all worked on."""
+        """Answer in a new thread; refuse the request if all allowed connections are in the phase WORKING."""
         with self._lock:
             if len(self._connections) >= MAX_CONNECTIONS:
                 self._cut_longest()
@@ -193,9 +193,9 @@ class PageServer(ThreadingHTTPServer):
             super().process_request(request, client_address)
 
     def enter(self, request: Any, phase: Phase) -> None:
-        """Note that a connection enters a phase."""
+        """Store that a connection enters a phase."""
         with self._lock:
-            if request in self._connections:  # it may have been cut off
+            if request in self._connections:  # it may be disconnected already
                 self._connections[request] = phase, time.monotonic()
 
     def shutdown_request(self, request: Any) -> None:
@@ -205,7 +205,7 @@ class PageServer(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def service_actions(self) -> None:
-        """Cut off clients that are too slow; called twice a second."""
+        """Disconnect clients that exceed a time limit; called twice a second."""
         now_s = time.monotonic()
         limits_s = {Phase.SENDING: SENDING_S, Phase.TAKING: TAKING_S}
         with self._lock:
@@ -214,7 +214,7 @@ class PageServer(ThreadingHTTPServer):
                     self._cut(request)
 
     def _cut_longest(self) -> None:
-        """Cut off the client that keeps us waiting longest; none where all connections are worked on."""
+        """Disconnect the client that has kept the server waiting longest; none if the server works on all of them."""
         waiting = {
             request: since_s for request, (phase, since_s) in self._connections.items() if phase != Phase.WORKING
         }
@@ -223,22 +223,22 @@ class PageServer(ThreadingHTTPServer):
 
     def _cut(self, request: Any) -> None:
         del self._connections[request]
-        with suppress(OSError):  # it has gone meanwhile
+        with suppress(OSError):  # the client may be gone already
             request.shutdown(socket.SHUT_RDWR)  # its thread notices, and closes it
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """Say nothing of a connection that was cut; a fault of the program is shown."""
+        """Ignore errors of lost connections; print errors of the program."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)  # type: ignore[arg-type]
 
 
 def listening(host: str, ports: Sequence[int], handler: type[PageHandler]) -> PageServer:
-    """Return a server at the first of the ports that is free.
+    """Return a server at the first free port of `ports`.
 
     Raises
     ------
     OSError
-        None of them can be listened on.
+        No port can be used.
     """
     for port in ports[:-1]:
         try:
@@ -249,27 +249,27 @@ def listening(host: str, ports: Sequence[int], handler: type[PageHandler]) -> Pa
 
 
 def listening_at(port: int, handler: type[PageHandler]) -> PageServer:
-    """Return a server at a port of this machine's own address; 0 takes one that is free.
+    """Return a server at a port of the loopback address; 0 chooses a free port.
 
     Raises
     ------
     OutputError
-        The port is taken.
+        The port is in use.
     """
     try:
         return PageServer((HOST, port), handler)
     except OSError as error:
-        raise OutputError(f"port {port} cannot be used: {error.strerror}; leave --port out for a free one") from error
+        raise OutputError(f"port {port} cannot be used: {error.strerror}; omit --port to use a free one") from error
 
 
 def path_and_query(address: str) -> tuple[str, str]:
-    """Return the two parts of the address in a request."""
+    """Return path and query of the address of a request."""
     path, _, query = address.partition("?")
     return path, query
 
 
 def _is_local(name: str) -> bool:
-    """Tell whether a name is an address in numbers, this machine's own, or one that only a local network gives."""
+    """Return whether a name is a numeric address, the name of this machine, or a name of a local network."""
     if name and ("." not in name or name.endswith(LOCAL_ENDINGS) or name == socket.getfqdn().lower()):
         return True
     try:

@@ -1,4 +1,4 @@
-"""The tag of a box: its text on a rounded plate, placed where it covers no other tag."""
+"""The tag of a box: its text on a rounded plate, placed so that it covers no other tag."""
 
 from __future__ import annotations
 
@@ -13,54 +13,55 @@ from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.core.palette import ink_on
 from cuboid.views.text import Color, ink, mixed
 
-# Height of a tag's letters, in an image 640 wide. Where there are more tags than `MANY_TAGS` letters are smaller,
-# so that tags cover no more of the picture; below the least height they cannot be read.
+# Height in pixels of a tag's letters, in an image 640 pixels wide. With more than `MANY_TAGS` tags the letters are
+# smaller, so that tags do not cover more of the picture; below the minimum height they are not legible.
 TAG_PX = 14
 MANY_TAGS = 12
 MIN_TAG_PX = 10
-# Tags may cover this fraction of a picture; the farthest objects have none then: it is the picture that counts.
+# Tags may cover at most this fraction of a picture, since the picture matters more; the farthest objects get no tag.
 MAX_COVERED = 0.12
 
-# Ground of the tag of what is not seen.
+# Background color of the tags of hidden objects.
 GROUND = (24, 27, 33)
 
-# Plates are drawn this many times larger and averaged, for smooth corners.
+# Plates are drawn larger by this factor and then averaged, for smooth corners.
 FINER = 4
 
 TAGS_KEPT = 1024
 
-# In a video a name that had no room is shown again when it has had room for so many frames, a third of a second.
+# In a video a name that had no room is shown again after it has had room for this many frames, a third of a second.
 STEADY_FRAMES = 10
 
 Rect = tuple[int, int, int, int]
 
 
 def unit_of(width_px: int) -> float:
-    """Return by what the sizes of a drawing in an image 640 wide are multiplied for another width.
+    """Return the factor from sizes in an image 640 pixels wide to sizes in an image of another width.
 
-    By the root, not in proportion: a larger image is looked at on a larger screen, but not on one that much larger.
+    It is the square root of the ratio of widths: larger images are shown on larger screens, but the screen does not
+    grow in proportion.
     """
     return max(1.0, math.sqrt(width_px / 640.0))
 
 
 def tag_px(count: int) -> float:
-    """Return the height of the letters of so many tags, in an image 640 wide."""
+    """Return the height of the letters for this number of tags, in an image 640 pixels wide."""
     return max(MIN_TAG_PX, TAG_PX * math.sqrt(MANY_TAGS / max(count, MANY_TAGS)))
 
 
 class SteadyNames:
-    """Names in the frames of a video, which do not come and go with each change of the room for them."""
+    """Names in the frames of a video: they do not flicker when the room for them changes."""
 
     def __init__(self) -> None:
         self._frames_with_room: dict[str, int] = {}
 
     def may_show(self, short: str, has_room: bool) -> bool:
-        """Tell whether a tag may have its name in the next frame.
+        """Return whether a tag may show its name in the next frame.
 
         Parameters
         ----------
         short : str
-            The tag's text without the name.
+            Text of the tag without the name.
         has_room : bool
             Whether there is room for the name in that frame.
         """
@@ -75,20 +76,20 @@ def place_tags(
     free: tuple[int, int],
     steady: SteadyNames | None = None,
 ) -> list[tuple[str, Rect] | None]:
-    """Return text and place of the tag of each box; none covers another, and one that finds no place is None.
+    """Return text and place of the tag of each box; no tag covers another, and a box without room for a tag has None.
 
-    All boxes first get the shortest of their texts; then longer ones are taken where there is room at the same height.
+    First each box gets its shortest text; then longer texts replace it if there is room at the same height.
 
     Parameters
     ----------
     boxes : sequence of (tuple of str, (4,) float64)
-        The texts that a tag may have, the longest first, and the box in the image, pixels. Earlier boxes choose first.
+        Possible texts of the tag, the longest first, and rectangle of the box in pixels. Earlier boxes choose first.
     size_px : int
         Height of the letters.
     free : (int, int)
-        Height and width of what may be covered.
+        Height and width of the area that tags may cover.
     steady : SteadyNames, optional
-        Of the video that the picture is a frame of.
+        State of the names in the video to which the picture belongs.
     """
     placed: dict[int, tuple[str, Rect]] = {}
     room = MAX_COVERED * free[0] * free[1]
@@ -100,7 +101,7 @@ def place_tags(
             wanted = 0 if place is None else _area(place) - (0 if own is None else _area(own[1]))
             moved = (
                 place is not None and own is not None and place[1] != own[1][1]
-            )  # farther from its box: a worse place
+            )  # a place farther from its box is worse
             if place is not None and wanted <= room and not moved:
                 placed[i] = text, place
                 room -= wanted
@@ -114,7 +115,7 @@ def place_tags(
 
 
 def _centred(text: str, size_px: int, rect: Rect) -> Rect:
-    """Return the place of a shorter text in the middle of a tag's place."""
+    """Return the place of another text, centred on the place of a tag."""
     width = _size(text, size_px)[1]
     left = (rect[0] + rect[2] - width) // 2
     return left, rect[1], left + width, rect[3]
@@ -125,9 +126,9 @@ def _area(rect: Rect) -> int:
 
 
 def place_tag(text: str, size_px: int, rect_xyxy: Float64Array, taken: list[Rect], free: tuple[int, int]) -> Rect:
-    """Return where the tag of a box goes: left, top, right, bottom in pixels.
+    """Return the place of the tag of a box: left, top, right, bottom in pixels.
 
-    Above the middle of the box where it fits; else higher, then inside the box, then below it.
+    The tag is centred above the box if it fits there; otherwise higher, then inside the box, then below it.
 
     Parameters
     ----------
@@ -137,16 +138,16 @@ def place_tag(text: str, size_px: int, rect_xyxy: Float64Array, taken: list[Rect
     rect_xyxy : (4,) float64
         The box in the image, pixels.
     taken : list of (left, top, right, bottom)
-        Tags that are there already.
+        Places of other tags.
     free : (int, int)
-        Height and width of what may be covered.
+        Height and width of the area that tags may cover.
     """
     place = _free_place(text, size_px, rect_xyxy, taken, free)
     return place if place is not None else _places(text, size_px, rect_xyxy, free)[0]
 
 
 def put_tag(picture: UInt8Array, text: str, size_px: int, color: Color, outlined: bool, place: Rect) -> None:
-    """Lay a tag over a picture (H, W, 3): a plate of `color`, or, outlined, a dark one with a border."""
+    """Draw a tag on a picture (H, W, 3): a plate of `color`, or a dark plate with a border if `outlined`."""
     plate, cover = _tag(text, size_px, color, outlined)
     left, top = max(place[0], 0), max(place[1], 0)
     under = picture[top : top + plate.shape[0], left : left + plate.shape[1]]
@@ -157,13 +158,13 @@ def put_tag(picture: UInt8Array, text: str, size_px: int, color: Color, outlined
 def _free_place(
     text: str, size_px: int, rect_xyxy: Float64Array, taken: list[Rect], free: tuple[int, int]
 ) -> Rect | None:
-    """Return the best place of a tag that covers none of those that are taken; None where each does."""
+    """Return the best place of a tag that covers no other tag; None if there is no such place."""
     places = _places(text, size_px, rect_xyxy, free)
     return next((place for place in places if not any(_overlap(place, other) for other in taken)), None)
 
 
 def _places(text: str, size_px: int, rect_xyxy: Float64Array, free: tuple[int, int]) -> list[Rect]:
-    """Return where a tag may stand, the best place first."""
+    """Return the possible places of a tag, the best place first."""
     height, width = _size(text, size_px)
     x0, y0, x1, y1 = rect_xyxy
     left = round(min(max((x0 + x1 - width) / 2, 1), max(free[1] - width - 1, 1)))
@@ -171,7 +172,7 @@ def _places(text: str, size_px: int, rect_xyxy: Float64Array, free: tuple[int, i
     above = [y0 - gap - height - i * step for i in range(3)]
     other = [y0 + gap + i * step for i in range(3)] + [y1 + gap]
     tops = [round(top) for top in above + other if 1 <= top <= free[0] - height - 1]
-    # an image hardly higher than the tag has its upper edge alone
+    # an image hardly higher than the tag has one place, at its upper edge
     return [(left, top, left + width, top + height) for top in tops or [1]]
 
 
@@ -186,7 +187,7 @@ def _size(text: str, size_px: int) -> tuple[int, int]:
 
 @lru_cache(maxsize=TAGS_KEPT)
 def _tag(text: str, size_px: int, color: Color, outlined: bool) -> tuple[UInt8Array, UInt8Array]:
-    """Return a tag's colors (h, w, 3) and how much each pixel is covered (h, w), 0..255."""
+    """Return the colors of a tag (h, w, 3) and the coverage of each pixel (h, w), 0..255."""
     height, width = _size(text, size_px)
     border = max(1, size_px // 8)
     outer = _rounded(height, width, 0, size_px // 3)
@@ -200,7 +201,7 @@ def _tag(text: str, size_px: int, color: Color, outlined: bool) -> tuple[UInt8Ar
 
 
 def _rounded(height: int, width: int, inset: int, radius: int) -> UInt8Array:
-    """Return the cover of a rounded rectangle that lies `inset` inside an area (height, width)."""
+    """Return the coverage of a rounded rectangle with a margin of `inset` in an area (height, width)."""
     canvas = np.zeros((height * FINER, width * FINER), np.uint8)
     low, r = inset * FINER, max(radius, 1) * FINER
     high_x, high_y = width * FINER - 1 - low, height * FINER - 1 - low

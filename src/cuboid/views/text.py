@@ -1,4 +1,4 @@
-"""Text on pictures: set once, kept, and laid over pixels."""
+"""Text on pictures: rendered once, cached, and drawn over pixels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Color = tuple[int, int, int]
 # Weight of the letters: 400 is regular, 700 bold.
 WEIGHT = 600
 
-# Words that are set once and kept: labels come again in every frame, frame numbers never do.
+# Number of cached texts: labels appear again in every frame, frame numbers do not.
 WORDS_KEPT = 512
 
 
@@ -25,14 +25,14 @@ def _font() -> cv2.FontFace:
 
 @lru_cache(maxsize=WORDS_KEPT)
 def ink(text: str, size_px: int) -> UInt8Array:
-    """Return the ink of a line of text, (h, w) uint8, 255 where a pixel is wholly covered.
+    """Return the coverage of pixels by a line of text, (h, w) uint8; 255 is fully covered.
 
     Parameters
     ----------
     text : str
         One line.
     size_px : int
-        Height of the font in pixels; all texts of a size have the same height.
+        Height of the font in pixels; all texts of the same size have the same height.
     """
     height = round(1.25 * size_px)
     canvas = np.zeros((height, (len(text) + 1) * size_px), np.uint8)
@@ -43,7 +43,7 @@ def ink(text: str, size_px: int) -> UInt8Array:
 
 
 def put_text(picture: UInt8Array, text: str, left: int, top: int, size_px: int, color: Color) -> None:
-    """Lay a line of text over a picture; what would lie outside is cut off.
+    """Draw a line of text on a picture; the part outside the picture is cut off.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def put_text(picture: UInt8Array, text: str, left: int, top: int, size_px: int, 
         Changed in place.
     text : str
     left, top : int
-        Corner of the text in pixels.
+        Upper left corner of the text in pixels.
     size_px : int
     color : tuple of int
     """
@@ -62,9 +62,9 @@ def put_text(picture: UInt8Array, text: str, left: int, top: int, size_px: int, 
 
 
 def mixed(picture: UInt8Array, cover: UInt8Array, color: Color | UInt8Array) -> UInt8Array:
-    """Return a picture (h, w, 3) with a color, or another picture, laid over it.
+    """Return a picture (h, w, 3) blended with a color or with another picture.
 
-    `cover` (h, w) is 0 where the picture stays and 255 where nothing of it is left.
+    `cover` (h, w) is the weight of the color: at 0 the picture is unchanged, at 255 it is replaced.
     """
     fraction = cover[..., None].astype(np.uint16)
     both = (255 - fraction) * picture + fraction * np.asarray(color, np.uint16)

@@ -1,4 +1,4 @@
-"""Views of a run as it goes: nothing, or a labelled video."""
+"""Views of a running run: none, or a labelled video."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from cuboid.views.drawing import Status, draw_frame
 from cuboid.views.encoding import Mp4Writer
 from cuboid.views.tags import SteadyNames
 
-# Depth cameras of this kind run at 30 frames/s. Where only every n-th frame is used the video keeps the pace
-# of the scene, down to a rate at which motion can still be followed.
+# RGB-D cameras run at 30 frames/s. If only every n-th frame is used, the video keeps the speed of the scene, down to
+# the lowest rate at which motion can still be followed.
 FRAMES_PER_SECOND = 30.0
 SLOWEST_FRAMES_PER_SECOND = 5.0
 
 
 def video_rate(every: int) -> float:
-    """Return the frames a second of a video that shows every n-th frame of a recording."""
+    """Return the frame rate, frames/s, of a video that shows every n-th frame of a recording."""
     return max(FRAMES_PER_SECOND / every, SLOWEST_FRAMES_PER_SECOND)
 
 
 class FrameSink(Protocol):
-    """Shown every used frame of a run."""
+    """Receives every used frame of a run."""
 
     def show(self, frame: Frame, result: FrameResult, objects: Sequence[TrackedObject]) -> None:
-        """Show a frame, what was found in it, and all objects known after it."""
+        """Show a frame, its results, and all objects of the map after it."""
 
     def close(self, complete: bool) -> None:
-        """End; `complete` is False where the run was broken off."""
+        """End the view; `complete` is False if the run was interrupted or failed."""
 
 
 class VideoView:
@@ -45,7 +45,7 @@ class VideoView:
     intrinsics : Intrinsics
         Of the frames that will be shown.
     fps : float
-        Frames a second of the video.
+        Frame rate of the video, frames/s.
     """
 
     def __init__(self, path: Path, intrinsics: Intrinsics, fps: float) -> None:
@@ -79,8 +79,8 @@ class VideoView:
         Parameters
         ----------
         complete : bool
-            False where the run was broken off: what can be kept is kept, and a failure to keep it does not
-            hide what broke the run off.
+            False if the run was interrupted or failed. The frames so far are kept if possible; an error in doing so
+            does not hide the error that ended the run.
 
         Raises
         ------
@@ -92,6 +92,6 @@ class VideoView:
 
 
 def hidden_objects(result: FrameResult, objects: Sequence[TrackedObject]) -> list[TrackedObject]:
-    """Return the known objects that a frame does not see."""
+    """Return the objects of the map that a frame does not see."""
     seen = {sighting.label for sighting in result.sightings}
     return [item for item in objects if item.label not in seen]

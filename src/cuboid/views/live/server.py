@@ -50,7 +50,7 @@ class LiveServer:
     Raises
     ------
     OutputError
-        The address cannot be listened on.
+        The address cannot be used.
     """
 
     def __init__(self, view: LiveView, title: str, intrinsics: Intrinsics, host: str = HOST) -> None:
@@ -138,4 +138,4 @@ def _listening(host: str, handler: type[PageHandler]) -> PageServer:
     try:
         return listening(host, (*PORTS, 0), handler)
     except OSError as error:
-        raise OutputError(f"--live: {host} cannot be listened on: {error.strerror or error}") from error
+        raise OutputError(f"--live: {host} cannot be used: {error.strerror or error}") from error

@@ -134,5 +134,5 @@ def encode_jpeg(picture: UInt8Array, quality: int) -> bytes:
     """Return a picture (H, W, 3), RGB, as JPEG."""
     done, content = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, quality))
     if not done:
-        raise ValueError(f"a picture of {picture.shape[1]} x {picture.shape[0]} pixels is no JPEG")
+        raise ValueError(f"a picture of {picture.shape[1]} x {picture.shape[0]} pixels cannot be encoded as JPEG")
     return content.tobytes()

@@ -195,7 +195,7 @@ def _take(viewer: Viewer, address: str, content: bytes) -> Answer | None:
     except CuboidError as error:
         raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
-        line = one_line(f"this page and this program do not fit: {error!r}")
+        line = one_line(f"the page and the program have different versions: {error!r}")
         raise Refusal(HTTPStatus.BAD_REQUEST, line) from error
     return "application/json", json.dumps(document).encode("ascii")
 
