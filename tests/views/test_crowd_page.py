@@ -134,7 +134,7 @@ def test_a_search_leaves_what_is_asked_for(page: Page, text: str, which: Any) ->
 def test_a_search_that_finds_nothing_says_so_and_is_left_by_escape(page: Page) -> None:
     search(page, "elephant")
     assert listed(page) == []
-    assert page.inner_text("#none") == "No object is like that."
+    assert page.inner_text("#none") == "No object matches."
     page.focus("#search")
     page.keyboard.press("Escape")
     assert len(listed(page)) == COUNT

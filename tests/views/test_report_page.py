@@ -348,8 +348,8 @@ def test_events_are_signs_in_the_timeline_and_lines_of_the_card(
         "signs => signs.map((one) => [one.closest('.row').dataset.row, one.dataset.event, one.textContent])"
     )
     assert signs == [
-        ["1", "moved", "#1: moved 50.0 cm, told in frame 12"],
-        ["2", "gone", "#2: gone, told in frame 30"],
+        ["1", "moved", "#1: moved 50.0 cm, reported in frame 12"],
+        ["2", "gone", "#2: gone, reported in frame 30"],
     ]
     found.page.click('[data-event="moved"]')
     for _ in range(2):  # the second click leaves the object chosen

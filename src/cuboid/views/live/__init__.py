@@ -1,4 +1,4 @@
-"""A run as it goes, in the browser: the map as it grows, the objects, the camera and what it sees."""
+"""A running run in the browser: the growing map, the objects, the camera and its picture."""
 
 from __future__ import annotations
 

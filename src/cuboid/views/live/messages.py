@@ -1,4 +1,4 @@
-"""Messages to the page: a moment as JSON with its picture, a map as packed numbers."""
+"""Messages to the page: a moment as JSON with its picture, and a map as packed numbers."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from cuboid.views.report.summary import camera_document, event_document, inferno
 from cuboid.views.tags import TAG_PX
 from cuboid.views.text import ink
 
-# The scripts of this page, beside those that it shares with the report.
+# The scripts of this page, in addition to the scripts shared with the report.
 SCRIPTS = ("follow.js", "live.js")
 
-# 1.8 MB a map: what a forwarded port in a local network carries in a fraction of a second.
+# 1.8 MB per map: a forwarded port in a local network transfers it in a fraction of a second.
 MAX_POINTS = 150_000
 
-# The picture beside the scene, and in the camera's pyramid: 30 kB.
+# Width of the picture, which is shown beside the scene and in the pyramid of the camera: 30 kB.
 PICTURE_WIDTH_PX = 480
 PICTURE_QUALITY = 80
 
-# The spacing of the map's points is measured from this many points on.
+# Minimum number of points for measuring the spacing of the map.
 MIN_POINTS = 1000
 
 PLACE_DIGITS, TURN_DIGITS = 4, 6
 
 
 def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pose: Float64Array | None) -> str:
-    """Return the page as HTML, with what is known by now.
+    """Return the page as HTML, with the data so far.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pos
     moment : Moment or None
         None before the first frame.
     first_pose : (4, 4) float64 or None
-        Of the camera, world from camera: the scene is first looked at from there.
+        T_world_camera of the first frame: the initial point of view of the scene.
     """
     poses = np.zeros((0, 12)) if first_pose is None else first_pose[:3].reshape(1, 12)
     document = {
@@ -85,7 +85,7 @@ def moment_message(moment: Moment, intrinsics: Intrinsics) -> bytes:
 
 
 def warm_up() -> None:
-    """Load what the first picture needs, so that it does not seem to cost 0.1 s."""
+    """Load the palette and the font now; otherwise the first picture would be charged with 0.1 s of loading."""
     color_of(1)
     ink("#1", TAG_PX)
 
@@ -96,21 +96,22 @@ def end_message(complete: bool, warnings: Sequence[str] = ()) -> bytes:
 
 
 def map_message(number: int, points: MapPoints, spacing_m: float, most: int = MAX_POINTS) -> bytes:
-    """Return a map as the page reads it.
+    """Return a map in the binary format of the page.
 
-    Four bytes with the length of a JSON text, the text (padded with spaces to a multiple of 4), then per point
-    three 16-bit steps from ``low``; red, green, blue, heat (8 bit); the label (16 bit). Little-endian.
+    Four bytes with the length of a JSON text, the text (padded with spaces to a multiple of 4), then three arrays over
+    the points: red, green, blue, heat (8 bit each); three steps from ``low`` (16 bit each); the label (16 bit).
+    Little-endian.
 
     Parameters
     ----------
     number : int
-        Of the map.
+        Number of the map.
     points : MapPoints
         N points in the world.
     spacing_m : float
-        How far apart neighbours in the whole map lie.
+        Distance between neighbouring points of the whole map.
     most : int
-        At most this many are sent.
+        Largest number of points sent.
     """
     kept = thinned(points.label, most)
     xyz = points.xyz[kept]
@@ -136,12 +137,12 @@ def map_message(number: int, points: MapPoints, spacing_m: float, most: int = MA
 
 
 def spacing_of(points: MapPoints) -> float | None:
-    """Return how far apart neighbours of a map lie, metres; None while it is too small to tell."""
+    """Return the distance between neighbouring points of a map, metres; None if it has too few points."""
     return spacing(points.xyz) if len(points.xyz) >= MIN_POINTS else None
 
 
 def _scene(moment: Moment) -> dict[str, Any]:
-    """Return what the page's scene reads of a moment."""
+    """Return the data of a moment for the scene of the page."""
     seen = {sighting.label for sighting in moment.sightings}
     return {
         "up": None if moment.up is None else rounded_list(moment.up, TURN_DIGITS),
@@ -165,7 +166,7 @@ def _object(item: TrackedObject, seen: bool) -> dict[str, Any]:
 
 
 def _picture(moment: Moment, intrinsics: Intrinsics) -> bytes:
-    """Return the frame, small, with its boxes, as JPEG."""
+    """Return the reduced frame with its boxes, as JPEG."""
     seen = {sighting.label for sighting in moment.sightings}
     hidden = [item for item in moment.objects if item.label not in seen]
     color, camera = _small(moment.color, intrinsics)
@@ -176,7 +177,7 @@ def _picture(moment: Moment, intrinsics: Intrinsics) -> bytes:
 
 
 def _small(color: UInt8Array, intrinsics: Intrinsics) -> tuple[UInt8Array, Intrinsics]:
-    """Return a picture of at most `PICTURE_WIDTH_PX`, and its pinhole."""
+    """Return a picture at most `PICTURE_WIDTH_PX` wide, and its pinhole."""
     height, width = color.shape[:2]
     if width <= PICTURE_WIDTH_PX:
         return color, intrinsics
@@ -184,7 +185,7 @@ def _small(color: UInt8Array, intrinsics: Intrinsics) -> tuple[UInt8Array, Intri
     x, y = small[0] / width, small[1] / height
     K = intrinsics
     camera = Intrinsics(K.fx * x, K.fy * y, (K.cx + 0.5) * x - 0.5, (K.cy + 0.5) * y - 0.5, *small)
-    # each pixel of half the size or less is a mean; above that the mean costs more than all the rest
+    # At half the size or less, each pixel is a mean. Above that, averaging costs more than all other steps.
     how = cv2.INTER_AREA if 2 * small[0] <= width else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(color, small, interpolation=how), np.uint8), camera
 

@@ -16,32 +16,32 @@ from cuboid.views.live.messages import end_message, map_message, moment_message,
 from cuboid.views.live.watch import LiveView, Ration
 from cuboid.views.serving import HOST, LOCAL_NAMES, Answer, PageHandler, PageServer, listening, path_and_query
 
-# The same in every run, so that a forwarded port may stay; where it is taken, one of the next.
+# The first port is the same in every run, so that a forwarded port can stay; if it is in use, one of the next is used.
 PORT = 8765
 PORTS = range(PORT, PORT + 20)
 
-# A question that nothing new can answer waits so long; then the page asks again.
+# A request waits this long for new data; then it is answered without data, and the page asks again.
 POLL_TIMEOUT_S = 5.0
 
-# The page itself waits only so long for a first moment; it loads again when there is one.
+# The page waits this long for a first moment; without one it loads empty, and reloads when there is one.
 FIRST_S = 1.0
 
 ASKED = re.compile(r"/(moment|map)/(\d{1,9})")
 
 
 class LiveServer:
-    """Serves a live view from threads of its own; a context manager.
+    """Context manager: serves a live view from separate threads.
 
     Parameters
     ----------
     view : LiveView
-        What looks at the run.
+        The source of the data.
     title : str
-        Of the page.
+        Title of the page.
     intrinsics : Intrinsics
         Of the recording's color image.
     host : str
-        Address to listen on. With this machine's own nobody else is answered.
+        Address to listen on. With the loopback address, only this machine is served.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class LiveServer:
         self._intrinsics = intrinsics
         self._spacing_m: float | None = None
         self._lock = threading.Lock()
-        self._worker = ThreadPoolExecutor(1, "live view")  # a thread of its own loads fonts once, each new one anew
+        self._worker = ThreadPoolExecutor(1, "live view")  # one thread: each new thread would load the fonts
         self._packed: dict[str, tuple[int, bytes]] = {}
 
         class Handler(PageHandler):
@@ -85,7 +85,7 @@ class LiveServer:
         self._worker.shutdown()
 
     def _answer(self, address: str) -> Answer | None:
-        """Return kind and content of what lies at an address; None where nothing does."""
+        """Return content type and content for an address; None if there is no content."""
         path, _ = path_and_query(address)
         if path == "/":
             moment = self.view.moment_after(0, FIRST_S)
@@ -120,7 +120,7 @@ class LiveServer:
         return map_message(number, points, self._spacing_m or 0.01)
 
     def _once(self, ration: Ration, kind: str, number: int, make: Callable[[], bytes]) -> bytes:
-        """Return a message, which is made once for all who look."""
+        """Return a message; it is built once for all clients."""
         with self._lock:
             if kind not in self._packed or self._packed[kind][0] < number:
                 self._packed[kind] = number, self._worker.submit(charged, ration, make).result()
@@ -128,13 +128,13 @@ class LiveServer:
 
 
 def charged(ration: Ration, make: Callable[[], bytes]) -> bytes:
-    """Return what is made, and charge a ration with what it costs this thread."""
+    """Return the result of `make`, and charge its processor time to a ration."""
     with ration.charged():
         return make()
 
 
 def _listening(host: str, handler: type[PageHandler]) -> PageServer:
-    """Return a server at the first port that is free."""
+    """Return a server at the first free port."""
     try:
         return listening(host, (*PORTS, 0), handler)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Data taken from a run while it goes: as little as possible, and only while somebody looks."""
+"""Data taken from a running run: as little as possible, and only while a client is connected."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from cuboid.core.frame import Float32Array, Float64Array, Frame, UInt8Array
 from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 from cuboid.outputs.rows import EventRow
 
-# Eyes see motion from here on. On a slow or busy machine moments are rarer: what is done for them (a picture is drawn
-# and packed, 5 ms) takes no more than this fraction of the tracker's own processor time.
+# Interval between moments, seconds: the eye still perceives motion. On a slow or busy machine moments are rarer, since
+# their cost (drawing and packing a picture, 5 ms) is limited to this fraction of the tracker's processor time.
 MOMENT_EVERY_S = 0.15
 MOMENT_FRACTION = 0.02
 
-# The map likewise: to copy and to pack 360 000 points takes 20 ms.
+# The same for the map: copying and packing 360 000 points takes 20 ms.
 MAP_EVERY_S = 1.0
 MAP_FRACTION = 0.015
 
-# The camera's path has a corner after each step of this length, metres; a page gets at most this many (16 kB).
+# Distance between vertices of the camera's path, metres; a page gets at most this many vertices (16 kB).
 STRIDE_M = 0.01
 MAX_PLACES = 1000
 
-# The page lists this many events, the last ones.
+# The page lists this many of the latest events.
 EVENTS_SHOWN = 20
 
-# Who has asked for nothing for so long has gone, or looks at another tab.
+# A client without a request for this time, seconds, has closed the page or shows another tab.
 GONE_AFTER_S = 3.0
 
-# How long the end of a run waits for those who look to ask for it, and then for the answers to leave.
+# At the end of a run, seconds: wait for clients to request the end, and then for the answers to be sent.
 FAREWELL_S = 1.5
 LAST_WORDS_S = 0.3
 
@@ -53,7 +53,7 @@ class TrackerView(Protocol):
 
     @property
     def up(self) -> Float64Array | None:
-        """Up in the world."""
+        """The up direction in the world."""
 
     def map_points(self) -> MapPoints:
         """Return the global point map."""
@@ -61,26 +61,26 @@ class TrackerView(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A run at one moment.
+    """The state of a run at one moment.
 
     Attributes
     ----------
     number : int
-        Counts moments from 1.
+        Number of the moment, from 1.
     frame, used : int
-        Frame of the recording; frames used so far.
+        Frame of the recording; number of frames used so far.
     color : (H, W, 3) uint8
-        RGB, of the recording's own size; not to be changed.
+        RGB, in the size of the recording; read-only.
     T_world_camera : (4, 4) float64
     sightings, objects, planes :
-        What the tracker knows.
+        Results of the tracker after this frame.
     up : (3,) float64 or None
     milliseconds : float
-        Mean time of a frame of late.
+        Running mean of the time of a frame.
     path : (N, 3) float32
-        Where the camera has been.
+        Positions of the camera so far.
     events : tuple of EventRow
-        The last ones, by frame.
+        The latest events, by frame.
     """
 
     number: int
@@ -98,14 +98,14 @@ class Moment:
 
 
 class Ration:
-    """Tells a thread when something is due: every so often, and rarer where it costs much.
+    """Limits how often a thread does a task: by an interval, and by a fraction of its processor time.
 
     Parameters
     ----------
     every_s : float
-        At most so often.
+        Minimum interval, seconds.
     fraction : float
-        What may be spent on it, as a fraction of the processor time of the thread that asks, 0..1.
+        Largest cost of the task as a fraction of the processor time of the calling thread, 0..1.
     """
 
     def __init__(self, every_s: float, fraction: float) -> None:
@@ -116,32 +116,32 @@ class Ration:
 
     @property
     def due(self) -> bool:
-        """Whether it is time."""
+        """Whether the task is due."""
         waited = time.monotonic() - self._begun_s >= self._every_s
         return waited and (time.thread_time() - self._own_s) * self._fraction >= self._cost_s
 
     def begin(self) -> None:
-        """Note that it is done now."""
+        """Start a new interval: the task is done now."""
         self._begun_s, self._own_s = time.monotonic(), time.thread_time()
         self._cost_s = 0.0
 
     @contextmanager
     def charged(self) -> Iterator[None]:
-        """Charge it with the processor time that this thread spends inside."""
+        """Add the processor time of this thread within the context to the cost."""
         begun_s = time.thread_time()
         yield
         self._cost_s += time.thread_time() - begun_s
 
 
 class LiveView:
-    """Takes moments and maps from a run, for those who look at it from other threads.
+    """Takes moments and maps from a run, for clients in other threads.
 
-    Call it after each used frame; it does nothing that costs while nobody looks.
+    Call it after each used frame. Without clients it does nothing expensive.
 
     Attributes
     ----------
     moments, maps : Ration
-        Charged with what is done for them.
+        Limits of the cost of moments and of maps.
     """
 
     def __init__(self) -> None:
@@ -165,7 +165,7 @@ class LiveView:
         self._farewells = 0
 
     def __call__(self, frame: Frame, result: FrameResult, tracker: TrackerView) -> None:
-        """Look at a run after a frame."""
+        """Take the data of a frame."""
         now_s = time.monotonic()
         self._used += 1
         if self._frame_s:
@@ -187,27 +187,27 @@ class LiveView:
 
     @property
     def is_watched(self) -> bool:
-        """Whether somebody waits for an answer, or has asked of late."""
+        """Whether a client waits for an answer, or has sent a request recently."""
         return self._waiting > 0 or time.monotonic() - self._asked_s < GONE_AFTER_S
 
     @property
     def ended(self) -> bool | None:
-        """None while the run goes; then whether it was complete."""
+        """None during the run; after it, whether it was complete."""
         return self._ended
 
     @property
     def first_pose(self) -> Float64Array | None:
-        """The camera's pose in the first used frame, (4, 4)."""
+        """T_world_camera of the first used frame, (4, 4)."""
         return self._first
 
     def moment_after(self, number: int, timeout_s: float) -> Moment | None:
-        """Wait for a later moment than the one of this number; None where none comes, or the run has ended."""
+        """Wait for a moment after the given number; None if none comes in time, or the run has ended."""
         with self._changed:
             self._wait(lambda: self._is_later(number), timeout_s)
             return self._moment if self._is_later(number) else None
 
     def map_after(self, number: int, timeout_s: float) -> tuple[int, MapPoints] | None:
-        """Wait for a later map than the one of this number, and return it with its own; None where none comes."""
+        """Wait for a map after the given number, and return its number and the map; None if none comes in time."""
         with self._changed:
             self._map_asked = True
             self._wait(lambda: self._is_later_map(number), timeout_s)
@@ -219,14 +219,14 @@ class LiveView:
         return self._warnings
 
     def end(self, complete: bool, warnings: Sequence[str] = ()) -> None:
-        """Take the last moment and the last map, and give those who look the time to fetch them.
+        """Take the last moment and the last map, and give clients the time to fetch them.
 
         Parameters
         ----------
         complete : bool
-            False where the run was broken off.
+            False if the run was interrupted or failed.
         warnings : sequence of str
-            What is likely to be wrong with it.
+            Probable problems of the run.
         """
         watched = self.is_watched
         if watched and self._last is not None:
@@ -241,13 +241,13 @@ class LiveView:
             time.sleep(LAST_WORDS_S)
 
     def farewell(self) -> None:
-        """Note that a client has received the end."""
+        """Count a client that has received the end."""
         with self._changed:
             self._farewells += 1
             self._changed.notify_all()
 
     def _wait(self, met: Callable[[], bool], timeout_s: float) -> None:
-        """Wait until something is met or the run has ended."""
+        """Wait until a condition is met or the run has ended."""
         self._waiting += 1
         try:
             self._changed.wait_for(lambda: met() or self._ended is not None, timeout_s)
@@ -262,7 +262,7 @@ class LiveView:
         return self._map is not None and self._map[0] > number
 
     def _follow(self, T_world_camera: Float64Array) -> None:
-        """Note where the camera is, if that is news."""
+        """Store the position of the camera if it has moved."""
         if self._first is None:
             self._first = T_world_camera
         place = T_world_camera[:3, 3]

@@ -1,4 +1,4 @@
-"""The page itself: our HTML, style and scripts put together with what they show, in one file."""
+"""The page in one file: HTML, style and scripts together with their data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cuboid.core.paths import PathLike, as_path
 from cuboid.outputs.pending import write_whole
 from cuboid.views.report.summary import Summary
 
-# Scripts in the order in which they use each other; the live page has the shared ones too.
+# Scripts in the order of their dependencies; the live page has the shared ones too.
 SHARED = (
     "math.js",
     "elements.js",
@@ -45,9 +45,9 @@ def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
     Parameters
     ----------
     summary : Summary
-        What it shows.
+        The contents of the page.
     live : mapping, optional
-        Where a server gives the frames' pictures (`cuboid view`); a page that is a file has none.
+        Addresses of the pictures of frames on a server (`cuboid view`); None for a page that is a file.
 
     Returns
     -------
@@ -58,28 +58,28 @@ def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
 
 
 def own(name: str) -> str:
-    """Return one of the page's source files."""
+    """Return a source file of the page."""
     return (files("cuboid.views.report") / "page" / name).read_text(encoding="utf-8")
 
 
 def style(*parts: str) -> str:
-    """Return the style of a page: palette and elements that all pages share, then its own parts."""
+    """Return the style of a page: first the palette and elements that all pages share, then its own parts."""
     return "\n".join((own("base.css"), *parts))
 
 
 def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str, Any]) -> str:
-    """Return a page put together.
+    """Return a page assembled from its parts.
 
     Parameters
     ----------
     html : str
-        With places in double braces for title, mark, style, data and script.
+        With placeholders in double braces for title, mark, style, data and script.
     css : str
         From `style`.
     scripts : sequence of str
-        In the order in which they use each other; they see nothing of the page's own scope.
+        In the order of their dependencies; they share one scope, apart from the global one.
     document : mapping
-        What the scripts read, for JSON; its "title" is the page's.
+        The data of the scripts, ready for JSON; its "title" is the title of the page.
     """
     together = "\n".join(scripts)
     parts = {
@@ -93,7 +93,7 @@ def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str
 
 
 def renamed(page: str, label: int, names: Mapping[str, Any]) -> str:
-    """Return a page of ours in which an object has other names, fields of its; any other page is returned as it is."""
+    """Return a page with new name fields of an object; a page without data of this program is returned unchanged."""
     found = re.search(r'(<script type="application/json" id="data">)(.*?)(</script>)', page, re.DOTALL)
     if found is None:
         return page
@@ -108,12 +108,12 @@ def renamed(page: str, label: int, names: Mapping[str, Any]) -> str:
 
 
 def _json(document: Mapping[str, Any]) -> str:
-    # "</script>" in a text would end the element: the JSON has no "<" at all
+    # "</script>" in a text would end the element; therefore the JSON contains no "<"
     return json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def write_report(path: PathLike, summary: Summary) -> None:
-    """Write the page; it appears, or is replaced, when it is whole.
+    """Write the page; the file appears, or is replaced, when it is complete.
 
     Parameters
     ----------
@@ -125,6 +125,6 @@ def write_report(path: PathLike, summary: Summary) -> None:
     Raises
     ------
     OutputError
-        The file cannot be written; none is left then.
+        The file cannot be written; no file is left.
     """
     write_whole(as_path(path), page_of(summary))

@@ -15,16 +15,16 @@ from cuboid.geometry.box import Box
 from cuboid.outputs import PoseRow, TrackRow
 from cuboid.views.projection import wireframes
 
-# Margin that a picture shows around the rectangle, as a fraction of the longer side: an object in its place.
+# Margin of a picture around the rectangle, as a fraction of its longer side: it shows the surroundings of the object.
 MARGIN = 0.25
 
-# Pictures are so wide at most; a card in the page is not wider on a screen with fine pixels.
+# Largest width of pictures: that of a card in the page on a high-resolution screen.
 WIDTH_PX = 480
 
-# Sharp enough for a slide, about 20 kB a picture.
+# JPEG quality, sharp enough for a slide; about 20 kB per picture.
 QUALITY = 82
 
-# Width over height of the card's picture: what a picture lacks of it is taken from around the object.
+# Ratio of width to height of a card's picture; a narrower or lower rectangle is extended around the object.
 ASPECT = 1.5
 
 
@@ -35,12 +35,12 @@ class Picture:
     Attributes
     ----------
     frame : int or None
-        Of the recording; None where it is of an earlier one.
+        Frame of the recording; None if the picture is from an earlier recording.
     jpeg : bytes
     size : (int, int)
         Width and height, pixels.
     edges : (N, 4) float64
-        Edges of the object's box that the box itself does not hide: x0, y0, x1, y1 in pixels of the picture.
+        Edges of the object's box that the box itself does not hide: x0, y0, x1, y1, in pixels of the picture.
     """
 
     frame: int | None
@@ -50,14 +50,14 @@ class Picture:
 
     @property
     def address(self) -> str:
-        """The picture itself as an address that a page can show (RFC 2397)."""
+        """The picture as a data URL (RFC 2397)."""
         return "data:image/jpeg;base64," + base64.b64encode(self.jpeg).decode("ascii")
 
 
 def best_sightings(rows: Iterable[TrackRow]) -> dict[int, TrackRow]:
-    """Return for each label the row that shows most of it: largest visible part of its rectangle.
+    """Return for each label the row with the largest visible part of its rectangle.
 
-    The earliest wins where two show the same.
+    Of equal rows, the earliest is returned.
     """
     best: dict[int, TrackRow] = {}
     for row in rows:
@@ -73,7 +73,7 @@ def cut_pictures(
     poses: Mapping[int, PoseRow],
     intrinsics: Intrinsics,
 ) -> dict[int, Picture]:
-    """Return the pictures of labels; a frame that cannot be read gives none.
+    """Return the pictures of labels; a frame that cannot be read gives no picture.
 
     Parameters
     ----------
@@ -82,11 +82,11 @@ def cut_pictures(
     read : callable
         Returns a frame of the recording.
     boxes : mapping of int to Box
-        The objects' boxes in the world, by label: those of the whole run, for outlines.
+        Final boxes of the objects in the world, by label, for outlines.
     poses : mapping of int to PoseRow
         By frame.
     intrinsics : Intrinsics
-        Of the frames' color images.
+        Of the color images.
     """
     pictures: dict[int, Picture] = {}
     for label, row in sorted(best.items(), key=lambda item: item[1].frame):
@@ -105,7 +105,7 @@ def cut_pictures(
 
 
 def window(color: UInt8Array, rect_xyxy: Float64Array) -> tuple[int, int, int, int]:
-    """Return the part of a picture (H, W, 3) around a rectangle, as wide as a card wants it: x0, y0, x1, y1."""
+    """Return the part of a picture (H, W, 3) around a rectangle, in the aspect ratio of a card: x0, y0, x1, y1."""
     low, high = rect_xyxy[:2], rect_xyxy[2:]
     half = (high - low) / 2.0 + MARGIN * float((high - low).max())
     half = np.maximum(half, (half[1] * ASPECT, half[0] / ASPECT))

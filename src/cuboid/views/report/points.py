@@ -1,4 +1,4 @@
-"""The point map, made small enough for a page: thinned, rounded, put in order, packed."""
+"""The point map in a size for a page: thinned, rounded, sorted and packed."""
 
 from __future__ import annotations
 
@@ -14,46 +14,46 @@ from scipy.spatial import cKDTree
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.results import MapPoints
 
-# A laptop without a graphics card still turns this many points smoothly; packed they are about 3 MB.
+# A laptop without a graphics card still rotates this many points smoothly; packed they take about 3 MB.
 MAX_POINTS = 400_000
 
-# Points of objects are what people look at: they keep up to this fraction of the page's points.
+# Points of objects matter most to people: they get up to this fraction of the points of a page.
 OBJECTS_FRACTION = 0.5
 
-# A tenth of the finest map's voxel: no eye sees it, and differences of so small numbers pack well.
+# A tenth of the voxel size of the finest map: rounding to it is invisible, and the small differences compress well.
 STEP_M = 0.001
 
-# Coordinates are 16-bit numbers of steps; a larger scene has larger steps.
+# Largest coordinate in steps, since coordinates are 16-bit numbers; a larger scene has larger steps.
 LARGEST = 65535
 
-# The spacing of points is measured at this many of them.
+# Number of points at which the spacing is measured.
 MEASURED_POINTS = 2000
 
-# Spacing of a map with one point only.
+# Spacing of a map with a single point.
 DEFAULT_SPACING_M = 0.01
 
-# zlib's own default: more saves one percent and takes twice the time.
+# The default level of zlib: a higher level saves one percent and takes twice the time.
 EFFORT = 6
 
 
 @dataclass(frozen=True, slots=True)
 class PackedPoints:
-    """A point map as the page reads it.
+    """A point map in the binary format of the page.
 
     Attributes
     ----------
     count, total : int
-        Points packed, and points of the map.
+        Numbers of packed points, and of points of the map.
     low : (3,) float64
-        World, metres; coordinates count from here.
+        Origin of the coordinates in the world, metres.
     step_m : float
-        Metres of one step of a coordinate.
+        Length of one step of a coordinate, metres.
     spacing_m : float
-        Median distance of a packed point to the nearest other, metres.
+        Median distance of a packed point to its nearest neighbour, metres.
     content : bytes
-        Deflated (RFC 1950). Per column the differences from point to point, modulo 2**8: low bytes of x, high
-        bytes of x (differences modulo 2**16), y and z likewise, red, green, blue, heat (0..255), low bytes
-        of the label, high bytes.
+        Deflated (RFC 1950). Columns of differences between consecutive points: low bytes of x, high bytes of x, the
+        same for y and z; red, green, blue, heat (0..255); low bytes of the label, high bytes of the label. Differences
+        of x, y, z and the label are modulo 2**16, the others modulo 2**8.
     """
 
     count: int
@@ -64,7 +64,7 @@ class PackedPoints:
     content: bytes
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what the page's document says of the points."""
+        """Return the entry for the points in the document of the page."""
         return {
             "count": self.count,
             "total": self.total,
@@ -76,14 +76,15 @@ class PackedPoints:
 
 
 def pack_points(points: MapPoints, most: int = MAX_POINTS) -> PackedPoints:
-    """Return the map as the page reads it.
+    """Return the map in the binary format of the page.
 
     Parameters
     ----------
     points : MapPoints
         N points in the world, metres.
     most : int
-        At most this many are packed, taken evenly in the map's order, those of objects more densely.
+        Largest number of packed points. They are selected evenly in the order of the map, points of objects more
+        densely.
 
     Returns
     -------
@@ -105,12 +106,12 @@ def pack_points(points: MapPoints, most: int = MAX_POINTS) -> PackedPoints:
 
 
 def thinned(label: npt.NDArray[np.int32], most: int) -> npt.NDArray[np.int64]:
-    """Return the numbers of at most `most` points, ascending; those with a label are favoured.
+    """Return the indices of at most `most` points, ascending; points with a label are preferred.
 
     Parameters
     ----------
     label : (N,) int32
-        0 for points of no object.
+        0 for points without an object.
     most : int
     """
     if len(label) <= most:
@@ -122,7 +123,7 @@ def thinned(label: npt.NDArray[np.int32], most: int) -> npt.NDArray[np.int64]:
 
 
 def morton(cells: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint64]:
-    """Return the place of each cell (N, 3) on the Z-order curve (G. Morton, 1966): neighbours stay close."""
+    """Return the position of each cell (N, 3) on the Z-order curve (G. Morton, 1966): neighbours stay close."""
     code = np.zeros(len(cells), np.uint64)
     for axis in range(3):
         spread = cells[:, axis].astype(np.uint64)
@@ -138,11 +139,11 @@ def morton(cells: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint64]:
 
 
 def spacing(xyz: Float32Array) -> float:
-    """Return the median distance in metres of points (N, 3) to their nearest neighbours."""
+    """Return the median distance, metres, of points (N, 3) to their nearest neighbours."""
     if len(xyz) < 2:
         return DEFAULT_SPACING_M
     probes = xyz[:: max(1, len(xyz) // MEASURED_POINTS)]
-    tree = cKDTree(xyz, balanced_tree=False, compact_nodes=False)  # both cost more than they save here
+    tree = cKDTree(xyz, balanced_tree=False, compact_nodes=False)  # both options cost more than they save here
     nearest = np.asarray(tree.query(probes, k=2)[0])
     return float(np.median(nearest[:, 1])) or DEFAULT_SPACING_M
 
@@ -153,7 +154,7 @@ def _evenly(numbers: npt.NDArray[np.int64], most: int) -> npt.NDArray[np.int64]:
 
 
 def _differences(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return what each row adds to the one before it, modulo the type's range."""
+    """Return the difference of each row to the previous row, modulo the range of the type."""
     return np.diff(values, axis=0, prepend=np.zeros((1, *values.shape[1:]), values.dtype))
 
 

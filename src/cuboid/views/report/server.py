@@ -1,4 +1,4 @@
-"""The page with the frames' pictures beside it, served to the browser of this machine."""
+"""The page with pictures of the frames, served to the browser of this machine."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NAMES = "/names"
 TEXT = "/text"
 PICTURE = re.compile(rf"{PICTURES}/(\d{{1,9}})\.jpg")
 
-# Encoded in 3 ms at 640x480; no block shows.
+# Encoding takes 3 ms at 640x480; no blocks are visible.
 QUALITY = 90
 
 
@@ -48,17 +48,17 @@ class Viewer:
     Parameters
     ----------
     folder : Path
-        What `cuboid track` left behind.
+        A result folder of `cuboid track`.
     replay : Replay
         Of that folder.
     recording : Recording or None
-        That it is of; without one there are no pictures of frames.
+        The recording of the results; without it there are no pictures of frames.
     rename : callable, optional
-        Keeps the name of a label, and returns the object with it; in the folder unless given.
+        Stores the name of a label, and returns the named object (default: in the folder).
     summary : Summary, optional
-        The contents of the page; those of the folder unless given.
+        The contents of the page (default: those of the folder).
     find : callable, optional
-        Ranks objects by a text; without it the page searches by name, label and size alone.
+        Ranks objects by a text; without it the page searches only by name, label and size.
 
     Raises
     ------
@@ -79,9 +79,9 @@ class Viewer:
         self._folder = folder
         self._replay = replay
         self._rename = rename or partial(_rename_in, folder)
-        self._recording = None if recording is None else recording.without_poses()  # those of the results count
+        self._recording = None if recording is None else recording.without_poses()  # the poses of the results are used
         self._drawers: dict[str, Draw] = {}
-        self._lock = threading.Lock()  # a browser asks for several things at once
+        self._lock = threading.Lock()  # a browser sends several requests at once
         self._frames: dict[int, ReplayedFrame] = {}
         if self._recording is not None:
             self._frames = {found.index: found for found in replay.frames(self._recording.timestamp_s)}
@@ -97,26 +97,26 @@ class Viewer:
         return page_of(self._summary, {"names": NAMES, **text, **pictures}).encode("utf-8")
 
     def fits(self, text: str) -> list[tuple[int, float]]:
-        """Return the labels of objects and how well each fits a text, the best first; none without a model.
+        """Return the labels of objects with their similarity to a text, the best first; empty without a model.
 
         Raises
         ------
         InputError
-            The text is empty, or no pictures of the objects are there.
+            The text is empty, or there are no pictures of the objects.
         """
         with self._lock:
             found = [] if self._find is None else self._find(text)
         return [(item.label, round(score, 6)) for item, score in found]
 
     def rename(self, label: int, name: str) -> TrackedObject:
-        """Give an object a name, or take it away with an empty one; return the object with it.
+        """Name an object, or remove its name with an empty text; return the changed object.
 
         Raises
         ------
         InputError
-            No object has the label, or the name cannot be one.
+            No object has the label, or the name is invalid.
         OutputError
-            It cannot be written.
+            The name cannot be written.
         """
         with self._lock:
             named = self._rename(label, name)
@@ -125,12 +125,12 @@ class Viewer:
             return named
 
     def picture(self, index: int, what: str) -> bytes | None:
-        """Return a frame with its objects drawn into it, as JPEG; None where there is no such picture.
+        """Return a frame with its objects drawn into it, as JPEG; None if there is no such picture.
 
         Parameters
         ----------
         index : int
-            Of the recording.
+            Frame of the recording.
         what : str
             One of `KINDS`.
         """
@@ -148,19 +148,19 @@ class Viewer:
 
 
 def make_server(viewer: Viewer, port: int = 0) -> PageServer:
-    """Return a server of the page on this machine's own address; `serve_forever` starts it.
+    """Return a server of the page on the loopback address; `serve_forever` starts it.
 
     Parameters
     ----------
     viewer : Viewer
-        What it shows.
+        The contents of the page.
     port : int
-        0 takes one that is free.
+        0 chooses a free port.
 
     Raises
     ------
     OutputError
-        The port is taken.
+        The port is in use.
     """
 
     class Handler(PageHandler):
@@ -171,7 +171,7 @@ def make_server(viewer: Viewer, port: int = 0) -> PageServer:
 
 
 def _answer(viewer: Viewer, address: str) -> Answer | None:
-    """Return kind and content of what lies at an address; None where nothing does."""
+    """Return content type and content for an address; None if there is no content."""
     path, query = path_and_query(address)
     if path == "/":
         return "text/html; charset=utf-8", viewer.page
@@ -182,7 +182,7 @@ def _answer(viewer: Viewer, address: str) -> Answer | None:
 
 
 def _take(viewer: Viewer, address: str, content: bytes) -> Answer | None:
-    """Answer, in JSON, a name to keep or a text to rank objects by; None where nothing is taken."""
+    """Answer, in JSON, a request to store a name or to rank objects by a text; None at other addresses."""
     answers: dict[str, Callable[[dict[str, Any]], Any]] = {
         NAMES: lambda sent: name_document(viewer.rename(int(sent["label"]), str(sent["name"]))),
         TEXT: lambda sent: {"objects": viewer.fits(str(sent["text"]))},
@@ -201,7 +201,7 @@ def _take(viewer: Viewer, address: str, content: bytes) -> Answer | None:
 
 
 def _rename_in(folder: Path, label: int, name: str) -> TrackedObject:
-    """Keep the name of an object in a result folder, and in the page that lies there."""
+    """Store the name of an object in a result folder, and in the page of that folder."""
     named = name_object(folder, label, name)
     report = folder / REPORT
     if report.is_file():

@@ -22,10 +22,10 @@ from cuboid.views.report.points import PackedPoints, pack_points
 if TYPE_CHECKING:
     from cuboid.relations import Branch
 
-# Millimetres: what a page shows of a place.
+# Decimal places of positions in metres, and of directions.
 PLACE_DIGITS = 4
 TURN_DIGITS = 6
-# Tags of furniture are gray: the colors are those of objects.
+# Tags of furniture are gray, since colors belong to objects.
 FURNITURE_COLOR, FURNITURE_INK = "#6b7484", "#ffffff"
 
 
@@ -40,13 +40,13 @@ class Summary:
     frames : tuple of int
         The used frames of the recording, in order.
     poses : tuple of PoseRow
-        Of these frames.
+        Poses of these frames.
     tracks : tuple of TrackRow
     points : PackedPoints
     pictures : dict of int to Picture
-        By label; an object without one has none.
+        By label; an object may have no picture.
     changes : tuple of SceneChange
-        Where the recording went into a scene that had others.
+        Empty unless the recording was added to a scene with other recordings.
     events : tuple of EventRow
         By frame.
     """
@@ -62,7 +62,7 @@ class Summary:
     events: tuple[EventRow, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document that the page reads, ready for JSON."""
+        """Return the document of the page, ready for JSON."""
         recording = Path(self.report.recording)
         kept = {item.label for item in self.found.objects}
         seen = spans(self.tracks, self.frames)
@@ -95,7 +95,7 @@ class Summary:
         }
 
     def _furniture(self) -> dict[str, Any]:
-        """Return the furniture; nothing where the run did not ask for it."""
+        """Return the furniture; empty if the run did not search for it."""
         if not self.found.furniture:
             return {}
         pieces = [
@@ -112,7 +112,7 @@ class Summary:
         return {"furniture": pieces}
 
     def _tree(self) -> dict[str, Any]:
-        """Return the tree of the place; nothing where the results have no relations."""
+        """Return the tree of the place; empty if the results have no relations."""
         relations = {item.label: item.relations for item in self.found.objects}
         if not any(relations.values()):
             return {}
@@ -122,7 +122,7 @@ class Summary:
         return {"tree": [_branch(one) for one in tree]}
 
     def named(self, named: TrackedObject) -> Summary:
-        """Return the same with an object that has another name."""
+        """Return a summary with a renamed object."""
         objects = tuple(named if item.label == named.label else item for item in self.found.objects)
         changes = tuple(replace(one, name=named.name) if one.label == named.label else one for one in self.changes)
         return replace(self, found=replace(self.found, objects=objects), changes=changes)
@@ -150,7 +150,7 @@ class Summary:
         }
 
     def _survivor(self, label: int) -> int | None:
-        """Return the object that a label turned out to be; None where it is retired."""
+        """Return the object into which a label was merged; None if the label is retired."""
         return next((item.label for item in self.found.objects if label in item.merged_labels), None)
 
 
@@ -161,9 +161,9 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
     ----------
     results : Results
     read : callable or None
-        Returns a frame of the recording, for pictures; None where the recording is not at hand.
+        Returns a frame of the recording, for pictures; None if the recording is not available.
     changes : sequence of SceneChange
-        What the recording changed in its scene.
+        Changes of its scene by the recording.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
     Raises
     ------
     InputError
-        A file of the results is missing, malformed, or does not fit the others.
+        A file of the results is missing, malformed, or inconsistent with the others.
     """
     return Summary(
         report=results.report,
@@ -188,14 +188,14 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
 
 
 def pictures_of(results: Results, read: Callable[[int], Frame]) -> dict[int, Picture]:
-    """Return the best picture of each object, by label; parameters and errors are those of `summarise`."""
+    """Return the best picture of each object, by label; parameters and errors as in `summarise`."""
     boxes = {item.label: item.box for item in results.found.objects}
     best = {label: row for label, row in best_sightings(results.tracks).items() if label in boxes}
     return cut_pictures(best, read, boxes, results.poses, results.found.intrinsics)
 
 
 def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tuple[int, int]]]:
-    """Return when each label is seen.
+    """Return the spans of frames in which each label is seen.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
     Returns
     -------
     dict of int to list of (int, int)
-        By label its runs: first and last frame, both seen, and so are the used frames between them.
+        Spans by label: first and last frame; the label is seen in both and in all used frames between them.
     """
     place = {frame: i for i, frame in enumerate(frames)}
     found: dict[int, list[tuple[int, int]]] = {}
@@ -221,7 +221,7 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
 
 
 def _branch(one: Branch) -> dict[str, Any]:
-    """Return a part of the tree of the place as the page reads it."""
+    """Return a part of the tree of the place in the form that the page reads."""
     return {
         "of": one.of,
         "kind": one.kind,
@@ -231,7 +231,7 @@ def _branch(one: Branch) -> dict[str, Any]:
 
 
 def _box(item: TrackedObject) -> dict[str, Any]:
-    """Return the box as the page reads it."""
+    """Return the box in the form that the page reads."""
     return {
         "center": _list(item.box.center, PLACE_DIGITS),
         "size": _list(item.box.size, PLACE_DIGITS),
@@ -240,7 +240,7 @@ def _box(item: TrackedObject) -> dict[str, Any]:
 
 
 def name_document(item: TrackedObject) -> dict[str, Any]:
-    """Return what the page says of an object's name."""
+    """Return the name fields of an object for the page."""
     return {
         "name": item.name or "",
         "name_score": None if item.name_score is None else round(item.name_score, 2),
@@ -278,7 +278,7 @@ def _change(one: SceneChange) -> dict[str, Any]:
 
 
 def event_document(one: EventRow) -> dict[str, Any]:
-    """Return what the page says of an event."""
+    """Return an event in the form that the page reads."""
     metres = None if one.metres is None else round(one.metres, PLACE_DIGITS)
     return {
         **label_colors(one.label),
@@ -290,12 +290,12 @@ def event_document(one: EventRow) -> dict[str, Any]:
 
 
 def camera_document(K: Intrinsics) -> dict[str, float]:
-    """Return the pinhole as the page reads it."""
+    """Return the pinhole in the form that the page reads."""
     return {"fx": K.fx, "fy": K.fy, "cx": K.cx, "cy": K.cy, "width": K.width, "height": K.height}
 
 
 def label_colors(label: int) -> dict[str, str]:
-    """Return the color of a label, and that of text on it."""
+    """Return the color of a label, and the color of text on it."""
     return {"color": hex_of(label), "ink": "#{:02x}{:02x}{:02x}".format(*ink_on(color_of(label)))}
 
 

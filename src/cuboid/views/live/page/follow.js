@@ -1,6 +1,6 @@
-// The scene as it is told moment by moment, and the eye that keeps the camera in view.
+// The scene of the latest moment, and the eye that keeps the camera in view.
 
-// To have the camera in view the eye goes no farther away than so many times what shows the objects best.
+// To keep the camera in view, the eye moves away to at most this multiple of the best distance for the objects.
 const FARTHEST = 2;
 
 const poseFrom = (m) => ({
@@ -28,7 +28,7 @@ void main() {
   color = vec4(texture(picture, at).rgb, 0.93);
 }`;
 
-/** The camera's picture, where its image plane is in the world. */
+/** The picture of the camera, at its image plane in the world. */
 class Screen {
   constructor(gl) {
     this.gl = gl;
@@ -69,7 +69,7 @@ class Screen {
   }
 }
 
-/** The scene at the moment that was told last. */
+/** The scene at the latest moment. */
 class LiveScene extends Scene {
   constructor(renderer, state) {
     super(renderer, state);
@@ -83,7 +83,7 @@ class LiveScene extends Scene {
     return object.seen ? "seen" : "hidden";
   }
 
-  /** Take in a moment, and its picture. */
+  /** Show a moment and its picture. */
   take(moment, picture) {
     this.pose = poseFrom(moment.pose);
     this.path = new Float32Array(bytesOf(moment.path).buffer);
@@ -93,7 +93,7 @@ class LiveScene extends Scene {
     this.update();
   }
 
-  /** The corners of the camera's pyramid. */
+  /** The corners of the pyramid of the camera. */
   camera() {
     return [this.pose.place, ...imageCorners(this.pose, this.depth())];
   }
@@ -136,7 +136,7 @@ class LiveScene extends Scene {
   }
 }
 
-/** An eye whose point of view, as long as nobody has chosen another, has objects and camera in it. */
+/** An eye that keeps objects and camera in view until the user chooses another point of view. */
 class LiveOrbit extends Orbit {
   constructor(canvas, changed, grabbed) {
     super(canvas, changed, grabbed);
@@ -144,7 +144,7 @@ class LiveOrbit extends Orbit {
     this.arrives = 0;
   }
 
-  /** Take in what must be seen of the camera: its place, and where its picture is. */
+  /** Set the points of the camera that must be in view: its position and the corners of its picture. */
   take(places) {
     this.camera = places;
     this.span = this.spanOfScene();
@@ -157,7 +157,7 @@ class LiveOrbit extends Orbit {
     return place;
   }
 
-  /** Whether the camera is seen from a point of view, in this share of the view's width and height. */
+  /** Whether the camera is visible from a point of view, within this fraction of the view's width and height. */
   holds(place, share) {
     const before = this.place;
     this.place = place;

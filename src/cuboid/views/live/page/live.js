@@ -1,4 +1,4 @@
-// Asks the running program for what is new, and shows it.
+// Requests new data from the running program, and shows them.
 
 const state = {
   theme: window.matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark",
@@ -10,7 +10,7 @@ const state = {
   wanted: null,
 };
 
-// After a question that met no answer, milliseconds.
+// Pause after a request without an answer, milliseconds.
 const PAUSE = 1000;
 
 const pause = (milliseconds) => new Promise((done) => setTimeout(done, milliseconds));
@@ -52,7 +52,7 @@ const search = new Search((wanted) => update({ wanted }));
 const choose = (label) => update({ selected: label === state.selected ? null : label });
 
 function listObjects() {
-  state.wanted = search.wanted(); // among the objects that are known by now
+  state.wanted = search.wanted(); // among the present objects of the map
   find("object-count").textContent = countOf(state.wanted);
   find("objects").replaceChildren(
     ...data.objects.filter(({ label }) => isWanted(state, label)).map((object) => {
@@ -64,7 +64,7 @@ function listObjects() {
   );
 }
 
-/** The last events, the latest first. */
+/** The latest events, the newest first. */
 function listEvents(events) {
   find("events").hidden = !events.length;
   find("events").querySelector("ul").replaceChildren(
@@ -76,7 +76,7 @@ function listEvents(events) {
   );
 }
 
-/** New tags where there are new labels; else the old ones move, so that a click on one meets it. */
+/** Make new tags if labels have changed; otherwise move the old tags, so that a click on a moving tag still works. */
 function placeTags() {
   const labels = (items) => items.map(({ label }) => label).join();
   if (labels(tags.tags.map(({ object }) => object)) !== labels(data.objects)) {
@@ -90,7 +90,7 @@ function placeTags() {
   });
 }
 
-/** Put the picture where the one before was; it is decoded, so that nothing flickers. */
+/** Replace the previous picture; the new one is decoded already, so that nothing flickers. */
 function showPicture(picture) {
   const before = find("frame-picture");
   picture.id = before.id;
@@ -99,7 +99,7 @@ function showPicture(picture) {
 }
 
 async function takeMoment(moment) {
-  // up, and with it how the eye turns, is fixed when the page loads
+  // the up direction, about which the eye turns, is fixed when the page loads
   if (!frames.length || (data.up === null && moment.up !== null)) return location.reload();
   const before = data.objects.length;
   Object.assign(data, { objects: moment.objects, planes: moment.planes });
@@ -139,16 +139,16 @@ function takeMap(buffer) {
   return header.number;
 }
 
-const told = { ended: false, lost: false };
+const connection = { ended: false, lost: false };
 
 function end(text) {
-  told.ended = true;
+  connection.ended = true;
   find("beat").className = "beat ended";
   find("facts").append(`  ·  ${text}`);
   document.body.dataset.ended = "true";
 }
 
-/** Return what lies at an address; null where nobody answers. */
+/** Return the content at an address; null without an answer. */
 async function asked(address) {
   try {
     return await (await fetch(address)).arrayBuffer();
@@ -157,28 +157,28 @@ async function asked(address) {
   }
 }
 
-/** Ask for what is new again and again; not while nobody looks. */
+/** Request new data repeatedly, but not while the page is hidden. */
 async function follow(address, take) {
   let number = 0;
-  while (!told.ended) {
+  while (!connection.ended) {
     if (document.hidden) {
       await pause(PAUSE / 4);
       continue;
     }
     const answer = await asked(`${address}/${number}`);
-    if (answer === null) return told.ended || found();
+    if (answer === null) return connection.ended || reconnect();
     const before = number;
     number = await take(answer, number);
-    if (number === before) await pause(PAUSE / 4); // nothing new: the run ends, perhaps
+    if (number === before) await pause(PAUSE / 4); // no new data: the run may be ending
   }
 }
 
-/** Nobody answers any more: wait until the connection is back, or another run goes, and begin anew. */
-async function found() {
-  if (told.lost) return;
-  told.lost = true;
+/** After a lost connection, wait until it is back or another run answers, and reload the page. */
+async function reconnect() {
+  if (connection.lost) return;
+  connection.lost = true;
   find("beat").className = "beat waiting";
-  find("facts").append("  ·  no answer: has the program ended, or the connection?");
+  find("facts").append("  ·  no answer: the program has ended, or the connection is lost");
   document.body.dataset.lost = "true";
   while ((await asked("/")) === null) await pause(PAUSE);
   location.reload();
@@ -231,7 +231,7 @@ async function main() {
   await follow("/moment", async (answer, number) => {
     const moment = JSON.parse(new TextDecoder().decode(answer));
     if (moment.ended) showWarnings(moment.warnings);
-    if (moment.ended) end(moment.complete ? "the run is complete, see report.html in its results" : "the run was broken off");
+    if (moment.ended) end(moment.complete ? "the run is complete, see report.html in its results" : "the run was interrupted");
     if (!moment.number) return number;
     await takeMoment(moment);
     return moment.number;

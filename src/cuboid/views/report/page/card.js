@@ -1,4 +1,4 @@
-// The list of objects, and the card of the one that is chosen.
+// The list of objects, and the card of the selected object.
 
 class Panel {
   constructor(state, { chosen, moved, wished, named }) {
@@ -10,7 +10,7 @@ class Panel {
     find("arranged").hidden = !data.tree;
     for (const button of document.querySelectorAll("[data-arranged]"))
       button.addEventListener("click", () => this.arrange(button.dataset.arranged));
-    this.fits = null; // how well each object fits the text that was asked for, by label
+    this.fits = null; // similarity of each object to the text of the search, by label
     this.wished = wished;
     this.list();
     this.search = new Search((wanted) => wished(wanted), data.live && data.live.text ? (text) => this.rank(text) : null);
@@ -42,12 +42,12 @@ class Panel {
     this.update();
   }
 
-  /** Order the list by how well the objects fit a text, as the server tells; by label again with none. */
+  /** Sort the list by the similarity of the objects to a text, which the server computes; without a text by label. */
   async rank(text) {
     if (!text && !this.fits) return;
     this.asked = text;
     const answer = text ? await post(data.live.text, { text }) : null;
-    if (this.asked !== text) return; // something else is asked for by now
+    if (this.asked !== text) return; // the user has sent another text meanwhile
     const found = answer && answer.ok ? (await answer.json()).objects : null;
     this.fits = found && new Map(found);
     this.list();
@@ -57,7 +57,7 @@ class Panel {
     find("none").hidden = false;
   }
 
-  /** Show the new name of an object wherever its label is; its card stays, and the field in it. */
+  /** Show the new name of an object wherever its label appears; its card and the field in it stay. */
   renamed(object) {
     this.list();
     find("card").querySelector(".chip").replaceWith(chip(object));
@@ -74,10 +74,10 @@ class Panel {
       row.hidden = !isWanted(this.state, label);
       row.classList.toggle("hidden-now", frame !== null && stateIn(objectOf.get(label), frames[frame]) !== "seen");
     }
-    // What bears something that is asked for stays.
+    // Supports of objects that match the search stay visible.
     for (const item of find("objects").querySelectorAll("li")) item.hidden = !item.querySelector(".object:not([hidden])");
     find("object-count").textContent = countOf(wanted);
-    find("none").textContent = this.rows.length ? "No object is like that." : "No object was found.";
+    find("none").textContent = this.rows.length ? "No object matches." : "No object was found.";
     find("none").hidden = wanted ? wanted.size > 0 : this.rows.length > 0;
     const card = find("card");
     card.hidden = !object;
@@ -101,11 +101,11 @@ class Panel {
     const { frame, address } = object.picture;
     const image = element("img", { src: address, alt: `Object ${object.label} in frame ${frame}` });
     const shown = element("div", { class: "shot" }, image, this.outline(object));
-    if (!frames.includes(frame)) return [element("figure", {}, shown)]; // of an earlier recording of the scene
+    if (!frames.includes(frame)) return [element("figure", {}, shown)]; // from an earlier recording of the scene
     return [element("figure", {}, shown, element("figcaption", {}, "Best seen in ", this.link(frame)))];
   }
 
-  /** The edges of the object's box over its picture. */
+  /** The edges of the object's box, drawn over its picture. */
   outline(object) {
     const [width, height] = object.picture.size;
     const d = object.picture.edges.map(([x0, y0, x1, y1]) => `M${x0} ${y0}L${x1} ${y1}`).join("");
@@ -114,7 +114,7 @@ class Panel {
     return shape("svg", { class: "outline", ...view }, ...paths);
   }
 
-  /** A frame's number that goes to that frame. */
+  /** A button with the number of a frame, which goes to that frame. */
   link(frame) {
     const link = element("button", { class: "link" }, `frame ${frame}`);
     link.addEventListener("click", () => this.moved(frames.indexOf(frame)));
@@ -140,15 +140,15 @@ class Panel {
     lines.unshift(...this.classes(object));
     for (const one of happened.filter(({ label }) => label === object.label))
       lines.push([one.event[0].toUpperCase() + one.event.slice(1), one.metres === null ? "" : `${cm(one.metres)} cm, `, this.link(one.frame)]);
-    if (object.merged_labels.length) lines.push(["Also was", object.merged_labels.map((label) => `#${label}`).join(", ")]);
+    if (object.merged_labels.length) lines.push(["Former labels", object.merged_labels.map((label) => `#${label}`).join(", ")]);
     return element("dl", {}, ...lines.flatMap(([name, ...values]) => [element("dt", {}, name), element("dd", {}, ...values)]));
   }
 
-  /** What a detector took it for, and what else it may be. */
+  /** The class from a detector, and other possible classes. */
   classes({ name, name_score, names }) {
     const percent = (score) => `${Math.round(100 * score)} %`;
     const others = names.map(([other, score]) => `${other}, ${percent(score)}`).join("; ");
-    if (name_score === null) return others ? [["The detector says", others]] : []; // the name is a user's
+    if (name_score === null) return others ? [["The detector says", others]] : []; // a user gave the name
     return [["The detector says", `${name}, ${percent(name_score)}`], ...(others ? [["or", others]] : [])];
   }
 

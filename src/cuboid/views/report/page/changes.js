@@ -1,4 +1,4 @@
-// What became of the objects of a scene since the visit before: a list with pictures of before and after.
+// Changes of the objects of a scene since the previous visit: a list with pictures of before and after.
 
 const CHANGE_WORDS = { moved: "moved", gone: "gone", new: "new", found: "first seen" };
 
@@ -11,7 +11,7 @@ class Changes {
     document.querySelector('[data-layer="changes"]').hidden = !changed.length;
     const dialog = find("compare");
     dialog.querySelector(".close").addEventListener("click", () => dialog.close());
-    dialog.addEventListener("click", (event) => event.target === dialog && dialog.close()); // beside it
+    dialog.addEventListener("click", (event) => event.target === dialog && dialog.close()); // a click outside the dialog
     this.list();
   }
 
@@ -36,13 +36,13 @@ class Changes {
     return element("span", { class: `kind ${one.change}` }, CHANGE_WORDS[one.change] + far, sure);
   }
 
-  /** The pictures of before and after; null where it was not there, or was not seen. */
+  /** The pictures of before and after; null if the object was absent or not seen. */
   sides(one) {
     const before = one.change === "new" || one.change === "found" ? null : one.before;
     return [["before", before], ["after", one.to && one.after]];
   }
 
-  /** Both pictures, small; a click shows them large, side by side. */
+  /** Both pictures in a small size; a click shows them large, side by side. */
   pair(one) {
     const sides = this.sides(one);
     if (!sides.some(([, address]) => address)) return "";

@@ -1,4 +1,4 @@
-// What the page shows, as Python wrote it; see summary.py and points.py for the layout.
+// The data of the page, written by Python; see summary.py and points.py for the format.
 
 function bytesOf(base64) {
   const text = atob(base64);
@@ -9,13 +9,13 @@ function bytesOf(base64) {
 
 const frames = new Int32Array(bytesOf(data.frames).buffer);
 const poses = new Float32Array(bytesOf(data.poses).buffer);
-const changed = data.changes || []; // a run that goes on has none yet
+const changed = data.changes || []; // a running run has none yet
 const happened = data.events || []; // the same
 const objectOf = new Map(data.objects.map((object) => [object.label, object]));
-const furniture = data.furniture || []; // no objects: boxes of what bears the planes
+const furniture = data.furniture || []; // boxes of the furniture that bears the planes; it is no object
 const isFurniture = ({ planes }) => planes !== undefined;
 
-/** Camera to world of the i-th used frame: its place and, as columns, its axes. */
+/** Pose (camera to world) of the i-th used frame: position, and axes as columns. */
 function poseOf(i) {
   const m = poses.subarray(12 * i, 12 * i + 12);
   return {
@@ -26,16 +26,16 @@ function poseOf(i) {
   };
 }
 
-/** Up in the world; a recording without a plane is taken to begin upright. */
+/** The up direction in the world; without a plane, the first camera is assumed to be upright. */
 const up = data.up || (frames.length ? scale(poseOf(0).down, -1) : [0, -1, 0]);
 
-/** Whether an object is seen in a frame, hidden but known, or not known yet. */
+/** Whether an object is seen in a frame, hidden but in the map, or not in the map yet. */
 function stateIn(object, frame) {
   if (!object.spans.length || frame < object.spans[0][0]) return "unknown";
   return object.spans.some(([from, to]) => from <= frame && frame <= to) ? "seen" : "hidden";
 }
 
-/** A page's number of centimetres, metres, milliseconds. */
+/** A number of centimetres, metres or milliseconds as the page shows it. */
 const cm = (metres) => (100 * metres).toFixed(1);
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
 const sizeOf = (object) => object.size.map(cm).join(" × ");
@@ -45,7 +45,7 @@ async function inflate(bytes) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** Sum up differences: from point to point back to the points themselves. */
+/** Sum up the differences between consecutive points: returns the values of the points. */
 function summed(bytes, column, count) {
   const values = new Uint8Array(count);
   for (let i = 0, sum = 0; i < count; i++) values[i] = sum += bytes[column * count + i];
@@ -76,23 +76,23 @@ async function unpackPoints() {
   return { steps, look, label: summedPair(bytes, 10, count) };
 }
 
-/** What happened to an object at a frame, in words. */
+/** An event of an object, in words. */
 function wordsOf({ event, metres }) {
   return event === "moved" ? `moved ${cm(metres)} cm` : event;
 }
 
-/** The label, with the name that people gave it. */
+/** The label and the name of an object. */
 function titleOf(object) {
   return object.name ? `#${object.label} ${object.name}` : `#${object.label}`;
 }
 
-/** The furniture that bears a plane, as it is called beside the plane: ", furniture #7"; nothing where there is none. */
+/** The furniture that bears a plane, as text after the name of the plane: ", furniture #7"; empty if there is none. */
 function bearerOf(plane) {
   const piece = furniture.find(({ planes }) => planes.includes(plane));
   return piece ? `, furniture #${piece.label}` : "";
 }
 
-/** The label in its color, as it looks everywhere. */
+/** The label in its color, the same on the whole page. */
 function chip(object, ...rest) {
   const style = `background:${object.color};color:${object.ink}`;
   return element("span", { class: "chip", style, title: titleOf(object) }, titleOf(object), ...rest);

@@ -1,4 +1,4 @@
-// What every page of ours needs: its data, and making and finding its elements.
+// Shared by all pages of this program: their data, and functions that make and find elements.
 
 const data = JSON.parse(document.getElementById("data").textContent);
 
@@ -12,7 +12,7 @@ function element(name, attributes = {}, ...children) {
   return made;
 }
 
-/** The same of an SVG. */
+/** The same for an SVG element. */
 function shape(name, attributes, ...children) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
@@ -20,7 +20,7 @@ function shape(name, attributes, ...children) {
   return made;
 }
 
-/** Send something to the program; null where it does not answer. */
+/** Send a document to the program; null if it does not answer. */
 async function post(address, content) {
   try {
     return await fetch(address, {
@@ -33,7 +33,7 @@ async function post(address, content) {
   }
 }
 
-/** Show lines about what is likely to be wrong above the page, until they are hidden by a click. */
+/** Show warnings above the page until a click hides them. */
 function showWarnings(warnings) {
   const banner = find("warnings");
   banner.hidden = !warnings.length;

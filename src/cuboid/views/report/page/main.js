@@ -1,13 +1,13 @@
-// What is shown, and what follows when that changes.
+// The state of the page, and the updates after each change of it.
 
 const state = {
   theme: "dark",
   coloring: "color",
   layers: { boxes: true, planes: true, furniture: true, camera: true, changes: true },
   selected: null,
-  frame: null, // place among the used frames; null is all of them at once
+  frame: null, // index among the used frames; null is all frames at once
   follow: false,
-  wanted: null, // labels that the search leaves; null is all
+  wanted: null, // labels that match the search; null is all
 };
 
 let scene = null;
@@ -23,7 +23,7 @@ function redraw() {
     if (find("scene").hidden) return;
     const { ratio } = scene.renderer;
     scene.renderer.fit();
-    if (ratio !== scene.renderer.ratio) scene.update(); // on another screen now
+    if (ratio !== scene.renderer.ratio) scene.update(); // the window has moved to another screen
     const eye = orbit.eye();
     scene.draw(eye);
     tags.place(eye, (object) => scene.stateOf(object));
@@ -48,7 +48,7 @@ function update(change) {
   redraw();
 }
 
-/** Choose an object, or none; the one that is chosen already is let go. */
+/** Select an object, or none; choosing the selected object deselects it. */
 function choose(label) {
   update({ selected: label === state.selected ? null : label });
   if (state.selected !== null) timeline.reveal(state.selected);
@@ -66,7 +66,7 @@ function followCamera(follow) {
   if (follow) orbit.fly(orbit.behind(poseOf(state.frame)));
 }
 
-// Recordings have about 30 frames a second; a screen may have more or fewer.
+// Recordings have about 30 frames/s; the refresh rate of a screen may be higher or lower.
 let playing = null;
 function play(start) {
   if (playing) clearInterval(playing);
@@ -126,7 +126,7 @@ function showTab(name) {
   redraw();
 }
 
-/** On a phone: list or timeline below the scene. */
+/** On a phone, the list or the timeline is below the scene. */
 function showBelow(name) {
   find("scene").dataset.below = name;
   for (const button of document.querySelectorAll("[data-below]"))
@@ -180,7 +180,7 @@ function setUpHeader() {
   const facts = [plural(data.objects.length, "object"), plural(run.frames.used, "frame")];
   if (furniture.length) facts.splice(1, 0, `${plural(furniture.length, "piece")} of furniture`);
   document.querySelector('[data-layer="furniture"]').hidden = !furniture.length;
-  if (whole) facts.push(`${milliseconds(whole.median)} ms a frame`);
+  if (whole) facts.push(`${milliseconds(whole.median)} ms per frame`);
   if (data.points.count) facts.push(`${plural(data.points.total, "point")}`);
   find("facts").textContent = facts.join("  ·  ");
   if (!run.complete) find("facts").prepend(element("span", { class: "warning" }, "interrupted, not complete"));
@@ -215,7 +215,7 @@ function setUpButtons() {
     });
 }
 
-/** The frame that shows most objects: where a page with pictures begins. */
+/** The frame that shows the most objects: the initial frame of a page with pictures. */
 function richestFrame() {
   const seen = Array.from(frames, (frame) => data.objects.filter((object) => stateIn(object, frame) === "seen").length);
   return seen.indexOf(Math.max(...seen));
@@ -225,13 +225,13 @@ const timeline = new Timeline(state, choose, (frame) => {
   play(false);
   moveTo(frame);
 });
-/** Look at an object, or at the place of one that is gone. */
+/** Look at an object, or at the place of a removed object. */
 function approach(target, size) {
   if (orbit) orbit.fly({ target, distance: clamp(5 * norm(size), 0.4, orbit.span), fovY: FOV_Y });
   update({ follow: false });
 }
 
-/** List and timeline show what the search leaves. */
+/** List and timeline show only the objects that match the search. */
 function wish(wanted) {
   update({ wanted });
   timeline.draw();
@@ -269,6 +269,6 @@ try {
 function refuse(error) {
   scene = null;
   find("notice").hidden = false;
-  find("notice").textContent = `The 3D view needs a browser with WebGL 2 (${error.message}). Objects and timeline are shown all the same.`;
+  find("notice").textContent = `The 3D view needs a browser with WebGL 2 (${error.message}). Objects and timeline are still available.`;
   find("view").classList.add("refused");
 }

@@ -1,4 +1,4 @@
-// Vectors are arrays of 3 numbers, matrices Float32Array(16) by columns, as WebGL wants them.
+// Vectors are arrays of 3 numbers; matrices are Float32Array(16) in column-major order, as WebGL expects.
 
 const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -10,7 +10,7 @@ const unit = (a) => scale(a, 1 / (norm(a) || 1));
 const mix = (a, b, s) => a.map((value, i) => value + (b[i] - value) * s);
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
-/** A direction at a right angle to a unit vector: the longest of its crosses with the axes. */
+/** A direction perpendicular to a unit vector: the longest of its cross products with the axes. */
 function sideways(up) {
   const crosses = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => cross(axis, up));
   return unit(crosses.reduce((a, b) => (norm(b) > norm(a) ? b : a)));

@@ -1,33 +1,33 @@
 // The scale bar, and the ruler between two points of the map.
 
-// A click takes the nearest point of the map within so many pixels.
+// A click takes the nearest point of the map within this distance in pixels.
 const REACH_PX = 7;
 const BAR_PX = 130;
-// The hint at the mouse and the scale bar stand side by side from this width on.
+// Minimum width, in pixels, for the hint about the mouse beside the scale bar.
 const HINT_FITS_PX = 560;
 
-/** A length as people say it: metres from one on, else centimetres, below one millimetres. */
+/** A length in a suitable unit: metres from 1 m, centimetres from 1 cm, else millimetres. */
 function lengthOf(metres, digits = 1) {
   const [value, unitName] = metres >= 1 ? [metres, "m"] : metres >= 0.01 ? [100 * metres, "cm"] : [1000 * metres, "mm"];
   return `${value.toFixed(metres >= 1 && digits ? 2 : digits)} ${unitName}`;
 }
 
-/** Show how long a piece of the screen is where the view turns about. */
+/** Show a scale bar for the distance of the target about which the view turns. */
 function showScale(orbit, height) {
   const { distance, fovY } = orbit.place;
-  const pixels = height / (2 * distance * Math.tan(fovY / 2)); // of a metre
+  const pixels = height / (2 * distance * Math.tan(fovY / 2)); // per metre
   const power = 10 ** Math.floor(Math.log10(BAR_PX / pixels));
   const metres = [5, 2, 1].map((step) => step * power).find((length) => length * pixels <= BAR_PX);
   find("scale").querySelector("i").style.width = `${(metres * pixels).toFixed(1)}px`;
   find("scale").querySelector("span").textContent = lengthOf(metres, 0);
 }
 
-/** Show the hint at the mouse where the scale bar leaves room for it. */
+/** Show the hint about the mouse if the scale bar leaves room for it. */
 function showHint(width) {
   find("notice").hidden = width < HINT_FITS_PX;
 }
 
-/** The point of the map that a ray meets first, within so many radians of it; null where it meets none. */
+/** The first point of the map along a ray, within an angle in radians; null if there is none. */
 function pointAt(steps, origin, direction, reach) {
   const { low, step_m, spacing_m } = data.points;
   let nearest = Infinity;
@@ -40,7 +40,7 @@ function pointAt(steps, origin, direction, reach) {
     if (along <= 0.01) continue;
     const aside = Math.sqrt(Math.max(0, x * x + y * y + z * z - along * along));
     if (aside > Math.max(reach * along, 0.75 * spacing_m)) continue;
-    const cost = along + 4 * aside; // of two about as near the one under the pointer
+    const cost = along + 4 * aside; // of two points at about the same distance, prefer the one under the pointer
     if (cost < nearest) [nearest, found] = [cost, [x, y, z]];
   }
   return found && add(found, origin);
@@ -54,7 +54,7 @@ class Ruler {
     this.button.addEventListener("click", () => this.use(!this.active));
   }
 
-  /** Begin to measure, or leave it. */
+  /** Start or stop measuring. */
   use(active) {
     this.active = active;
     this.ends = [];
@@ -63,7 +63,7 @@ class Ruler {
     this.changed();
   }
 
-  /** Take a click into the scene; a third one begins anew. */
+  /** Handle a click into the scene; the third click starts a new measurement. */
   click(x, y) {
     const { origin, direction } = this.orbit.ray(x, y);
     const reach = (REACH_PX * 2 * Math.tan(this.orbit.place.fovY / 2)) / this.orbit.canvas.clientHeight;
@@ -73,7 +73,7 @@ class Ruler {
     this.changed();
   }
 
-  /** Lines of the renderer: the way between the two ends, with a small cross at each. */
+  /** Lines for the renderer: the segment between the two ends, with a small cross at each end. */
   lines(color, ratio) {
     const arm = 0.012 * this.orbit.place.distance;
     const crosses = this.ends.flatMap((end) =>
@@ -82,7 +82,7 @@ class Ruler {
     return this.ends.length === 2 ? [[...this.ends, color, [2.4 * ratio, 0]], ...crosses] : crosses;
   }
 
-  /** Put the length where the middle of the ruler is on the screen. */
+  /** Show the length at the middle of the ruler on the screen. */
   place(eye) {
     const [from, to] = this.ends;
     const clip = to && toClip(eye.clip_world, mix(from, to, 0.5));

@@ -1,6 +1,6 @@
-// Where a server keeps them: names of objects, given in their cards.
+// Names of objects, entered in their cards; only if a server can store them.
 
-/** A field for the name of an object; `named` is told when it was kept. */
+/** A field for the name of an object; `named` is called after the name was stored. */
 function nameField(object, named) {
   const note = element("p", { class: "note bad", role: "status", hidden: "" });
   const field = element("input", {
@@ -12,7 +12,7 @@ function nameField(object, named) {
     note.textContent = text;
   };
   field.addEventListener("keydown", (event) => {
-    event.stopPropagation(); // its letters are no keys of the scene
+    event.stopPropagation(); // letters typed here are not keyboard shortcuts of the scene
     if (event.key === "Escape") field.value = object.name;
     if (event.key === "Enter") keep();
     if (event.key === "Escape") field.blur();
@@ -20,14 +20,14 @@ function nameField(object, named) {
   field.addEventListener("change", () => keep());
   let sent = object.name;
   const keep = async () => {
-    if (field.value === sent) return undefined; // Enter has sent it already
+    if (field.value === sent) return undefined; // Enter has already sent it
     sent = field.value;
     const answer = await post(data.live.names, { label: object.label, name: sent });
-    if (answer === null || !answer.ok) sent = null; // it can be tried again
-    if (answer === null) return say("The name could not be kept: is 'cuboid view' still running?");
+    if (answer === null || !answer.ok) sent = null; // the user can try again
+    if (answer === null) return say("The name could not be stored: is 'cuboid view' still running?");
     if (!answer.ok) return say(await answer.text());
     Object.assign(object, await answer.json());
-    field.value = sent = object.name; // without a name of the user's, the class that a detector saw
+    field.value = sent = object.name; // without a name from the user, the class from a detector
     say("");
     return named(object);
   };

@@ -1,10 +1,10 @@
-// The eye: it turns about a target, with the world's up always up on the screen.
+// The eye turns about a target, and the up direction of the world always points up on the screen.
 
 const FOV_Y = (42 * Math.PI) / 180;
 const STEEPEST = 1.55;
 const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 
-/** What a share of the frames in which objects are seen have at most: what was seen but shortly counts little. */
+/** Quantile `share` of values of objects, weighted by their frames seen: briefly seen objects count little. */
 function middleOf(values, share) {
   const order = values.map((value, i) => [value, data.objects[i].frames_seen]).sort((a, b) => a[0] - b[0]);
   let left = share * order.reduce((sum, [, weight]) => sum + weight, 0);
@@ -32,7 +32,7 @@ class Orbit {
     return 2 * Math.max(...reach, 1) + Math.min(60, 4096 * step_m);
   }
 
-  /** The whole scene from where the camera began, from a little higher. */
+  /** The whole scene from the first camera position, slightly higher. */
   home() {
     const first = frames.length ? poseOf(0) : { place: [0, 0, -2], ahead: [0, 0, 1] };
     let target = add(first.place, scale(first.ahead, 1.5));
@@ -71,7 +71,7 @@ class Orbit {
     return { place, view, near, far, fovY, aspect, clip_world: multiply(perspective(fovY, aspect, near, far), view) };
   }
 
-  /** The ray through a place of the canvas, CSS pixels. */
+  /** The ray through a point of the canvas in CSS pixels. */
   ray(x, y) {
     const { place, view, fovY, aspect } = this.eye();
     const t = Math.tan(fovY / 2);
@@ -106,7 +106,7 @@ class Orbit {
     step(begun);
   }
 
-  /** Where the eye is that sees what a camera saw. */
+  /** The point of view of a camera. */
   behind(pose) {
     const { fx, fy, width, height } = data.camera;
     const aspect = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);

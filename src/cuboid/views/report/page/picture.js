@@ -1,4 +1,4 @@
-// Where a server gives them: the picture of the frame, with its objects drawn into it.
+// The picture of the frame, with its objects drawn into it; only if a server provides pictures.
 
 class Picture {
   constructor(state) {
@@ -7,7 +7,7 @@ class Picture {
     this.kind = "boxes";
     this.loading = false;
     this.wanted = null;
-    this.names = 0; // counts: a picture with other names has another address
+    this.names = 0; // count of changed names: a picture with new names needs a new address
     if (!data.live || !data.live.pictures) return;
     for (const shown of [find("picture"), document.querySelector('[data-size="--picture"]')]) shown.hidden = false;
     find("scene").classList.add("with-picture");
@@ -27,7 +27,7 @@ class Picture {
     return button;
   }
 
-  /** Ask for one picture at a time, and then for the one that is wanted by then: the slider may be fast. */
+  /** Request one picture at a time, then the latest wanted one: the slider may be faster than the server. */
   update() {
     if (!data.live || !data.live.pictures || this.state.frame === null) return;
     const again = this.names ? `&names=${this.names}` : "";
@@ -36,7 +36,7 @@ class Picture {
     this.outlineChosen();
   }
 
-  /** The box of the chosen object, over the picture. */
+  /** The box of the selected object, drawn over the picture. */
   outlineChosen() {
     const object = objectOf.get(this.state.selected);
     const pose = poseOf(this.state.frame);
@@ -52,7 +52,7 @@ class Picture {
     this.outline.replaceChildren(...looks.map(([kind, stroke]) => shape("path", { class: kind, d, stroke })));
   }
 
-  /** Ask anew: names in the picture have changed. */
+  /** Request the picture again, since names in it have changed. */
   again() {
     this.names += 1;
     this.update();
@@ -66,7 +66,7 @@ class Picture {
 
   loaded(how) {
     this.loading = false;
-    find("picture-note").textContent = how === "load" ? "" : "This frame's picture cannot be had: is 'cuboid view' still running?";
+    find("picture-note").textContent = how === "load" ? "" : "The picture of this frame cannot be loaded: is 'cuboid view' still running?";
     if (this.wanted !== this.asked) this.load();
   }
 }

@@ -1,4 +1,4 @@
-// Draws points, lines and faces with WebGL 2; knows nothing of objects and cameras.
+// Draws points, lines and faces with WebGL 2; it is independent of objects and cameras.
 
 function compile(gl, vertex, fragment) {
   const program = gl.createProgram();
@@ -51,7 +51,7 @@ class Renderer {
     return texture;
   }
 
-  /** Describe an attribute of the buffer that is bound. */
+  /** Describe an attribute of the bound buffer. */
   attribute(program, name, size, type, normalized, stride, offset, divisor = 0) {
     const gl = this.gl;
     const place = gl.getAttribLocation(program, name);
@@ -62,8 +62,8 @@ class Renderer {
   }
 
   /**
-   * Take the point map, in place of the one before; `own` are the colors (3 n, 8 bit) of the objects that points
-   * belong to, 0 for none.
+   * Set the point map, in place of the previous one. `own`: color (3 n, 8 bit) of the object of each point, 0 for
+   * points without an object.
    */
   setPoints({ steps, look }, own) {
     const gl = this.gl;
@@ -90,8 +90,8 @@ class Renderer {
   }
 
   /**
-   * Take the segments of a group: per segment from (3), to (3), color (4), width in pixels, length of a dash;
-   * a halo lets colored ones read on any ground.
+   * Set the segments of a group, each with from (3), to (3), color (4), width in pixels, length of a dash.
+   * A halo makes colored lines visible on any background.
    */
   setLines(name, segments, haloed = false) {
     const layout = [["from", 3], ["to", 3], ["paint", 4], ["style", 2]];
@@ -99,7 +99,7 @@ class Renderer {
     this.groups.get(name).haloed = haloed;
   }
 
-  /** Take the triangles of a group: per corner place (3), color (4). */
+  /** Set the triangles of a group, each corner with place (3), color (4). */
   setFaces(name, triangleCorners) {
     this.setGroup(name, "faces", triangleCorners.flat(2), [["place", 3], ["paint", 4]], 0);
   }
@@ -121,7 +121,7 @@ class Renderer {
     this.groups.set(name, group);
   }
 
-  /** Give the drawing as many pixels as the screen has there; the points' own target follows. */
+  /** Fit the drawing, and the render target of the points, to the physical pixels of the canvas. */
   fit() {
     const gl = this.gl;
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
@@ -143,7 +143,7 @@ class Renderer {
     this.target = { width, height, color, depth, buffer };
   }
 
-  /** Draw: points, shaded; faces; lines, dim where they are behind something. */
+  /** Draw shaded points, faces, and lines; lines are dim where they are hidden. */
   draw(eye, coloring, ground, shownGroups) {
     const gl = this.gl;
     this.drawPoints(eye, coloring);

@@ -1,6 +1,6 @@
-// Objects as rows of a list, and which of them are asked for.
+// Objects as rows of a list, and the search that selects them.
 
-/** A row of the list: picture where there is one, label with name, size, frames in which it is seen or how well it fits a text. */
+/** A row of the list: picture if any, label with name, size, and number of frames or similarity to a text. */
 function objectRow(object, chosen, fit = null) {
   const { picture } = object;
   const shown = picture ? element("img", { class: "thumb", src: picture.address, alt: "", loading: "lazy", decoding: "async" }) : "";
@@ -11,7 +11,7 @@ function objectRow(object, chosen, fit = null) {
     element("span", { class: "who" }, chip(object), element("span", { class: "size" }, sizeOf(object))),
     fit === null
       ? element("span", { class: "seen-count", title: "frames in which it is seen" }, object.frames_seen.toLocaleString("en"))
-      : element("span", { class: "seen-count", title: "how well its pictures fit the text, -1 to 1" }, fixed(fit, 3)),
+      : element("span", { class: "seen-count", title: "similarity of its pictures to the text, -1 to 1" }, fixed(fit, 3)),
   );
   row.addEventListener("click", () => chosen(object.label));
   return row;
@@ -32,8 +32,8 @@ function conditionsOf(text) {
 }
 
 /**
- * The search field above a list; `changed` is told the labels that are asked for, null for all.
- * `described` is told the text on Enter, where a server ranks by it, and "" when it is no longer asked for.
+ * The search field above a list; `changed` gets the matching labels, null for all.
+ * If a server ranks objects by a text, `described` gets the text on Enter, and "" when the text is removed.
  */
 class Search {
   constructor(changed, described = null) {
@@ -44,7 +44,7 @@ class Search {
     };
     this.field.addEventListener("input", () => change(this.wanted()));
     this.field.addEventListener("keydown", (event) => {
-      event.stopPropagation(); // its letters are no keys of the scene
+      event.stopPropagation(); // letters typed here are not keyboard shortcuts of the scene
       if (event.key === "Enter" && described && this.field.value.trim()) described(this.field.value.trim());
       if (event.key !== "Escape") return;
       this.field.value = "";
@@ -52,7 +52,7 @@ class Search {
     });
     if (!described) return;
     this.field.placeholder = "Name, #label, > 10 cm; text and Enter";
-    this.field.title += "; Enter ranks all by how well their pictures fit the text";
+    this.field.title += "; Enter ranks all objects by the similarity of their pictures to the text";
   }
 
   wanted() {
@@ -62,7 +62,7 @@ class Search {
   }
 }
 
-/** How many objects there are, and how many of them are asked for. */
+/** The number of objects, and the number of matches. */
 function countOf(wanted) {
   const all = plural(data.objects.length, "object");
   return wanted ? `${wanted.size.toLocaleString("en")} of ${all}` : all;

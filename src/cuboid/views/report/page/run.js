@@ -1,4 +1,4 @@
-// The second tab: how long it took, what was left out, what was set.
+// The second tab: times, skipped frames, settings.
 
 const milliseconds = (value) => (value < 10 ? value.toFixed(2) : value.toFixed(1));
 
@@ -19,7 +19,7 @@ function figures() {
   return element("div", { class: "figures" }, ...shown);
 }
 
-/** Median as a bar, the 95th percentile as a thin one behind it. */
+/** The median as a bar, the 95th percentile as a thin bar behind it. */
 function stageRow([stage, { median, p95 }], longest) {
   const wide = (value) => `width:${((100 * value) / longest).toFixed(2)}%`;
   const bars = element("div", { class: "bars" });
@@ -52,7 +52,7 @@ function stages() {
 }
 
 function skippedFrames() {
-  if (!data.skipped.length) return element("p", { class: "empty" }, "None: every frame that was read was used.");
+  if (!data.skipped.length) return element("p", { class: "empty" }, "None: all read frames were used.");
   const rows = data.skipped.map(([frame, count, reason]) =>
     element(
       "tr",

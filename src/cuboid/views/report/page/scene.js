@@ -1,10 +1,10 @@
-// The run as lines and faces: boxes, supporting planes, the camera's path.
+// The run as lines and faces: boxes, supporting planes, the path of the camera.
 
 const EDGES = [];
 for (let a = 0; a < 8; a++) for (const bit of [1, 2, 4]) if (!(a & bit)) EDGES.push([a, a | bit]);
 const SIDES = [[0, 2, 6, 4], [1, 3, 7, 5], [0, 1, 5, 4], [2, 3, 7, 6], [0, 1, 3, 2], [4, 5, 7, 6]];
 
-// About so many of the camera's pyramids show its way without hiding the scene.
+// About this many pyramids of the camera show its path without hiding the scene.
 const PYRAMIDS = 28;
 const DASH_M = 0.03;
 
@@ -15,7 +15,7 @@ const GROUNDS = {
   light: { sky: [0.985, 0.988, 0.992], floor: [0.88, 0.9, 0.925], halo: [0.06, 0.07, 0.09, 0.55], path: "#2b3442" },
 };
 
-/** How large the camera's pyramids are, metres: a share of what lies before it. */
+/** Size of the pyramids of the camera, metres: a fraction of the distance to the objects. */
 function pyramidSize() {
   const centers = data.objects.map((object) => object.center);
   const first = frames.length ? poseOf(0).place : [0, 0, 0];
@@ -23,7 +23,7 @@ function pyramidSize() {
   return clamp(0.06 * (away[away.length >> 1] || 1.5), 0.03, 0.3);
 }
 
-/** Frames whose pyramids show the camera's way: one wherever it has gone on far enough from the last. */
+/** Frames with a pyramid: the next one follows when the camera has moved far enough from the previous one. */
 function milestones(size) {
   let length = 0;
   for (let i = 1; i < frames.length; i++) length += norm(sub(poseOf(i).place, poseOf(i - 1).place));
@@ -40,7 +40,7 @@ function milestones(size) {
   return found;
 }
 
-/** The four corners of the image at a depth in front of a camera, from its upper left clockwise. */
+/** The four corners of the image at a depth in front of a camera, clockwise from the upper left. */
 function imageCorners(pose, depth) {
   const { fx, fy, cx, cy, width, height } = data.camera;
   return [[0, 0], [width, 0], [width, height], [0, height]].map(([x, y]) =>
@@ -60,7 +60,7 @@ function pyramidLines(pose, depth, color, width) {
   ]);
 }
 
-/** Triangles of a polygon without holes: a fan, right for the convex outlines of planes and sides. */
+/** Triangles of a convex polygon, such as the outline of a plane or of a side: a fan. */
 function fan(polygon, color) {
   return polygon.slice(2).flatMap((corner, i) => [[polygon[0], color], [polygon[i + 1], color], [corner, color]]);
 }
@@ -88,7 +88,7 @@ class Scene {
     this.steps = points.steps;
   }
 
-  /** Take all lines and faces anew. */
+  /** Rebuild all lines and faces. */
   update() {
     const ground = GROUNDS[this.state.theme];
     const { ratio } = this.renderer;
@@ -99,7 +99,7 @@ class Scene {
     this.updateFrame();
   }
 
-  /** Take anew what depends on the frame and on what is chosen: quick, for sliders. */
+  /** Rebuild only the parts that depend on the frame and on the selection: fast enough for sliders. */
   updateFrame() {
     const ground = GROUNDS[this.state.theme];
     const { ratio } = this.renderer;
@@ -145,7 +145,7 @@ class Scene {
     });
   }
 
-  /** Where things stood that are elsewhere or gone now, and which way they went. */
+  /** The former places of moved and removed objects, and arrows along their moves. */
   changeLines(ground, ratio) {
     return changed.filter((one) => one.from && ["moved", "gone"].includes(one.change)).flatMap((one) => {
       const color = colorOf(one.color, one.label === this.state.selected ? 1 : 0.75);
@@ -156,7 +156,7 @@ class Scene {
     });
   }
 
-  /** An arrow between two places; its head is four strokes, so that it shows from everywhere. */
+  /** An arrow between two places; its head has four strokes, so that it is visible from all sides. */
   arrow(from, to, color, width) {
     const way = sub(to, from);
     const length = norm(way);
@@ -180,7 +180,7 @@ class Scene {
     return data.planes.flatMap(({ outline }) => fan(outline, colorOf(ground.path, 0.1)));
   }
 
-  /** Boxes of what bears the planes: thin and dashed, for they are no objects. */
+  /** Boxes of the furniture that bears the planes: thin and dashed, since furniture is no object. */
   furnitureLines(ground, ratio) {
     const color = colorOf(ground.path, 0.55);
     return furniture.flatMap((piece) => {
@@ -221,7 +221,7 @@ class Scene {
     this.renderer.draw(eye, coloring, GROUNDS[theme], shown);
   }
 
-  /** The object whose box a ray meets; of several the smallest, which the others would hide for ever. */
+  /** The object whose box a ray meets; of several the smallest, which otherwise could never be selected. */
   pick(origin, direction) {
     const volume = ({ size }) => size[0] * size[1] * size[2];
     const met = data.objects.filter(

@@ -13,7 +13,7 @@ out vec3 tint;
 out float away_m, radius_m;
 void main() {
   gl_Position = clip_world * vec4(low + steps * step_m, 1.0);
-  // a disc that meets its neighbours: no holes up close, no blots from afar
+  // a disc that touches its neighbours: no holes at short distance, no blots at long distance
   gl_PointSize = clamp(1.9 * spacing_m * focal_px / gl_Position.w, 2.0, 60.0);
   away_m = gl_Position.w;
   radius_m = 0.5 * gl_PointSize * away_m / focal_px;
@@ -23,8 +23,8 @@ void main() {
   else tint = own == vec3(0.0) ? vec3(grey * 0.5 + 0.1) : own * (0.35 + 0.75 * grey);
 }`;
 
-// A disc is farther at its rim than in its middle, so that where discs overlap each pixel is of the nearest
-// point (M. Schuetz and M. Wimmer, 2015).
+// The depth of a disc increases from its centre to its rim, so that each pixel of overlapping discs belongs to the
+// nearest point (M. Schuetz and M. Wimmer, 2015).
 const POINTS_FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 tint;
@@ -40,15 +40,15 @@ void main() {
   color = vec4(tint, 1.0);
 }`;
 
-// Everything on the screen at once: one triangle.
+// One triangle covers the whole screen.
 const SHADE_VERTEX = `#version 300 es
 void main() {
   gl_Position = vec4(vec2(gl_VertexID == 1 ? 3 : -1, gl_VertexID == 2 ? 3 : -1), 0.0, 1.0);
 }`;
 
-// Eye-dome lighting (C. Boucheny, 2009): what lies behind its neighbours on the screen is darker, so that
-// shape shows without normals. A pixel of the ground with points on all sides is a gap between them: it takes
-// after the farthest of them.
+// Eye-dome lighting (C. Boucheny, 2009): a pixel behind its neighbours on the screen is darker, so that shape is
+// visible without normals. A background pixel with points on all sides is a gap between them: it gets the color of
+// the farthest of them.
 const SHADE_FRAGMENT = `#version 300 es
 precision highp float;
 uniform sampler2D colors;
@@ -96,7 +96,7 @@ void main() {
   color = vec4(texelFetch(colors, at, 0).rgb * exp(-strength * sum / 8.0), 1.0);
 }`;
 
-// A segment is drawn as a rectangle on the screen, of a width in pixels.
+// A segment is drawn as a rectangle on the screen, with a width in pixels.
 const LINES_VERTEX = `#version 300 es
 in vec3 from, to;
 in vec4 paint;
@@ -116,10 +116,10 @@ void main() {
   way = length(way) < 1e-4 ? vec2(1.0, 0.0) : normalize(way);
   float half_px = 0.5 * (style.x + wider_px);
   gl_Position = first ? a : b;
-  // round off the corners of a box: both ends reach half a width farther
+  // close the corners of a box: both ends are extended by half the width
   vec2 shift = vec2(-way.y, way.x) * side * half_px + way * (first ? -half_px : half_px);
   gl_Position.xy += shift * 2.0 / size_px * gl_Position.w;
-  gl_Position.z -= 0.0012 * gl_Position.w;  // in front of the surface that it lies on
+  gl_Position.z -= 0.0012 * gl_Position.w;  // in front of the surface on which it lies
   tint = paint;
   along_m = first ? 0.0 : distance(from, to);
   dash = style.y;

@@ -1,8 +1,8 @@
-// The labels over the boxes: each in its color, none over another, none over a toolbar.
+// The tags above the boxes: each in the color of its label, none covers another tag or a toolbar.
 
-// A tag stands so far above the top of its box, pixels; where that is taken, higher.
+// Distance of a tag above the top of its box, pixels; if the place is taken, the tag is higher.
 const RISES = [8, 28, 48];
-// Room between two tags, pixels.
+// Gap between two tags, pixels.
 const BETWEEN = 2;
 
 const overlap = (a, b) => a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
@@ -25,7 +25,7 @@ class Tags {
     this.measure();
   }
 
-  /** Take the sizes of all tags, with the name and without: once, since it lays out the page. */
+  /** Measure all tags with and without the name: once, since it forces a layout of the page. */
   measure() {
     const write = (text) => this.tags.forEach((item) => (item.tag.textContent = text(item.object)));
     for (const { tag } of this.tags) {
@@ -39,13 +39,13 @@ class Tags {
     }
   }
 
-  /** Take the name of an object anew. */
+  /** Update the name of an object. */
   rename(object) {
     this.tags.find((item) => item.object === object).tag.title = titleOf(object);
     this.measure();
   }
 
-  /** Where the toolbars are, which no tag covers; found anew after `layout` has changed. */
+  /** The places of the toolbars, which no tag covers; computed again after `layout`. */
   obstacles() {
     if (!this.toolbars) {
       const { left, top } = this.holder.getBoundingClientRect();
@@ -61,8 +61,8 @@ class Tags {
   }
 
   /**
-   * Put each tag above its box. The nearest chooses first, all without their names; then names are added where there
-   * is room. A tag that finds no place becomes a dot.
+   * Put each tag above its box. The nearest box is placed first, all tags without their names; then names are added if
+   * there is room. A tag without a free place becomes a dot.
    */
   place(eye, stateOf) {
     const room = [this.holder.clientWidth, this.holder.clientHeight];
@@ -88,9 +88,9 @@ class Tags {
     for (const item of shown) this.show(item, bars);
   }
 
-  /** The tags that are in the view, those first that choose first; the others are hidden. */
+  /** The tags in the view, in the order of their placing; the other tags are hidden. */
   shown(eye, stateOf, [width, height]) {
-    const behind = 1e6; // those that are hidden choose after those that are seen, furniture after all objects
+    const behind = 1e6; // hidden objects are placed after visible ones, furniture after all objects
     const found = this.tags.map((item) => {
       const clip = toClip(eye.clip_world, item.top);
       const known = stateOf(item.object);
@@ -105,7 +105,7 @@ class Tags {
     return found.filter(({ tag }) => !tag.hidden).sort((a, b) => a.first - b.first);
   }
 
-  /** Where a tag may stand, the best first: left, top, right, bottom. */
+  /** The possible places of a tag, the best first: left, top, right, bottom. */
   places({ at: [x, y] }, { size: [width, height] }, [right, bottom]) {
     const left = clamp(x - width / 2, 2, Math.max(2, right - width));
     return RISES.map((rise) => y - rise)

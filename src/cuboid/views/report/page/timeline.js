@@ -1,7 +1,7 @@
-// When each object is seen (thick), and hidden but known (thin): the paper's figure as a plot.
+// The frames in which each object is seen (thick line), or hidden but in the map (thin line).
 
 const ROW = 18;
-// Room for labels with names; less on a phone.
+// Width for labels with names; less on a phone.
 const GUTTER = 236;
 const NARROW_GUTTER = 168;
 const NARROW = 560;
@@ -19,7 +19,7 @@ const SIGNS = {
 
 const measure = document.createElement("canvas").getContext("2d");
 
-/** A text cut to a width in pixels, and its width. */
+/** A text shortened to a width in pixels, and its final width. */
 function fitted(text, room) {
   if (!measure) return [text, room];
   measure.font = CHIP_FONT;
@@ -31,7 +31,7 @@ function fitted(text, room) {
   return [cut, wide(cut)];
 }
 
-/** A round step (1, 2, 5 times a power of ten) that gives at most so many ticks. */
+/** A round step (1, 2 or 5 times a power of ten) that gives at most `most` ticks. */
 function tickStep(length, most) {
   const rough = Math.max(1, length / Math.max(1, most));
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -53,13 +53,13 @@ class Timeline {
       if (sign) moved(frames.indexOf(Number(sign.dataset.frame)));
       const row = event.target.closest("[data-row]");
       const label = row && Number(row.dataset.row);
-      if (row && !(sign && this.state.selected === label)) chosen(label); // a sign leaves its object chosen
+      if (row && !(sign && this.state.selected === label)) chosen(label); // a click on a sign keeps its object selected
     });
     this.scrub(moved);
     new ResizeObserver(() => this.draw()).observe(find("rows"));
   }
 
-  /** Let a pointer on the axis move through the frames, as on the slider. */
+  /** A pointer on the axis moves through the frames, like the slider. */
   scrub(moved) {
     const move = (event) => {
       const share = (event.offsetX - this.gutter) / (this.width - this.gutter - EDGE);
@@ -80,7 +80,7 @@ class Timeline {
   }
 
   draw() {
-    this.width = find("rows").clientWidth || find("transport").clientWidth; // on a phone the list may be in its place
+    this.width = find("rows").clientWidth || find("transport").clientWidth; // on a phone, the list may be shown instead
     this.gutter = this.width < NARROW ? NARROW_GUTTER : GUTTER;
     const rows = this.state.wanted
       ? data.objects.filter(({ label }) => isWanted(this.state, label))
@@ -145,7 +145,7 @@ class Timeline {
   /** The sign of an event; a click goes to its frame. */
   sign(one, object, y) {
     const place = { transform: `translate(${this.x(one.frame)} ${y + ROW / 2})`, "data-event": one.event, "data-frame": one.frame };
-    const title = shape("title", {}, `${titleOf(object)}: ${wordsOf(one)}, told in frame ${one.frame}`);
+    const title = shape("title", {}, `${titleOf(object)}: ${wordsOf(one)}, reported in frame ${one.frame}`);
     return shape("g", { class: "event", ...place }, shape("circle", { r: 7 }), shape("path", { d: SIGNS[one.event] }), title);
   }
 

@@ -1,6 +1,6 @@
-// The tree of the place: surfaces, what is on them, and what is on and in that.
+// The tree of the place: surfaces, the objects on them, and the objects on and in those.
 
-/** A part of the tree as a list's item; the rows of its objects are put into `rows`. */
+/** A part of the tree as an item of a list; the rows of its objects are appended to `rows`. */
 function branchItem(branch, chosen, rows, parent = null) {
   const inner = branch.children.map((child) => branchItem(child, chosen, rows, objectOf.get(branch.of)));
   const below = inner.length ? element("ul", {}, ...inner) : "";
@@ -12,7 +12,7 @@ function branchItem(branch, chosen, rows, parent = null) {
   return element("li", {}, row, below);
 }
 
-/** A surface by its number, as on cards, and its height over the lowest one. */
+/** A surface with its number, as on cards, and its height above the lowest surface. */
 function surfaceName({ of, height }) {
   if (!of) return "Support unknown";
   const plane = Number(of.split(":")[1]);
@@ -20,7 +20,7 @@ function surfaceName({ of, height }) {
   return height ? `${number}, ${fixed(height, 2)} m above the lowest` : number;
 }
 
-/** What an object is to others, as on its card: "beside", [their chips and surfaces]. */
+/** The relations of an object for its card: "beside", [chips of the objects, surfaces]. */
 function relationLines(object, chosen) {
   const kinds = new Map();
   for (const [kind, to] of object.relations || []) kinds.set(kind, [...(kinds.get(kind) || []), to]);
