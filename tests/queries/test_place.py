@@ -89,8 +89,8 @@ def test_an_answer_has_box_times_and_relations(place: Place) -> None:
 
 def test_wrong_questions_are_one_line(place: Place, tmp_path: Path) -> None:
     for question, said in (
-        ({"on": "lamp"}, "no object that is there has the label or the name 'lamp'"),
-        ({"recording": "kitchen*"}, "recording: only the objects of a store"),
+        ({"on": "lamp"}, "no present object has the label or the name 'lamp'"),
+        ({"recording": "kitchen*"}, "recording: this filter needs a store"),
         ({"like": ("kitchen", 1)}, "like: only"),
     ):
         with pytest.raises(InputError, match=said):
@@ -104,7 +104,7 @@ def test_wrong_questions_are_one_line(place: Place, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no such scene file"):
         open_place(str(tmp_path / "none.cuboid"))
     old = write_place(tmp_path, begin_s=0.0)
-    with pytest.raises(InputError, match="no calendar's"):
+    with pytest.raises(InputError, match="no calendar times"):
         open_place(str(old)).find(Filters(since=datetime(2026, 3, 1, tzinfo=UTC)))
 
 

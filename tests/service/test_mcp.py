@@ -76,7 +76,7 @@ async def wrong_questions(client: Client) -> None:
     for name, values, said in (
         ("describe_object", {"label": 99}, "no object has the label 99"),
         ("find_objects", {"on": "lamp"}, "the name 'lamp'"),
-        ("find_objects", {"color": "mauve"}, "no color is called 'mauve'"),
+        ("find_objects", {"color": "mauve"}, "unknown color 'mauve'"),
         ("free_place", {"surface": "table", "length_m": 0.1, "width_m": 0.1}, "plane:0 to plane:1"),
         ("free_place", {"surface": "plane:1", "length_m": -0.1, "width_m": 0.1}, "greater than 0"),
     ):

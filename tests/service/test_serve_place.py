@@ -114,7 +114,7 @@ def test_what_is_wrong_is_one_line(address: str) -> None:
         ("objects/one", 400, "label: expected a whole number, got 'one'"),
         ("objects?size=3", 400, "unknown parameter 'size'"),
         ("objects?on=lamp", 400, "the name 'lamp'"),
-        ("objects?color=mauve", 400, "no color is called"),
+        ("objects?color=mauve", 400, "unknown color"),
         ("objects?recording=kitchen", 400, "unknown parameter 'recording'"),
         ("surfaces/7/free?length=1cm&width=1cm", 400, "plane:0 to plane:1"),
         ("surfaces/1/free?length=1cm", 400, "above 0 metres"),

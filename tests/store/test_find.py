@@ -177,7 +177,7 @@ def test_a_page_that_exists_is_replaced_with_force_only(
     [
         (("find", "STORE", "--like", "kitchen-1#9"), "recording 'kitchen-1' has no object 9"),
         (("find", "STORE", "--like", "garage#1"), "there is no recording 'garage'"),
-        (("find", "STORE", "--color", "mauve"), "no color is called 'mauve'; there are black, grey"),
+        (("find", "STORE", "--color", "mauve"), "unknown color 'mauve'; known colors: black, grey"),
         (("sql", "STORE", "select nothing from objects"), '"nothing" not found'),
         (("sql", "STORE", "selec"), "syntax error"),
     ],

@@ -78,7 +78,7 @@ def test_nothing_else_of_the_disk_is_given(address: str, path: str) -> None:
 
 def test_what_is_wrong_is_one_line(address: str) -> None:
     for question, said in (
-        ("color=mauve", "no color is called"),
+        ("color=mauve", "unknown color"),
         ("near=1,2", "expected X,Y,Z"),
         ("size=3", "unknown parameter 'size'"),
         ("limit=many", "expected a number"),

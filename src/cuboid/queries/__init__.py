@@ -1,1 +1,1 @@
-"""Questions to a place: which objects are where, what is on what, what was seen last and when; and typed answers."""
+"""Queries of a place: positions, relations and sightings of objects, free places; with typed answers."""

@@ -18,16 +18,16 @@ ChangeName = Literal["confirmed", "moved", "gone", "renamed", "merged", "appeare
 
 @dataclass(frozen=True)
 class Seen:
-    """When an object was seen.
+    """The frame and the time at which an object was seen.
 
     Attributes
     ----------
     frame : int
-        Of the recording.
+        Frame of the recording.
     recording : int or None
-        Of a scene, from 1.
+        Number of the recording in a scene, from 1; None without a scene.
     time : str or None
-        UTC, ISO 8601; None where the times of the recording are no calendar's.
+        UTC, ISO 8601; None if the recording has no calendar times.
     """
 
     frame: int
@@ -66,27 +66,27 @@ class FoundObject:
     name : str or None
     state : {"present", "gone", "merged", "forgotten"}
     kind : str
-        "volume", or of what depth does not read "flat" or "box".
+        "volume"; "flat" or "box" for objects without depth readings.
     classes : tuple of (str, float)
-        The next likely classes of a detector, with their probabilities.
+        The next most likely classes from a detector, with their probabilities.
     score : float
         Confidence that it is an object, 0..1.
     center_m, size_m : (3,)
-        Of its box in the world, metres; length, width and height along the box's own axes.
+        Centre of its box in the world, and length, width and height along the axes of the box, metres.
     quat_wxyz : (4,)
-        Rotation from the box's axes to the world.
+        Rotation from the axes of the box to the world.
     color : str or None
         The color word of its mean color.
     plane : int or None
-        Index of the supporting plane that it stands on.
+        Index of the plane that supports it.
     first_seen, last_seen : Seen
     frames_seen : int
     distance_m : float or None
-        From what it was to be near.
+        Distance from the place or object of the query, metres; None if the query has none.
     text_score : float or None
         Cosine of the angle between the vectors of a text and of the object's pictures, -1..1; None without a text.
     relations : tuple of Related or None
-        None where they were not asked for.
+        None if the query does not request them.
     """
 
     label: int
@@ -117,15 +117,15 @@ class Surface:
     surface : str
         "plane:k".
     center_m : (3,)
-        Middle of what was seen of it.
+        Centre of its seen part.
     normal : (3,)
-        Up.
+        Unit vector, up.
     height_m : float
-        Over the lowest surface.
+        Height above the lowest surface.
     area_m2 : float
-        Of what was seen of it.
+        Area of its seen part.
     objects : tuple of int
-        Labels of those that stand on it.
+        Labels of the objects that stand on it.
     """
 
     surface: str
@@ -144,12 +144,12 @@ class FreePlace:
     ----------
     surface : str
     center_m : (3,)
-        Middle of the footprint, on the surface.
+        Centre of the footprint, on the surface.
     along : (3,)
         Direction of the length, a unit vector.
     length_m, width_m : float
     distance_m : float
-        From where it was to be near.
+        Distance from the wanted place.
     """
 
     surface: str
@@ -173,7 +173,7 @@ class SightingAnswer:
 
 @dataclass(frozen=True)
 class PastRelated:
-    """A relation that an object has or had, and at the end of which recordings of the scene."""
+    """A present or past relation of an object, and the recordings of the scene at whose end it held."""
 
     kind: RelationKind
     to: int | str
@@ -189,14 +189,14 @@ class History:
     Attributes
     ----------
     label : int
-        The label now: that which it was merged into, where it was.
+        The present label: if the object was merged, the label of the merged object.
     merged_labels : tuple of int
     count : int
-        Sightings.
+        Number of sightings.
     sightings : tuple of SightingAnswer
-        At most as many as were asked for: the first, the last, and those between at equal steps.
+        At most the requested number: the first, the last, and equally spaced ones between them.
     relations : tuple of PastRelated
-        Of a scene whose recordings were tracked with relations.
+        Only in a scene whose recordings were tracked with relations.
     """
 
     label: int
@@ -208,7 +208,7 @@ class History:
 
 @dataclass(frozen=True)
 class TreeNode:
-    """A surface or an object with what is on it and in it: `cuboid.relations.Branch` with names."""
+    """A surface or an object, with the objects on it and in it: `cuboid.relations.Branch` with names."""
 
     of: int | str
     name: str | None
@@ -224,15 +224,15 @@ class MapChange:
     Attributes
     ----------
     number : int
-        From 1, in order.
+        Number of the change, in order from 1.
     change : {"confirmed", "moved", "gone", "renamed", "merged", "appeared", "back"}
-        The last two are events of the run itself.
+        "appeared" and "back" are events that the run reports.
     label : int
     name : str or None
     from_m, to_m : (3,) or None
-        Middle of its box before and after.
+        Centre of its box before and after the change.
     into : int or None
-        The label that it was merged into.
+        The label into which it was merged.
     """
 
     number: int
@@ -257,7 +257,7 @@ class About:
     changes : int
         Number of the last change.
     running : bool
-        Whether a run goes on.
+        Whether the run is active.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""Changes of a map: found by comparing its objects with those before, or told by a run; kept in a bounded list."""
+"""Changes of a map, in a bounded list: found by comparing old and new objects, or reported by a run."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from cuboid.core.tolerances import DRIFT_M
 from cuboid.queries.answers import MapChange
 from cuboid.queries.sources import vector
 
-# The latest changes that are kept, for clients that ask for those after a number.
+# Number of the latest changes that are kept, for clients that request the changes after a number.
 KEPT = 10_000
-# An object has moved when the middle of its box is this far, metres, from where it was said to be: boxes grow and
-# shift by less while more of an object is seen.
+# An object has moved when the centre of its box is this far, metres, from its last reported position: while more of an
+# object is seen, its box grows and shifts by less.
 MOVED_M = 2.0 * DRIFT_M
 
 
 class ChangeLog:
-    """The latest changes of a map, numbered from 1; those that listen are told of each."""
+    """The latest changes of a map, numbered from 1; listeners receive each of them."""
 
     def __init__(self) -> None:
         self._known: dict[int, TrackedObject] = {}
@@ -35,21 +35,21 @@ class ChangeLog:
         self.last = 0
 
     def listen(self, listener: Callable[[Sequence[MapChange]], None]) -> Callable[[], None]:
-        """Call a function with all changes from now on, from any thread; return what ends that."""
+        """Call a function with all later changes, from any thread; return a function that removes the listener."""
         with self._lock:
             self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
 
     def after(self, number: int) -> list[MapChange]:
-        """Return the changes after the one of this number that are still kept."""
+        """Return the kept changes with larger numbers than the given one."""
         with self._lock:
             return [one for one in self._kept if one.number > number]
 
     def update(self, objects: Iterable[TrackedObject]) -> None:
-        """Compare the objects that are there with those before, and note what changed; the first time nothing has."""
+        """Compare the present objects with the previous ones, and store the changes; the first call stores none."""
         now = {item.label: item for item in objects}
         found = self._found(now) if self._began else []
-        # Where an object was said to be stays until it has moved: it may drift in small steps.
+        # The reported position stays until the object has moved, since it may drift in small steps.
         moved = {one.label for one in found if one.change == "moved"}
         self._at = {
             label: item.box.center if label in moved else self._at.get(label, item.box.center)
@@ -59,7 +59,7 @@ class ChangeLog:
         self._tell(found)
 
     def add_events(self, events: Iterable[ObjectEvent]) -> None:
-        """Note the events that a run told."""
+        """Store the events that a run reports."""
         self._tell(
             [
                 MapChange(

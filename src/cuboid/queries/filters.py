@@ -29,24 +29,25 @@ class Filters:
     near : (float, float, float) or None
         A point in the world, metres.
     near_object : str or None
-        Another object, by label or name.
+        Label or name of another object.
     within_m : float
         Maximum distance from `near` or `near_object`.
     on, inside, beside : str or None
-        Label or name of the object that it is on, in or beside; or "plane:k".
+        Label or name of the object on, in or beside which it is; or "plane:k".
     recording : str or None
-        Glob of names of recordings.
+        Glob pattern for names of recordings.
     since, until : datetime or None
         Range of the time of the last sighting.
     color : str or None
         One of `COLOR_WORDS`.
     name : str or None
-        Its name, or one of the next likely classes with a probability of `LIKELY` and more; in any case.
+        Its name, or one of the next most likely classes with a probability of at least `LIKELY`; case is ignored.
     min_score : float or None
     like : (str, int) or None
-        Recording and label of an object: the most similar objects come first.
+        Recording and label of an object; the most similar objects come first.
     text : TextQuery or None
-        Objects are ranked by how well their pictures fit it; objects without a vector of its model are left out.
+        Objects are ranked by the similarity of their pictures to the text; objects without a vector of the model are
+        omitted.
     limit : int
         Maximum number of objects.
     """
@@ -70,13 +71,13 @@ class Filters:
 
     def __post_init__(self) -> None:
         if self.color is not None and self.color not in COLOR_WORDS:
-            raise InputError(f"no color is called '{self.color}'; there are {', '.join(COLOR_WORDS)}")
+            raise InputError(f"unknown color '{self.color}'; known colors: {', '.join(COLOR_WORDS)}")
         for what in (self.on, self.inside, self.beside, self.near_object):
             if what is not None and not what.strip():
                 raise InputError(f"expected the label or the name of an object, or plane:N, got {shown(what)}")
 
     def related(self) -> Iterator[tuple[RelationKind, str]]:
-        """Iterate over the relations that are asked for, each with what it is to."""
+        """Iterate over the requested relations: kind, and label or name of the other object or surface."""
         kinds: tuple[tuple[RelationKind, str | None], ...] = (
             ("on", self.on),
             ("in", self.inside),
@@ -88,11 +89,11 @@ class Filters:
 
 
 def label_of(text: str) -> int | None:
-    """Return the label that a text is, 7 or #7; None where it is a name or a surface."""
+    """Return the label in a text such as 7 or #7; None for a name or a surface."""
     found = _LABEL.fullmatch(text.strip())
     return None if found is None else int(found[1])
 
 
 def is_surface(text: str) -> bool:
-    """Tell whether a text names a surface: plane:0, wall:1."""
+    """Return whether a text names a surface, such as plane:0 or wall:1."""
     return SURFACE.fullmatch(text.strip()) is not None

@@ -15,15 +15,15 @@ from cuboid.geometry.box import Box
 from cuboid.queries.answers import FreePlace, Vector
 from cuboid.relations.footprints import Footprints
 
-# Side of a cell of the plan, metres; more on surfaces that would have more than `MAX_CELLS` along a side.
+# Side of a cell of the plan, metres; larger on surfaces that would have more than `MAX_CELLS` along a side.
 CELL_M, MAX_CELLS = 0.01, 400
-# Distance that a place keeps from objects and from the edge: the boxes err by about this, metres.
+# Minimum distance of a place from objects and from the edge, metres: the typical error of boxes.
 CLEARANCE_M = 0.01
-# Directions of the length that are tried, over half a turn.
+# Number of tested directions of the length, over half a turn.
 DIRECTIONS = 12
-# An object whose top is no higher than this above the surface does not stand on it, metres.
+# An object whose top is at most this high above the surface, metres, does not stand on it.
 FLAT_M = 0.005
-# Places nearer than this to the nearest one are as near: of their directions the first is taken, metres.
+# Places whose distances differ by less than this, metres, count as equally near; the first direction is taken.
 SAME_M = 0.005
 
 
@@ -34,24 +34,24 @@ def free_place(
     size_m: Vector,
     near: Float64Array | None,
 ) -> FreePlace | None:
-    """Return the nearest free place on a surface; None where there is none.
+    """Return the nearest free place on a surface; None if there is none.
 
     Parameters
     ----------
     surface : str
-        Its name.
+        Name of the surface.
     plane : SupportPlane
     boxes : sequence of Box
-        Of all objects of the place.
+        Boxes of all objects of the place.
     size_m : (3,)
         Length and width of the footprint, and height of the free space above it, metres.
     near : (3,) float64 or None
-        Where it is to be near, in the world; the middle of the surface unless given.
+        Wanted position in the world (default: the centre of the surface).
 
     Raises
     ------
     InputError
-        A size is no positive finite number.
+        A size is not a positive finite number.
     """
     length, width, height = size_m
     if not all(0.0 < side < np.inf for side in size_m):
@@ -79,7 +79,7 @@ def free_place(
 def _plan(
     outline: Float64Array, feet: Footprints, level_m: float, height_m: float, low: Float64Array, cell_m: float
 ) -> UInt8Array:
-    """Return the plan of a surface, (rows, columns): 1 where it was seen and nothing is above it, else 0."""
+    """Return the plan of a surface, (rows, columns): 1 in seen cells with free space above, else 0."""
     columns, rows = np.ceil(np.ptp(outline, axis=0) / cell_m).astype(int) + 3
     plan = np.zeros((int(rows), int(columns)), np.uint8)
     cv2.fillPoly(plan, [_cells(outline, low, cell_m)], 1)
@@ -98,7 +98,7 @@ def _cells(points: Float64Array, low: Float64Array, cell_m: float) -> npt.NDArra
 def _nearest(
     free: UInt8Array, wanted: Float64Array, length: float, width: float
 ) -> tuple[tuple[int, int], float] | None:
-    """Return the cell (column, row) and the turn of the nearest footprint, all in cells, that lies in the free part."""
+    """Return cell (column, row) and rotation, radians, of the nearest footprint in the free part; lengths in cells."""
     best: tuple[float, tuple[int, int], float] | None = None
     for turn in np.arange(DIRECTIONS) * np.pi / DIRECTIONS:
         fits = cv2.erode(free, _footprint(length, width, turn), borderType=cv2.BORDER_CONSTANT, borderValue=0)
@@ -113,7 +113,7 @@ def _nearest(
 
 
 def _footprint(length: float, width: float, turn: float) -> UInt8Array:
-    """Return the cells of a turned rectangle as a mask with an odd number of rows and columns."""
+    """Return the cells of a rotated rectangle as a mask with an odd number of rows and columns."""
     reach = int(np.ceil(np.hypot(length, width) / 2.0))
     x, y = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
     along, across = x * np.cos(turn) + y * np.sin(turn), -x * np.sin(turn) + y * np.cos(turn)

@@ -1,4 +1,4 @@
-"""Similarity of objects: the colors of their points and how these are spread."""
+"""Similarity of objects: the colors of their points, and the distribution of distances between the points."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ WORDS: dict[str, tuple[tuple[int, int, int], ...]] = {
 COLOR_WORDS = tuple(WORDS)
 
 # The distribution of distances between points (R. Osada et al., "Shape distributions", 2002), as fractions of the
-# diagonal of the box: 16 bins tell a ball from a plate, and a few hundred pairs fill them.
+# diagonal of the box: 16 bins distinguish a ball from a plate, and a few hundred pairs fill them.
 SHAPE_BINS, SHAPE_PAIRS = 16, 2048
 DIGITS = 3
-# Of more points, this many tell the colors as well.
+# Largest number of points used for colors; more points do not change the result.
 MAX_POINTS = 2000
 # Linear RGB of each value of a byte.
 _LINEAR = linear_rgb(np.arange(256) / 255.0)
 
 
 def color_fractions(rgb: UInt8Array) -> Float32Array:
-    """Return the fraction of colors (N, 3) that each color word is nearest to, (11,), in the order of `COLOR_WORDS`."""
+    """Return for each color word the fraction of colors (N, 3) nearest to it, (11,), in the order of `COLOR_WORDS`."""
     if not len(rgb):
         return np.zeros(len(COLOR_WORDS), np.float32)
     typical, owner = _typical()
     some = rgb[:: -(-len(rgb) // MAX_POINTS)]
     lab = oklab(_LINEAR[some])
-    apart = (typical**2).sum(axis=1) - 2.0 * lab @ typical.T  # but for the length of each, which they have in common
+    apart = (typical**2).sum(axis=1) - 2.0 * lab @ typical.T  # without |lab|^2, common to all words
     counts = np.bincount(owner[apart.argmin(axis=1)], minlength=len(WORDS))
     return np.round(counts / len(some), DIGITS).astype(np.float32)
 
 
 def color_word(fractions: Float32Array) -> str | None:
-    """Return the color word that most points have; None where there are no points."""
+    """Return the color word with the largest fraction; None without points."""
     return COLOR_WORDS[int(fractions.argmax())] if fractions.any() else None
 
 
 def shape_distribution(xyz: Float32Array, size_lwh: Float64Array) -> Float32Array:
-    """Return how far points (N, 3) are from each other, (16,): fractions of pairs by distance over the diagonal."""
+    """Return the distribution of distances between points (N, 3), (16,): fractions of pairs by distance / diagonal."""
     if len(xyz) < 2:
         return np.zeros(SHAPE_BINS, np.float32)
     a, b = np.random.default_rng(0).integers(0, len(xyz), (2, SHAPE_PAIRS))

@@ -1,4 +1,4 @@
-"""A place that is asked, opened by its path."""
+"""Open a place for queries by its path."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SCENE_SUFFIX = ".cuboid"
 
 
 def is_place(path: str) -> bool:
-    """Tell whether a path is a scene file or a result folder, and not a store."""
+    """Return whether a path is a scene file or a result folder, and not a store."""
     place = Path(path)
     return place.suffix == SCENE_SUFFIX or place.is_file() or any((place / name).is_file() for name in (RUN, OBJECTS))
 
@@ -30,7 +30,7 @@ def open_place(path: str, model: TextModel | None = None) -> Place:
     Raises
     ------
     InputError
-        It is none, or damaged.
+        The path is neither of them, or the place is damaged.
     """
     place = Path(path)
     return Place(ResultsSource(place) if place.is_dir() else SceneSource(place), model)

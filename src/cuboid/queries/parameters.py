@@ -1,4 +1,4 @@
-"""The parameters of pages and APIs: their meaning, and a request's values read into filters."""
+"""The parameters of pages and APIs: their meaning, and the conversion of a request into filters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Parameter:
     Attributes
     ----------
     schema : dict
-        Its OpenAPI type.
+        OpenAPI schema of its type.
     meaning : str
     field : str
         Name of its field in the search form.
@@ -38,7 +38,7 @@ class Parameter:
     field: str
 
 
-# The names are those of the command line, the order is that of the form.
+# The names are the same as on the command line; the order is that of the form.
 PARAMETERS: dict[str, Parameter] = {
     TEXT: Parameter(
         {"type": "string", "example": "something to drink from"},
@@ -75,12 +75,12 @@ PARAMETERS: dict[str, Parameter] = {
     "limit": Parameter({"type": "integer", "default": 50, "maximum": MAX_ROWS}, "maximum number of rows", "rows"),
 }
 
-# The search form hides the fields of these until they are wanted.
+# The search form hides the fields of these until the user opens them.
 SELDOM = ("on", "in", "beside", "since", "until", "near", "near_object", "within", "min_score", "limit")
 
 
 def given(asked: Mapping[str, str]) -> dict[str, str]:
-    """Return the parameters of a request that have a value: a form sends its empty fields as well.
+    """Return the parameters of a request that have a value; a form also sends its empty fields.
 
     Raises
     ------
@@ -89,17 +89,17 @@ def given(asked: Mapping[str, str]) -> dict[str, str]:
     """
     unknown = sorted(set(asked) - set(PARAMETERS))
     if unknown:
-        raise InputError(f"unknown parameter '{unknown[0]}'; there are {', '.join(PARAMETERS)}")
+        raise InputError(f"unknown parameter '{unknown[0]}'; known parameters: {', '.join(PARAMETERS)}")
     return {name: value.strip() for name, value in asked.items() if value.strip()}
 
 
 def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filters:
-    """Return a request's parameters, from `given`, as filters; `model` is that of `text_query`.
+    """Return the parameters of a request, from `given`, as filters; `model` as in `text_query`.
 
     Raises
     ------
     InputError
-        A value cannot be understood, or there is a text and no model.
+        A value is invalid, or there is a text and no model.
     """
 
     def read(name: str, reader: Callable[[str], T], otherwise: T) -> T:

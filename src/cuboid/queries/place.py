@@ -1,7 +1,7 @@
 """Queries of one place: the layer below `cuboid find`, the HTTP server and the MCP server.
 
 Queries of objects use lists that are rebuilt after the map has changed. Slow results (relations, up, vectors, clouds,
-meshes) are computed from a second opening of the place: other queries do not wait for them.
+meshes) are computed from a second opening of the place, so that other queries do not wait for them.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from cuboid.text_search import TextModel, ranked
 
 T = TypeVar("T")
 # A slow result is computed again after the map has changed, but not before this many times its computing time has
-# passed: computing takes at most a tenth of the time.
+# passed. So computing takes at most a tenth of the time.
 REST = 10.0
-# With more objects, relations are computed only among objects within this distance of those of the query, metres: the
-# relations on, in and beside depend on objects within `BESIDE_M`, and on those that these are on.
+# With more objects than this, relations are computed only among objects within this distance, metres, of the objects
+# of the query: the relations on, in and beside depend on objects within `BESIDE_M`, and on the supports of these.
 SMALL, AROUND_M = 300, 0.3
 # Default number of sightings in a history.
 SIGHTINGS = 20
 # Default free height above a footprint, metres: that of most objects on tables.
 FREE_HEIGHT_M = 0.3
-# Filters that need more than one recording, or the columns that a store has.
+# Filters that need several recordings, or columns that only a store has.
 ONLY_IN_A_STORE = ("recording", "like")
 
 
@@ -93,7 +93,7 @@ class Place:
             return About(title, kind, len(found), None if up is None else vector(up), last, running)
 
     def find(self, filters: Filters) -> list[FoundObject]:
-        """Return the objects that pass the filters: the best match of a text first, else the nearest, else by label.
+        """Return the objects that pass the filters, sorted by match with a text, else by distance, else by label.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class Place:
         """
         for name in ONLY_IN_A_STORE:
             if getattr(filters, name) is not None:
-                raise InputError(f"{name}: only the objects of a store are found by it")
+                raise InputError(f"{name}: this filter needs a store")
         asked = dict(filters.related())
         related = bool(asked)
         borne = self._found_aside(self._furniture) if related else {}
@@ -139,7 +139,7 @@ class Place:
             ]
 
     def object(self, label: int) -> FoundObject:
-        """Return one object with its relations, by its label or one that was merged into it.
+        """Return one object with its relations, by its label or by a label that was merged into it.
 
         Raises
         ------
@@ -153,7 +153,7 @@ class Place:
             return self._answer(now, item, None, relations if state == "present" else None, state)
 
     def last_seen(self, what: str) -> list[FoundObject]:
-        """Return the objects with a label or name at their last sighting, also those that are gone, the latest first.
+        """Return the last sightings of objects with a label or name, gone objects included, the latest first.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class Place:
             return [self._answer(now, item, None, None, state) for item, state in found]
 
     def history(self, label: int, limit: int = SIGHTINGS) -> History:
-        """Return the sightings of an object, and which relations it had when; raises as `object`."""
+        """Return the sightings of an object, and its past relations; raises the errors of `object`."""
         with self._lock:
             item, _ = self._now().find(label)
             seen = self._source.sightings(item)
@@ -187,7 +187,7 @@ class Place:
     def free_place(
         self, surface: str, length_m: float, width_m: float, height_m: float = FREE_HEIGHT_M, near: str | None = None
     ) -> FreePlace | None:
-        """Return the nearest free place on a surface for a footprint; None where there is none.
+        """Return the nearest free place on a surface for a footprint; None if there is none.
 
         Parameters
         ----------
@@ -196,7 +196,7 @@ class Place:
         length_m, width_m, height_m : float
             Size of the object that needs the place, metres.
         near : str, optional
-            "X,Y,Z" in the world, or label or name of an object; the middle of the surface by default.
+            "X,Y,Z" in the world, or label or name of an object (default: the centre of the surface).
 
         Raises
         ------
@@ -220,19 +220,19 @@ class Place:
             return tuple(_node(branch, names) for branch in found)
 
     def picture(self, label: int) -> bytes | None:
-        """Return an object's picture, JPEG; None where there is none; raises as `object`."""
+        """Return the picture of an object, JPEG; None if there is none; raises the errors of `object`."""
         item = self._item(label)
         with self._aside_lock:
             return self._source.picture(item)
 
     def cloud(self, label: int) -> PointCloud:
-        """Return the points of an object that is there; InputError where it is not."""
+        """Return the points of a present object; raises InputError for other objects."""
         label = self._item(label).label
         with self._aside_lock:
             return self._source.aside.cloud(label)
 
     def mesh(self, label: int, *, close: bool = False, complete: bool = False) -> ObjectMesh:
-        """Return the surface of an object, as of `MapQueries.mesh`."""
+        """Return the surface of an object, as `MapQueries.mesh` does."""
         label = self._item(label).label
         with self._aside_lock:
             return self._source.aside.mesh(label, close=close, complete=complete)
@@ -245,13 +245,13 @@ class Place:
         return self._objects.get(self._source.version())
 
     def _known_relations(self) -> dict[int, tuple[Relation, ...]]:
-        """Return the relations; not to be called by who holds the lock."""
+        """Return the relations; the caller must not hold the lock."""
         return self._found_aside(self._relations)
 
     def _relations_to(self, what: Iterable[str]) -> Mapping[int, Sequence[Relation]]:
-        """Return the relations of what is on, in or beside some objects; not to be called by who holds the lock.
+        """Return the relations of the objects around the named ones; the caller must not hold the lock.
 
-        In a large map those around the things alone are found, unless all are known.
+        In a large map, only the relations around the named objects are computed, unless all relations are available.
         """
         with self._lock:
             now, version, planes = self._now(), self._source.version(), tuple(self._source.map.planes)
@@ -266,7 +266,7 @@ class Place:
         return find_relations(near, planes, self._known_up(), ())
 
     def _known_up(self) -> Float64Array | None:
-        """Return up in the world; not to be called by who holds the lock."""
+        """Return the up direction in the world; the caller must not hold the lock."""
         return self._found_aside(self._up)
 
     def _found_aside(self, kept: _Kept[T]) -> T:
@@ -291,7 +291,7 @@ class Place:
         return self._source.vectors(self.model)
 
     def _distances(self, now: _Objects, filters: Filters) -> Float64Array | None:
-        """Return how far each object's box is from what it is to be near, metres, (N,); None where that is nothing."""
+        """Return the distance of each box from the place or object of the filters, metres, (N,); None without one."""
         if filters.near is not None:
             return now.distances_m(np.array(filters.near))
         if filters.near_object is None:
@@ -346,7 +346,7 @@ class Place:
 
 
 class _Kept(Generic[T]):
-    """Something of the map, found again when the map has changed and enough time has passed."""
+    """A result of the map, computed again when the map has changed and enough time has passed."""
 
     def __init__(self, find: Callable[[], T]) -> None:
         self._find = find
@@ -355,15 +355,15 @@ class _Kept(Generic[T]):
         self._again_s = 0.0
 
     def known(self, version: object, *, fresh: bool = False) -> list[T]:
-        """Return it in a list where it need not be found again; else an empty list.
+        """Return the result in a list if it need not be computed again; otherwise an empty list.
 
-        With `fresh` that of an earlier version is none.
+        With `fresh`, a result of an earlier version is not returned.
         """
         rests = not fresh and time.monotonic() < self._again_s
         return self._value if version == self._version or rests else []
 
     def get(self, version: object) -> T:
-        """Return it for a version of the map, or as it was for an earlier one."""
+        """Return the result for a version of the map, or a recent result for an earlier version."""
         known = self.known(version)
         if known:
             return known[0]
@@ -375,7 +375,7 @@ class _Kept(Generic[T]):
 
 
 class _Objects:
-    """The objects of a place at one moment, and arrays of those that are there."""
+    """The objects of a place at one moment, and arrays of the present ones."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -397,19 +397,19 @@ class _Objects:
                 self._called[name].append(item)
 
     def find(self, label: int) -> tuple[TrackedObject, State]:
-        """Return an object by its label, or by one that was merged into it, and its state; InputError for none."""
+        """Return an object and its state, by its label or by a merged label; raises InputError if there is none."""
         found = self._by_label.get(self._survivor.get(label, label))
         if found is None:
             raise InputError(f"no object has the label {label}")
         return found
 
     def called(self, what: str, *, gone: bool = False) -> list[TrackedObject]:
-        """Return the objects that are there, or with `gone` ever were, with a label or a name.
+        """Return the present objects with a label or a name; with `gone`, former objects with the label too.
 
         Raises
         ------
         InputError
-            There is none.
+            There is no such object.
         """
         label = label_of(what)
         if label is None:
@@ -418,18 +418,18 @@ class _Objects:
             one = self._by_label.get(self._survivor.get(label, label))
             found = [] if one is None or not (gone or one[1] == "present") else [one[0]]
         if not found:
-            raise InputError(f"no object that is there has the label or the name {shown(what)}")
+            raise InputError(f"no present object has the label or the name {shown(what)}")
         return found
 
     def around(self, items: Sequence[TrackedObject]) -> list[TrackedObject]:
-        """Return the objects that are there whose boxes are near those of others, these included."""
+        """Return the present objects whose boxes are near the given objects, these included."""
         near = np.zeros(len(self.living), bool)
         for item in items:
             near |= self.distances_m(item.box.center) <= AROUND_M + float(np.linalg.norm(item.box.size)) / 2.0
         return [self.living[k] for k in np.flatnonzero(near)]
 
     def kept(self, filters: Filters) -> Any:
-        """Tell which objects (N,) the filters let pass that look at each object alone."""
+        """Return which objects, (N,), pass the filters that depend on one object alone."""
         kept = np.ones(len(self.living), bool)
         if filters.size_m is not None and len(kept):
             longest = self._size.max(1)
@@ -448,7 +448,7 @@ class _Objects:
     def _was_seen(self, item: TrackedObject, since: datetime | None, until: datetime | None) -> bool:
         seen = self._source.last_seen(item).time
         if seen is None:
-            raise InputError("since, until: the times of this recording are no calendar's")
+            raise InputError("since, until: this recording has no calendar times")
         moment = datetime.fromisoformat(seen)
         return (since is None or moment >= since) and (until is None or moment < until)
 
@@ -463,7 +463,7 @@ def _holds(relations: Sequence[Relation], kind: str, ends: set[int | str]) -> bo
 
 
 def _surfaces(to: str, borne: Mapping[int, Sequence[int]]) -> set[int | str]:
-    """Return the surfaces that a text names: itself, or the planes of the furniture with that label; none of others."""
+    """Return the surfaces that a text names: a surface, or the planes of the furniture with this label; else none."""
     if is_surface(to):
         return {to.strip()}
     label = label_of(to)
@@ -471,7 +471,7 @@ def _surfaces(to: str, borne: Mapping[int, Sequence[int]]) -> set[int | str]:
 
 
 def _names_of(item: TrackedObject) -> set[str]:
-    """Return the names of an object, in small letters: its own, and the classes that it may well be of."""
+    """Return the names of an object in lower case: its name, and its likely classes."""
     own = set() if item.name is None else {item.name.lower()}
     return own | {name.lower() for name, score in item.names if score >= LIKELY}
 
@@ -483,7 +483,7 @@ def _is_called(item: TrackedObject, what: str) -> bool:
 
 @cache
 def _color(mean_rgb: bytes) -> str | None:
-    """Return the word of a mean color, (3,) float64 as bytes."""
+    """Return the color word of a mean color, given as the bytes of a (3,) float64."""
     rgb = np.clip(np.frombuffer(mean_rgb, np.float64).round(), 0, 255).astype(np.uint8)
     return color_word(color_fractions(rgb[None]))
 

@@ -1,4 +1,4 @@
-"""Found objects as rows, the same for a store and for one place: of tables that are printed, of pages, and for JSON."""
+"""Found objects as rows of printed tables, of pages, and for JSON; the same for a store and for one place."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict
     ----------
     found : FoundObject
     title : str
-        Of the place.
+        Title of the place.
     picture : bytes, optional
     """
     seen = found.last_seen.time
@@ -40,7 +40,7 @@ def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict
 
 
 def cells_of(row: Mapping[str, Any]) -> list[str]:
-    """Return what tables show of an object: name, size, place, color, frames, when."""
+    """Return the cells of an object in tables: name, size, position, color, number of frames, last sighting."""
     size = " x ".join(f"{100 * row[side]:.1f}" for side in ("longest_m", "middle_m", "shortest_m"))
     place = ", ".join(f"{row[f'center_{axis}_m']:z.2f}" for axis in "xyz")
     seen = row["last_seen"]

@@ -18,7 +18,7 @@ from cuboid.queries.answers import PastRelated, Seen, SightingAnswer, State, Vec
 from cuboid.scene import Scene, SceneObject
 from cuboid.text_search import TextModel
 
-# Times from here on (2001) are those of a calendar; cameras that start at zero stay below for thirty years.
+# Times from this one on (2001) are calendar times; the times of cameras that start at zero stay below it for 30 years.
 CALENDAR_S = 1.0e9
 
 
@@ -27,7 +27,7 @@ class Source(Protocol):
 
     @property
     def title(self) -> str:
-        """Title for people."""
+        """Title of the place."""
 
     @property
     def kind(self) -> Literal["results", "scene", "run"]:
@@ -43,22 +43,22 @@ class Source(Protocol):
 
     @property
     def aside(self) -> MapQueries:
-        """The same map for slow queries of another thread."""
+        """The same map, opened a second time for slow queries in another thread."""
 
     def walls(self) -> Sequence[Wall]:
-        """Return the walls that objects may be against, where finding them is cheap enough."""
+        """Return the walls for the relation `against`, if finding them is cheap enough."""
 
     def furniture(self) -> Mapping[int, tuple[int, ...]]:
-        """Return the supporting planes that furniture bears, by its label; for the thread that uses `aside`."""
+        """Return the supporting planes of each piece of furniture, by label; only for the thread that uses `aside`."""
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label."""
 
     def version(self) -> object:
-        """Return a value that differs after the map has changed."""
+        """Return a value that changes with each change of the map."""
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
-        """Return all objects, also those that are gone, by label."""
+        """Return all objects, gone ones included, sorted by label."""
 
     def first_seen(self, item: TrackedObject) -> Seen:
         """Return when an object was seen first."""
@@ -67,22 +67,22 @@ class Source(Protocol):
         """Return when an object was seen last."""
 
     def picture(self, item: TrackedObject) -> bytes | None:
-        """Return an object's picture, JPEG; None where there is none."""
+        """Return the picture of an object, JPEG; None if there is none."""
 
     def sightings(self, item: TrackedObject) -> list[SightingAnswer]:
         """Return the sightings of an object, in order."""
 
     def past_relations(self, item: TrackedObject) -> list[PastRelated]:
-        """Return the relations that an object has and had."""
+        """Return the present and past relations of an object."""
 
 
 class OneRecording(ABC):
-    """A source of one recording: all its objects are present, and frames have no number of a recording."""
+    """A source of one recording: all its objects are present, and its frames need no number of a recording."""
 
     map: MapQueries
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
-        """Return the objects, by label."""
+        """Return the objects, sorted by label."""
         return [(item, "present") for item in self.map.objects]
 
     def first_seen(self, item: TrackedObject) -> Seen:
@@ -94,7 +94,7 @@ class OneRecording(ABC):
         return self._seen(item.last_frame)
 
     def past_relations(self, item: TrackedObject) -> list[PastRelated]:
-        """Return nothing: only a scene has a history of relations."""
+        """Return an empty list: only a scene has a history of relations."""
         return []
 
     @abstractmethod
@@ -132,13 +132,13 @@ class ResultsSource(OneRecording):
         return found.st_mtime_ns, found.st_size
 
     def version(self) -> object:
-        """Return what differs once the files were replaced, or an object was named."""
+        """Return a value that changes when the files are replaced or an object is named."""
         if self._read_stamp() != self._stamp:
             self._open()
         return self._stamp
 
     def walls(self) -> Sequence[Wall]:
-        """Return the walls that objects may be against."""
+        """Return the walls for the relation `against`."""
         return self.aside.walls
 
     def furniture(self) -> Mapping[int, tuple[int, ...]]:
@@ -154,7 +154,7 @@ class ResultsSource(OneRecording):
         return Seen(frame, None, None if pose is None else calendar_time(pose.timestamp_s))
 
     def picture(self, item: TrackedObject) -> bytes | None:
-        """Return an object's picture, cut from the recording where that is still there."""
+        """Return the picture of an object, cut from the recording if that still exists."""
         from cuboid.views.report.pictures import best_sightings, cut_pictures
 
         if item.label not in self._pictures:
@@ -178,7 +178,7 @@ class ResultsSource(OneRecording):
 
 
 class SceneSource:
-    """A scene file, which another program may be writing.
+    """A scene file, to which another program may write at the same time.
 
     Parameters
     ----------
@@ -198,30 +198,31 @@ class SceneSource:
         self.version()
 
     def version(self) -> object:
-        """Return what differs once something was committed."""
+        """Return a value that changes with each commit."""
         recordings = self.map.recordings
         self._begun = {one.number: one.begun for one in recordings}
         self.running = bool(recordings) and not recordings[-1].complete
         return self.map.version, tuple(self._begun)
 
     def walls(self) -> Sequence[Wall]:
-        """Return none: the whole map would have to be read."""
+        """Return no walls, since finding them would need the whole map."""
         return ()
 
     def furniture(self) -> Mapping[int, tuple[int, ...]]:
-        """Return the planes of the furniture that recordings were asked for."""
+        """Return the planes of the furniture that runs into the scene have found."""
         return self.aside.furniture_planes
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label.
 
-        A scene keeps new vectors. It is opened for this call alone: while it is open to write, no run can add to it.
+        New vectors are stored in the scene. It is opened for this call only: while it is open for writing, no run can
+        add to it.
         """
         with Scene.open(self._path) as scene:
             return scene.vectors(model)
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
-        """Return all objects that ever had a label, by label."""
+        """Return all objects that ever had a label, sorted by label."""
         return [(item, item.state) for item in self.map.all_objects]  # type: ignore[misc]  # a literal in the file
 
     def first_seen(self, item: TrackedObject) -> Seen:
@@ -233,11 +234,11 @@ class SceneSource:
         return self._seen(*(item.last_seen if isinstance(item, SceneObject) else (0, item.last_frame)))
 
     def _seen(self, recording: int, frame: int) -> Seen:
-        """Return a frame of a recording with the time when tracking that recording began."""
+        """Return a frame of a recording with the time at which tracking of the recording began."""
         return Seen(frame, recording, self._begun.get(recording))
 
     def picture(self, item: TrackedObject) -> bytes | None:
-        """Return an object's picture."""
+        """Return the picture of an object."""
         return self.map.picture(item.label)
 
     def sightings(self, item: TrackedObject) -> list[SightingAnswer]:
@@ -248,7 +249,7 @@ class SceneSource:
         ]
 
     def past_relations(self, item: TrackedObject) -> list[PastRelated]:
-        """Return the relations that an object has and had."""
+        """Return the present and past relations of an object."""
         return [
             PastRelated(one.kind, one.to, one.first_recording, one.last_recording, round(one.score, 3))
             for one in self.map.relation_history(item.label)
@@ -256,13 +257,13 @@ class SceneSource:
 
 
 def calendar_time(seconds: float) -> str | None:
-    """Return a time as ISO 8601, UTC; None where it is no calendar's."""
+    """Return a time as ISO 8601, UTC; None if it is not a calendar time."""
     if seconds < CALENDAR_S:
         return None
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
 
 
 def vector(values: Float64Array | Sequence[float]) -> Vector:
-    """Return three numbers, to a micrometre."""
+    """Return three numbers, rounded to a micrometre."""
     x, y, z = (round(float(value), 6) for value in values)
     return x, y, z

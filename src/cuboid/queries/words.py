@@ -1,4 +1,4 @@
-"""Words of a query: lengths, places, times, objects; a wrong one is a ValueError of one line."""
+"""Words of a query: lengths, positions, times, objects; an invalid word raises a ValueError of one line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _AGO_S = {"min": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0}
 
 
 def length(text: str) -> float:
-    """Read a length with its unit, in metres."""
+    """Parse a length with its unit; return metres."""
     found = _LENGTH.fullmatch(text.strip())
     if found is None:
         raise ValueError(f"expected a length such as 14cm, 80mm or 0.5m, got '{text}'")
@@ -21,7 +21,7 @@ def length(text: str) -> float:
 
 
 def sizes(text: str) -> tuple[float, float]:
-    """Read two lengths; either may be left out, and a unit after the second is that of the first as well."""
+    """Parse a range of lengths; either end may be omitted, and the unit of the second holds for a first without one."""
     low, dots, high = text.partition("..")
     if not dots or not (low or high):
         raise ValueError(f"expected A..B such as 8..14cm, 0.5m.. or ..20cm, got '{text}'")
@@ -35,7 +35,7 @@ def sizes(text: str) -> tuple[float, float]:
 
 
 def place(text: str) -> tuple[float, float, float]:
-    """Read X,Y,Z in metres."""
+    """Parse X,Y,Z in metres."""
     try:
         x, y, z = (float(word) for word in text.split(","))
     except ValueError:
@@ -46,18 +46,18 @@ def place(text: str) -> tuple[float, float, float]:
 
 
 def moment(text: str) -> datetime:
-    """Read a date, a time, or how long ago it is."""
+    """Parse a date, a time, or a duration before now."""
     try:
         if ago := _AGO.fullmatch(text.strip()):
             return datetime.now(UTC) - timedelta(seconds=float(ago[1]) * _AGO_S[ago[2]])
         found = datetime.fromisoformat(text)
         return found.astimezone(UTC) if found.tzinfo else found.replace(tzinfo=UTC)
-    except (ValueError, OverflowError):  # no date, or one before or after all years
+    except (ValueError, OverflowError):  # no date, or a year out of range
         raise ValueError(f"expected 2026-03-01, 2026-03-01T12:00, or 7d, 12h, 30min, got '{text}'") from None
 
 
 def thing(text: str) -> tuple[str, int]:
-    """Read RECORDING#LABEL."""
+    """Parse RECORDING#LABEL."""
     name, sign, label = text.rpartition("#")
     if not (sign and name and label.isascii() and label.isdecimal()):
         raise ValueError(f"expected RECORDING#LABEL such as kitchen-3#7, got '{text}'")

@@ -1,25 +1,26 @@
 """Relations from the geometry of boxes and planes; each score is a probability, given the errors of the boxes.
 
-What a relation means, with all boxes exact:
+Meaning of the relations of an object A to another object B, if all boxes are exact:
 
 on
-    It rests on it: its foot is where the other's top is, and most of one footprint lies within the other.
+    A rests on B: its foot is at the height of B's top, and most of one footprint lies within the other.
 in
-    It stands inside it: most of its footprint lies within the other's, and its foot is below the other's top.
+    A stands inside B: most of its footprint lies within that of B, and its foot is below the top of B.
 supports
     The inverse of on and of in.
 beside
-    Neither stands on or in the other, the gap between the footprints is at most `BESIDE_M`, and the lower one's range
-    of heights is mostly the other's too.
+    Neither stands on or in the other, the gap between the footprints is at most `BESIDE_M`, and most of the height
+    range of the lower object is common to both.
 under
-    Most of its footprint lies below the other, and its middle is below the other's foot; or below a plane.
+    Most of A's footprint lies below B, and the centre of A is below the foot of B. The same holds for a plane as B.
 against
-    A side of it is no farther than `AGAINST_M` from a wall.
+    A side of A is at most `AGAINST_M` from a wall.
 
-An object stands on one level: the planes and the tops and insides of other objects beneath it compete. Each has the
-likelihood of the height of the object's foot, times the probability that it lies beneath; a plane below another object
-does not support what stands over that object. The score is the posterior probability among all of them and the
-possibility that the foot is not where the box says. Objects at the same height support together.
+An object stands on one level: the planes, and the tops and insides of other objects beneath it, compete as its support.
+The likelihood of a support is that of the height of the object's foot, times the probability that the support lies
+beneath the object; a plane below another object does not support an object above that object. The score is the
+posterior probability among all supports and the case that the box has a wrong foot. Supports at the same height do not
+compete.
 """
 
 from __future__ import annotations
@@ -38,31 +39,32 @@ from cuboid.relations.footprints import Footprints, IntArray
 from cuboid.relations.outlines import depths_inside_m
 from cuboid.relations.walls import depths_of_contact
 
-# Standard deviations of the height of a foot against what it stands on, and of the side of a box, metres. On made
-# recordings with a known up 95 of 100 feet err by no more than 9 mm, halves of sides by no more than 11 mm
-# (benchmarks/relations.py, seeds 1, 2, 21, 22), as with 5 mm; the rest errs by more than a normal distribution has.
+# Standard deviations, metres, of the height of a foot above its support, and of the position of a side of a box. On
+# made recordings with a known up direction, 95 % of feet have errors of at most 9 mm, and 95 % of half sides at most
+# 11 mm (benchmarks/relations.py, seeds 1, 2, 21, 22), as with a standard deviation of 5 mm; the errors of the other
+# 5 % are larger than those of a normal distribution.
 HEIGHT_SIGMA_M, SIDE_SIGMA_M = 0.008, 0.008
-# Standard deviation of the edge of what was seen of a plane, metres: the part under objects and behind them is missing.
+# Standard deviation of the edge of a plane's seen part, metres: the parts under and behind objects are missing.
 EDGE_SIGMA_M = 0.05
-# Greatest gap between things that are beside each other, and between a thing and the wall that it is against, metres.
+# Largest gap, metres, between objects beside each other, and between an object and a wall that it is against.
 BESIDE_M, AGAINST_M = 0.10, 0.05
-# Most of something.
-MOST = 0.5
-# Relations below this are not kept: none holds more likely than not, and all of the others would be listed for nothing.
+# Two boxes are on, in or under each other if more than this fraction of a footprint is common to both, and beside each
+# other if more than this fraction of the heights of the lower one is common to both.
+MIN_COMMON_FRACTION = 0.5
+# Only relations with at least this probability are kept; the others hold less likely than not.
 MIN_SCORE = 0.5
-# Density of the height of a foot, per metre, where it is not at what supports it: one box in fifty has its foot
-# somewhere within half a metre.
-ASTRAY_PER_M = 0.02 / 0.5
-# Of the things within a container, this fraction stands on its floor, which is this thick, metres; the others lie on
-# them, anywhere up to its rim.
+# Density of the height of a wrong foot, per metre: one box in fifty has its foot anywhere within half a metre.
+WRONG_FOOT_PER_M = 0.02 / 0.5
+# Fraction of the objects within a container that stand on its floor, and thickness of the floor, metres. The others lie
+# on these objects, at any height up to the rim.
 ON_FLOOR, FLOOR_M = 0.7, 0.01
-# A thing in another one is this many times rarer than one on a surface.
+# An object in another one is rarer than an object on a surface by this factor.
 RARER = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Support:
-    """What may be beneath an object: its name and kind, the height of its top, and how likely it is, up to a factor."""
+    """A possible support of an object: its name and kind, the height of its top, and its unnormalised likelihood."""
 
     to: int | str
     kind: RelationKind
@@ -84,14 +86,14 @@ def find_relations(
     planes : sequence of SupportPlane
         The supporting planes of the same map.
     up : (3,) float64 or None
-        Up in the world; None where it is unknown: there are no relations then.
+        Up in the world; None if it is unknown, and then there are no relations.
     walls : sequence of Wall
         From `find_walls`.
 
     Returns
     -------
     dict of int to tuple of Relation
-        By label, each object's own, the most likely first within a kind; also of objects without any.
+        Relations of each object by label, the most likely first within a kind; empty for objects without relations.
     """
     found: dict[int, list[Relation]] = {item.label: [] for item in objects}
     if up is not None and len(objects):
@@ -104,7 +106,7 @@ def find_relations(
 
 
 class _Place:
-    """Objects and planes with what every relation needs: which pairs are near, and how they lie to each other."""
+    """Objects and planes with the data for all relations: the near pairs, and their relative positions."""
 
     def __init__(self, objects: Sequence[TrackedObject], planes: Sequence[SupportPlane], up: Float64Array) -> None:
         self.labels = [item.label for item in objects]
@@ -114,7 +116,7 @@ class _Place:
         narrow = self.feet.half.min(1) * 2.0
         sigma = np.sqrt(2.0) * SIDE_SIGMA_M / np.maximum(np.minimum(narrow[self.one], narrow[self.other]), SIDE_SIGMA_M)
         # Probability that most of the footprint of `one` lies within that of `other`, and the reverse.
-        self.over = ndtr((self.feet.common_fractions(self.one, self.other) - MOST) / sigma)
+        self.over = ndtr((self.feet.common_fractions(self.one, self.other) - MIN_COMMON_FRACTION) / sigma)
         self.over_back = np.concatenate([self.over[len(first) :], self.over[: len(first)]])
         self.gap_m = self.feet.gaps_m(self.one, self.other)
         self.levels, self.within = _planes(planes, up, self.feet)
@@ -127,12 +129,12 @@ class _Place:
         middle = (low + high)[self.one] / 2.0
         higher = ndtr((middle - low[self.other]) / (np.sqrt(2.0) * HEIGHT_SIGMA_M))
         on = _density(low[self.one] - high[self.other]) * np.maximum(self.over, self.over_back) * higher
-        # Of two boxes that stand on one level and cover each other, the smaller one is in the larger one.
+        # If two boxes at the same level cover each other, the smaller one is in the larger one.
         area = self.feet.half.prod(1)
         lower = ndtr((rise - HEIGHT_SIGMA_M) / (np.sqrt(2.0) * HEIGHT_SIGMA_M))
         higher = higher * np.maximum(lower, area[self.one] < area[self.other])
         inside = self._inside(rise) * self.over * higher / RARER
-        covered = self.over * higher  # nothing lower than the other is beneath
+        covered = self.over * higher  # an object whose centre is below the other's foot is not above it
         rows = _rows_of(self.one, len(self.labels))
         for a, label in enumerate(self.labels):
             pairs = rows[a]
@@ -149,7 +151,7 @@ class _Place:
             self.rests[pairs] = [by_label[self.labels[b]] for b in self.other[pairs].tolist()]
 
     def _inside(self, rise: Float64Array) -> Float64Array:
-        """Return the density, per metre, of the height of things over the foot of what they are in, (P,)."""
+        """Return the density, per metre, of the height of objects above the foot of their container, (P,)."""
         tall = np.maximum(self.feet.high - self.feet.low, FLOOR_M)[self.other]
         sigma = np.hypot(HEIGHT_SIGMA_M, FLOOR_M)
         below_rim = ndtr((tall - rise) / HEIGHT_SIGMA_M)
@@ -158,7 +160,7 @@ class _Place:
     def _supports(
         self, a: int, pairs: IntArray, on: Float64Array, inside: Float64Array, covered: Float64Array
     ) -> list[_Support]:
-        """Return what may be beneath an object; `pairs` are those in which it is the first."""
+        """Return the possible supports of an object; `pairs` are the pairs with it as the first object."""
         low, high = self.feet.low, self.feet.high
         others = self.other[pairs]
         found = []
@@ -174,7 +176,7 @@ class _Place:
         return [one for one in found if one.likelihood > 0.0]
 
     def _hidden(self, level_m: float, pairs: IntArray, covered: Float64Array) -> float:
-        """Return the probability that none of the others lies between a level and the object."""
+        """Return the probability that no other object lies between a level and the object."""
         higher = ndtr((self.feet.high[self.other[pairs]] - level_m - HEIGHT_SIGMA_M) / HEIGHT_SIGMA_M)
         return float(np.prod(1.0 - covered[pairs] * higher))
 
@@ -186,7 +188,7 @@ class _Place:
         common = np.minimum(high[one], high[other]) - np.maximum(low[one], low[other])
         lower = np.minimum(high[one] - low[one], high[other] - low[other])
         score = ndtr((BESIDE_M - self.gap_m[:half]) / (np.sqrt(2.0) * SIDE_SIGMA_M))
-        score = score * ndtr((common - MOST * lower) / HEIGHT_SIGMA_M)
+        score = score * ndtr((common - MIN_COMMON_FRACTION * lower) / HEIGHT_SIGMA_M)
         score = score * (1.0 - np.minimum(self.rests[:half] + self.rests[half:], 1.0))
         score = score * (1.0 - np.maximum(self.over[:half], self.over_back[:half]))
         for a, b, value in _likely(one, other, score):
@@ -207,7 +209,7 @@ class _Place:
 
 
 def _planes(planes: Sequence[SupportPlane], up: Float64Array, feet: Footprints) -> tuple[Float64Array, Float64Array]:
-    """Return the height of each plane at each object, and the probability that it is over or under it, (K, N)."""
+    """Return the height of each plane at each object, and the probability that the plane extends there, (K, N)."""
     levels, within = np.zeros((len(planes), len(feet))), np.zeros((len(planes), len(feet)))
     for k, plane in enumerate(planes):
         slope = float(plane.normal @ up)
@@ -227,9 +229,9 @@ def _add_walls(found: dict[int, list[Relation]], objects: Sequence[TrackedObject
 
 
 def _posterior(supports: Sequence[_Support]) -> list[float]:
-    """Return the probability of each support; those at one level do not compete."""
+    """Return the probability of each support; supports at the same level do not compete."""
     order = sorted(range(len(supports)), key=lambda k: (supports[k].kind == "in", supports[k].level_m))
-    total, scores, last = ASTRAY_PER_M, [0.0] * len(supports), None
+    total, scores, last = WRONG_FOOT_PER_M, [0.0] * len(supports), None
     for k in order:
         one = supports[k]
         if one.kind == "in" or last is None or one.level_m - last[0] > HEIGHT_SIGMA_M:
@@ -242,12 +244,12 @@ def _posterior(supports: Sequence[_Support]) -> list[float]:
 
 
 def _density(off_m: Float64Array, sigma_m: float = HEIGHT_SIGMA_M) -> Float64Array:
-    """Return the normal density, per metre, of deviations."""
+    """Return the density of a normal distribution, per metre, at deviations."""
     return np.asarray(np.exp(-0.5 * (off_m / sigma_m) ** 2) / (sigma_m * np.sqrt(2.0 * np.pi)))
 
 
 def _rows_of(one: IntArray, count: int) -> list[IntArray]:
-    """Return the pairs in which each of `count` objects is the first."""
+    """Return for each of `count` objects the pairs with it as the first object."""
     order = np.argsort(one, kind="stable")
     return np.split(order, np.searchsorted(one[order], np.arange(1, count)))
 

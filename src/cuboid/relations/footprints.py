@@ -1,4 +1,4 @@
-"""Boxes seen along the up direction: a rectangle on the ground and a range of heights each."""
+"""Boxes from above: each is a rectangle on the ground and a range of heights."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from cuboid.geometry.box import Box
 
 IntArray = npt.NDArray[np.int64]
 
-# Points along each side of a footprint at which it is compared with another one: the fraction that they have in common
-# is then known to 1/64.
+# Points along each side of a footprint for the comparison with another one; they give the common fraction to 1/64.
 SAMPLES = 8
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 _GRID = np.stack(np.meshgrid(*[(np.arange(SAMPLES) + 0.5) / SAMPLES * 2.0 - 1.0] * 2), -1).reshape(-1, 2)
@@ -31,7 +30,7 @@ class Footprints:
     ground : (3, 2) float64
         Two axes across up; coordinates on the ground are p @ ground, metres.
     center : (N, 2) float64
-        Of the rectangles, on the ground.
+        Centres of the rectangles, on the ground.
     axes : (N, 2, 2) float64
         Columns are the directions of the sides, unit vectors on the ground.
     half : (N, 2) float64
@@ -49,7 +48,7 @@ class Footprints:
 
     @classmethod
     def of(cls, boxes: Sequence[Box], up: Float64Array) -> Footprints:
-        """Return the footprints of boxes; a tilted box has that of the upright box around it.
+        """Return the footprints of boxes; for a tilted box, the footprint of the upright box around it.
 
         Parameters
         ----------
@@ -78,7 +77,7 @@ class Footprints:
         return len(self.low)
 
     def neighbours(self, within_m: float) -> tuple[IntArray, IntArray]:
-        """Return the pairs (i, j), i < j, whose footprints are no farther apart than a distance, and some more."""
+        """Return the pairs (i, j), i < j, with footprints at most a distance apart, and some pairs beyond it."""
         if len(self) < 2:
             return np.zeros(0, np.int64), np.zeros(0, np.int64)
         radius = np.linalg.norm(self.half, axis=1)
@@ -97,7 +96,7 @@ class Footprints:
         return np.asarray(inside.all(2).mean(1))
 
     def gaps_m(self, one: IntArray, other: IntArray) -> Float64Array:
-        """Return the distance (P,) of footprints, metres; where they overlap, minus the depth by which they do."""
+        """Return the distance (P,) between footprints, metres; for overlapping ones, minus the depth of the overlap."""
         beyond = [np.abs(self._in_frame(b, self._points(a, _CORNERS))) for a, b in ((one, other), (other, one))]
         away = [
             np.linalg.norm(np.maximum(corner - self.half[b][:, None], 0.0), axis=2).min(1)
@@ -107,17 +106,17 @@ class Footprints:
         return np.asarray(np.where(apart > 0.0, np.minimum(*away), apart))
 
     def _separation(self, one: IntArray, other: IntArray) -> Float64Array:
-        """Return how far pairs are apart along the sides of the second, metres, negative where they overlap (P,)."""
+        """Return the distance of pairs along the sides of the second footprint, metres, negative for overlaps, (P,)."""
         between = np.abs(np.einsum("pij,pi->pj", self.axes[other], self.center[one] - self.center[other]))
         across = np.abs(np.einsum("pij,pik->pjk", self.axes[other], self.axes[one]))
         reach = np.einsum("pjk,pk->pj", across, self.half[one])
         return np.asarray((between - reach - self.half[other]).max(1))
 
     def _points(self, which: IntArray, units: Float64Array) -> Float64Array:
-        """Return points of footprints on the ground, (P, K, 2), from their places in half sides (K, 2)."""
+        """Return points of footprints on the ground, (P, K, 2), from positions in units of half sides (K, 2)."""
         own = units[None] * self.half[which][:, None]
         return np.asarray(self.center[which][:, None] + np.einsum("pij,pkj->pki", self.axes[which], own))
 
     def _in_frame(self, which: IntArray, points: Float64Array) -> Float64Array:
-        """Return points (P, K, 2) on the ground along the sides of footprints, from their centres, (P, K, 2)."""
+        """Return points (P, K, 2) on the ground in the frames of footprints: origin at centre, axes along sides."""
         return np.asarray((points - self.center[which][:, None]) @ self.axes[which])

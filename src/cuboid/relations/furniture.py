@@ -1,4 +1,4 @@
-"""Furniture: what bears supporting planes, such as a table beneath its top or a shelf around its boards."""
+"""Furniture that bears supporting planes, such as a table beneath its top or a shelf around its boards."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import level_rotation
 from cuboid.relations.walls import CELL_M, Numbers, cubes_of
 
-# Sides and legs of furniture stand out from the outline of its top by no more than this, metres.
+# Sides and legs of furniture extend beyond the outline of its top by at most this, metres.
 RIM_M = 0.06
-# Points of one piece of furniture have no wider gaps than this, metres: poses drift, and points are one in a cell.
+# Largest gap between points of one piece of furniture, metres: poses drift, and there is one point per cell.
 LINK_M = DRIFT_M + CELL_M
-# What bears a plane was seen down to this far below it, metres: less is the edge of a board.
+# Furniture was seen at least this far below the plane that it bears, metres; less is the edge of a board.
 MIN_DROP_M = 0.1
-# Fraction of its points that may lie below the box, or beside it: strays.
+# Fraction of stray points that may lie below the box or beside it.
 STRAY_FRACTION = 0.01
 
 
@@ -37,13 +37,13 @@ class Furniture:
     Attributes
     ----------
     box : Box
-        Of what was seen of it, in the world; no higher than its highest plane.
+        Box of its seen part, in the world; at most as high as its highest plane.
     planes : tuple of int
-        Supporting planes that it bears, by their place in the list.
+        Indices of the supporting planes that it bears.
     plane : int or None
-        Plane that it stands on, by its place in the list; None where it is unknown.
+        Index of the plane on which it stands; None if unknown.
     points : (N,) int64
-        Its points beneath these planes, by their place in the map.
+        Indices, in the map, of its points beneath these planes.
     """
 
     box: Box
@@ -65,7 +65,7 @@ class _Area:
     outline : (N, 3) float64
         In the level frame.
     inside, around : (H, W) uint8
-        1 for the cells within its outline, and for those within `RIM_M` of it.
+        1 for the cells within its outline, and for the cells within `RIM_M` of it.
     """
 
     coefficients: Float64Array
@@ -75,28 +75,28 @@ class _Area:
     around: UInt8Array
 
     def height_m(self, points: Float64Array) -> Float64Array:
-        """Return how high points (N, 3) lie above the plane."""
+        """Return the heights of points (N, 3) above the plane, metres."""
         return np.asarray(points @ self.coefficients[:3] + self.coefficients[3])
 
     def holds(self, image: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which points (N, 3) lie over the cells of `inside` or `around`."""
+        """Return which points (N, 3) lie above or below the marked cells of `image` (`inside` or `around`)."""
         x, y = (np.floor(points[:, :2] / CELL_M).astype(np.int64) - self.corner).T
         known = (x >= 0) & (y >= 0) & (x < image.shape[1]) & (y < image.shape[0])
         return np.asarray(known & (image[np.where(known, y, 0), np.where(known, x, 0)] > 0))
 
 
 def find_furniture(planes: Sequence[SupportPlane], points: MapPoints, up: Float64Array | None) -> tuple[Furniture, ...]:
-    """Find what bears the supporting planes: points of no object beneath a plane that reach up to it.
+    """Find the furniture that bears supporting planes: points without an object, beneath a plane and up to it.
 
-    A plane with nothing beneath, such as the floor, is no furniture. Planes with common points beneath them, such as
-    boards between the same two sides, belong to one piece.
+    A plane with nothing beneath it, such as the floor, has no furniture. Planes with common points beneath them, such
+    as boards between the same two sides, belong to one piece.
 
     Parameters
     ----------
     planes : sequence of SupportPlane
     points : MapPoints
     up : (3,) float64 or None
-        Up in the world; None where it is unknown: nothing is found then.
+        Up in the world; None if it is unknown, and then nothing is found.
     """
     if up is None or not len(planes):
         return ()
@@ -143,13 +143,13 @@ def _area(plane: SupportPlane, R: Float64Array) -> _Area:
 
 
 def _on(area: _Area, points: Float64Array, heights: Float64Array) -> Float64Array:
-    """Return points (N, 3) near a plane, at heights (N,) above it, moved onto it; without points its outline."""
+    """Project points (N, 3), at heights (N,) above a plane, onto it; without points, return its outline."""
     normal = area.coefficients[:3]
     return points - heights[:, None] * normal if len(points) else area.outline
 
 
 def _connected(points: Float64Array) -> npt.NDArray[np.int32]:
-    """Number points (N, 3) by the part that they belong to, (N,): gaps within a part are no wider than `LINK_M`."""
+    """Return the number of the connected part of each point (N, 3), (N,): gaps within a part are at most `LINK_M`."""
     i, j = cKDTree(points).query_pairs(LINK_M, output_type="ndarray").T
     links = coo_array((np.ones(len(i), bool), (i, j)), shape=(len(points), len(points)))
     return np.asarray(connected_components(links, directed=False)[1], np.int32)
@@ -158,7 +158,7 @@ def _connected(points: Float64Array) -> npt.NDArray[np.int32]:
 def _parts_that_bear(
     part: npt.NDArray[np.int32], beneath: npt.NDArray[np.bool_], heights: Float64Array
 ) -> npt.NDArray[np.bool_]:
-    """Tell which planes (P,) each part (K,) bears, (P, K): it reaches up to the plane, and goes far enough down.
+    """Return which planes (P,) each part (K,) bears, (P, K): it reaches up to the plane, and far enough down.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def _parts_that_bear(
     beneath : (P, N) bool
         Points that lie beneath each plane.
     heights : (P, N) float64
-        Of the points above each plane, metres.
+        Heights of the points above each plane, metres.
     """
     bears = np.zeros((len(beneath), int(part.max()) + 1), bool)
     for row, below, height in zip(bears, beneath, heights, strict=True):
@@ -179,7 +179,7 @@ def _parts_that_bear(
 
 
 def _pieces(bears: npt.NDArray[np.bool_], part: npt.NDArray[np.int32]) -> list[tuple[Numbers, npt.NDArray[np.bool_]]]:
-    """Return planes and points of each piece of furniture: planes with a part in common are one piece."""
+    """Return planes and points of each piece of furniture: planes with a common part belong to one piece."""
     shared = bears.astype(np.int64) @ bears.T.astype(np.int64)
     piece_of = np.asarray(connected_components(csr_array(shared), directed=False)[1], np.int32)
     pieces = []
@@ -191,7 +191,7 @@ def _pieces(bears: npt.NDArray[np.bool_], part: npt.NDArray[np.int32]) -> list[t
 
 
 def _stands_on(areas: Sequence[_Area], members: Numbers, points: Float64Array) -> tuple[int | None, float]:
-    """Return the plane that furniture stands on, None where it is unknown, and how high its foot is, metres.
+    """Return the plane on which furniture stands, None if unknown, and the height of its foot, metres.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def _stands_on(areas: Sequence[_Area], members: Numbers, points: Float64Array) -
     members : (M,) int64
         The planes that it bears.
     points : (N, 3) float64
-        Its points in the level frame; those of the plane that it stands on are not among them.
+        Its points in the level frame, without the points of the plane on which it stands.
     """
     low_m = float(np.quantile(points[:, 2], STRAY_FRACTION))
     feet = points[np.abs(points[:, 2] - low_m) <= CELL_M]
@@ -219,11 +219,11 @@ def _box(points: Float64Array, tops: Float64Array, foot_m: float, R: Float64Arra
     Parameters
     ----------
     points : (N, 3) float64
-        What was seen of it beneath the planes that it bears, in the level frame.
+        Its points beneath the planes that it bears, in the level frame.
     tops : (M, 3) float64
-        What was seen of these planes.
+        Points of these planes.
     foot_m : float
-        How high it begins.
+        Height of its foot.
     R : (3, 3) float64
         From the world to the level frame.
     """

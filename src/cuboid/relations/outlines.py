@@ -1,4 +1,4 @@
-"""How deep points lie inside the outlines of planes."""
+"""Depth of points inside the outlines of planes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cuboid.geometry.polygons import lie_inside
 def depths_inside_m(points: Float64Array, outline: Float64Array) -> Float64Array:
     """Return the distance of points (N, 2) from the edge of a polygon (K, 2), metres: negative outside, (N,).
 
-    Outside of everything, -inf, where the polygon has fewer than three corners.
+    If the polygon has fewer than three corners, all distances are -inf.
     """
     if len(outline) < 3:
         return np.full(len(points), -np.inf)

@@ -1,4 +1,4 @@
-"""The tree of a place: surfaces, the things on them, and the things on and in those."""
+"""The tree of a place: surfaces, the objects on them, and the objects on and in those."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from cuboid.core.frame import Float64Array
 from cuboid.core.results import Relation, SupportPlane, TrackedObject
 
-# Kinds of relations that put a thing beneath another one in the tree.
+# Kinds of relations that make an object a child of another one in the tree.
 PLACED = ("on", "in")
 
 
@@ -43,7 +43,7 @@ def place_tree(
     planes: Sequence[SupportPlane],
     up: Float64Array | None,
 ) -> tuple[Branch, ...]:
-    """Return the tree of a place: each object once, under what it most likely is on or in.
+    """Return the tree of a place: each object once, below its most likely support.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ def place_tree(
     Returns
     -------
     tuple of Branch
-        The surfaces that bear something, the highest first; then, where there are any, things that stand on nothing
-        known.
+        The surfaces that bear objects, the highest first; then, if there are any, the parent of the objects with an
+        unknown support.
     """
     labels = {item.label for item in objects}
     above = {label: _support(relations.get(label, ()), labels) for label in sorted(labels)}
@@ -81,7 +81,7 @@ def place_tree(
 
 
 def plane_heights_m(planes: Sequence[SupportPlane], up: Float64Array | None) -> list[float]:
-    """Return the height of the middle of each supporting plane over that of the lowest one, metres."""
+    """Return the height of the centre of each supporting plane above that of the lowest one, metres."""
     if up is None:
         return [0.0] * len(planes)
     heights = [float(plane.extent.mean(0) @ up) for plane in planes]
@@ -94,13 +94,13 @@ def number_of(surface: str) -> int:
 
 
 def _support(relations: Sequence[Relation], labels: set[int]) -> Relation | None:
-    """Return what an object is most likely on or in."""
+    """Return the most likely relation "on" or "in" of an object."""
     placed = [one for one in relations if one.kind in PLACED and (isinstance(one.to, str) or one.to in labels)]
     return max(placed, key=lambda one: one.score, default=None)
 
 
 def _break_circles(above: dict[int, Relation | None]) -> None:
-    """Let the least likely support of each circle of things, which stand on each other, be unknown."""
+    """Make the least likely support unknown in each circle of objects that stand on each other."""
     for label in above:
         path: list[int] = []
         at: int | str | None = label

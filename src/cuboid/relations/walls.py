@@ -1,4 +1,4 @@
-"""Walls: wide upright planes among the points of a map that belong to no object."""
+"""Walls: wide vertical planes among the points of a map without an object."""
 
 from __future__ import annotations
 
@@ -13,19 +13,18 @@ from cuboid.core.results import MapPoints, Wall
 from cuboid.core.tolerances import BIAS_M, DRIFT_M
 from cuboid.geometry.box import Box
 
-# Points are thinned to one in a cube of this side, metres; a wall is then a plane with so many of them.
+# Points are thinned to one per cube of this side, metres, so that the number of points of a plane gives its area.
 CELL_M = 0.03
-# A wall has at least this much that was seen, square metres, and reaches over at least this height, metres: sides of
-# things and of boxes are smaller.
+# Minimum seen area of a wall, square metres, and minimum height, metres: the sides of objects are smaller.
 MIN_AREA_M2, MIN_HEIGHT_M = 0.3, 0.4
-# Directions in which walls are sought, radians: at two metres from a wall's middle, half a step is off by `DRIFT_M`.
+# Step between tested directions of walls, radians: half a step shifts a wall by `DRIFT_M` at two metres from its centre.
 STEP_RAD = np.radians(1.5)
-# A map has no more walls than this.
+# Largest number of walls of a map.
 MAX_WALLS = 12
-# What lies so near to a wall, metres, is of the wall: skirtings, frames, folds of a curtain.
+# Points within this distance of a wall, metres, belong to it: skirtings, frames, folds of a curtain.
 THICK_M = 0.15
-# Fraction of the cells within the outline of a wall that must have been seen: points of many things that lie in one
-# plane by chance fill less.
+# Minimum fraction of seen cells within the outline of a wall: points of several objects that lie in one plane by chance
+# fill less.
 MIN_FILLED = 0.3
 Numbers = npt.NDArray[np.int64]
 
@@ -37,7 +36,7 @@ def find_walls(points: MapPoints, up: Float64Array | None) -> tuple[Wall, ...]:
     ----------
     points : MapPoints
     up : (3,) float64 or None
-        Up in the world; None where it is unknown: no wall is found then.
+        Up in the world; None if it is unknown, and then no wall is found.
     """
     if up is None:
         return ()
@@ -61,12 +60,12 @@ def find_walls(points: MapPoints, up: Float64Array | None) -> tuple[Wall, ...]:
 
 
 def thinned(local: Float64Array) -> Float64Array:
-    """Return one of the points (N, 3) in each cube of `CELL_M`."""
+    """Return one of the points (N, 3) for each cube of side `CELL_M`."""
     return local[cubes_of(local)[0]]
 
 
 def cubes_of(local: Float64Array) -> tuple[Numbers, Numbers]:
-    """Return the first of the points (N, 3) in each cube of `CELL_M`, (M,), and the cube of each point, (N,)."""
+    """Return the first point of (N, 3) in each cube of side `CELL_M`, (M,), and the cube of each point, (N,)."""
     cells = np.floor(local / CELL_M).astype(np.int64)
     cells -= cells.min(axis=0, initial=0)
     numbers = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0, initial=0) + 1))
@@ -78,7 +77,7 @@ def cubes_of(local: Float64Array) -> tuple[Numbers, Numbers]:
 
 
 def _fullest(local: Float64Array) -> tuple[Float64Array, float]:
-    """Return the level direction (2,) and the distance along it at which a slab has most points."""
+    """Return the horizontal direction (2,), and the distance along it, of the slab with the most points."""
     best = 0, np.array([1.0, 0.0]), 0.0
     for angle in np.arange(0.0, np.pi, STEP_RAD):
         across = np.array([np.cos(angle), np.sin(angle)])
@@ -91,7 +90,7 @@ def _fullest(local: Float64Array) -> tuple[Float64Array, float]:
 
 
 def _fitted(local: Float64Array, across: Float64Array) -> tuple[Float64Array, float]:
-    """Return the direction across and the distance of the upright plane of least squares through points."""
+    """Return the horizontal normal and the distance of the vertical least-squares plane through points."""
     center = local[:, :2].mean(0)
     least = np.linalg.svd(local[:, :2] - center, full_matrices=False)[2][1]
     least = least if least @ across >= 0.0 else -least
@@ -99,7 +98,7 @@ def _fitted(local: Float64Array, across: Float64Array) -> tuple[Float64Array, fl
 
 
 def _is_wall(local: Float64Array, across: Float64Array) -> bool:
-    """Tell whether points of an upright plane cover enough of it."""
+    """Return whether points of a vertical plane cover enough of it."""
     along = local[:, :2] @ np.array([-across[1], across[0]])
     wide, high = (np.ptp(np.quantile(values, [0.02, 0.98])) for values in (along, local[:, 2]))
     cells = np.unique(np.floor(np.column_stack([along, local[:, 2]]) / CELL_M).astype(np.int64), axis=0)
@@ -108,7 +107,7 @@ def _is_wall(local: Float64Array, across: Float64Array) -> bool:
 
 
 def _wall(local: Float64Array, across: Float64Array, at: float, frame: Float64Array, middle: Float64Array) -> Wall:
-    """Return the wall of points along the columns of `frame` (3, 3); its normal points to the middle of the map."""
+    """Return the wall of points along the columns of `frame` (3, 3); its normal points to the centre of the map."""
     direction = np.array([-across[1], across[0]])
     along = local[:, :2] @ direction
     (left, right), (low, high) = (np.quantile(values, [0.02, 0.98]) for values in (along, local[:, 2]))
@@ -119,11 +118,11 @@ def _wall(local: Float64Array, across: Float64Array, at: float, frame: Float64Ar
 
 
 def depths_of_contact(boxes: Sequence[Box], wall: Wall) -> tuple[Float64Array, Float64Array]:
-    """Return how far boxes are from a wall, metres, and how deep their middles lie within its width, metres, (N,)."""
+    """Return the distances of boxes from a wall, and the depths of their centres within its width, metres, (N,)."""
     center = np.array([box.center for box in boxes])
     reach = np.array([np.abs(wall.normal @ box.rotation) @ box.size / 2.0 for box in boxes])
     gap = center @ wall.normal + wall.offset - reach
-    # A box in front of the wall begins no deeper behind it than the errors of both.
+    # A box in front of the wall reaches behind it by at most the errors of both.
     gap = np.where(gap >= -DRIFT_M - BIAS_M, np.maximum(gap, 0.0), np.inf)
     begin, end = wall.extent[0], wall.extent[1]
     along = (end - begin) / max(float(np.linalg.norm(end - begin)), 1e-9)

@@ -172,5 +172,5 @@ def _refuse_other_model(tables: Tables, query: TextQuery) -> None:
     if found[0]["n"] != len(query.vector):
         raise InputError(
             f"{tables.url}: vectors have {found[0]['n']} numbers, that of the text {len(query.vector)}: "
-            "the model's two files are not of one model"
+            "the two files belong to different models"
         )

@@ -1,9 +1,9 @@
-"""The vectors of objects by an image-text model, kept beside the results as `embeddings.npz`, and ranked by a text.
+"""The vectors of objects by an image-text model: stored beside the results as `embeddings.npz`, and ranked by a text.
 
 ::
 
     embeddings.npz
-      model       digits that tell the model
+      model       digits that identify the model
       labels      (N,) int64
       vectors     (N, D) float16, of length 1
 """
@@ -33,8 +33,8 @@ class TextMatch(NamedTuple):
     ----------
     item : TrackedObject
     score : float
-        Cosine of the angle between the vectors of the text and of the object, -1..1. It orders objects, and is no
-        probability. CLIP gives about 0.2 to objects that do not fit, and 0.3 to objects that fit.
+        Cosine of the angle between the vectors of the text and of the object, -1..1. It orders objects, but is no
+        probability. CLIP gives about 0.2 to objects that do not match, and 0.3 to objects that match.
     """
 
     item: TrackedObject
@@ -48,16 +48,16 @@ class Embeddings:
     Attributes
     ----------
     model : str
-        Identity of the model, as of `TextModel`.
+        Identity of the model, from `TextModel`.
     vectors : mapping of int to (D,) float32
-        By label; of length 1.
+        Unit vectors by label.
     """
 
     model: str
     vectors: Mapping[int, Float32Array]
 
     def content(self) -> bytes:
-        """Return the file `embeddings.npz`."""
+        """Return the content of the file `embeddings.npz`."""
         target, labels = io.BytesIO(), sorted(self.vectors)
         vectors = np.array([self.vectors[label] for label in labels], np.float16).reshape(len(labels), -1)
         np.savez(target, model=np.array(self.model), labels=np.array(labels, np.int64), vectors=vectors)
@@ -79,14 +79,14 @@ class Embeddings:
             if labels.dtype.kind != "i" or labels.ndim != 1 or vectors.ndim != 2 or len(vectors) != len(labels):
                 raise ValueError(f"labels {labels.shape} and vectors {vectors.shape}")
             if not np.isfinite(vectors).all():
-                raise ValueError("a vector has numbers that are not finite")
+                raise ValueError("a vector has non-finite numbers")
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(f"{path}: expected vectors of objects by an image-text model: {error}") from None
         return Embeddings(model, dict(zip(labels.tolist(), vectors, strict=True)))
 
 
 def ranked(items: Iterable[TrackedObject], vectors: Mapping[int, Float32Array], query: TextQuery) -> list[TextMatch]:
-    """Return the objects that have a vector, those that fit a text best first.
+    """Return the objects with a vector, the best match of a text first.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def ranked(items: Iterable[TrackedObject], vectors: Mapping[int, Float32Array], 
     Raises
     ------
     InputError
-        The vectors are of different lengths: those of pictures and texts are not of one model.
+        The vectors differ in length: the files for pictures and texts belong to different models.
     """
     found = []
     for item in items:
@@ -108,7 +108,7 @@ def ranked(items: Iterable[TrackedObject], vectors: Mapping[int, Float32Array], 
         if vector.shape != query.vector.shape:
             raise InputError(
                 f"the vectors of pictures have {len(vector)} numbers, that of the text {len(query.vector)}: "
-                "the two files are not of one model"
+                "the two files belong to different models"
             )
         found.append(TextMatch(item, float(vector @ query.vector)))
     return sorted(found, key=lambda one: (-one.score, one.item.label))

@@ -1,4 +1,4 @@
-"""An image-text model: two ONNX files, one for pictures and one for texts, whose vectors are alike where these are."""
+"""An image-text model: two ONNX files, for pictures and for texts; a matching picture and text have similar vectors."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from cuboid.detection.session import IDS, KINDS, MASK, Session, start
 from cuboid.detection.tokens import Tokens
 from cuboid.text_search.preparation import Preparation, read_preparation
 
-# Names that the two models have: ours, and those in folders that are published.
+# File names of the two models: the names of this program, and those of published folders.
 IMAGE_NAMES = ("image.onnx", "vision_model.onnx", "onnx/vision_model.onnx")
 TEXT_NAMES = ("text.onnx", "text_model.onnx", "onnx/text_model.onnx")
-# Outputs that hold the vector, the first of these that there is: CLIP's, and SigLIP's.
+# Outputs with the vector, of CLIP and of SigLIP; the first existing one is used.
 IMAGE_OUTPUTS = ("image_embeds", "pooler_output")
 TEXT_OUTPUTS = ("text_embeds", "pooler_output")
-# The folder of the model, where nobody names one.
+# The environment variable with the default folder of the model.
 MODEL_VARIABLE = "CUBOID_TEXT_MODEL"
 EXTRA = "names"
-# Digits of a model's identity: two of the models of one user never have the same.
+# Number of digits in a model's identity; with them, a collision between the models of a user is practically impossible.
 IDENTITY_DIGITS = 16
 
 
 class TextQuery(NamedTuple):
-    """A text that objects are ranked by.
+    """A text by which objects are ranked.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class TextQuery(NamedTuple):
     model : str
         Identity of the model.
     vector : (D,) float32
-        Of the text; of length 1.
+        Unit vector of the text.
     """
 
     text: str
@@ -55,12 +55,12 @@ class TextModel:
     ----------
     folder : path
     feature : str
-        What needs it, as the user asked for it.
+        Feature that needs the model, for error messages.
 
     Raises
     ------
     InputError
-        A file is missing, or is no model of the kind.
+        A file is missing, or is not a model of this kind.
     """
 
     def __init__(self, folder: PathLike, feature: str = "--text-model") -> None:
@@ -75,13 +75,13 @@ class TextModel:
 
     @cached_property
     def identity(self) -> str:
-        """Digits that tell models apart: vectors of two models cannot be compared."""
+        """Digits that identify the model: vectors of two models cannot be compared."""
         with self._image_path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()[:IDENTITY_DIGITS]
 
     @cached_property
     def preparation(self) -> Preparation:
-        """How it takes its images."""
+        """The preparation of its images."""
         return read_preparation(self.folder, self._image.fixed_size)
 
     @cached_property
@@ -98,7 +98,7 @@ class TextModel:
         Raises
         ------
         InputError
-            The model cannot be run, or tells no vector.
+            The model cannot be run, or returns no vector.
         """
         rows = []
         for color in pictures:
@@ -112,15 +112,15 @@ class TextModel:
         Raises
         ------
         InputError
-            The text is empty, or the model cannot be run or tells no vector.
+            The text is empty, or the model cannot be run or returns no vector.
         """
         if not text.strip():
-            raise InputError("expected a text that describes an object, got an empty one")
+            raise InputError("expected a text that describes an object, got an empty text")
         return TextQuery(text.strip(), self.identity, self._text.vector(text.strip()))
 
 
 class _TextSession:
-    """The text model that is open, with its tokenizer."""
+    """The open text model with its tokenizer."""
 
     def __init__(self, folder: Path, path: Path, feature: str) -> None:
         self._path = path
@@ -130,7 +130,7 @@ class _TextSession:
         shapes = {one.name: one.shape for one in inputs}
         if IDS not in shapes or not {*shapes} <= {IDS, MASK} or len(shapes[IDS]) != 2:
             seen = ", ".join(f"{name} {tuple(shape)}" for name, shape in shapes.items())
-            raise InputError(f"{path}: a model with an input {IDS} (1, length) expected, its inputs are {seen}")
+            raise InputError(f"{path}: expected a model with an input {IDS} (1, length); its inputs are {seen}")
         length = shapes[IDS][1]
         self._tokens = Tokens(folder, length if isinstance(length, int) else None, feature)
 
@@ -143,25 +143,25 @@ class _TextSession:
         }
         try:
             outputs = self._session.run(None, feeds)
-        except Exception as error:  # ONNX Runtime has no common class of its own for what a model can refuse
+        except Exception as error:  # ONNX Runtime has no common base class of its errors
             raise InputError(f"{self._path} cannot be run: {one_line(str(error))}") from None
         names = [str(one.name) for one in self._session.get_outputs()]
         return _vector(self._path, names, outputs, TEXT_OUTPUTS)
 
 
 def open_text_model(model: PathLike | TextModel | None, feature: str = "--text-model") -> TextModel:
-    """Return the image-text model in a folder; that of the environment variable `MODEL_VARIABLE` where None is named.
+    """Return the image-text model in a folder (default: the folder in the environment variable `MODEL_VARIABLE`).
 
     Parameters
     ----------
     model : path, TextModel or None
     feature : str
-        What needs it, as the user asked for it.
+        Feature that needs the model, for error messages.
 
     Raises
     ------
     InputError
-        None is named at all, or there is no such model.
+        No folder is given, or it has no such model.
     """
     if isinstance(model, TextModel):
         return model
@@ -172,17 +172,17 @@ def open_text_model(model: PathLike | TextModel | None, feature: str = "--text-m
 
 
 def _found(folder: Path, names: Iterable[str]) -> Path:
-    """Return the first of these files that a folder has."""
+    """Return the first of these files that exists in a folder."""
     paths = [folder / name for name in names]
     found = next((path for path in paths if path.is_file()), None)
     if found is None:
         expected = " or ".join(path.relative_to(folder).as_posix() for path in paths)
-        raise InputError(f"{folder}: has no {expected}")
+        raise InputError(f"{folder}: expected {expected}")
     return found
 
 
 def _vector(path: Path, names: Iterable[str], outputs: Iterable[Any], wanted: Iterable[str]) -> Float32Array:
-    """Return the vector that a model tells, of length 1: its named output, else its only one that is a vector."""
+    """Return the unit vector from the outputs of a model: a named output, or the only output that is a vector."""
     arrays = {name: np.asarray(output) for name, output in zip(names, outputs, strict=True)}
     flat = {name: array for name, array in arrays.items() if array.ndim == 2 and array.shape[0] == 1}
     chosen = next((flat[name] for name in wanted if name in flat), None)
@@ -190,9 +190,9 @@ def _vector(path: Path, names: Iterable[str], outputs: Iterable[Any], wanted: It
         (chosen,) = flat.values()
     if chosen is None:
         seen = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
-        raise InputError(f"{path}: an output {' or '.join(wanted)} (1, n) expected, its outputs are {seen}")
+        raise InputError(f"{path}: expected an output {' or '.join(wanted)} (1, n); its outputs are {seen}")
     vector = chosen[0].astype(np.float32)
     length = float(np.linalg.norm(vector))
     if not np.isfinite(length) or length == 0.0:
-        raise InputError(f"{path}: its output is no direction: its length is {length}")
+        raise InputError(f"{path}: expected an output vector of finite length above 0, got length {length}")
     return np.asarray(vector / length, np.float32)

@@ -1,7 +1,8 @@
-"""Pictures of an object for an image-text model: cut from its views, as they are and without what is around it.
+"""Pictures of an object for an image-text model: cut from its views, with and without the surroundings.
 
-The mean over several views is better than any one of them, and so is the mean of a picture with what is around an
-object and one without (A. Werby et al., "Hierarchical open-vocabulary 3D scene graphs", 2024).
+The mean over several views is better than any single view. The mean of a picture with the surroundings of the object
+and a picture without them is better than either (A. Werby et al., "Hierarchical open-vocabulary 3D scene graphs",
+2024).
 """
 
 from __future__ import annotations
@@ -19,30 +20,30 @@ from cuboid.geometry.box import Box
 from cuboid.shapes.views import MARGIN_M, ObjectView
 from cuboid.text_search.model import TextModel
 
-# Views of an object that are embedded: more sides add little, and each costs two runs of the model.
+# Number of embedded views of an object: more sides add little, and each view costs two runs of the model.
 PICTURED_VIEWS = 5
-# Readings lower than this above a box's foot, metres, may be of what it stands on: the noise of depth.
+# Readings less than this above the foot of a box, metres, may belong to its support: the noise of depth.
 FOOT_M = 0.005
-# A mask with less than this fraction of the picture tells of no shape: the box lies beside the object, or it is hidden.
+# A mask with less than this fraction of the picture shows no shape: the box misses the object, or the object is hidden.
 MIN_OWN = 0.05
 
 
 def embed_views(model: TextModel, views: Sequence[ObjectView], box: Box) -> Float32Array | None:
-    """Return the mean unit vector (D,) of an object's pictures; None where no view shows it.
+    """Return the mean unit vector (D,) of the pictures of an object; None if no view shows it.
 
     Parameters
     ----------
     model : TextModel
     views : sequence of ObjectView
     box : Box
-        Of the object, in the world of the views.
+        Box of the object, in the world of the views.
     """
     background = model.preparation.background
     return mean_vector(model, [picture for view in views for picture in pictures_of(view, box, background)])
 
 
 def mean_vector(model: TextModel, pictures: Sequence[UInt8Array]) -> Float32Array | None:
-    """Return the mean unit vector (D,) of square pictures; None of none."""
+    """Return the mean unit vector (D,) of square pictures; None without pictures."""
     if not pictures:
         return None
     mean = model.embed_pictures(pictures).mean(axis=0)
@@ -50,7 +51,7 @@ def mean_vector(model: TextModel, pictures: Sequence[UInt8Array]) -> Float32Arra
 
 
 def pictures_of(view: ObjectView, box: Box, background: UInt8Array) -> list[UInt8Array]:
-    """Return square pictures of an object: the view as it is, and with `background` (3,) for what is not the object."""
+    """Return square pictures of an object: the unchanged view, and the object alone on a `background` (3,)."""
     found = [squared(view.color, background)]
     own = own_pixels(view, box)
     if own.mean() >= MIN_OWN:
@@ -61,9 +62,9 @@ def pictures_of(view: ObjectView, box: Box, background: UInt8Array) -> list[UInt
 
 
 def own_pixels(view: ObjectView, box: Box) -> npt.NDArray[np.bool_]:
-    """Return which pixels (h, w) of a view are the object's: within its outline, and with no reading outside its box.
+    """Return which pixels (h, w) of a view show the object: within the outline of its box, and not measured outside it.
 
-    Pixels without a reading count: dark and shiny parts have none.
+    Pixels without a reading are included, since dark and shiny parts have none.
     """
     camera = view.camera
     corners = se3.transform(se3.inverse(view.T_world_camera), box.corners())
@@ -84,7 +85,7 @@ def own_pixels(view: ObjectView, box: Box) -> npt.NDArray[np.bool_]:
 
 
 def squared(color: UInt8Array, background: UInt8Array) -> UInt8Array:
-    """Return a picture (h, w, 3) in the middle of a square of its longer side."""
+    """Return a picture (h, w, 3) at the centre of a square with its longer side."""
     height, width = color.shape[:2]
     side = max(height, width)
     square = np.empty((side, side, 3), np.uint8)

@@ -1,4 +1,4 @@
-"""How an image-text model takes its images: size and normalisation, from its ``preprocessor_config.json``."""
+"""Preparation of images for an image-text model: size and normalisation, from its ``preprocessor_config.json``."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from cuboid.detection.images import CLIP_DEVIATION, CLIP_MEAN
 from cuboid.formats.json_validation import read_json
 
 PREPROCESSOR = "preprocessor_config.json"
-# Side of CLIP's images, pixels.
+# Side of the images of CLIP, pixels.
 CLIP_SIDE = 224
-# Filters by their number in Pillow, which the file names them by; the others are taken as bicubic.
+# Filters by their number in Pillow, which the file uses; other numbers are treated as bicubic.
 FILTERS = {0: cv2.INTER_NEAREST, 2: cv2.INTER_LINEAR}
 
 _Side: TypeAlias = Annotated[int, Meta(ge=1, le=4096)]
@@ -29,7 +29,7 @@ _Deviation: TypeAlias = Annotated[float, Meta(gt=0.0)]
 
 
 class _Preprocessor(msgspec.Struct):
-    """The fields of ``preprocessor_config.json`` that are used; the file is that of Hugging Face Transformers."""
+    """The used fields of ``preprocessor_config.json``, a file of Hugging Face Transformers."""
 
     size: _Size = CLIP_SIDE
     crop_size: _Size | None = None
@@ -44,18 +44,18 @@ class _Preprocessor(msgspec.Struct):
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """How a model takes an image.
+    """The preparation of an image for a model.
 
     Attributes
     ----------
     height, width : int
-        Of its input, pixels.
+        Size of its input, pixels.
     scale : float
-        Levels 0..255 are multiplied with it.
+        Factor for the levels 0..255.
     mean, deviation : (float, float, float)
-        Of red, green, blue after that: each is taken as (level - mean) / deviation.
+        Of the scaled red, green and blue; each is normalised as (level - mean) / deviation.
     enlarging : int
-        Filter of OpenCV where an image is enlarged.
+        Filter of OpenCV for enlarging an image.
     """
 
     height: int
@@ -67,11 +67,11 @@ class Preparation:
 
     @property
     def background(self) -> UInt8Array:
-        """The color, RGB (3,), that the model takes as zero."""
+        """The color, RGB (3,), that becomes zero in the input of the model."""
         return np.clip(np.rint(np.array(self.mean) / self.scale), 0, 255).astype(np.uint8)
 
     def prepare(self, color: UInt8Array, dtype: Any) -> Any:
-        """Return a square picture (n, n, 3), RGB, as the model takes it: (1, 3, height, width)."""
+        """Return a square picture (n, n, 3), RGB, as the input of the model, (1, 3, height, width)."""
         smaller = color.shape[0] > self.height
         filtered = cv2.INTER_AREA if smaller else self.enlarging
         resized = cv2.resize(color, (self.width, self.height), interpolation=filtered).astype(np.float32)
@@ -80,18 +80,18 @@ class Preparation:
 
 
 def read_preparation(folder: Path, fixed: tuple[int, int] | None) -> Preparation:
-    """Return how the model of a folder takes images: as its ``preprocessor_config.json`` says, else as CLIP does.
+    """Return the preparation of images for the model in a folder, from ``preprocessor_config.json``; else that of CLIP.
 
     Parameters
     ----------
     folder : Path
     fixed : (int, int) or None
-        Rows and columns of the model's input; None where it takes any.
+        Rows and columns of the model's input; None if it accepts any size.
 
     Raises
     ------
     InputError
-        The file is malformed, or does not fit the model.
+        The file is malformed, or inconsistent with the model.
     """
     path = folder / PREPROCESSOR
     if not path.is_file():
@@ -100,7 +100,7 @@ def read_preparation(folder: Path, fixed: tuple[int, int] | None) -> Preparation
     named = said.crop_size if said.do_center_crop and said.crop_size is not None else said.size
     height, width = _sides(named, path)
     if fixed is not None and fixed != (height, width):
-        raise InputError(f"{path}: images of {width} x {height} pixels, but the model takes {fixed[1]} x {fixed[0]}")
+        raise InputError(f"{path}: images of {width} x {height} pixels, but the model needs {fixed[1]} x {fixed[0]}")
     return Preparation(
         height,
         width,
