@@ -17,7 +17,7 @@ from cuboid.geometry.box import Box
 CELL_M = 0.03
 # Minimum seen area of a wall, square metres, and minimum height, metres: the sides of objects are smaller.
 MIN_AREA_M2, MIN_HEIGHT_M = 0.3, 0.4
-# Step between tested directions of walls, radians: half a step shifts a wall by `DRIFT_M` at two metres from its centre.
+# Step between tested directions of walls, radians: at two metres from the centre, half a step is an error of `DRIFT_M`.
 STEP_RAD = np.radians(1.5)
 # Largest number of walls of a map.
 MAX_WALLS = 12
