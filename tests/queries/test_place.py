@@ -91,7 +91,7 @@ def test_wrong_questions_are_one_line(place: Place, tmp_path: Path) -> None:
     for question, said in (
         ({"on": "lamp"}, "no present object has the label or the name 'lamp'"),
         ({"recording": "kitchen*"}, "recording: this filter needs a store"),
-        ({"like": ("kitchen", 1)}, "like: only"),
+        ({"like": ("kitchen", 1)}, "like: this filter needs a store"),
     ):
         with pytest.raises(InputError, match=said):
             place.find(Filters(**question))

@@ -81,7 +81,7 @@ def test_damaged_vectors_are_refused_in_a_line(results: Path, model: Path, tmp_p
             open_results(kept).find("red", model)
         assert "\n" not in str(error.value)
     np.savez(kept / EMBEDDINGS, model=np.array("x"), labels=np.array([1]), vectors=np.full((1, 3), np.nan))
-    with pytest.raises(InputError, match="not finite"):
+    with pytest.raises(InputError, match="non-finite numbers"):
         open_results(kept).find("red", model)
 
 

@@ -121,7 +121,7 @@ def test_what_does_not_fit_is_refused_with_what_was_seen(tmp_path: Path) -> None
     assert "is no tokenizer" in refused(model)
 
     model = made_text_model(tmp_path / "g", preprocessor={**PREPROCESSOR, "crop_size": {"height": 64, "width": 64}})
-    assert "images of 64 x 64 pixels, but the model takes 32 x 32" in refused(model)
+    assert "images of 64 x 64 pixels, but the model needs 32 x 32" in refused(model)
     (model / "preprocessor_config.json").write_text(json.dumps({**PREPROCESSOR, "crop_size": {"longest": 3}}))
     assert "size: expected a number of pixels" in refused(model)
     (model / "preprocessor_config.json").write_text(json.dumps({**PREPROCESSOR, "image_std": [0.5, 0.0, 0.5]}))

@@ -12,7 +12,7 @@ import numpy as np
 from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
-from cuboid.relations.finding import AGAINST_M, BESIDE_M, MOST
+from cuboid.relations.finding import AGAINST_M, BESIDE_M, MIN_COMMON_FRACTION
 from cuboid.synthetic.footprint import gap_m, hull, smallest_rectangle
 from cuboid.synthetic.scene import Furniture, Scene
 
@@ -61,7 +61,7 @@ def true_relations(scene: Scene) -> list[dict[str, Any]]:
     rest = {(one.id, one.on or one.inside) for one in scene.objects}
     for a, b in permutations(bodies, 2):
         common = _common_area(a.outline, b.outline)
-        apart = max(common / _area(one.outline) for one in (a, b)) < MOST
+        apart = max(common / _area(one.outline) for one in (a, b)) < MIN_COMMON_FRACTION
         if {(a.id, b.id), (b.id, a.id)}.isdisjoint(rest) and apart and _level(a, b):
             # The gap between boxes is at most the gap between the bodies.
             near, far = gap_m(a.rectangle, b.rectangle), gap_m(a.outline, b.outline)
@@ -69,7 +69,7 @@ def true_relations(scene: Scene) -> list[dict[str, Any]]:
         if a.middle < b.low and common > 0.0:
             boxes = _common_area(a.rectangle, b.rectangle) / _area(a.rectangle)
             least, most = sorted((-common / _area(a.outline), -boxes))
-            _sort((a.id, "under", b.id), least, most, -MOST, OPEN_FRACTION, found, open_ones)
+            _sort((a.id, "under", b.id), least, most, -MIN_COMMON_FRACTION, OPEN_FRACTION, found, open_ones)
     for a in bodies:
         for k, surface in enumerate(scene.surfaces):
             if surface.height_m > a.middle and surface.contains(a.outline.mean(0)[None], 0.0):
@@ -120,7 +120,7 @@ def _body(number: int, vertices: Float64Array) -> _Body:
 
 def _level(a: _Body, b: _Body) -> bool:
     """Tell whether the height ranges of two bodies overlap by most of the smaller range."""
-    return min(a.high, b.high) - max(a.low, b.low) >= MOST * min(a.high - a.low, b.high - b.low)
+    return min(a.high, b.high) - max(a.low, b.low) >= MIN_COMMON_FRACTION * min(a.high - a.low, b.high - b.low)
 
 
 def _area(outline: Float64Array) -> float:
