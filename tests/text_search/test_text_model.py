@@ -127,7 +127,7 @@ def test_what_does_not_fit_is_refused_with_what_was_seen(tmp_path: Path) -> None
     (model / "preprocessor_config.json").write_text(json.dumps({**PREPROCESSOR, "image_std": [0.5, 0.0, 0.5]}))
     assert "image_std" in refused(model)
 
-    with pytest.raises(InputError, match="got an empty one"):
+    with pytest.raises(InputError, match="got an empty text"):
         TextModel(made_text_model(tmp_path / "h")).query("  ")
     assert "expected an output vector of finite length above 0" in refused_text(tmp_path / "h", "a a")
 
