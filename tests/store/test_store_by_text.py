@@ -86,7 +86,7 @@ def test_what_cannot_be_answered_is_refused(
     wide = made_text_model(tmp_path / "wide", width=4)  # its images are those of the store
     assert "vectors have 3 numbers, that of the text 4" in refused("--text", "red", "--text-model", str(wide))
     assert "--text-model needs --text" in refused("--text-model", str(model))
-    assert "got an empty one" in refused("--text", " ", "--text-model", str(model))
+    assert "got an empty text" in refused("--text", " ", "--text-model", str(model))
 
 
 def test_pages_and_api_rank_where_the_server_has_a_model(address: str, store: str) -> None:

@@ -252,8 +252,8 @@ def test_a_name_is_kept_in_the_results_and_their_page(own_server: ThreadingHTTPS
         ({"label": 9, "name": "a"}, 422, "no object has the label 9"),
         ({"label": 1, "name": "a\nb"}, 422, "a name is one line of at most 100 characters"),
         ({"label": 1, "name": "a" * 101}, 422, "a name is one line of at most 100 characters"),
-        ({"label": "x"}, 400, "this page and this program do not fit"),
-        ([], 400, "this page and this program do not fit"),
+        ({"label": "x"}, 400, "the page and the program have different versions"),
+        ([], 400, "the page and the program have different versions"),
     ],
 )
 def test_what_is_no_name_changes_nothing(
