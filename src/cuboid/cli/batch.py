@@ -149,7 +149,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="name of this version, as in 1.0+NAME: all recordings are tracked again, and the versions can be compared",
     )
     add_embedding(results)
-    results.add_argument("--dry-run", action="store_true", help="print what would be tracked, and track nothing")
+    results.add_argument("--dry-run", action="store_true", help="list the recordings to track, and track none")
     add_results(results)
     add_workers(parser)
     add_reading_options(parser)

@@ -19,13 +19,13 @@ class Interruption:
     ----------
     status : int
         Exit status of a run that a signal ended: 128 plus the number of the signal, as in shells. 0 without a signal.
-    tell : callable
+    on_signal : callable
         Called at the first signal, inside its handler.
     """
 
     def __init__(self) -> None:
         self.status = 0
-        self.tell: Callable[[], None] = lambda: None
+        self.on_signal: Callable[[], None] = lambda: None
 
     def __call__(self) -> bool:
         """Return whether the run must end."""
@@ -36,7 +36,7 @@ class Interruption:
         if self.status:
             raise KeyboardInterrupt
         self.status = 128 + number
-        self.tell()
+        self.on_signal()
         os.write(STDERR, NOTICE)  # the signal may have interrupted a print
 
 

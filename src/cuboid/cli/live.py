@@ -91,7 +91,7 @@ def served_run(args: argparse.Namespace, name: str) -> Iterator[ServedRun | None
         if args.serve_host is not None:
             from cuboid.core.errors import InputError
 
-            raise InputError("--serve-host says where --serve answers; give --serve too")
+            raise InputError("--serve-host is an option of --serve; give --serve too")
         yield None
         return
     from cuboid.core.extras import need_serve

@@ -75,7 +75,7 @@ def add_method(tracking: argparse._ActionsContainer) -> None:
 
 def add_relations(parser: argparse._ActionsContainer) -> None:
     """Add `--relations`."""
-    relations = "also find which object is on, in, beside, under or against what, once, at the end (0.1 to 2 s)"
+    relations = "also find relations of objects (on, in, beside, under, against), once, at the end (0.1 to 2 s)"
     parser.add_argument("--relations", action="store_true", help=relations)
 
 

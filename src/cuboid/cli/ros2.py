@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     node.add_argument(
         "--transport",
         choices=("dds", "rclpy"),
-        help="dds needs no ROS (default: rclpy where a ROS is sourced, else dds)",
+        help="dds needs no ROS (default: rclpy if a ROS is sourced, else dds)",
     )
     node.add_argument("--domain", metavar="N", help="ROS_DOMAIN_ID of dds (default: that of the environment, or 0)")
     node.add_argument("--sim-time", action="store_true", help="take the time from /clock")
@@ -49,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="a parameter: object_frames=true (a frame of tf an object), min_score=0.5, map_every_s=2 (send the point "
-        "map so often); may be repeated",
+        help="a parameter: object_frames=true (a frame of tf for each object), min_score=0.5, map_every_s=2 (interval "
+        "of the point map); may be repeated",
     )
     add_foxglove(node)
     node.add_argument("--limit", type=positive, metavar="N", help="end after N frames")
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         say("waiting for images")
         try:
             with open_node(options, make_session, interruption) as opened:
-                interruption.tell = opened.live.close
+                interruption.on_signal = opened.live.close
                 say_opened(args, opened)
                 opened.node.parameters.set_texts(args.param)
                 opened.node.run(args.limit)

@@ -70,7 +70,7 @@ def add_address(parser: argparse.ArgumentParser, default_port: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Where a server listens.
+    """The address at which a server listens.
 
     Attributes
     ----------

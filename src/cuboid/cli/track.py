@@ -73,7 +73,7 @@ def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[
     from cuboid.cameras import open_camera
 
     with open_camera(args.camera, record=args.record, form=args.record_as) as camera:
-        interruption.tell = camera.close
+        interruption.on_signal = camera.close
         yield camera
 
 

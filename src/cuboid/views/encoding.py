@@ -79,7 +79,7 @@ class VideoWriter(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Finish the file; without pictures, no file appears.
+        """Finish the file; without pictures, no file is written.
 
         Raises
         ------
@@ -128,7 +128,7 @@ class Mp4Writer(VideoWriter):
             raise
 
     def close(self) -> None:
-        """Finish the file; none appears where no picture was added."""
+        """Finish the file; without pictures, no file is written."""
         container, self._container = self._container, None
         if container is None:
             return
@@ -200,7 +200,7 @@ class GifWriter(VideoWriter):
         self._added += 1
 
     def close(self) -> None:
-        """Finish the file; none appears where no picture was added."""
+        """Finish the file; without pictures, no file is written."""
         kept, self._kept = self._kept, []
         if not kept:
             return

@@ -1,4 +1,4 @@
-"""A running or finished run for the rerun viewer, as entities in the tree of frames.
+"""A run, in progress or finished, for the rerun viewer, as entities in the tree of frames.
 
     world                     up, and the color of each label
     world/map                 the global point map
@@ -6,7 +6,7 @@
     world/objects/3           box of the object with label 3, in each frame that sees it
     world/camera              pose of the camera; world/camera_path: all of its positions
     world/camera/image        pinhole and picture; world/camera/image/objects: rectangles in it
-    world/camera/depth        depth, of a running run
+    world/camera/depth        depth, of a run in progress
 
 The timelines are ``frame`` (number in the recording) and ``time`` (seconds since the first frame).
 """

@@ -1,4 +1,4 @@
-"""Views of a running run: none, or a labelled video."""
+"""Views of a run in progress: none, or a labelled video."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A running run in the browser: the growing map, the objects, the camera and its picture."""
+"""A run in progress, in the browser: the growing map, the objects, the camera and its picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data taken from a running run: as little as possible, and only while a client is connected."""
+"""Data taken from a run in progress: as little as possible, and only while a client is connected."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ function bytesOf(base64) {
 
 const frames = new Int32Array(bytesOf(data.frames).buffer);
 const poses = new Float32Array(bytesOf(data.poses).buffer);
-const changed = data.changes || []; // a running run has none yet
+const changed = data.changes || []; // a run in progress has none yet
 const happened = data.events || []; // the same
 const objectOf = new Map(data.objects.map((object) => [object.label, object]));
 const furniture = data.furniture || []; // boxes of the furniture that bears the planes; it is no object
