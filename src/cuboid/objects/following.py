@@ -61,8 +61,11 @@ GONE_S = 5.0
 KNOWN_AGAIN_S = 1.0
 # Fraction of the points of what moves that may be outliers, at each side.
 AGENT_OUTLIERS = 0.02
-# An object came while the camera watched where this fraction of its points lies in cells that were seen to move.
-CAME, CELL_M = 0.5, 0.02
+# An object came while the camera watched if something moved in cells of this edge, metres, that hold at least this
+# fraction of its points, and an earlier view saw through most of its points.
+CELL_M, STIRRED = 0.04, 0.25
+# A view is remembered at this interval, seconds, for as long as there are no more than this many.
+VIEW_EVERY_S, MAX_VIEWS = 2.0, 64
 
 
 @dataclass(slots=True)
@@ -74,6 +77,16 @@ class _Gone:
     from_box: Box
     since_s: float
     told: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """What an earlier frame read: every other pixel in both directions."""
+
+    time_s: float
+    depth_m: Float32Array
+    pinhole: Float64Array
+    T_camera_world: Float64Array
 
 
 @dataclass(slots=True)
@@ -126,6 +139,7 @@ class Following:
         self._labelled_s: dict[int, float] = {}
         self._came: list[MapObject] = []
         self._cells: dict[int, None] = {}
+        self._views: deque[_View] = deque(maxlen=MAX_VIEWS)
         self._events: list[ObjectEvent] = []
         self._levels: tuple[Level, ...] | None = None
         self.agents: list[Box] = []
@@ -141,6 +155,10 @@ class Following:
         """Follow what moves, and return the frame with what moves by that: followed objects do, settled ones do not."""
         self._levels = None
         self._settled = [(entry, until_s) for entry, until_s in self._settled if time_s < until_s]
+        if not self._views or time_s - self._views[-1].time_s >= VIEW_EVERY_S:
+            image, T = seen.image, np.ascontiguousarray(seen.T_camera_world)
+            depth_m = np.ascontiguousarray(image.depth_m[::2, ::2])
+            self._views.append(_View(time_s, depth_m, image.camera.pinhole / 2, T))
         if seen.moving is not None:
             places = _points_of(seen)
             self._note_cells(places)
@@ -305,14 +323,14 @@ class Following:
         """Take note of objects with a new label: those that came may be what waits; else they have appeared."""
         self._labelled_s |= {entry.number: time_s for entry in entries}
         self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < REST_S}
-        came = [*self._came, *(entry for entry in entries if self._has_come(entry))]
+        came = [*self._came, *(entry for entry in entries if self._has_come(entry) or self._is_in_old_place(entry))]
         self._came = []
         for entry in came:
             if not entry.confirmed or self._know_again(entry):
                 continue
             if time_s - self._labelled_s.get(entry.number, -KNOWN_AGAIN_S) < KNOWN_AGAIN_S:
                 self._came.append(entry)
-            else:
+            elif self._has_come(entry):
                 self._tell("appeared", entry, None, entry.box, entry.score)
 
     def _know_again(self, entry: MapObject) -> bool:
@@ -330,11 +348,23 @@ class Following:
             self._tell("moved", entry, one.from_box, entry.box, scores[best])
         return True
 
+    def _is_in_old_place(self, entry: MapObject) -> bool:
+        """Return whether an object is where one was that seemed to leave."""
+        return any(np.linalg.norm(entry.box.center - one.from_box.center) < MOVED_M for one in self._gone)
+
     def _has_come(self, entry: MapObject) -> bool:
         if not self._cells or not len(entry.points):
             return False
-        keys = _keys(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
-        return sum(key in self._cells for key in keys) >= CAME * len(keys)
+        points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
+        keys = _keys(points)
+        if sum(key in self._cells for key in keys) < STIRRED * len(keys):
+            return False
+        noise = self._config.depth_noise_per_m
+        for view in self._views:
+            stays, passed = count_passed(points, view.depth_m, view.pinhole, view.T_camera_world, IN_PLACE_M, noise)
+            if stays + passed >= LEFT * len(points) and passed >= LEFT * (stays + passed):
+                return True
+        return False
 
     def _note_cells(self, places: Float32Array) -> None:
         self._cells.update(dict.fromkeys(_keys(places)))
