@@ -62,8 +62,9 @@ KNOWN_AGAIN_S = 1.0
 # Fraction of the points of what moves that may be outliers, at each side.
 AGENT_OUTLIERS = 0.02
 # An object came while the camera watched if something moved in cells of this edge, metres, that hold at least this
-# fraction of its points, and an earlier view saw through most of its points.
-CELL_M, STIRRED = 0.04, 0.25
+# fraction of its points, and an earlier view saw through this fraction of them: the lower part of an object is too near
+# to what it stands on.
+CELL_M, STIRRED, CAME = 0.04, 0.25, 1.0 / 3.0
 # A view is remembered at this interval, seconds, for as long as there are no more than this many.
 VIEW_EVERY_S, MAX_VIEWS = 2.0, 64
 
@@ -361,8 +362,8 @@ class Following:
             return False
         noise = self._config.depth_noise_per_m
         for view in self._views:
-            stays, passed = count_passed(points, view.depth_m, view.pinhole, view.T_camera_world, IN_PLACE_M, noise)
-            if stays + passed >= LEFT * len(points) and passed >= LEFT * (stays + passed):
+            _, passed = count_passed(points, view.depth_m, view.pinhole, view.T_camera_world, IN_PLACE_M, noise)
+            if passed >= CAME * len(points):
                 return True
         return False
 
