@@ -82,7 +82,7 @@ def test_things_stay_where_a_hand_moves_elsewhere_and_poses_err() -> None:
         stage.claimed = STANDING.copy()
         stage.claimed[:3, 3] += 0.01 * step * STANDING[:3, 2]
         stage.show(upright((float(x), -0.1), (0.1, 0.1, 0.1), z=0.05))
-    stage.show(frames=160)
+    stage.show(frames=30)
     assert stage.events == []
     assert (stage.label_of(0), stage.label_of(1)) == labels
 
