@@ -1,10 +1,13 @@
 """A bag, the node and a listener in three processes: latency from image to detections, drops, growth of memory.
 
-    python benchmarks/ros2_loop.py RECORDING [--seconds 60] [--hertz 30] [--pose tf|estimated] [--json FILE]
+    python benchmarks/ros2_loop.py RECORDING [--seconds 60] [--hertz 30] [--pose tf|estimated] [--queue N] [--json FILE]
 
 RECORDING becomes a bag (`cuboid convert --to mcap`), which `play` sends forwards and backwards in turn, with the times
 of now, as a camera would. `listen` notes when the detections of each image arrive. The latency is from the stamp of an
-image, made as its color is about to be sent, to the arrival of its detections in the third process.
+image, made as its color is about to be sent, to the arrival of its detections in the third process. The counts show
+where images are lost: on the network, without a partner, without a pose, or in the queue of the node. `processor_s` has
+the processor time of each process and of all others on the machine; if together they use all cores, the figures depend
+on the others.
 
 `play` and `listen` are programs of their own, which the tests use too.
 """
@@ -21,6 +24,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +32,7 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import Reader
 
+from cuboid.core.limits import FRAMES_WAITING
 from cuboid.formats.ros_messages import RosMessages
 from cuboid.middleware.dds import DdsTransport
 from cuboid.middleware.transport import Qos
@@ -142,6 +147,20 @@ def processor_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+def machine_busy_s() -> float:
+    """Return the processor time of all processes of the machine so far, seconds."""
+    user, nice, system, _, _, irq, softirq, *_ = map(int, Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:])
+    return (user + nice + system + irq + softirq) / os.sysconf("SC_CLK_TCK")
+
+
+def udp_overflows() -> int:
+    """Return the number of datagrams so far that the machine dropped because a receive buffer was full."""
+    names, values = (
+        line.split() for line in Path("/proc/net/snmp").read_text().splitlines() if line.startswith("Udp:")
+    )
+    return int(values[names.index("RcvbufErrors")])
+
+
 def measure(args: argparse.Namespace) -> dict[str, Any]:
     """Run the three processes; return the figures."""
     here = [sys.executable, str(Path(__file__).resolve())]
@@ -155,8 +174,9 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         count = round(args.seconds * args.hertz)
         listener = subprocess.Popen([*here, "listen", *domain], stdout=subprocess.PIPE, text=True, env=environment)
         node = subprocess.Popen(
-            [sys.executable, "-m", "cuboid", "ros2", *domain, "--pose", args.pose, *args.node_options],
-            stderr=subprocess.PIPE, text=True, env=environment,
+            [sys.executable, "-m", "cuboid", "ros2", *domain, "--pose", args.pose, "--queue", str(args.queue),
+             "--json"],
+            stdout=subprocess.PIPE, text=True, env=environment,
         )  # fmt: skip
         player = subprocess.Popen(
             [*here, "play", str(bag / "recording"), *domain, "--hertz", str(args.hertz), "--frames", str(count),
@@ -165,26 +185,33 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         )  # fmt: skip
         assert player.stdout is not None
         assert listener.stdout is not None
-        assert node.stderr is not None
+        assert node.stdout is not None
         while player.stdout.readline().strip() != "playing":
             pass
         begun_ns, memory, load = time.time_ns(), [], os.getloadavg()[0]
-        processor_before_s = processor_s(node.pid)
+        processes = {"node": node.pid, "player": player.pid, "listener": listener.pid}
+        before_s = {name: processor_s(pid) for name, pid in processes.items()}
+        busy_s, overflows = machine_busy_s(), udp_overflows()
+        used_s: dict[str, float] = {}
         while player.poll() is None:
             memory.append((time.time_ns() - begun_ns, resident_mb(node.pid)))
+            with suppress(FileNotFoundError, ProcessLookupError):  # the player has just ended
+                used_s |= {name: processor_s(pid) - before_s[name] for name, pid in processes.items()}
             time.sleep(0.5)
-        used_s = processor_s(node.pid) - processor_before_s
+        busy_s = machine_busy_s() - busy_s
         sent = json.loads(player.stdout.readline())
         node.send_signal(signal.SIGINT)
-        said = node.stderr.read().splitlines()
+        counts = json.loads(node.stdout.read())
         node.wait()
         listener.terminate()
         listener.stdout.readline()
         rows = json.loads(listener.stdout.readline())
     return figures(rows, memory, begun_ns, sent, args) | {
-        "processor_of_node_percent": round(100 * used_s / args.seconds),
+        "processor_s": {name: round(s, 1) for name, s in used_s.items()}
+        | {"others": round(busy_s - sum(used_s.values()), 1)},
         "load_before": round(load, 1),
-        "node": next((line for line in said if "frames" in line), ""),
+        "udp_overflows": udp_overflows() - overflows,
+        "node": counts,
     }
 
 
@@ -243,7 +270,7 @@ def main() -> None:
         parser.add_argument("--pose", default="tf")
         parser.add_argument("--distinct", type=int, default=100)
         parser.add_argument("--json", type=Path)
-        parser.add_argument("--node-options", nargs="*", default=[], metavar="OPTION")
+        parser.add_argument("--queue", type=int, default=FRAMES_WAITING, help="images that wait for the tracker")
         run = None
     parser.add_argument("--domain", type=int, default=90)
     if run is not None:

@@ -25,6 +25,7 @@ from cuboid.geometry.overlap import iou
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
 from cuboid.outputs import Results, TrackRow, read_map
 from cuboid.outputs.objects import write_objects
+from cuboid.outputs.rows import EVENTS_HEADER
 
 OWN = ("coco", "csv", "graphml", "json", "kitti", "mcap", "ply")
 SUFFIXES = {name: form.suffix for name, form in EXPORTS.items()}
@@ -288,6 +289,18 @@ def test_mcap_has_boxes_where_they_are(run: Results, tmp_path: Path) -> None:
     assert text.pose.position.z > 0.80  # above the box
     deleted = {one.id for _, frame in found["/objects/markers"] for one in frame.markers if one.action == 2}
     assert deleted == {3}  # became part of 1
+
+
+def test_mcap_has_the_events_of_objects_at_their_frames(run: Results, tmp_path: Path) -> None:
+    (run.folder / "events.csv").write_text(
+        f"{EVENTS_HEADER}\n1,0.033333,moved,1,0.1,0.2,0.3,0.4,0.5,0.6,0.9\n3,0.1,gone,2,0.1,0.2,0.3,,,,1.0\n"
+    )
+    export(Results(run.folder), "mcap", tmp_path / "r.mcap")
+    (at_ns, moved), (_, gone) = messages(tmp_path / "r.mcap")["/objects/events"]
+    assert (at_ns, moved.event, moved.label, moved.score, moved.header.frame_id) == (33333000, "moved", 1, 0.9, "world")
+    places = [[getattr(at, axis) for axis in "xyz"] for at in (moved.from_position, moved.to_position)]
+    assert places == [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]
+    assert (gone.event, gone.label, np.isnan(gone.to_position.x)) == ("gone", 2, True)
 
 
 def test_mcap_needs_no_pictures(run: Results, tmp_path: Path) -> None:

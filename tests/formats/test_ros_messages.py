@@ -9,7 +9,7 @@ pytest.importorskip("rosbags", reason="messages are made with rosbags: pip insta
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from cuboid.core.errors import FrameError
-from cuboid.formats.ros_messages import SERVICES, VISION, RosMessages, request_of, response_of
+from cuboid.formats.ros_messages import OWN, SERVICES, VISION, RosMessages, request_of, response_of
 
 # All that a node sends or takes.
 KINDS = (
@@ -41,7 +41,7 @@ def test_messages_of_ros_are_the_same_in_each_version(messages: RosMessages, kin
     assert hashes == {messages.store.hash_rihs01(kind)}
 
 
-@pytest.mark.parametrize("kind", [*KINDS, *VISION])
+@pytest.mark.parametrize("kind", [*KINDS, *VISION, *OWN])
 def test_a_definition_is_read_back_as_the_same_type(messages: RosMessages, kind: str) -> None:
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(messages.definition(kind), kind))

@@ -20,7 +20,7 @@ import yaml
 from catkin_pkg.package import parse_package
 
 from cuboid.cli.ros2 import add_arguments
-from cuboid.formats.ros_messages import SERVICES, RosMessages
+from cuboid.formats.ros_messages import OWN, SERVICES, RosMessages
 from cuboid.middleware.transport import Qos
 from cuboid.views.ros_stream import RosStream
 from fakes import INTRINSICS
@@ -47,7 +47,8 @@ def test_the_manifest_declares_all_packages_of_messages() -> None:
     assert package.licenses == ["Apache-2.0"]
     carrier = Carrier()
     RosStream(RosMessages("the tests", "ros2"), [carrier], INTRINSICS)
-    needed = {kind.split("/")[0] for kind, _ in carrier.topics.values()} | {"rclpy", "launch", "launch_ros", "rviz2"}
+    sent = {kind.split("/")[0] for kind, _ in carrier.topics.values()} - {package.name}
+    needed = sent | {"rclpy", "launch", "launch_ros", "rviz2"}
     declared = {one.name for one in (*package.exec_depends, *package.build_depends)}
     assert needed <= declared
 
@@ -60,6 +61,15 @@ def test_services_are_built_as_the_node_sends_them() -> None:
         request, _, response = re.sub(r"#.*\n", "", file.read_text(encoding="utf-8")).partition("---\n")
         assert (request, response) == SERVICES[kind], kind
         assert f"srv/{file.name}" in built
+
+
+def test_messages_are_built_as_the_node_sends_them() -> None:
+    files = {f"cuboid_ros/msg/{file.stem}": file for file in (PACKAGE / "msg").glob("*.msg")}
+    assert files.keys() == OWN.keys()
+    built = (PACKAGE / "CMakeLists.txt").read_text(encoding="utf-8")
+    for kind, file in files.items():
+        assert re.sub(r"#.*\n", "", file.read_text(encoding="utf-8")) == OWN[kind]
+        assert f"msg/{file.name}" in built
 
 
 def test_rviz_shows_topics_of_the_node_with_their_types_and_durability() -> None:

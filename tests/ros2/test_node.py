@@ -22,6 +22,7 @@ pytest.importorskip("cyclonedds", reason="DDS is not installed: pip install '.[r
 pytest.importorskip("rosbags", reason="messages are read with rosbags: pip install '.[ros2]'")
 
 import cuboid
+from cuboid.cameras.ros2 import WAITING
 from cuboid.cli import main
 from cuboid.formats.ros_messages import RosMessages, request_of, response_of
 from cuboid.middleware.dds import DdsTransport, WireTypes
@@ -236,8 +237,11 @@ def check_diagnostics(listener: Listener) -> None:
     status = array.status[0]
     assert status.message.startswith("no image for ")
     values = {pair.key: pair.value for pair in status.values}
-    lost = ("frames skipped", "frames dropped", "images without partner")
-    assert int(values["frames"]) + sum(int(values[key]) for key in lost) >= FRAMES
+    used = sum(int(values[key]) for key in ("frames", "frames skipped", "frames dropped", "images damaged"))
+    assert int(values["pairs"]) == used >= FRAMES // 2
+    images = int(values["color images"]) + int(values["depth images"])
+    # An image may still wait for a partner that the network has lost.
+    assert 0 <= images - 2 * used - int(values["images without partner"]) <= WAITING
     assert ns(array.header) == STAMPS_NS[-1], "the clock is that of the simulation"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import socket
 import sys
 import threading
@@ -21,7 +22,7 @@ pytest.importorskip("rosbags", reason="messages are made with rosbags: pip insta
 from cuboid.cli import main
 from cuboid.core.errors import InputError, MissingExtraError
 from cuboid.core.frame import Frame
-from cuboid.core.results import FrameResult
+from cuboid.core.results import FrameResult, ObjectEvent
 from cuboid.views.foxglove_view import FoxgloveView
 from fakes import INTRINSICS, FakeTracker, box, write_recording
 from foxglove_client import FoxgloveClient
@@ -29,6 +30,7 @@ from foxglove_client import FoxgloveClient
 TOPICS = {
     "/cuboid/detections": "vision_msgs/msg/Detection3DArray",
     "/cuboid/markers": "visualization_msgs/msg/MarkerArray",
+    "/cuboid/events": "cuboid_ros/msg/ObjectEvent",
     "/cuboid/map": "sensor_msgs/msg/PointCloud2",
     "/tf": "tf2_msgs/msg/TFMessage",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
@@ -52,7 +54,9 @@ def test_a_client_reads_a_run_while_it_goes(tmp_path: Path, monkeypatch: pytest.
 
         def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
             assert listening.wait(20.0)
-            return super().update(frame, anchor)
+            result = super().update(frame, anchor)
+            moved = ObjectEvent("moved", 1, np.zeros(3), np.ones(3), 0.9)
+            return dataclasses.replace(result, events=(moved,) if frame.index == 3 else ())
 
     monkeypatch.setattr("cuboid.pipeline.run._tracker", WaitingTracker)
     port, read = free_port(), {}
@@ -109,6 +113,8 @@ def check(messages: dict[str, list[Any]]) -> None:
     assert color.shape == (48, 64, 3)
     assert messages["/cuboid/camera_info"][-1].k[0] == 64.0
     assert messages["/cuboid/map"][0].width == 1
+    (event,) = messages["/cuboid/events"]
+    assert (event.event, event.label, event.from_position.x, event.to_position.x) == ("moved", 1, 0.0, 1.0)
     status = messages["/diagnostics"][0].status[0]
     assert (status.message, {one.key for one in status.values} >= {"frames", "objects"}) == ("tracking", True)
 

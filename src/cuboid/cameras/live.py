@@ -18,13 +18,11 @@ from cuboid.cameras.driver import CAMERAS, Driver, Shot, StreamEndedError
 from cuboid.cameras.latest import FORMS, POLL_S, LatestQueue, keeping
 from cuboid.core.errors import CuboidError, FrameError, InputError, OutputError
 from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.limits import FRAMES_WAITING
 from cuboid.core.paths import PathLike, as_path
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.images import depth_in_metres
 
-# Number of frames that wait for the tracker: at 30 Hz a delay of 0.1 s drops none, and frames are never older than
-# that.
-CAPACITY = 4
 # Time without frames after which a camera counts as gone, seconds; most need one or two seconds to start.
 SILENCE_S = 10.0
 
@@ -50,7 +48,13 @@ class LiveCamera:
     """
 
     def __init__(
-        self, driver: Driver, *, record: PathLike | None = None, form: str = "plain", silence_s: float = SILENCE_S
+        self,
+        driver: Driver,
+        *,
+        record: PathLike | None = None,
+        form: str = "plain",
+        silence_s: float = SILENCE_S,
+        capacity: int = FRAMES_WAITING,
     ) -> None:
         if form not in FORMS:
             raise InputError(f"a camera is recorded as {' or '.join(FORMS)}, got '{form}'")
@@ -64,7 +68,7 @@ class LiveCamera:
         self.idle: Callable[[], None] = lambda: None
         self._driver, self._form, self._silence_s = driver, form, silence_s
         self._prepare(Path(driver.name))
-        self._queue: LatestQueue[Shot] = LatestQueue(CAPACITY, paced=driver.paced)
+        self._queue: LatestQueue[Shot] = LatestQueue(capacity, paced=driver.paced)
         self._closing = threading.Event()
         self._failure = ""
         self._unusable: list[str] = []

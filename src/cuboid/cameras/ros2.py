@@ -34,8 +34,11 @@ NAME = "ros2"
 OPTIONS = ("color", "depth", "info", "domain")
 # Maximum time for nodes to find each other (usually one or two seconds), and for a camera's first images, seconds.
 DISCOVERY_S, FIRST_S = 5.0, 10.0
-# Maximum number of images of one kind that wait for their partner, and that the transport keeps.
+# Maximum number of images of one kind that wait for their partner.
 WAITING = 8
+# Maximum number of images of one kind that the transport keeps: at 30 Hz those of a second, during which a busy machine
+# may not run the receiving thread.
+KEPT = 30
 TICK_S = 0.01
 # An image waits no longer than this for the transforms of its time, seconds.
 POSE_WAIT_S = 0.25
@@ -66,8 +69,12 @@ class RosCamera:
     ----------
     frame_id : str
         The camera's frame, as its images name it.
-    unpaired, damaged : int
-        Images so far whose partner was lost, and pairs that hold no images.
+    received : dict of str to int
+        Number of images that arrived so far, for "color" and "depth".
+    unpaired, paired : int
+        Number of images whose partner was lost, and of pairs.
+    unposed, damaged : int
+        Number of pairs without a pose at their time, and of pairs that hold no images.
 
     Raises
     ------
@@ -95,14 +102,15 @@ class RosCamera:
         self._transport, self._messages, self._poses = transport, messages, poses
         self._feature, self._patient, self._stopped = feature, patient, stopped
         self.has_poses = poses is not None
-        self.unpaired = self.damaged = 0
+        self.received = {"color": 0, "depth": 0}
+        self.paired = self.unpaired = self.unposed = self.damaged = 0
         named = {"color": color, "depth": depth}
         topics = self._found_topics(named)
         chosen = {kind: self._chosen(topics, kind, named[kind]) for kind in ("color", "depth")}
         self.name = f"ROS 2 {chosen['color']}"
         self._kinds = {kind: topics[topic] for kind, topic in chosen.items()}
         self._inlets: dict[str, Inlet] = {
-            kind: transport.inlet(topic, topics[topic], Qos.SENSOR, WAITING) for kind, topic in chosen.items()
+            kind: transport.inlet(topic, topics[topic], Qos.SENSOR, KEPT) for kind, topic in chosen.items()
         }
         self._waiting: dict[str, deque[Any]] = {kind: deque(maxlen=WAITING) for kind in chosen}
         self._stamps_ns: OrderedDict[float, int] = OrderedDict()
@@ -150,17 +158,20 @@ class RosCamera:
         if (pose is None or not self._poses.is_newer(stamp_s(color))) and time.monotonic() - since_s < POSE_WAIT_S:
             return None
         self._posing = None
+        self.unposed += pose is None
         return self._shot(color, depth, pose)
 
     def _pair(self) -> tuple[Any, Any] | None:
         for kind, inlet in self._inlets.items():
             while (data := inlet.take()) is not None:
+                self.received[kind] += 1
                 self.unpaired += len(self._waiting[kind]) == WAITING
                 self._waiting[kind].append(self._messages.decode(data, self._kinds[kind]))
         colors, depths = self._waiting["color"], self._waiting["depth"]
         while colors and depths:
             apart_s = stamp_s(colors[0]) - stamp_s(depths[0])
             if abs(apart_s) <= WITHIN_S:
+                self.paired += 1
                 return colors.popleft(), depths.popleft()
             (depths if apart_s > 0 else colors).popleft()  # its partner was lost
             self.unpaired += 1
@@ -195,6 +206,7 @@ class RosCamera:
         first = self._first(self._inlets["depth"], self._kinds["depth"])
         if first is None:
             raise InputError(f"{self._feature}: no image on {depth} within {FIRST_S:g} s")
+        self.received["depth"] += 1
         self._waiting["depth"].append(first)
         size = self.calibration.size
         raw = depth_of(first, f"image of {depth}")

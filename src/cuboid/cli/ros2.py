@@ -11,6 +11,7 @@ from cuboid.cli.live import add_foxglove, say_foxglove
 from cuboid.cli.recording import add_method, config_from
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.workers import add_threads, positive
+from cuboid.core.limits import FRAMES_WAITING
 from cuboid.core.tolerances import DETECT_EVERY
 
 if TYPE_CHECKING:
@@ -53,6 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "of the point map); may be repeated",
     )
     add_foxglove(node)
+    node.add_argument(
+        "--queue",
+        type=positive,
+        default=FRAMES_WAITING,
+        metavar="N",
+        help="images that wait for the tracker; if more arrive, the oldest is dropped (default: %(default)s)",
+    )
     node.add_argument("--limit", type=positive, metavar="N", help="end after N frames")
     results = parser.add_argument_group("results")
     add_output(results, type=Path, metavar="DIR", help="folder of the results, written at the end and on request")
@@ -80,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
         domain=args.domain,
         simulated_time=args.sim_time,
         foxglove=args.foxglove,
+        queue=args.queue,
     )
     Parameters(lambda settings: None).set_texts(args.param)  # mistakes are reported before the wait for images
 

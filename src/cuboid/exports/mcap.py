@@ -6,6 +6,7 @@
     /camera/color/camera_info, /camera/aligned_depth_to_color/camera_info
     /objects/markers                                 visualization_msgs/MarkerArray: a cube, its edges, its label
     /objects/detections                              vision_msgs/Detection3DArray: the label as id, the name as class
+    /objects/events                                  cuboid_ros/ObjectEvent: an object appeared, moved, left, returned
     /map                                             sensor_msgs/PointCloud2: the global point map, once, at the start
 
 Each used frame has the objects that it sees. A marker stays until its object is seen again; that of a label that was
@@ -27,6 +28,7 @@ from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.ros_messages import COLOR, DEPTH, OPTICAL_FRAME, TRANSFORMS, WORLD_FRAME, RosBag, nanoseconds
 from cuboid.formats.stored import is_there
 from cuboid.outputs import Results, TrackRow
+from cuboid.outputs.rows import EventRow
 from cuboid.views.ros_objects import (
     cloud_message,
     color_image,
@@ -34,11 +36,12 @@ from cuboid.views.ros_objects import (
     depth_image,
     detection,
     detection_array,
+    event_message,
     marker_array,
     object_markers,
 )
 
-MARKERS, DETECTIONS, MAP = "/objects/markers", "/objects/detections", "/map"
+MARKERS, DETECTIONS, EVENTS, MAP = "/objects/markers", "/objects/detections", "/objects/events", "/map"
 
 
 def write(run: Results, path: Path) -> list[str]:
@@ -59,6 +62,9 @@ def _write_frames(bag: RosBag, run: Results, shown: bool) -> None:
     for row in run.tracks:
         seen[row.frame].append(row)
         last_seen[row.label] = row.frame
+    events: dict[int, list[EventRow]] = defaultdict(list)
+    for event in run.events:
+        events[event.frame].append(event)
     lasting, names = {item.label for item in run.found.objects}, names_of(run.found.objects)
     gone: list[int] = []
     for number, (frame, pose) in enumerate(run.poses.items()):
@@ -81,6 +87,9 @@ def _write_frames(bag: RosBag, run: Results, shown: bool) -> None:
         markers += [one for label in gone for one in deleted_markers(bag, label, time_ns, WORLD_FRAME)]
         bag.publish(MARKERS, marker_array(bag, markers), time_ns)
         bag.publish(DETECTIONS, _detections(bag, run, seen[frame], names, time_ns), time_ns)
+        for event in events[frame]:
+            name = names.get(event.label, "")
+            bag.publish(EVENTS, event_message(bag, event, name, time_ns, WORLD_FRAME), time_ns)
         gone = [row.label for row in seen[frame] if row.label not in lasting and last_seen[row.label] == frame]
 
 

@@ -34,6 +34,13 @@ VISION = {
     "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
 }
 
+# Our own messages; `ros/cuboid_ros/msg` builds the same for ROS.
+OWN = {
+    "cuboid_ros/msg/ObjectEvent": (
+        "std_msgs/Header header\nstring event\nuint32 label\nstring name\n"
+        "geometry_msgs/Point from_position\ngeometry_msgs/Point to_position\nfloat64 score\n"
+    ),
+}
 
 # Types of the services of the node, beside those of ROS itself; `ros/cuboid_ros/srv` builds the same for ROS.
 ANSWER = "bool success\nstring message\n"
@@ -73,7 +80,7 @@ class RosMessages:
     def __init__(self, feature: str, extra: str = "ros") -> None:
         typesys = require("rosbags.typesys", feature, extra)
         self.store: Any = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        known = dict(VISION)
+        known = VISION | OWN
         for name, (request, answer) in SERVICES.items():
             known |= {request_of(name): request, response_of(name): answer}
         for name, text in known.items():

@@ -11,6 +11,7 @@ Python does not reach: nodes on Fast DDS cannot call these services.
 
 from __future__ import annotations
 
+import os
 import types
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -42,6 +43,10 @@ BLOCKED_S = 0.05
 # DDS writes this before a message: its encoding. The number of a caller and of its call follow in services.
 ENCODING_BYTES, CALL_BYTES = 4, 16
 DISCOVERED_AT_ONCE = 64
+
+# Settings of Cyclone DDS unless the user has some. An image of 640x480 with its depth has 1.5 MB: a buffer of 8 MB
+# holds those that arrive in 0.15 s at 30 Hz. The kernel limits it to net.core.rmem_max.
+SETTINGS, SETTINGS_VARIABLE = '<Internal><SocketReceiveBufferSize max="8MB"/></Internal>', "CYCLONEDDS_URI"
 
 PRIMITIVES: dict[str, Any] = {
     "bool": bool,
@@ -117,6 +122,7 @@ class DdsTransport:
     """
 
     def __init__(self, domain: int, messages: RosMessages) -> None:
+        os.environ.setdefault(SETTINGS_VARIABLE, SETTINGS)
         try:
             self._participant: Any = DomainParticipant(domain)
         except DDSException as error:

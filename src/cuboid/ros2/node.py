@@ -29,7 +29,7 @@ CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 DIAGNOSE_EVERY_S, SILENT_S = 1.0, 2.0
 # Latencies of the last frames whose median and 99th percentile are told.
 FRAMES_KEPT = 300
-# Figures that count what was lost on the way.
+# Figures that count losses between the arrival of an image and its detections.
 LOSSES = ("frames skipped", "frames dropped", "images without partner", "images damaged")
 
 
@@ -117,6 +117,10 @@ class RosNode:
         """Return counts and times so far, by name."""
         camera, session = self._camera, self._session
         return {
+            "color images": camera.received["color"],
+            "depth images": camera.received["depth"],
+            "pairs": camera.paired,
+            "pairs without pose": camera.unposed,
             "frames": session.used,
             "frames skipped": session.skipped,
             "frames dropped": self._live.dropped,

@@ -15,6 +15,7 @@ from cuboid.cameras.ros_poses import RosPoses
 from cuboid.core.errors import InputError
 from cuboid.core.extras import require
 from cuboid.core.frame import Intrinsics
+from cuboid.core.limits import FRAMES_WAITING
 from cuboid.formats.ros_messages import RosMessages
 from cuboid.middleware.foxglove import FoxgloveServer
 from cuboid.middleware.transport import Services, Transport
@@ -50,6 +51,8 @@ class NodeOptions:
         Whether the clock is the topic /clock.
     foxglove : (str, int) or None
         Host and port at which Foxglove is served, too.
+    queue : int
+        Number of images that wait for the tracker; if more arrive, the oldest is dropped.
     """
 
     color: str | None = None
@@ -62,6 +65,7 @@ class NodeOptions:
     domain: str | None = None
     simulated_time: bool = False
     foxglove: tuple[str, int] | None = None
+    queue: int = FRAMES_WAITING
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +129,7 @@ def open_node(
             stopped=stopped,
         )
         stack.pop_all()  # the camera closes its transport from here on
-        live = stack.enter_context(LiveCamera(camera, silence_s=float("inf")))
+        live = stack.enter_context(LiveCamera(camera, silence_s=float("inf"), capacity=options.queue))
         session = make_session(live.intrinsics, ESTIMATED if poses is None else GIVEN)
         foxglove = None
         if options.foxglove is not None:

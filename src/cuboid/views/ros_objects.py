@@ -10,7 +10,7 @@ import numpy as np
 
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.palette import color_of
-from cuboid.core.results import tag_of
+from cuboid.core.results import ObjectEvent, tag_of
 from cuboid.formats.ros_messages import RosMessages
 from cuboid.geometry.box import CORNER_SIGNS, EDGES, Box
 from cuboid.views.report.pictures import encode_jpeg
@@ -65,6 +65,36 @@ def detection_array(make: RosMessages, detections: Sequence[Any], time_ns: int, 
     """Return the results of `detection` as vision_msgs/Detection3DArray."""
     header = make.header(frame, time_ns)
     return make.make("vision_msgs/Detection3DArray", header=header, detections=list(detections))
+
+
+def event_message(make: RosMessages, event: ObjectEvent, name: str, time_ns: int, frame: str) -> Any:
+    """Return an event as cuboid_ros/ObjectEvent: a place where the object was, or is, not in the scene is NaN.
+
+    Parameters
+    ----------
+    make : RosMessages
+    event : ObjectEvent
+    name : str
+        Of its object; may be empty.
+    time_ns : int
+        Of the image that reports it.
+    frame : str
+        Name of the world.
+    """
+    unknown = np.full(3, np.nan)
+    before, after = (
+        make.xyz(unknown if at_m is None else at_m, "geometry_msgs/Point") for at_m in (event.from_m, event.to_m)
+    )
+    return make.make(
+        "cuboid_ros/ObjectEvent",
+        header=make.header(frame, time_ns),
+        event=event.event,
+        label=event.label,
+        name=name,
+        from_position=before,
+        to_position=after,
+        score=float(event.score),
+    )
 
 
 def object_markers(

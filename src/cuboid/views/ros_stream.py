@@ -2,6 +2,7 @@
 
 /cuboid/detections    vision_msgs/Detection3DArray       the objects seen in the frame
 /cuboid/markers       visualization_msgs/MarkerArray     the same as boxes and text; all objects once a second
+/cuboid/events        cuboid_ros/ObjectEvent             an object appeared, moved, left or returned
 /cuboid/map           sensor_msgs/PointCloud2            the point map, if `map_every_s` is set
 /cuboid/cloud         sensor_msgs/PointCloud2            requested points
 /tf                   tf2_msgs/TFMessage                 the camera, and the objects if `object_frames` is set
@@ -31,6 +32,7 @@ from cuboid.views.ros_objects import (
     depth_image,
     detection,
     detection_array,
+    event_message,
     marker_array,
     object_markers,
 )
@@ -128,6 +130,7 @@ class RosStream:
 
         self._detections = topic(f"/{node}/detections", "vision_msgs/msg/Detection3DArray", Qos.RELIABLE)
         self._markers = topic(f"/{node}/markers", "visualization_msgs/msg/MarkerArray", Qos.RELIABLE)
+        self._events = topic(f"/{node}/events", "cuboid_ros/msg/ObjectEvent", Qos.RELIABLE)
         self._map = topic(f"/{node}/map", "sensor_msgs/msg/PointCloud2", Qos.LATCHED)
         self._cloud = topic(f"/{node}/cloud", "sensor_msgs/msg/PointCloud2", Qos.LATCHED)
         self._transforms = topic(TRANSFORMS, "tf2_msgs/msg/TFMessage", Qos.RELIABLE)
@@ -157,6 +160,7 @@ class RosStream:
         if self._detections.wanted():
             self._detections.send(self.detections(seen, time_ns), time_ns)
         self._send_markers(objects, seen, tracker, time_ns)
+        self._send_events(result, objects, time_ns)
         self._send_pictures(frame, time_ns)
         every_s, now_s = self.settings.map_every_s, time.monotonic()
         if every_s and now_s - self._map_s >= every_s and self._map.wanted():
@@ -256,6 +260,12 @@ class RosStream:
             markers += deleted_markers(self._messages, label, time_ns, self.world)
         self._shown = (self._shown & set(objects)) | {item.label for item in shown}
         self._markers.send(marker_array(self._messages, markers), time_ns)
+
+    def _send_events(self, result: FrameResult, objects: Mapping[int, TrackedObject], time_ns: int) -> None:
+        for one in result.events if self._events.wanted() else ():
+            item = objects.get(one.label)
+            name = self.names.get(one.label, "") if item is None else self._name_of(item)
+            self._events.send(event_message(self._messages, one, name, time_ns, self.world), time_ns)
 
     def _send_pictures(self, frame: Frame, time_ns: int) -> None:
         if self._camera_info.wanted():
