@@ -112,6 +112,6 @@ def test_where_others_can_reach_it_a_token_is_needed(results: Path) -> None:
         error.value.close()
 
 
-def test_a_folder_that_is_no_place_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_that_is_no_place_and_no_store_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["mcp", str(tmp_path)]) == 2
-    assert "expected a scene file or a result folder" in capsys.readouterr().err
+    assert "expected a store that 'cuboid batch' wrote" in capsys.readouterr().err

@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
+from urllib.error import HTTPError
 from urllib.request import urlopen
 
 import numpy as np
@@ -90,6 +91,14 @@ def test_the_map_is_told_as_it_grows(run: SimpleNamespace) -> None:
     assert ask(run, "/objects/1/history")["count"] >= 1
     with urlopen(f"{run.address}/api/objects/1/picture", timeout=60) as answer:
         assert answer.read()[:2] == b"\xff\xd8"
+
+
+def test_a_search_by_text_says_that_it_needs_the_end_of_the_run(run: SimpleNamespace) -> None:
+    step_until(run, lambda: ask(run)["objects"] == 2)
+    with pytest.raises(HTTPError) as error:
+        urlopen(f"{run.address}/api/objects?text=cup", timeout=60)
+    with error.value as answer:
+        assert (answer.code, "embedded at the end of a run" in json.load(answer)["error"]) == (400, True)
 
 
 def test_a_cloud_is_given_between_two_frames(run: SimpleNamespace) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import shutil
 import zipfile
 from pathlib import Path
@@ -154,6 +155,20 @@ def test_the_number_of_kept_views_is_bounded() -> None:
     assert keeper._apart_rad[1] > APART_RAD
     keeper.add(frame, T, [Sighting(1, upright((0.5, 0.5), (0.1, 0.1, 0.1)), None, 0.9, np.zeros(4))])
     assert len(keeper._views[1]) <= 1, "it stands elsewhere now"
+
+
+def test_views_that_are_left_out_are_a_warning_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def saved(name: str) -> tuple[str, ...]:
+        tracker = cuboid.Tracker(CAMERA, poses="given", shapes=True)
+        for frame in made_shapes.frames():
+            tracker.update(frame)
+        tracker.save(tmp_path / name)
+        return tuple(line for line in cuboid.open_results(tmp_path / name).report.warnings if "views" in line)
+
+    assert saved("whole") == ()
+    monkeypatch.setattr("cuboid.shapes.keeping.MAX_BYTES", 100_000)
+    (line,) = saved("small")
+    assert re.match(r"\d+ views of 2 objects were left out: together, views are limited to 0 MB", line)
 
 
 def test_a_mesh_goes_through_a_file_with_colors_and_what_is_guessed(run: Results, tmp_path: Path) -> None:

@@ -34,11 +34,9 @@ NAME = "ros2"
 OPTIONS = ("color", "depth", "info", "domain")
 # Maximum time for nodes to find each other (usually one or two seconds), and for a camera's first images, seconds.
 DISCOVERY_S, FIRST_S = 5.0, 10.0
-# Maximum number of images of one kind that wait for their partner.
-WAITING = 8
-# Maximum number of images of one kind that the transport keeps: at 30 Hz those of a second, during which a busy machine
-# may not run the receiving thread.
-KEPT = 30
+# Maximum number of images of one kind that the transport keeps, and that wait for their partner: at 30 Hz those of a
+# second, during which a busy machine may not run the receiving thread.
+WAITING = 30
 TICK_S = 0.01
 # An image waits no longer than this for the transforms of its time, seconds.
 POSE_WAIT_S = 0.25
@@ -110,7 +108,7 @@ class RosCamera:
         self.name = f"ROS 2 {chosen['color']}"
         self._kinds = {kind: topics[topic] for kind, topic in chosen.items()}
         self._inlets: dict[str, Inlet] = {
-            kind: transport.inlet(topic, topics[topic], Qos.SENSOR, KEPT) for kind, topic in chosen.items()
+            kind: transport.inlet(topic, topics[topic], Qos.SENSOR, WAITING) for kind, topic in chosen.items()
         }
         self._waiting: dict[str, deque[Any]] = {kind: deque(maxlen=WAITING) for kind in chosen}
         self._stamps_ns: OrderedDict[float, int] = OrderedDict()

@@ -1,12 +1,18 @@
-"""`cuboid mcp`: a scene or results for assistants, over the Model Context Protocol."""
+"""`cuboid mcp`: a scene, results or a store for assistants, over the Model Context Protocol."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from typing import TYPE_CHECKING
 
 from cuboid.cli.serving import add_address, listen
 from cuboid.cli.text_model import add_text_model, serving_model
+
+if TYPE_CHECKING:
+    from mcp.server.mcpserver import MCPServer
+
+    from cuboid.text_search import TextModel
 
 EXAMPLE = "cuboid mcp kitchen.cuboid"
 PORT = 8766
@@ -14,7 +20,7 @@ PORT = 8766
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument("place", metavar="SCENE|RESULTS", help="a scene file or a result folder")
+    parser.add_argument("place", metavar="SCENE|RESULTS|STORE", help="a scene file, a result folder, or a store")
     parser.add_argument(
         "--http", action="store_true", help="serve over HTTP, at /mcp; else over standard input and output"
     )
@@ -24,18 +30,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until the assistant disconnects, or Ctrl-C."""
-    from cuboid.core.errors import InputError
     from cuboid.core.extras import require
     from cuboid.core.threads import limit_threads
-    from cuboid.queries.opening import is_place, open_place
 
     require("mcp", "cuboid mcp", "mcp")
     limit_threads(1)
-    if not is_place(args.place):
-        raise InputError(f"{args.place}: expected a scene file or a result folder")
-    from cuboid.service.mcp import server_of
-
-    server = server_of(open_place(args.place, serving_model(args)))
+    server = _server(args.place, serving_model(args))
     if not args.http:
         print(f"cuboid: {args.place} over standard input and output", file=sys.stderr, flush=True)
         server.run("stdio")
@@ -56,3 +56,18 @@ def run(args: argparse.Namespace) -> int:
     finally:
         address.listening.close()
     return 0
+
+
+def _server(path: str, model: TextModel | None) -> MCPServer:
+    """Return the MCP server of a scene, of results, or of a store."""
+    from cuboid.core.extras import need_cluster
+    from cuboid.queries.opening import is_place, open_place
+
+    if is_place(path):
+        from cuboid.service.mcp import server_of as server_of_place
+
+        return server_of_place(open_place(path, model))
+    need_cluster("cuboid mcp STORE")
+    from cuboid.service.store_mcp import server_of as server_of_store
+
+    return server_of_store(path, model)

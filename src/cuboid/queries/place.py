@@ -26,11 +26,12 @@ from cuboid.queries.changes import ChangeLog
 from cuboid.queries.filters import LIKELY, Filters, is_surface, label_of
 from cuboid.queries.free import free_place
 from cuboid.queries.likeness import color_fractions, color_word
+from cuboid.queries.parameters import text_query
 from cuboid.queries.sources import Source, vector
 from cuboid.relations import Branch, find_relations, place_tree
 from cuboid.relations.tree import number_of, plane_heights_m
 from cuboid.shapes import ObjectMesh
-from cuboid.text_search import TextModel, ranked
+from cuboid.text_search import TextModel, TextQuery, ranked
 
 T = TypeVar("T")
 # A slow result is computed again after the map has changed, but not before this many times its computing time has
@@ -91,6 +92,21 @@ class Place:
             running, last = self._source.running, self.changes.last
             title, kind = self._source.title, self._source.kind
             return About(title, kind, len(found), None if up is None else vector(up), last, running)
+
+    def text_query(self, text: str | None) -> TextQuery | None:
+        """Return a text with its vector; None without a text.
+
+        Raises
+        ------
+        InputError
+            The place is a run, or there is no model.
+        """
+        if text is not None and self._source.kind == "run":
+            raise InputError(
+                "text: the pictures of objects are embedded at the end of a run; serve its results or scene then, "
+                "with --text-model DIR"
+            )
+        return text_query(text, self.model)
 
     def find(self, filters: Filters) -> list[FoundObject]:
         """Return the objects that pass the filters, sorted by match with a text, else by distance, else by label.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from cuboid.core.errors import InputError
 from cuboid.outputs.ply import cloud_ply
 from cuboid.queries.answers import About, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
-from cuboid.queries.parameters import PARAMETERS, Parameter, filters_of
+from cuboid.queries.parameters import PARAMETERS, TEXT, Parameter, filters_of
 from cuboid.queries.place import FREE_HEIGHT_M, ONLY_IN_A_STORE, SIGHTINGS, Place
 from cuboid.queries.words import length
 
@@ -76,7 +76,9 @@ def _flag(asked: Asked, name: str) -> bool:
 
 
 def _find(place: Place, asked: Asked) -> list[FoundObject]:
-    return place.find(filters_of({name: value.strip() for name, value in asked.items() if value.strip()}, place.model))
+    values = {name: value.strip() for name, value in asked.items() if value.strip()}
+    text = place.text_query(values.pop(TEXT, None))
+    return place.find(replace(filters_of(values), text=text))
 
 
 def _free(place: Place, asked: Asked) -> FreePlace | None:

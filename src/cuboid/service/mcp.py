@@ -17,7 +17,6 @@ from cuboid import __version__
 from cuboid.core.errors import InputError, MissingExtraError
 from cuboid.queries.answers import About, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
 from cuboid.queries.filters import Filters
-from cuboid.queries.parameters import text_query
 from cuboid.queries.place import FREE_HEIGHT_M, SIGHTINGS, Place
 
 T = TypeVar("T")
@@ -42,7 +41,7 @@ class Described:
     tree: list[TreeNode]
 
 
-async def _asked(question: Callable[..., T], *values: object) -> T:
+async def answered(question: Callable[..., T], *values: object) -> T:
     """Answer in a thread; what is wrong with the question is told to the assistant in one line."""
     try:
         return await run_in_threadpool(question, *values)
@@ -67,7 +66,7 @@ def _add_finding(server: MCPServer, place: Place) -> None:
         def answer() -> Described:
             return Described(place.about(), place.surfaces(), list(place.tree()))
 
-        return await _asked(answer)
+        return await answered(answer)
 
     @server.tool(annotations=READ_ONLY)
     async def find_objects(
@@ -101,12 +100,12 @@ def _add_finding(server: MCPServer, place: Place) -> None:
             color=color,
             limit=limit,
         )
-        return await _asked(lambda: place.find(filters(text=text_query(text, place.model))))
+        return await answered(lambda: place.find(filters(text=place.text_query(text))))
 
     @server.tool(annotations=READ_ONLY)
     async def last_seen(what: Annotated[str, Field(description="label or name")]) -> list[FoundObject]:
         """Tell where and when an object was seen last, also one that is gone; the latest first."""
-        return await _asked(place.last_seen, what)
+        return await answered(place.last_seen, what)
 
     @server.tool(annotations=READ_ONLY)
     async def recent_changes(after: Annotated[int, Field(ge=0)] = 0) -> list[MapChange]:
@@ -116,19 +115,19 @@ def _add_finding(server: MCPServer, place: Place) -> None:
             place.refresh()
             return place.changes.after(after)
 
-        return await _asked(answer)
+        return await answered(answer)
 
 
 def _add_objects(server: MCPServer, place: Place) -> None:
     @server.tool(annotations=READ_ONLY)
     async def describe_object(label: Label) -> FoundObject:
         """Describe one object: box, name, times, and its relations to other objects."""
-        return await _asked(place.object, label)
+        return await answered(place.object, label)
 
     @server.tool(annotations=READ_ONLY)
     async def picture_of_object(label: Label) -> Image:
         """Show the best picture of an object."""
-        picture = await _asked(place.picture, label)
+        picture = await answered(place.picture, label)
         if picture is None:
             raise ToolError(f"there is no picture of object {label}")
         return Image(data=picture, format="jpeg")
@@ -136,7 +135,7 @@ def _add_objects(server: MCPServer, place: Place) -> None:
     @server.tool(annotations=READ_ONLY)
     async def history_of_object(label: Label, limit: Annotated[int, Field(ge=1, le=1000)] = SIGHTINGS) -> History:
         """Tell when and where an object was seen, and its relations over the recordings of a scene."""
-        return await _asked(place.history, label, limit)
+        return await answered(place.history, label, limit)
 
 
 def _add_surfaces(server: MCPServer, place: Place) -> None:
@@ -149,4 +148,4 @@ def _add_surfaces(server: MCPServer, place: Place) -> None:
         near: Annotated[str | None, Field(description="X,Y,Z in the world, or label or name of an object")] = None,
     ) -> FreePlace | None:
         """Find the nearest free place on a surface for an object with a given footprint and height."""
-        return await _asked(place.free_place, surface, length_m, width_m, height_m, near)
+        return await answered(place.free_place, surface, length_m, width_m, height_m, near)

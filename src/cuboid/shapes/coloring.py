@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from cuboid.core.frame import Float64Array, UInt8Array
-from cuboid.core.tolerances import JUMP_M, NEAREST_M
+from cuboid.core.tolerances import JUMP_M
 from cuboid.geometry import se3
 from cuboid.shapes.mesh import ObjectMesh
-from cuboid.shapes.views import ObjectView
+from cuboid.shapes.views import ObjectView, pixels_of
 
 # Exponent of the cosine of the viewing angle in a view's weight: frontal views dominate, grazing ones count little.
 SHARPNESS = 4
@@ -36,12 +36,8 @@ def colors_of(mesh: ObjectMesh, views: Sequence[ObjectView], otherwise: Float64A
 
 
 def _add(vertices: Float64Array, normals: Float64Array, view: ObjectView, total: Float64Array, w: Float64Array) -> None:
-    camera = view.camera
-    place = se3.transform(se3.inverse(view.T_world_camera), vertices)
-    z = np.maximum(place[:, 2], NEAREST_M)
-    u = np.rint(camera.fx * place[:, 0] / z + camera.cx).astype(np.int64)
-    v = np.rint(camera.fy * place[:, 1] / z + camera.cy).astype(np.int64)
-    inside = (place[:, 2] > NEAREST_M) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    x, y, z = se3.transform(se3.inverse(view.T_world_camera), vertices).T
+    u, v, inside = pixels_of(view.camera, x, y, z)
     rows = np.flatnonzero(inside)
     u, v, z = u[rows], v[rows], z[rows]
     shown = np.abs(view.depth_m[v, u] - z) < JUMP_M

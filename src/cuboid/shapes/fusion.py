@@ -18,7 +18,7 @@ from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.tolerances import JUMP_M, NEAREST_M
 from cuboid.geometry import se3
 from cuboid.geometry.box import Box
-from cuboid.shapes.views import MARGIN_M, ObjectView
+from cuboid.shapes.views import MARGIN_M, ObjectView, pixels_of
 
 # Edge of a voxel: the longest side of the box is divided into VOXELS_ALONG voxels, within limits in metres. Depth
 # cameras resolve no detail below FINEST_M; above COARSEST_M small objects lose their shape.
@@ -132,12 +132,8 @@ def _projected(
         + (T[row, 2] * steps[2]).astype(np.float32)[None, None, :]
         for row in range(3)
     )
-    deep = np.maximum(z, np.float32(NEAREST_M))
-    camera = view.camera
-    u = np.rint(np.float32(camera.fx) * x / deep + np.float32(camera.cx)).astype(np.int64)
-    v = np.rint(np.float32(camera.fy) * y / deep + np.float32(camera.cy)).astype(np.int64)
-    inside = (z > NEAREST_M) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    return np.where(inside, v * camera.width + u, 0), np.where(inside, z, np.float32(0.0))
+    u, v, inside = pixels_of(view.camera, x, y, z)
+    return np.where(inside, v * view.camera.width + u, 0), np.where(inside, z, np.float32(0.0))
 
 
 def facing(depth_m: Float32Array, view: ObjectView) -> Float32Array:

@@ -88,6 +88,18 @@ class ViewKeeper:
     _views: dict[int, list[KeptView]] = field(default_factory=dict)
     _apart_rad: dict[int, float] = field(default_factory=dict)
     _bytes: int = 0
+    _left_out: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One line if views were left out because all views together have a maximum size."""
+        count, objects = sum(self._left_out.values()), len(self._left_out)
+        if not count:
+            return ()
+        return (
+            f"{count} views of {objects} object{'s' if objects > 1 else ''} were left out: together, views are limited "
+            f"to {MAX_BYTES >> 20} MB; meshes of these objects may have holes without the recording",
+        )
 
     def add(self, frame: Frame, T_world_camera: Float64Array, sightings: Sequence[Sighting]) -> None:
         """Keep the views in a frame that show a new side of their objects."""
@@ -109,6 +121,7 @@ class ViewKeeper:
         at = round(self.camera.cx - view.camera.cx), round(self.camera.cy - view.camera.cy)
         png, jpeg = _encoded(view)
         if self._bytes + len(png) + len(jpeg) > MAX_BYTES:
+            self._left_out[seen.label] = self._left_out.get(seen.label, 0) + 1
             return
         views.append(KeptView(frame.index, seen.box, seen.visible, T_world_camera, at, png, jpeg))
         self._bytes += views[-1].size

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.tolerances import NEAREST_M
 from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
+
+Number = TypeVar("Number", Float32Array, Float64Array)
+Pixels = npt.NDArray[np.int64]
 
 # Margin of the fused volume around the box, metres: boxes have errors of a voxel, and a mesh must end in free space.
 MARGIN_M = 0.01
@@ -42,6 +47,22 @@ class ObjectView:
     color: UInt8Array
     camera: Intrinsics
     T_world_camera: Float64Array
+
+
+def pixels_of(camera: Intrinsics, x: Number, y: Number, z: Number) -> tuple[Pixels, Pixels, npt.NDArray[np.bool_]]:
+    """Return the pixels u and v that are nearest to points in front of a camera, and which points it sees.
+
+    Parameters
+    ----------
+    camera : Intrinsics
+    x, y, z : array of float32 or float64
+        Coordinates in the frame of the camera, metres, all of one shape; the arithmetic has their precision.
+    """
+    number = z.dtype.type
+    deep = np.maximum(z, number(NEAREST_M))
+    u = np.rint(number(camera.fx) * x / deep + number(camera.cx)).astype(np.int64)
+    v = np.rint(number(camera.fy) * y / deep + number(camera.cy)).astype(np.int64)
+    return u, v, (z > NEAREST_M) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

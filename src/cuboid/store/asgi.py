@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 from starlette.applications import Starlette
@@ -23,7 +22,7 @@ from cuboid.queries.rows import plain
 from cuboid.store.find import find
 from cuboid.store.page import MORE, WORST, found_page, summary_page
 from cuboid.store.place import RESULTS, Place
-from cuboid.store.query import Tables
+from cuboid.store.query import SharedTables, Tables
 from cuboid.store.summary import summarise_store
 from cuboid.text_search import TextModel
 from cuboid.views.guard import Guard
@@ -46,20 +45,17 @@ class Store:
 
     def __init__(self, url: str) -> None:
         self.url = url
-        self._tables = Tables(url)
-        self._lock = Lock()
+        self._tables = SharedTables(url)
 
     async def ask(self, question: Callable[[Tables], Response]) -> Response:
         """Answer in a thread; what is wrong with the question is an answer as well."""
         return await run_in_threadpool(self._ask, question)
 
     def _ask(self, question: Callable[[Tables], Response]) -> Response:
-        with self._lock:
-            try:
-                self._tables.refresh()
-                return question(self._tables)
-            except InputError as error:
-                return JSONResponse({"error": str(error)}, 400)
+        try:
+            return self._tables.ask(question)
+        except InputError as error:
+            return JSONResponse({"error": str(error)}, 400)
 
 
 def application(

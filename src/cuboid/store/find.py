@@ -57,7 +57,7 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
         extra, order = [f"{_distance(filters.near)} as distance_m"], ["distance_m"]
     front: list[Any] = []
     if filters.like is not None:
-        one = _the_one(tables, *filters.like)
+        one = _the_one(tables, *filters.like, "run", "label", *SIDES, "colors", "shape")
         front = [one[name] for name in (*SIDES, "colors", "shape")]
         extra, order = [*extra, f"{UNLIKE} as unlike"], ["unlike"]
         where.append("not (run = ? and label = ?)")
@@ -79,6 +79,13 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
             if row[column] is None:
                 raise InputError(f"{tables.url}: the store is damaged: an object has no {column}")
     return found
+
+
+def picture_of(tables: Tables, recording: str, label: int) -> bytes | None:
+    """Return the picture of an object, JPEG; None without one. Raises InputError for no such object."""
+    one = _the_one(tables, recording, label, "picture")
+    picture: bytes | None = one["picture"]
+    return picture
 
 
 def _conditions(filters: Filters) -> tuple[list[str], list[Any]]:
@@ -144,21 +151,22 @@ def _distance(near: tuple[float, float, float]) -> str:
     return f"sqrt((center_x_m - ({x!r}))**2 + (center_y_m - ({y!r}))**2 + (center_z_m - ({z!r}))**2)"
 
 
-def _the_one(tables: Tables, recording: str, label: int) -> dict[str, Any]:
-    """Return the reference object of a similarity search."""
-    columns = ", ".join(("run", "label", *SIDES, "colors", "shape"))
+def _the_one(tables: Tables, recording: str, label: int, *columns: str) -> dict[str, Any]:
+    """Return some columns of an object that is named by its recording and label."""
+    selected = ", ".join(columns)
     found = tables.rows(
-        f"select {columns} from {OBJECTS} where recording = ? and label = ? and {NEWEST}", [recording, label]
+        f"select {selected} from {OBJECTS} where recording = ? and label = ? and {NEWEST}", [recording, label]
     )
     if len(found) == 1:
         return found[0]
     if found:
         raise InputError(
-            f"--like: {len(found)} recordings are called '{recording}'; `cuboid sql` tells them apart by source"
+            f"{recording}#{label}: {len(found)} recordings are called '{recording}'; "
+            "`cuboid sql` tells them apart by source"
         )
     known = tables.rows(f"select 1 from {RUNS} where recording = ? limit 1", [recording])
     what = f"recording '{recording}' has no object {label}" if known else f"there is no recording '{recording}'"
-    raise InputError(f"--like: {what} in {tables.url}")
+    raise InputError(f"{recording}#{label}: {what} in {tables.url}")
 
 
 def _refuse_other_model(tables: Tables, query: TextQuery) -> None:

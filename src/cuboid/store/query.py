@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from threading import Lock
 from typing import Any, TypeVar
 
 import duckdb
@@ -114,6 +115,29 @@ class Tables:
                     raise InputError(_first_line(error)) from None
                 self._open()  # the files were gathered into others meanwhile
         return answer()
+
+
+class SharedTables:
+    """The tables of a store for a server: one query at a time, of any thread, from the tables as they are then.
+
+    Parameters
+    ----------
+    url : str
+
+    Raises
+    ------
+    InputError
+        There is no store, or it is damaged.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._tables, self._lock = Tables(url), Lock()
+
+    def ask(self, question: Callable[[Tables], Found]) -> Found:
+        """Return the answer to a question; raises what the question raises."""
+        with self._lock:
+            self._tables.refresh()
+            return question(self._tables)
 
 
 def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection:

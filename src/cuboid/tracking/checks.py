@@ -39,7 +39,12 @@ def checked_warnings(tracker: Tracker, recording: RecordingLike, every: int) -> 
         found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
     beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
     checked = (one for one in (found, beside) if one is not None)
-    return (*diagnose(run_facts(tracker, recording, every, fit)), *tracker.pose_warnings, *checked)
+    return (
+        *diagnose(run_facts(tracker, recording, every, fit)),
+        *tracker.pose_warnings,
+        *tracker.view_warnings,
+        *checked,
+    )
 
 
 def run_facts(

@@ -285,12 +285,17 @@ class Tracker(KeptMap):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Likely faults of the frames, one line each."""
-        return (*diagnose(run_facts(self)), *self.pose_warnings)
+        return (*diagnose(run_facts(self)), *self.pose_warnings, *self.view_warnings)
 
     @property
     def pose_warnings(self) -> tuple[str, ...]:
         """Likely faults of the camera poses, one line each."""
         return () if self._source is None else self._source.warnings()
+
+    @property
+    def view_warnings(self) -> tuple[str, ...]:
+        """One line if views of objects were left out."""
+        return () if self.kept_views is None else self.kept_views.warnings
 
     def corrected_trajectory(self) -> list[PoseRow] | None:
         """Return the corrected poses of the used frames; None if the source never corrects poses.
