@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import os
 import re
 import runpy
@@ -14,10 +16,12 @@ from typing import Any
 import pytest
 
 pytest.importorskip("catkin_pkg", reason="the manifest is parsed by catkin_pkg: pip install '.[dev]'")
+pytest.importorskip("foxglove", reason="the layout is compared with foxglove-sdk: pip install '.[foxglove]'")
 pytest.importorskip("rosbags", reason="messages are made with rosbags: pip install '.[ros2]'")
 
 import yaml
 from catkin_pkg.package import parse_package
+from foxglove import layouts
 
 from cuboid.cli.ros2 import add_arguments
 from cuboid.formats.ros_messages import OWN, SERVICES, RosMessages
@@ -85,6 +89,57 @@ def test_rviz_shows_topics_of_the_node_with_their_types_and_durability() -> None
             assert latched == (carrier.topics[name][1] is Qos.LATCHED), name
     assert shown.keys() == {"/cuboid/markers", "/cuboid/map", "/cuboid/cloud"}
     assert shown == {name: carrier.topics[name][0] for name in shown}
+
+
+# The types of messages that each panel of Foxglove shows, for the settings that name a topic.
+FOXGLOVE_TYPES = {
+    "3D": {"visualization_msgs/msg/MarkerArray", "sensor_msgs/msg/PointCloud2"},
+    "Image": {"visualization_msgs/msg/MarkerArray"},
+    "imageTopic": {"sensor_msgs/msg/CompressedImage"},
+    "calibrationTopic": {"sensor_msgs/msg/CameraInfo"},
+    "DiagnosticStatusPanel": {"diagnostic_msgs/msg/DiagnosticArray"},
+    "Table": {"cuboid_ros/msg/ObjectEvent"},
+    "RawMessages": {"vision_msgs/msg/Detection3DArray"},
+}
+
+
+# The SDK's descriptions of the settings of these panels.
+FOXGLOVE_SETTINGS = {
+    "3D": layouts.ThreeDeeConfig,
+    "Image": layouts.ImageConfig,
+    "Table": layouts.TableConfig,
+    "DiagnosticStatusPanel": layouts.DiagnosticsDetailConfig,
+    "RawMessages": layouts.RawMessagesConfig,
+}
+
+
+def panels_of(tree: Any) -> list[str]:
+    """Return the panels of a layout, from its tree of splits."""
+    if isinstance(tree, str):
+        return [tree]
+    assert tree["direction"] in ("row", "column")
+    assert 0 < tree["splitPercentage"] < 100
+    return panels_of(tree["first"]) + panels_of(tree["second"])
+
+
+def test_foxglove_shows_topics_of_the_node_in_panels_for_their_types() -> None:
+    carrier = Carrier()
+    RosStream(RosMessages("the tests", "ros2"), [carrier], INTRINSICS, pictures=[carrier])
+    layout = json.loads((PACKAGE / "foxglove" / "cuboid.json").read_text(encoding="utf-8"))
+    assert sorted(panels_of(layout["layout"])) == sorted(layout["configById"])
+    shown: dict[str, set[str]] = {}
+    for panel, settings in layout["configById"].items():
+        kind = panel.split("!")[0]
+        known = {one.name.replace("_", "") for one in dataclasses.fields(FOXGLOVE_SETTINGS[kind])}
+        assert {name.lower() for name in settings} <= known
+        named = dict.fromkeys(settings.get("topics", {}), kind)
+        named |= {topic: setting for setting, topic in settings.get("imageMode", {}).items()}
+        named |= {settings[key]: kind for key in ("topicPath", "topicToRender") if key in settings}
+        for topic, where in named.items():
+            assert carrier.topics[topic][0] in FOXGLOVE_TYPES[where], (panel, topic)
+            shown.setdefault(kind, set()).add(topic)
+    assert shown["3D"] == {"/cuboid/markers", "/cuboid/map", "/cuboid/cloud"}
+    assert {topic for topics in shown.values() for topic in topics} == {*carrier.topics} - {"/tf"}
 
 
 def stand_ins() -> dict[str, ModuleType]:

@@ -176,7 +176,8 @@ def _read(read: Callable[[str], T], text: str) -> T:
 
 
 def _recording(row: dict[str, Any]) -> StoreRecording:
-    return StoreRecording(**{name: row[name] or 0 for name in StoreRecording.__dataclass_fields__})
+    counts = {name: row[name] or 0 for name in ("objects", "frames_read", "frames_used", "warnings")}
+    return StoreRecording(row["recording"], **counts)
 
 
 def _object(row: dict[str, Any]) -> StoredObject:
