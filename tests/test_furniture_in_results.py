@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import networkx
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from rosbags.highlevel import AnyReader
 
 import cuboid
 from cuboid import cli
@@ -15,6 +17,7 @@ from cuboid.core.errors import InputError
 from cuboid.core.results import TrackedObject
 from cuboid.evaluation import evaluate
 from cuboid.outputs import Results, read_objects
+from cuboid.queries.opening import open_place
 from cuboid.scene import Scene
 from cuboid.tracking.furniture import labels_of
 from made_scenes import CAMERA
@@ -115,7 +118,57 @@ def test_things_on_a_table_are_found_by_its_label(furnished: Path, capsys: pytes
     assert cli.main(["find", str(furnished), "--on", "99"]) == 2
 
 
-def test_exports_hold_the_objects_alone(furnished: Path, plain: Path, tmp_path: Path) -> None:
+def test_things_on_a_table_are_found_in_a_store(
+    recording: Path, furnished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = str(tmp_path / "store")
+    options = ["--output", store, "--workers", "1", "--relations", "--furniture"]
+    assert cli.main(["batch", str(recording), *options]) == 0
+    capsys.readouterr()
+    (table,) = Results(furnished).furniture
+    assert cli.main(["find", store, "--on", str(table.label), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["objects"]
+    assert {one["label"] for one in found} == {item.label for item in Results(furnished).objects}
+
+
+def exported(results: Path, form: str, folder: Path) -> Path:
+    assert cli.main(["export", str(results), "--to", form, "--output", str(folder / f"out.{form}")]) == 0
+    return folder / f"out.{form}"
+
+
+def test_the_graph_and_json_have_the_furniture_and_what_it_bears(furnished: Path, tmp_path: Path) -> None:
+    (table,), objects = Results(furnished).furniture, [item.label for item in Results(furnished).objects]
+    graph = networkx.read_graphml(exported(furnished, "graphml", tmp_path))
+    node = f"object:{table.label}"
+    assert (graph.nodes[node]["kind"], graph.nodes[node]["label"]) == ("support", table.label)
+    ends = {(data["relation"], end) for _, end, data in graph.out_edges(node, data=True)}
+    assert {("supports", f"object:{label}") for label in objects} <= ends
+    assert {("bears", f"plane:{k}") for k in table.planes} <= ends
+    features = json.loads(exported(furnished, "json", tmp_path).read_text())["features"]
+    (piece,) = [one["properties"] for one in features if one["properties"]["kind"] == "support"]
+    assert (piece["label"], piece["planes"]) == (table.label, list(table.planes))
+
+
+def test_a_bag_shows_the_furniture_once(furnished: Path, tmp_path: Path) -> None:
+    (table,) = Results(furnished).furniture
+    with AnyReader([exported(furnished, "mcap", tmp_path)]) as bag:
+        (found,) = [
+            bag.deserialize(raw, one.msgtype) for one, _, raw in bag.messages() if one.topic == "/objects/furniture"
+        ]
+    assert {one.id for one in found.markers} == {table.label}
+    cube = next(one for one in found.markers if one.ns == "boxes")
+    assert_allclose([cube.scale.x, cube.scale.y, cube.scale.z], table.box.size, atol=1e-6)
+
+
+def test_a_served_surface_names_the_furniture_that_bears_it(furnished: Path, plain: Path) -> None:
+    (table,) = Results(furnished).furniture
+    bearers = {one.surface: one.furniture for one in open_place(str(furnished)).surfaces()}
+    assert bearers == {f"plane:{k}": table.label if k in table.planes else None for k in range(len(bearers))}
+    assert len(set(bearers.values())) == 2
+    assert {one.furniture for one in open_place(str(plain)).surfaces()} == {None}
+
+
+def test_exports_of_objects_hold_the_objects_alone(furnished: Path, plain: Path, tmp_path: Path) -> None:
     for name, results in (("a", furnished), ("b", plain)):
         assert cli.main(["export", str(results), "--to", "csv", "--output", str(tmp_path / f"{name}.csv")]) == 0
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()

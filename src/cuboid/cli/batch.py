@@ -14,7 +14,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cuboid import __version__
 from cuboid.cli.progress import LINE_EVERY_S
-from cuboid.cli.recording import add_reading_options, add_relations, add_tracking, config_from, reading_from
+from cuboid.cli.recording import (
+    add_furniture,
+    add_reading_options,
+    add_relations,
+    add_tracking,
+    config_from,
+    reading_from,
+)
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.text_model import add_embedding, embedding_model
 from cuboid.cli.workers import add_workers, workers_from
@@ -142,6 +149,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tables-only", action="store_true", help="store the tables only, without a result folder per recording"
     )
     add_relations(results)
+    add_furniture(results)
     results.add_argument("--retry", action="store_true", help="also retry recordings that failed or were set aside")
     results.add_argument(
         "--tag",
@@ -225,6 +233,7 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
         **({"detector": args.detector} if args.detector else {}),
         **({"detector_every": args.detector_every} if args.detector_every else {}),
         **({"relations": True} if args.relations else {}),
+        **({"furniture": True} if args.furniture else {}),
         **({"text_model": args.text_model} if args.text_model else {}),
     }
 

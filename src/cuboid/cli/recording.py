@@ -79,6 +79,12 @@ def add_relations(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--relations", action="store_true", help=relations)
 
 
+def add_furniture(parser: argparse._ActionsContainer) -> None:
+    """Add `--furniture`."""
+    furniture = "also find the tables, shelves and other furniture that bear the planes, at the end (0.1 to 2 s)"
+    parser.add_argument("--furniture", action="store_true", help=furniture)
+
+
 def add_reading(
     parser: argparse.ArgumentParser, *, thinned: bool = True, required: bool = True, tracked: bool = True
 ) -> argparse._ArgumentGroup:

@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any
 from cuboid.cli.live import add_live, add_serve, watching
 from cuboid.cli.names import camera_names
 from cuboid.cli.parser import takes_names
-from cuboid.cli.recording import add_recording, add_relations, megabytes, open_from, seconds, tracking_from
+from cuboid.cli.recording import (
+    add_furniture,
+    add_recording,
+    add_relations,
+    megabytes,
+    open_from,
+    seconds,
+    tracking_from,
+)
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.text_model import add_embedding, embedding_model
 from cuboid.core.errors import InputError, counted
@@ -120,8 +128,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shapes = "also store views of the objects, for meshes after the recording is deleted"
     results.add_argument("--shapes", action="store_true", help=shapes)
     add_relations(results)
-    furniture = "also find the tables, shelves and other furniture that bear the planes, at the end (0.1 to 2 s)"
-    results.add_argument("--furniture", action="store_true", help=furniture)
+    add_furniture(results)
     add_embedding(results)
     add_live(results)
     add_serve(results)

@@ -1,4 +1,4 @@
-"""GraphML: objects and surfaces as nodes, relations as directed edges; networkx, igraph, Gephi and yEd read it."""
+"""GraphML: objects, furniture and surfaces as nodes, relations as edges; networkx, igraph, Gephi and yEd read it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from cuboid.core.results import SupportPlane, TrackedObject, Wall
+from cuboid.exports.plain_json import kind_of
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.outputs import Results
 from cuboid.outputs.text import LENGTH, rounded
@@ -36,14 +37,21 @@ def write(run: Results, path: Path) -> list[str]:
     relations = run.relations
     for item in run.objects:
         _with_data(graph, "node", {"id": f"object:{item.label}"}, _object(item))
+    for item in run.furniture:
+        _with_data(graph, "node", {"id": f"object:{item.label}"}, _object(item))
     for number, plane in enumerate(run.planes):
         _with_data(graph, "node", {"id": f"plane:{number}"}, _surface("plane", plane))
     for number, wall in enumerate(run.walls):
         _with_data(graph, "node", {"id": f"wall:{number}"}, _surface("wall", wall))
-    for label, found in sorted(relations.items()):
+    every = relations | {item.label: item.relations for item in run.furniture}
+    for label, found in sorted(every.items()):
         for one in found:
             ends = {"source": f"object:{label}", "target": f"object:{one.to}" if isinstance(one.to, int) else one.to}
             _with_data(graph, "edge", ends, {"relation": one.kind, "score": rounded(one.score, LENGTH)})
+    for item in run.furniture:
+        for number in item.planes:
+            ends = {"source": f"object:{item.label}", "target": f"plane:{number}"}
+            _with_data(graph, "edge", ends, {"relation": "bears", "score": 1.0})
     ElementTree.indent(root)
     path.write_bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
     return [] if run.up is not None else [NO_UP]
@@ -58,7 +66,7 @@ def _with_data(graph: ElementTree.Element, kind: str, names: Mapping[str, str], 
 def _object(item: TrackedObject) -> dict[str, Value]:
     numbers = (*item.box.center.tolist(), *item.box.size.tolist(), item.score)
     return {
-        "kind": "object",
+        "kind": kind_of(item),
         "label": item.label,
         **({"name": "".join(one for one in item.name if one.isprintable())} if item.name else {}),
         **{name: rounded(value, LENGTH) for name, value in zip(list(NODE)[3:], numbers, strict=True)},

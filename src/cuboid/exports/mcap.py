@@ -7,6 +7,7 @@
     /objects/markers                                 visualization_msgs/MarkerArray: a cube, its edges, its label
     /objects/detections                              vision_msgs/Detection3DArray: the label as id, the name as class
     /objects/events                                  cuboid_ros/ObjectEvent: an object appeared, moved, left, returned
+    /objects/furniture                               visualization_msgs/MarkerArray: the same of furniture, once
     /map                                             sensor_msgs/PointCloud2: the global point map, once, at the start
 
 Each used frame has the objects that it sees. A marker stays until its object is seen again; that of a label that was
@@ -17,7 +18,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from cuboid.core.results import names_of
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.ros_messages import COLOR, DEPTH, OPTICAL_FRAME, TRANSFORMS, WORLD_FRAME, RosBag, nanoseconds
 from cuboid.formats.stored import is_there
+from cuboid.geometry.box import Box
 from cuboid.outputs import Results, TrackRow
 from cuboid.outputs.rows import EventRow
 from cuboid.views.ros_objects import (
@@ -41,7 +43,8 @@ from cuboid.views.ros_objects import (
     object_markers,
 )
 
-MARKERS, DETECTIONS, EVENTS, MAP = "/objects/markers", "/objects/detections", "/objects/events", "/map"
+MARKERS, DETECTIONS, EVENTS = "/objects/markers", "/objects/detections", "/objects/events"
+FURNITURE, MAP = "/objects/furniture", "/map"
 
 
 def write(run: Results, path: Path) -> list[str]:
@@ -71,19 +74,16 @@ def _write_frames(bag: RosBag, run: Results, shown: bool) -> None:
         time_ns = nanoseconds(pose.timestamp_s)
         if number == 0:
             points = run.map_points()
+            if run.furniture:
+                pieces = ((item.label, item.box) for item in run.furniture)
+                bag.publish(FURNITURE, marker_array(bag, _markers(bag, run, pieces, {}, time_ns)), time_ns)
             bag.publish(MAP, cloud_message(bag, points.xyz, points.rgb, time_ns, WORLD_FRAME), time_ns)
         bag.publish(TRANSFORMS, bag.transforms([bag.transform(pose.T_world_camera, time_ns)]), time_ns)
         for topic in (COLOR, DEPTH):
             bag.publish(f"{topic}/camera_info", bag.camera_info(run.found.intrinsics, time_ns), time_ns)
         if shown:
             _write_pictures(bag, run, frame, time_ns)
-        markers = [
-            one
-            for row in seen[frame]
-            for one in object_markers(
-                bag, row.label, names.get(row.label, ""), row.box, run.found.up, time_ns, WORLD_FRAME
-            )
-        ]
+        markers = _markers(bag, run, ((row.label, row.box) for row in seen[frame]), names, time_ns)
         markers += [one for label in gone for one in deleted_markers(bag, label, time_ns, WORLD_FRAME)]
         bag.publish(MARKERS, marker_array(bag, markers), time_ns)
         bag.publish(DETECTIONS, _detections(bag, run, seen[frame], names, time_ns), time_ns)
@@ -104,6 +104,17 @@ def _write_pictures(bag: RosBag, run: Results, index: int, time_ns: int) -> None
         (f"{DEPTH}/image_raw/compressedDepth", depth_image(bag, frame.depth_m, time_ns, OPTICAL_FRAME)),
     ):
         bag.publish(topic, image, time_ns)
+
+
+def _markers(
+    bag: RosBag, run: Results, boxes: Iterable[tuple[int, Box]], names: Mapping[int, str], time_ns: int
+) -> list[Any]:
+    """Return the markers of boxes with their labels."""
+    return [
+        one
+        for label, box in boxes
+        for one in object_markers(bag, label, names.get(label, ""), box, run.found.up, time_ns, WORLD_FRAME)
+    ]
 
 
 def _detections(bag: RosBag, run: Results, rows: list[TrackRow], names: Mapping[int, str], time_ns: int) -> Any:

@@ -1,8 +1,8 @@
 """JSON for programs that know nothing of boxes: a collection of features with footprints, sizes in centimetres.
 
 The layout is that of GeoJSON (a ``FeatureCollection``), but coordinates are centimetres in the world of the results,
-not degrees. A feature is an object (its footprint: the face of its box that it stands on) or a supporting plane (its
-outline); ``properties.kind`` says which. Rings are closed, counter-clockwise seen from above.
+not degrees. A feature is an object or a piece of furniture (its footprint: the face of its box that it stands on), or a
+supporting plane (its outline); ``properties.kind`` says which. Rings are closed, counter-clockwise seen from above.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from cuboid.core.frame import Float64Array
 from cuboid.core.palette import hex_of
 from cuboid.core.records import columns_of, plain_fields
-from cuboid.core.results import SupportPlane, TrackedObject
+from cuboid.core.results import SUPPORT, SupportPlane, TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import Results
@@ -36,7 +36,7 @@ def write(run: Results, path: Path) -> list[str]:
         "units": "cm",
         "up": None if found.up is None else rounded_list(found.up, DIRECTION),
         "features": [
-            *(_object(item, first_s) for item in found.objects),
+            *(_object(item, first_s) for item in (*found.objects, *found.furniture)),
             *(_plane(number, plane) for number, plane in enumerate(found.planes)),
         ],
     }
@@ -44,12 +44,17 @@ def write(run: Results, path: Path) -> list[str]:
     return []
 
 
+def kind_of(item: TrackedObject) -> str:
+    """Return "support" for furniture, else "object"."""
+    return SUPPORT if item.kind == SUPPORT else "object"
+
+
 def _object(item: TrackedObject, time_s: dict[int, float]) -> dict[str, Any]:
     length_cm, width_cm, height_cm = (rounded(100.0 * side, CENTIMETRE) for side in item.box.size)
     times = [time_s.get(frame) for frame in (item.first_frame, item.last_frame)]
     first_s, last_s = (None if time is None else rounded(time, LENGTH) for time in times)
     properties = {
-        "kind": "object",
+        "kind": kind_of(item),
         "label": item.label,
         "color": hex_of(item.label),
         "length_cm": length_cm,
@@ -68,6 +73,7 @@ def _object(item: TrackedObject, time_s: dict[int, float]) -> dict[str, Any]:
         **name_to_json(item),
         "mean_color_rgb": rounded_list(item.mean_color, 1),
         "merged_labels": list(item.merged_labels),
+        **({"planes": list(item.planes)} if item.planes else {}),
         **({"relations": [relation_to_json(one) for one in item.relations]} if item.relations else {}),
     }
     return _feature(f"object-{item.label}", item.box.corners()[list(FOOTPRINT)], properties)

@@ -126,6 +126,8 @@ class Surface:
         Area of its seen part.
     objects : tuple of int
         Labels of the objects that stand on it.
+    furniture : int or None
+        Label of the furniture that bears it, if the run looked for furniture: `on` takes it as well.
     """
 
     surface: str
@@ -134,6 +136,7 @@ class Surface:
     height_m: float
     area_m2: float
     objects: tuple[int, ...]
+    furniture: int | None = None
 
 
 @dataclass(frozen=True)

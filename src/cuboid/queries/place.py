@@ -194,11 +194,13 @@ class Place:
 
     def surfaces(self) -> list[Surface]:
         """Return the supporting planes."""
-        up = self._known_up()
+        up, borne = self._known_up(), self._found_aside(self._furniture)
+        # A piece that absorbed others has their labels too: the oldest is its own.
+        bearers = {k: label for label, planes in sorted(borne.items(), reverse=True) for k in planes}
         with self._lock:
             planes, now = tuple(self._source.map.planes), self._now()
             heights = plane_heights_m(planes, up)
-            return [_surface(k, plane, heights[k], now.living) for k, plane in enumerate(planes)]
+            return [_surface(k, plane, heights[k], now.living, bearers.get(k)) for k, plane in enumerate(planes)]
 
     def free_place(
         self, surface: str, length_m: float, width_m: float, height_m: float = FREE_HEIGHT_M, near: str | None = None
@@ -509,12 +511,16 @@ def _related(one: Relation, now: _Objects) -> Related:
     return Related(one.kind, one.to, name, round(one.score, 3))
 
 
-def _surface(k: int, plane: SupportPlane, height_m: float, objects: Sequence[TrackedObject]) -> Surface:
+def _surface(
+    k: int, plane: SupportPlane, height_m: float, objects: Sequence[TrackedObject], furniture: int | None
+) -> Surface:
     center = plane.extent.mean(0) if len(plane.extent) else -plane.offset * plane.normal
     around = np.cross(plane.extent, np.roll(plane.extent, -1, axis=0)).sum(axis=0) if len(plane.extent) else np.zeros(3)
     area = 0.5 * abs(float(around @ plane.normal))
     labels = tuple(item.label for item in objects if item.plane == k)
-    return Surface(f"plane:{k}", vector(center), vector(plane.normal), round(height_m, 4), round(area, 4), labels)
+    return Surface(
+        f"plane:{k}", vector(center), vector(plane.normal), round(height_m, 4), round(area, 4), labels, furniture
+    )
 
 
 def _node(branch: Branch, names: Mapping[int, str | None]) -> TreeNode:

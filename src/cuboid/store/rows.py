@@ -217,6 +217,7 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
 
     rows = []
     objects = results.found.objects
+    bearers = {f"plane:{k}": piece.label for piece in results.found.furniture for k in piece.planes}
     for item, box in zip(objects, _boxes([item.box for item in objects]), strict=True):
         longest, middle, shortest = sorted(map(float, item.box.size), reverse=True)
         rows.append(
@@ -229,7 +230,7 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
                 "name_score": item.name_score,
                 "names": [{"name": name, "score": score} for name, score in item.names],
                 "kind": item.kind,
-                "relations": _relations(item),
+                "relations": _relations(item, bearers),
                 **values_of(item),
                 "first_seen": moment(item.first_frame),
                 "last_seen": moment(item.last_frame),
@@ -240,14 +241,19 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
     return rows
 
 
-def _relations(item: TrackedObject) -> list[dict[str, Any]] | None:
-    """Return the relations of an object; None if it has none, or if they were not requested."""
-    rows = [
-        {"kind": one.kind, "label": one.to, "surface": None, "score": one.score}
-        if isinstance(one.to, int)
-        else {"kind": one.kind, "label": None, "surface": one.to, "score": one.score}
-        for one in item.relations
-    ]
+def _relations(item: TrackedObject, bearers: Mapping[str, int]) -> list[dict[str, Any]] | None:
+    """Return the relations of an object; None if it has none, or if they were not requested.
+
+    What is on a surface is also on the furniture that bears it; `bearers` has its label, by surface.
+    """
+    rows: list[dict[str, Any]] = []
+    for one in item.relations:
+        if isinstance(one.to, int):
+            rows.append({"kind": one.kind, "label": one.to, "surface": None, "score": one.score})
+            continue
+        rows.append({"kind": one.kind, "label": None, "surface": one.to, "score": one.score})
+        if one.kind == "on" and one.to in bearers:
+            rows.append({"kind": one.kind, "label": bearers[one.to], "surface": None, "score": one.score})
     return rows or None
 
 
