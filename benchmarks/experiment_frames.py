@@ -15,6 +15,7 @@ from cuboid.evaluation import evaluate
 from cuboid.evaluation.figures import figures
 from cuboid.evaluation.result import BoxRows, MapBoxes, Result
 from cuboid.geometry.overlap import pack
+from cuboid.pipeline.options import RunHooks, TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.tracking.posed_tracker import PosedTracker
 from cuboid.tracking.types import Progress
@@ -61,7 +62,12 @@ def snapshots(case: Case, counts: tuple[int, ...], every: int) -> list[dict[str,
     `mean_iou_same` is of the objects that every one of these maps has.
     """
     watch = _Snapshots(counts)
-    track_recording(open_recording(case.recording), None, every=every, progress=watch, make_tracker=watch.make)
+    track_recording(
+        open_recording(case.recording),
+        None,
+        TrackOptions(every=every),
+        hooks=RunHooks(progress=watch, make_tracker=watch.make),
+    )
     watch.keep()
     rows, ious = [], []
     for count, boxes in sorted(watch.maps.items()):

@@ -25,6 +25,7 @@ from cuboid.formats.rows_files import ProposalEntry, TrackEntry
 from cuboid.formats.run_file import RunDocument
 from cuboid.formats.table_validation import read_table
 from cuboid.formats.truth_file import TruthDocument
+from cuboid.pipeline.options import TrackOptions
 from cuboid.readers.images import IMAGE_ENDINGS, decode_color, decode_depth
 from scenes import cases
 from scoring import run_and_score
@@ -41,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
     """Print the table, or all figures."""
     case = cases(args.kinds, args.seeds, args.work, args.data)[-1]
     folder = args.work / "runs" / "guards" / case.name
-    ran = run_and_score(case, folder, every=args.every, limit=args.limit)
+    ran = run_and_score(case, folder, TrackOptions(every=args.every, limit=args.limit))
     rows = []
     for what, door, plain in (("color", decode_color, _color), ("depth", decode_depth, _depth)):
         images = _images(case.recording, what)

@@ -28,6 +28,7 @@ from cuboid.geometry.overlap import unpack
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import read_objects
 from cuboid.outputs.folder import OBJECTS
+from cuboid.pipeline.options import TrackOptions
 from observations import as_result
 from scenes import Case, cases
 from scoring import mean, run_and_score, score, summed_counts, total
@@ -53,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
     chosen = cases(args.kinds, args.seeds, args.work, args.data)
     for case in chosen:
         output = args.work / "runs" / "peers" / case.name
-        rows = {"Cuboid": run_and_score(case, output, every=args.every, limit=args.limit)}
+        rows = {"Cuboid": run_and_score(case, output, TrackOptions(every=args.every, limit=args.limit))}
         rows["AB3DMOT on Cuboid's boxes"] = associate(case, output)
         rows["the same, never forgetting"] = associate(case, output, max_age=FOREVER)
         if args.peers_python is not None:

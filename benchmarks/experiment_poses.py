@@ -21,6 +21,7 @@ from cuboid.geometry import se3
 from cuboid.objects.object_map import ObjectMap
 from cuboid.outputs import read_tracks
 from cuboid.outputs.folder import TRACKS
+from cuboid.pipeline.options import TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.synthetic.paths import POSE_NOISES
 from scenes import Case, cases
@@ -85,7 +86,7 @@ def one(case: Case, recording: Shaken, allowed: bool, args: argparse.Namespace) 
     if output.exists():
         shutil.rmtree(output)
     with merging(allowed):
-        track_recording(recording, output, every=args.every, limit=args.limit)
+        track_recording(recording, output, TrackOptions(every=args.every, limit=args.limit))
     labels = len({row.label for row in read_tracks(output / TRACKS)})
     found = figures(evaluate(output, case.truth))
     return {"scene": case.name, "error_cm": recording.error_cm, "labels": labels, **found}

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from cuboid.core.config import TrackerConfig
+from cuboid.pipeline.options import TrackOptions
 from scenes import SIZE, cases
 from scoring import mean, run_and_score, total
 from tables import cell, dump, show
@@ -31,7 +32,7 @@ def run(args: argparse.Namespace) -> None:
     chosen = cases(args.kinds, args.seeds, args.work, args.data)
     found = {
         name: [
-            run_and_score(case, folder / name / case.name, every=args.every, limit=args.limit, **options)
+            run_and_score(case, folder / name / case.name, TrackOptions(every=args.every, limit=args.limit, **options))
             for case in chosen
         ]
         for name, options in SETTINGS.items()

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.io
 
 from cuboid import open_recording
+from cuboid.pipeline.options import TrackOptions
 from cuboid.proposals import Proposals, make_source
 from scenes import Case, cases
 from scoring import mean, run_and_score
@@ -32,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
     for case in chosen:
         for name, source in _sources(case, args).items():
             output = args.work / "runs" / "sources" / name.split()[0] / case.name
-            row = run_and_score(case, output, every=args.every, limit=args.limit, proposals=source)
+            row = run_and_score(case, output, TrackOptions(every=args.every, limit=args.limit, proposals=source))
             row["ms_proposals"] = row["ms_stages"]["proposals"]
             found.setdefault(name, []).append(row)
     if args.json:

@@ -20,6 +20,7 @@ from cuboid.core.working import WorkingImage
 from cuboid.evaluation.result import BoxRows, MapBoxes, Result
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
+from cuboid.pipeline.options import RunHooks, TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, points_of, segment_frame
 from cuboid.tracking.posed_tracker import PosedTracker
@@ -121,7 +122,7 @@ def observe(case: Case, every: int = 1, limit: int | None = None) -> list[Observ
         made.append(_Listening(intrinsics, config, proposals, every=every))
         return made[0]
 
-    track_recording(open_recording(case.recording), None, limit=limit, make_tracker=make)
+    track_recording(open_recording(case.recording), None, TrackOptions(limit=limit), hooks=RunHooks(make_tracker=make))
     return made[0].seen
 
 

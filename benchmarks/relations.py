@@ -14,6 +14,7 @@ from cuboid import open_recording, open_results
 from cuboid.core.results import RELATIONS
 from cuboid.evaluation import evaluate, read_truth
 from cuboid.evaluation.matching import ratio
+from cuboid.pipeline.options import ResultOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.relations.footprints import Footprints
 from scenes import Case, cases, source_digest
@@ -27,7 +28,7 @@ def results_of(case: Case, work: Path) -> Path:
     """Track a recording unless the results of this program are there; return their folder."""
     folder = work / "relations" / source_digest() / case.name
     if not folder.is_dir():
-        track_recording(open_recording(case.recording), folder, page=False)
+        track_recording(open_recording(case.recording), folder, results=ResultOptions(page=False))
     return folder
 
 

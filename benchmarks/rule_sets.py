@@ -26,6 +26,7 @@ from cuboid.core.frame import Frame
 from cuboid.core.threads import limit_threads
 from cuboid.evaluation import evaluate, evaluate_keyframes
 from cuboid.evaluation.figures import figures
+from cuboid.pipeline.options import ResultOptions, TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.readers.recording import Recording
 from cuboid.synthetic.kinds import FRAMES
@@ -111,7 +112,9 @@ def made_case(name: str, work: Path) -> Case:
 
 
 def _track(recording: Path, output: Path, every: int, limit: int | None) -> None:
-    track_recording(open_recording(recording), output, config=TrackerConfig(), every=every, limit=limit, page=False)
+    track_recording(
+        open_recording(recording), output, TrackOptions(every=every, limit=limit), results=ResultOptions(page=False)
+    )
 
 
 def _row(name: str, found: dict[str, Any]) -> dict[str, Any]:

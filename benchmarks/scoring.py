@@ -16,26 +16,26 @@ import numpy as np
 from cuboid import open_recording
 from cuboid.evaluation import Result, evaluate
 from cuboid.evaluation.figures import figures
+from cuboid.pipeline.options import TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.tracking.types import RunOutcome
 from scenes import Case
 
 
-def run_and_score(case: Case, output: Path, **options: Any) -> dict[str, Any]:
+def run_and_score(case: Case, output: Path, options: TrackOptions | None = None) -> dict[str, Any]:
     """Track a case into a folder, replacing what is there, and return its figures.
 
     Parameters
     ----------
     case : Case
     output : Path
-    **options
-        Those of `cuboid.pipeline.run.track_recording`.
+    options : TrackOptions, optional
     """
     if output.exists():
         shutil.rmtree(output)
     output.parent.mkdir(parents=True, exist_ok=True)
     with processor_time():
-        outcome = track_recording(open_recording(case.recording), output, **options)
+        outcome = track_recording(open_recording(case.recording), output, options)
     return {"scene": case.name, "kind": case.kind, **figures(evaluate(output, case.truth)), **costs(outcome)}
 
 

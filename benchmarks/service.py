@@ -32,6 +32,7 @@ from cuboid.core.frame import Intrinsics
 from cuboid.core.results import MapPoints, SupportPlane, TrackedObject
 from cuboid.geometry.box import Box
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport, Timing
+from cuboid.pipeline.options import RunHooks
 from cuboid.pipeline.run import track_recording
 from cuboid.service.process import ServedRun
 from scenes import Case, cases
@@ -147,7 +148,7 @@ def clients(http: str, mcp: str, count: int, labels: range, out: Any, stop: Any)
 
 def tracked(case: Case, watch: Any) -> float:
     """Track the recording; return the median time of a frame, ms."""
-    outcome = track_recording(open_recording(case.recording), None, watch=watch)
+    outcome = track_recording(open_recording(case.recording), None, hooks=RunHooks(watch=watch))
     return float(np.median(outcome.milliseconds["frame"][WARM_UP_FRAMES:]))
 
 

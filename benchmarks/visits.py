@@ -34,6 +34,7 @@ from cuboid.evaluation.truth import read_truth
 from cuboid.evaluation.visits import evaluate_visits, is_visits
 from cuboid.geometry.se3 import transform
 from cuboid.outputs import PoseRow
+from cuboid.pipeline.options import ResultOptions, TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.readers import Recording
 from cuboid.recordings.converting import convert_recording
@@ -115,7 +116,11 @@ def halves(args: argparse.Namespace) -> None:
             convert_recording(whole, part, "plain", frames)
         outputs.append(args.work / "results" / part.name)
         track_recording(
-            open_recording(part), outputs[-1], poses="estimated", into=IntoScene(scene), force=True, page=False
+            open_recording(part),
+            outputs[-1],
+            TrackOptions(poses="estimated"),
+            results=ResultOptions(force=True, page=False),
+            into=IntoScene(scene),
         )
     found = _judge_halves(scene, outputs, case.truth)
     if args.json:
@@ -170,7 +175,10 @@ def places(args: argparse.Namespace) -> None:
     for name, path in rooms.items():
         scenes[name] = _fresh(args.work / "scenes" / f"place-{len(scenes)}.cuboid")
         track_recording(
-            open_recording(path), None, poses="estimated", every=2, limit=ROOM_FRAMES, into=IntoScene(scenes[name])
+            open_recording(path),
+            None,
+            TrackOptions(poses="estimated", every=2, limit=ROOM_FRAMES),
+            into=IntoScene(scenes[name]),
         )
     tries, found = [], []
     for known, scene in scenes.items():

@@ -10,6 +10,7 @@ import pytest
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.limits import MAX_CANDIDATES, MAX_PROPOSALS, MAX_SEGMENTS
 from cuboid.outputs import read_run
+from cuboid.pipeline.options import TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.proposals.types import Proposals
 from cuboid.surfaces.frame_segments import MIN_PIXELS, _leave_out
@@ -82,7 +83,7 @@ def test_run_json_says_what_was_left_out(tmp_path: Path) -> None:
         np.tile(np.array([[2, 2, 12, 12]], np.int32), (200, 1)), np.linspace(0.1, 1.0, 200, dtype=np.float32)
     )
     recording = FakeRecording(6)
-    track_recording(recording, tmp_path / "out", proposals=lambda frame, camera: many)
+    track_recording(recording, tmp_path / "out", TrackOptions(proposals=lambda frame, camera: many))
     limit = read_run(tmp_path / "out" / "run.json").limits
     assert set(limit) == {"proposals"}
     assert (limit["proposals"].most, limit["proposals"].frames) == (MAX_PROPOSALS, 6)

@@ -14,6 +14,7 @@ from cuboid.core.errors import FrameError, MissingExtraError
 from cuboid.core.palette import color_of
 from cuboid.core.results import FrameResult, Sighting
 from cuboid.outputs.object_table import COLUMNS, ObjectTable
+from cuboid.pipeline.options import RunHooks
 from cuboid.pipeline.run import track_recording
 from cuboid.readers import open_recording
 from cuboid.tracking.posed_tracker import PosedTracker
@@ -98,7 +99,7 @@ def test_pandas_gets_a_row_an_object() -> None:
 
 
 def test_the_outcome_of_a_run_shows_its_objects() -> None:
-    outcome = track_recording(FakeRecording(5), None, make_tracker=FakeTracker)
+    outcome = track_recording(FakeRecording(5), None, hooks=RunHooks(make_tracker=FakeTracker))
     html = outcome._repr_html_()
     assert "5 of 5 frames" in html
     assert "<svg" in html

@@ -80,7 +80,9 @@ def test_no_public_call_wants_a_path_alone() -> None:
 
 def test_a_run_and_its_results(name: Name, recording: cuboid.Recording, tmp_path: Path) -> None:
     out = tmp_path / "results"
-    cuboid.track_recording(cuboid.open_recording(name(recording.path)), name(out), make_tracker=FakeTracker)
+    cuboid.track_recording(
+        cuboid.open_recording(name(recording.path)), name(out), hooks=cuboid.RunHooks(make_tracker=FakeTracker)
+    )
     assert (out / "report.html").is_file()
     finished = Results(name(out))
     assert finished.report.frames_used == 4
@@ -116,7 +118,9 @@ def test_exports(name: Name, tmp_path: Path) -> None:
 
 def test_a_scene(name: Name, recording: cuboid.Recording, tmp_path: Path) -> None:
     file = tmp_path / "place.cuboid"
-    cuboid.track_recording(recording, name(tmp_path / "results"), into=IntoScene(name(file)), page=False)
+    cuboid.track_recording(
+        recording, name(tmp_path / "results"), results=cuboid.ResultOptions(page=False), into=IntoScene(name(file))
+    )
     with cuboid.Scene.open(name(file)) as scene:
         assert len(scene.recordings) == 1
         scene.write_results(name(tmp_path / "again"))
@@ -130,7 +134,9 @@ def test_a_made_recording_and_what_judges_it(name: Name, tmp_path: Path) -> None
     trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / "meshes" / "cube.ply")
     scene = make_scene("table", seed=1, frames=12, meshes=load_meshes(name(tmp_path / "meshes")))
     render_recording(scene, name(tmp_path / "made"), size=(160, 120), sensor="clean")
-    cuboid.track_recording(cuboid.open_recording(tmp_path / "made"), name(tmp_path / "results"), page=False)
+    cuboid.track_recording(
+        cuboid.open_recording(tmp_path / "made"), name(tmp_path / "results"), results=cuboid.ResultOptions(page=False)
+    )
     result, truth = name(tmp_path / "results"), name(tmp_path / "made")
     cloud, path = name(tmp_path / "made" / "true_cloud.ply"), name(tmp_path / "made" / "true_trajectory.txt")
     found = evaluate(result, truth, cloud=cloud, trajectory=path)

@@ -13,6 +13,7 @@ import pytest
 from cuboid.core.errors import InputError, OutputError
 from cuboid.outputs import read_objects, read_run, read_tracks, read_trajectory
 from cuboid.outputs.folder import AGENTS, EMBEDDINGS, EVENTS, OUTPUT_NAMES, REPORT, TRAJECTORY_ONLINE, VIDEO, VIEWS
+from cuboid.pipeline.options import ResultOptions, RunHooks, TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.poses.sources import GivenPoses
 from cuboid.tracking.types import RunOutcome
@@ -21,9 +22,15 @@ from fakes import FakeRecording, FakeTracker
 RESULTS = sorted(set(OUTPUT_NAMES) - {EVENTS, AGENTS, VIDEO, TRAJECTORY_ONLINE, VIEWS, EMBEDDINGS})
 
 
-def track(recording: FakeRecording, output: Path | None, **options: Any) -> RunOutcome:
-    options.setdefault("make_tracker", FakeTracker)
-    return track_recording(recording, output, **options)
+def track(
+    recording: FakeRecording,
+    output: Path | None,
+    options: TrackOptions | None = None,
+    results: ResultOptions | None = None,
+    **hooks: Any,
+) -> RunOutcome:
+    given = RunHooks(**{"make_tracker": FakeTracker, **hooks})
+    return track_recording(recording, output, options, results=results, hooks=given)
 
 
 def test_all_files_of_the_contract_are_written_and_nothing_else(tmp_path: Path) -> None:
@@ -34,7 +41,7 @@ def test_all_files_of_the_contract_are_written_and_nothing_else(tmp_path: Path) 
 
 def test_frames_keep_their_numbers_with_every_limit_and_skipped_ones(tmp_path: Path) -> None:
     recording = FakeRecording(20, broken={6: "color/000006.png: truncated"}, lost=(9,))
-    track(recording, tmp_path / "out", every=3, limit=6)
+    track(recording, tmp_path / "out", TrackOptions(every=3, limit=6))
     run = read_run(tmp_path / "out" / "run.json")
     assert recording.reads[:-1] == [0, 3, 6, 9, 12, 15]  # and one of them again, for the page's picture
     assert (run.frames_read, run.frames_used) == (6, 4)
@@ -90,7 +97,7 @@ def test_what_cannot_be_posed_is_one_line(tmp_path: Path) -> None:
         ({"poses": "estimated"}, FakeRecording(3), "no frame has enough depth and texture"),
     ):
         with pytest.raises(InputError, match=message):
-            track(recording, tmp_path / "out", **options)
+            track(recording, tmp_path / "out", TrackOptions(**options))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -103,7 +110,7 @@ def test_results_stay_in_the_recordings_pixels(tmp_path: Path, scale: int) -> No
         return trackers[-1]
 
     recording = FakeRecording(3)
-    track(recording, tmp_path / "out", scale=scale, make_tracker=make)
+    track(recording, tmp_path / "out", TrackOptions(scale=scale), make_tracker=make)
     assert trackers[0].sizes == [(48 // scale, 64 // scale, 3)] * 3
     assert trackers[0].intrinsics == recording.intrinsics.downscaled(scale)
     rows = read_tracks(tmp_path / "out" / "tracks.csv")
@@ -114,14 +121,14 @@ def test_results_stay_in_the_recordings_pixels(tmp_path: Path, scale: int) -> No
 
 def test_same_input_twice_gives_the_same_bytes_with_one_thread_or_two(tmp_path: Path) -> None:
     for name, threads in (("a", 1), ("b", 1), ("c", 2)):
-        track(FakeRecording(30, {4: "bad"}), tmp_path / name, threads=threads)
+        track(FakeRecording(30, {4: "bad"}), tmp_path / name, TrackOptions(threads=threads))
     for name in set(RESULTS) - {"run.json", REPORT}:
         contents = {(tmp_path / run / name).read_bytes() for run in "abc"}
         assert len(contents) == 1, name
 
 
 def test_the_whole_frame_counts_decoding_and_every_stage() -> None:
-    timings = track(FakeRecording(30), None, scale=2).report.milliseconds
+    timings = track(FakeRecording(30), None, TrackOptions(scale=2)).report.milliseconds
     assert list(timings) == ["frame", "decode", "scale", "poses", "proposals", "matching"]
     assert timings["matching"].median_ms == pytest.approx(2.0)
     assert timings["frame"].median_ms >= timings["decode"].median_ms + timings["scale"].median_ms
@@ -136,7 +143,7 @@ def test_with_one_thread_no_other_is_started() -> None:
             return super().read(index)
 
     for threads in names:
-        track(Watched(5), None, threads=threads)
+        track(Watched(5), None, TrackOptions(threads=threads))
     assert names[1] == {threading.main_thread().name}
     assert threading.main_thread().name not in names[2]
 
@@ -144,7 +151,7 @@ def test_with_one_thread_no_other_is_started() -> None:
 def test_stopping_writes_what_is_done_and_says_so(tmp_path: Path) -> None:
     asked = iter([False] * 4 + [True])
     recording = FakeRecording(1000)
-    track(recording, tmp_path / "out", stop=lambda: next(asked), threads=2)
+    track(recording, tmp_path / "out", TrackOptions(threads=2), stop=lambda: next(asked))
     run = read_run(tmp_path / "out" / "run.json")
     assert not run.complete
     assert run.frames_used == 4
@@ -160,13 +167,14 @@ def test_a_fault_leaves_nothing(tmp_path: Path) -> None:
             return super().update(frame)
 
     with pytest.raises(ZeroDivisionError):
-        track(FakeRecording(5), tmp_path / "out", make_tracker=Broken, threads=2)
+        track(FakeRecording(5), tmp_path / "out", TrackOptions(threads=2), make_tracker=Broken)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("scale", [1, 2])
 def test_the_video_has_every_used_frame_at_full_size(tmp_path: Path, scale: int) -> None:
-    track(FakeRecording(5, {2: "bad"}), tmp_path / "out", video=True, scale=scale, every=2)
+    options = TrackOptions(scale=scale, every=2)
+    track(FakeRecording(5, {2: "bad"}), tmp_path / "out", options, ResultOptions(video=True))
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted([*RESULTS, VIDEO])
     with av.open(str(tmp_path / "out" / VIDEO)) as container:
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
@@ -186,7 +194,7 @@ def test_a_video_that_cannot_be_written_names_the_output_folder(tmp_path: Path) 
             assert not complete
 
     with pytest.raises(OutputError, match=rf"{tmp_path}/out/labelled.mp4: cannot be written"):
-        track(FakeRecording(3), tmp_path / "out", video=True, make_view=Full)
+        track(FakeRecording(3), tmp_path / "out", results=ResultOptions(video=True), make_view=Full)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -194,7 +202,22 @@ def test_the_recording_itself_is_no_output(tmp_path: Path) -> None:
     recording = FakeRecording(2)
     recording.path = tmp_path
     with pytest.raises(OutputError, match="is the recording itself"):
-        track(recording, tmp_path, force=True)
+        track(recording, tmp_path, results=ResultOptions(force=True))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"every": 0}, "every and limit >= 1"),
+        ({"limit": 0}, "every and limit >= 1"),
+        ({"scale": 3}, "scale must be one of"),
+        ({"detector_every": 0}, "detector_every must be >= 1"),
+        ({"poses": "gps"}, "poses must be one of given"),
+    ],
+)
+def test_options_out_of_range_are_refused_when_they_are_made(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        TrackOptions(**options)
 
 
 def test_an_empty_recording_is_an_error() -> None:
@@ -208,6 +231,6 @@ def test_who_watches_sees_each_used_frame_with_the_tracker_as_it_is_then() -> No
     def watch(frame: Any, result: Any, tracker: Any) -> None:
         seen.append((frame.index, frame.color.shape, result.index, tracker.points_known))
 
-    outcome = track(FakeRecording(4, {1: "bad"}), None, watch=watch, scale=2)
+    outcome = track(FakeRecording(4, {1: "bad"}), None, TrackOptions(scale=2), watch=watch)
     assert seen == [(0, (48, 64, 3), 0, 1), (2, (48, 64, 3), 2, 2), (3, (48, 64, 3), 3, 3)]
     assert "live" in outcome.milliseconds

@@ -16,6 +16,7 @@ from cuboid import open_recording
 from cuboid.core.errors import InputError
 from cuboid.geometry.se3 import inverse, quat_wxyz_from_rotation
 from cuboid.outputs import RunReport
+from cuboid.pipeline.options import ResultOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.synthetic import make_scene, render_recording
 from made_scenes import CAMERA, cast, look_at, upright
@@ -32,7 +33,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def report_of(path: Path, output: Path, **options: Any) -> RunReport:
     recording = open_recording(path, **options)
-    outcome = track_recording(recording, output, page=False)
+    outcome = track_recording(recording, output, results=ResultOptions(page=False))
     assert json.loads((output / "run.json").read_text())["warnings"] == list(outcome.report.warnings)
     return outcome.report
 

@@ -12,6 +12,7 @@ import pytest
 import cuboid
 from cuboid.core.errors import CuboidError, FrameError, OutputError
 from cuboid.outputs import Results
+from cuboid.pipeline.options import ResultOptions, TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.poses.sources import NO_POSE
 from fakes import INTRINSICS, FakeRecording
@@ -48,7 +49,8 @@ SCENE = [
 def test_a_loop_in_python_gives_what_the_command_gives(data_dir: Path, tmp_path: Path, name: str) -> None:
     place, options = SAMPLES[name]
     recording = cuboid.open_recording(data_dir / place)
-    track_recording(recording, tmp_path / "command", limit=LIMIT, page=False, **options)
+    command = TrackOptions(limit=LIMIT, **options)
+    track_recording(recording, tmp_path / "command", command, results=ResultOptions(page=False))
 
     tracker = cuboid.Tracker(recording.intrinsics, **options)
     for frame in recording.iterate(limit=LIMIT):

@@ -3,7 +3,8 @@
 Open      open_recording, open_camera, open_results; Recording, LiveCamera, FrameSource, Frame, SkippedFrame,
           Intrinsics, DepthCamera
 Track     Tracker, TrackerConfig, Proposals, ProposalSource, Detections, Detector, DriftCorrection; track_recording,
-          RecordingLike, TrackerLike, Progress, RunOutcome, RunReport, Timing, LimitReached, IntoScene
+          TrackOptions, ResultOptions, RunHooks, RecordingLike, TrackerLike, Progress, RunOutcome, RunReport, Timing,
+          LimitReached, IntoScene
 Results   Results, MapQueries, ObjectTable, TrackedObject, Box, PointCloud, ObjectMesh, MapPoints, SupportPlane, Wall,
           Relation, Branch, TextMatch, FrameResult, Sighting, ObjectEvent, Proposal3D, FrameRecord, TrackRow
 Scenes    Scene, SceneTracker, SceneObject, SceneRecording, ScenePast, SceneChange, Source
@@ -61,6 +62,9 @@ if TYPE_CHECKING:
     from cuboid.outputs.object_table import ObjectTable as ObjectTable
     from cuboid.outputs.queries import MapQueries as MapQueries
     from cuboid.outputs.queries import PointCloud as PointCloud
+    from cuboid.pipeline.options import ResultOptions as ResultOptions
+    from cuboid.pipeline.options import RunHooks as RunHooks
+    from cuboid.pipeline.options import TrackOptions as TrackOptions
     from cuboid.pipeline.run import track_recording as track_recording
     from cuboid.pipeline.streaming import FrameSource as FrameSource
     from cuboid.poses import DriftCorrection as DriftCorrection
@@ -104,6 +108,7 @@ _MODULES = {
     "cuboid.proposals.types": ("Proposals", "ProposalSource"),
     "cuboid.detection.types": ("Detections", "Detector"),
     "cuboid.poses": ("DriftCorrection",),
+    "cuboid.pipeline.options": ("TrackOptions", "ResultOptions", "RunHooks"),
     "cuboid.pipeline.run": ("track_recording",),
     "cuboid.tracking.types": ("RecordingLike", "TrackerLike", "Progress", "RunOutcome"),
     "cuboid.scene.running": ("IntoScene",),

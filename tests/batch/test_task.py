@@ -101,7 +101,7 @@ def test_vectors_of_an_image_text_model_stand_in_the_table(
     assert "text_model" not in settings_from(parser.parse_args(words[:-2]))
     store = str(tmp_path / "store")
 
-    def made(recording: object, output: Path, **_: object) -> None:
+    def made(recording: object, output: Path, *_: object, **__: object) -> None:
         """Results whose objects are known: what tracking finds is another test's."""
         finished(output, tmp_path / "again")
 

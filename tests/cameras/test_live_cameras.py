@@ -14,6 +14,7 @@ from cuboid.cameras import CAMERAS, LiveCamera, Shot
 from cuboid.cameras.latest import LatestQueue
 from cuboid.core.errors import InputError, OutputError
 from cuboid.outputs import read_run, read_tracks
+from cuboid.pipeline.options import RunHooks, TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.pipeline.streaming import FrameSource
 from cuboid.readers import Calibration, DepthCamera, open_recording
@@ -69,7 +70,7 @@ def test_a_slow_tracker_gets_new_frames_and_the_report_says_how_many_it_missed(t
             return super().update(frame, anchor)
 
     with LiveCamera(PlayedDriver(60, paced=False, every_s=0.005)) as camera:
-        track_recording(camera, tmp_path / "out", make_tracker=Slow)
+        track_recording(camera, tmp_path / "out", hooks=RunHooks(make_tracker=Slow))
     run = read_run(tmp_path / "out" / "run.json")
     assert run.complete
     assert run.frames_dropped > 20
@@ -82,7 +83,9 @@ def test_the_kept_frames_tracked_again_give_the_same(tmp_path: Path, form: str, 
     if form == "mcap":
         pytest.importorskip("rosbags", reason="bags are written with rosbags")
     with LiveCamera(PlayedDriver(9, spoil=(4,)), record=tmp_path / "kept", form=form) as camera:
-        track_recording(camera, tmp_path / "live", make_tracker=FakeTracker, limit=7, threads=2)
+        track_recording(
+            camera, tmp_path / "live", TrackOptions(limit=7, threads=2), hooks=RunHooks(make_tracker=FakeTracker)
+        )
     assert [w for w in camera.warnings if "1 frames of a played camera could not be used" in w]
     run = read_run(tmp_path / "live" / "run.json")
     assert (run.frames_used, run.format) == (7, named)
@@ -90,14 +93,16 @@ def test_the_kept_frames_tracked_again_give_the_same(tmp_path: Path, form: str, 
     assert 7 <= len(kept) <= 8  # the one that was made ready behind the last
     np.testing.assert_array_equal(kept.read(5).color, color_image(6))  # the spoilt one has no number
     np.testing.assert_allclose(kept.read(5).depth_m, depth_image(6) / 1000.0, atol=1e-6)
-    track_recording(kept, tmp_path / "again", make_tracker=FakeTracker, limit=7)
+    track_recording(kept, tmp_path / "again", TrackOptions(limit=7), hooks=RunHooks(make_tracker=FakeTracker))
     for name in ("tracks.csv", "objects.json", "trajectory.txt"):
         assert (tmp_path / "live" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
 
 
 def test_every_and_limit_mean_what_they_mean_for_a_recording(tmp_path: Path) -> None:
     with LiveCamera(PlayedDriver(100)) as camera:
-        outcome = track_recording(camera, tmp_path / "out", make_tracker=FakeTracker, every=3, limit=4)
+        outcome = track_recording(
+            camera, tmp_path / "out", TrackOptions(every=3, limit=4), hooks=RunHooks(make_tracker=FakeTracker)
+        )
     assert (outcome.report.frames_read, outcome.report.complete) == (4, True)
     assert [row.frame for row in read_tracks(tmp_path / "out" / "tracks.csv")] == [3, 6, 9]
     assert open_recording is not None
@@ -109,7 +114,7 @@ def fail() -> Shot | None:
 
 def test_a_camera_that_is_unplugged_ends_the_run_with_a_whole_result(tmp_path: Path) -> None:
     with LiveCamera(PlayedDriver(6, then=fail)) as camera:
-        outcome = track_recording(camera, tmp_path / "out", make_tracker=FakeTracker)
+        outcome = track_recording(camera, tmp_path / "out", hooks=RunHooks(make_tracker=FakeTracker))
     assert outcome.report.complete
     assert outcome.report.frames_used == 6
     assert "failed: RuntimeError: xioctl(VIDIOC_DQBUF): No such device" in outcome.report.warnings[0]
@@ -117,7 +122,7 @@ def test_a_camera_that_is_unplugged_ends_the_run_with_a_whole_result(tmp_path: P
 
 def test_a_camera_that_falls_silent_ends_the_run(tmp_path: Path) -> None:
     with LiveCamera(PlayedDriver(3, then=lambda: time.sleep(0.01)), silence_s=0.05) as camera:
-        outcome = track_recording(camera, tmp_path / "out", make_tracker=FakeTracker)
+        outcome = track_recording(camera, tmp_path / "out", hooks=RunHooks(make_tracker=FakeTracker))
     assert outcome.report.frames_used == 3
     assert "gave no frame for 0.05 s" in outcome.report.warnings[0]
 
@@ -125,7 +130,7 @@ def test_a_camera_that_falls_silent_ends_the_run(tmp_path: Path) -> None:
 def test_a_camera_that_gives_nothing_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     camera = LiveCamera(PlayedDriver(0, then=fail), record=tmp_path / "kept")
     with camera, pytest.raises(InputError, match="failed: RuntimeError"):
-        track_recording(camera, tmp_path / "out", make_tracker=FakeTracker)
+        track_recording(camera, tmp_path / "out", hooks=RunHooks(make_tracker=FakeTracker))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -13,6 +13,7 @@ import pytest
 from cuboid.cli import render
 from cuboid.core.errors import InputError
 from cuboid.core.frame import UInt8Array
+from cuboid.pipeline.options import ResultOptions, RunHooks, TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.readers import open_recording
 from fakes import FakeTracker, write_recording
@@ -26,7 +27,13 @@ def results(tmp_path: Path) -> Path:
     recording = write_recording(tmp_path / "recording", FRAMES, (120, 160))
     (recording / "depth" / "000002.png").write_bytes(b"")
     output = tmp_path / "results"
-    track_recording(open_recording(recording), output, every=2, make_tracker=FakeTracker, proposals=None, video=True)
+    track_recording(
+        open_recording(recording),
+        output,
+        TrackOptions(every=2),
+        results=ResultOptions(video=True),
+        hooks=RunHooks(make_tracker=FakeTracker),
+    )
     return output
 
 

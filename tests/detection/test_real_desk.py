@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cuboid import open_recording, track_recording
+from cuboid import ResultOptions, TrackOptions, open_recording, track_recording
 from cuboid.evaluation import evaluate_keyframes
 from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation
 
@@ -14,7 +14,12 @@ FRAMES = 120
 
 def judged(data_dir: Path, output: Path, detector: str | None) -> KeyframeEvaluation:
     recording = data_dir / "desk-realsense"
-    track_recording(open_recording(recording), output, limit=FRAMES, page=False, detector=detector)
+    track_recording(
+        open_recording(recording),
+        output,
+        TrackOptions(limit=FRAMES, detector=detector),
+        results=ResultOptions(page=False),
+    )
     return evaluate_keyframes(output, recording / "keyframes.json")
 
 

@@ -31,6 +31,7 @@ from cuboid.outputs import (
 )
 from cuboid.outputs.folder import AGENTS, EVENTS
 from cuboid.outputs.rows import PoseRow, ProposalRow, TrackRow, read_agents, read_events
+from cuboid.pipeline.options import RunHooks
 from cuboid.pipeline.run import track_recording
 from fakes import INTRINSICS, FakeRecording, FakeTracker, box
 
@@ -40,7 +41,7 @@ RECT = np.array([1.0, 2.0, 11.5, 12.25])
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("results") / "out"
-    track_recording(FakeRecording(4), path, make_tracker=FakeTracker)
+    track_recording(FakeRecording(4), path, hooks=RunHooks(make_tracker=FakeTracker))
     return path
 
 
@@ -265,7 +266,7 @@ class SomebodyMoves(FakeTracker):
 def test_what_moves_has_files_of_its_own_only_where_something_does(results: Path, tmp_path: Path) -> None:
     assert not (results / EVENTS).exists()
     assert not (results / AGENTS).exists()
-    track_recording(FakeRecording(4), tmp_path / "out", make_tracker=SomebodyMoves)
+    track_recording(FakeRecording(4), tmp_path / "out", hooks=RunHooks(make_tracker=SomebodyMoves))
     agents = read_agents(tmp_path / "out" / AGENTS)
     assert [row.frame for row in agents] == [2, 2]
     for row, true in zip(agents, (box(0.5), box(1.5)), strict=True):

@@ -18,6 +18,7 @@ import numpy as np
 from fakes import FakeRecording, FakeTracker
 from cuboid.core.errors import OutputError
 from cuboid.core.results import MapPoints
+from cuboid.pipeline.options import ResultOptions, RunHooks
 from cuboid.pipeline.run import track_recording
 
 class Tracker(FakeTracker):
@@ -28,7 +29,8 @@ class Tracker(FakeTracker):
 
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
 try:
-    track_recording(FakeRecording({frames}), Path({output!r}), make_tracker=Tracker, force={force})
+    results, hooks = ResultOptions(force={force}), RunHooks(make_tracker=Tracker)
+    track_recording(FakeRecording({frames}), Path({output!r}), results=results, hooks=hooks)
 except OutputError as error:
     print(error)
     sys.exit(2)

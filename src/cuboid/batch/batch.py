@@ -35,8 +35,8 @@ class Order:
     store : str
         URL of the store.
     settings : dict
-        ``reading``: options of `cuboid.open_recording`; ``tracker``: its configuration; the others are options of
-        `cuboid.pipeline.run.track_recording`.
+        ``reading``: options of `cuboid.open_recording`; ``tracker``: its configuration; ``relations``: whether they are
+        found; ``text_model``: file of the model that embeds the objects; the others are fields of `TrackOptions`.
     tables_only : bool
     retry : bool
         Whether recordings that failed, or were set aside, are tried again.

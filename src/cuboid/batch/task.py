@@ -121,7 +121,7 @@ class Task:
     source : Source
     head : RunHead
     settings : dict
-        Options for reading, the configuration of the tracker, and other options of `track_recording`.
+        As of `Order`.
     store : str
         URL of the store.
     tables_only : bool
@@ -195,15 +195,17 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     from cuboid.core.config import TrackerConfig
     from cuboid.outputs import Results
     from cuboid.outputs.pending import new_folder
+    from cuboid.pipeline.options import ResultOptions, TrackOptions
     from cuboid.pipeline.run import track_recording
     from cuboid.recordings.opening import open_recording
     from cuboid.tracking.saving import write_page
     from cuboid.views.report import pictures_of
 
-    options = dict(task.settings)
-    recording = open_recording(path, **options.pop("reading"))
-    config = TrackerConfig.from_dict(options.pop("tracker"))
-    text_model = options.pop("text_model", None)
+    settings = dict(task.settings)
+    recording = open_recording(path, **settings.pop("reading"))
+    text_model = settings.pop("text_model", None)
+    wanted = ResultOptions(force=True, page=False, relations=settings.pop("relations", False))
+    options = TrackOptions(config=TrackerConfig.from_dict(settings.pop("tracker")), **settings)
     local = None if task.tables_only else place.local
     folder = scratch if local is None else local / _name(task)
     # An existing folder in the store is complete. Dask may repeat a task that a worker had finished before it died.
@@ -212,7 +214,7 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
         tables = _tables(task, recording, results, pictures_of(results, recording.read), text_model)
     else:
         with new_folder(folder, force=False, replaces="") as working:
-            track_recording(recording, working, config=config, threads=1, force=True, page=False, **options)
+            track_recording(recording, working, options, results=wanted)
             results = Results(working)  # shared by page and tables, so that files are read once
             pictures = pictures_of(results, recording.read) if task.tables_only else write_page(results, recording.read)
             tables = _tables(task, recording, results, pictures, text_model)

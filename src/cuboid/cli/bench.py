@@ -33,15 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Track without writing anything, and print the measurements."""
     from cuboid.cli.progress import progress
+    from cuboid.pipeline.options import RunHooks
     from cuboid.pipeline.run import track_recording
 
     with progress() as shown:
-        outcome = track_recording(
-            open_from(args),
-            None,
-            progress=shown,
-            **tracking_from(args),
-        )
+        outcome = track_recording(open_from(args), None, tracking_from(args), hooks=RunHooks(progress=shown))
     measured = measurements(outcome)
     give(args, measured, lambda: _print(measured, outcome))
     return 0

@@ -37,6 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.progress import progress
     from cuboid.cli.track import outcome_document, print_outcome
     from cuboid.evaluation import evaluate
+    from cuboid.pipeline.options import ResultOptions, RunHooks, TrackOptions
     from cuboid.pipeline.run import track_recording
     from cuboid.readers import open_recording
     from cuboid.synthetic.truth import TRUTH
@@ -47,11 +48,9 @@ def run(args: argparse.Namespace) -> int:
         outcome = track_recording(
             open_recording(recording),
             results,
-            threads=args.threads,
-            video=not args.no_video,
-            force=True,
-            progress=shown,
-            stop=interruption,
+            TrackOptions(threads=args.threads),
+            results=ResultOptions(video=not args.no_video, force=True),
+            hooks=RunHooks(progress=shown, stop=interruption),
         )
     found = evaluate(results, recording / TRUTH)
 

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 from cuboid.cli.names import detector_names, format_names, proposal_names, setting_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.workers import add_threads, positive
+from cuboid.core.limits import MEMORY_MB
 from cuboid.core.tolerances import DETECT_EVERY
 
 if TYPE_CHECKING:
     from cuboid.core.config import TrackerConfig
+    from cuboid.pipeline.options import TrackOptions
     from cuboid.readers import Recording
 
 
@@ -166,20 +168,23 @@ def reading_from(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def tracking_from(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the arguments of `cuboid.track_recording` from the command line."""
-    return {
-        "config": config_from(args),
-        "proposals": args.proposals,
-        "poses": args.poses,
-        "bridge": args.bridge,
-        "every": args.every,
-        "limit": args.limit,
-        "scale": args.scale,
-        "threads": args.threads,
-        "detector": args.detector,
-        "detector_every": args.detector_every,
-    }
+def tracking_from(args: argparse.Namespace, memory_mb: float = MEMORY_MB) -> TrackOptions:
+    """Return how the command line asks to track a recording."""
+    from cuboid.pipeline.options import TrackOptions
+
+    return TrackOptions(
+        every=args.every,
+        limit=args.limit,
+        scale=args.scale,
+        poses=args.poses,
+        bridge=args.bridge,
+        config=config_from(args),
+        proposals=args.proposals,
+        detector=args.detector,
+        detector_every=args.detector_every,
+        threads=args.threads,
+        memory_mb=memory_mb,
+    )
 
 
 def config_from(args: argparse.Namespace) -> TrackerConfig:

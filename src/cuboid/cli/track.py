@@ -151,6 +151,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError("--text-model of a live camera needs --shapes, which keeps the views that it embeds")
     with interruptible() as interruption:
         from cuboid.cli.progress import progress
+        from cuboid.pipeline.options import ResultOptions, RunHooks, never
         from cuboid.pipeline.run import track_recording
         from cuboid.readers import Recording
 
@@ -160,17 +161,21 @@ def run(args: argparse.Namespace) -> int:
                 outcome = track_recording(
                     source,
                     args.output,
-                    video=args.video,
-                    shapes=args.shapes,
-                    relations=args.relations,
-                    furniture=args.furniture,
-                    force=args.force,
-                    progress=shown,
-                    stop=interruption if args.camera is None else never,
-                    watch=views if views.views else None,
+                    tracking_from(args, args.memory),
+                    results=ResultOptions(
+                        force=args.force,
+                        video=args.video,
+                        shapes=args.shapes,
+                        relations=args.relations,
+                        furniture=args.furniture,
+                    ),
                     into=into,
-                    **tracking_from(args),
-                    memory_mb=args.memory,
+                    hooks=RunHooks(
+                        progress=shown,
+                        # the run of a camera ends when the camera closes, and the results are then complete
+                        stop=interruption if args.camera is None else never,
+                        watch=views if views.views else None,
+                    ),
                 )
                 views.end(outcome.report)
         if text_model is not None:
@@ -191,11 +196,6 @@ def embed(output: Path, model: TextModel, into: IntoScene | None) -> None:
     if into is not None:
         with Scene.open(into.path) as scene:
             scene.keep_vectors(found)
-
-
-def never() -> bool:
-    """Return False: a run ends when its camera closes, and the results are then complete."""
-    return False
 
 
 def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:

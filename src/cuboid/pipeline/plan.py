@@ -1,4 +1,4 @@
-"""The plan of a run: the validated options of the user, completed with properties of the recording."""
+"""The plan of a run: the options of the user, completed with properties of the recording."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from cuboid.core.config import TrackerConfig
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Intrinsics
 from cuboid.core.tolerances import DETECT_EVERY
-from cuboid.poses.sources import ESTIMATED, GIVEN, BridgedPoses, Poses, checked_origin, source_of_poses
+from cuboid.pipeline.options import TrackOptions
+from cuboid.poses.sources import ESTIMATED, GIVEN, BridgedPoses, Poses, source_of_poses
 from cuboid.tracking.types import RecordingLike, lens_settings
 
 if TYPE_CHECKING:
-    from cuboid.detection.types import Detector
     from cuboid.proposals.types import ProposalSource
 
 # Smallest working width after scaling, pixels: smaller images do not resolve objects.
 MIN_WORKING_PX = 120
-SCALES = (1, 2, 4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,34 +27,23 @@ class Plan:
 
     Attributes
     ----------
+    options : TrackOptions
+        The options of the user.
     config : TrackerConfig
+        The configuration at the scale of the frames.
     proposals : str or ProposalSource or None
-        Name of a source of 2D proposals, with its options, or the source itself; None for the default.
+        Name of a source of 2D proposals at this scale, with its options, or the source itself; None for the default.
     poses : {"given", "auto", "corrected", "estimated"}
         Source of the camera poses.
-    bridge : bool
-        Whether frames without a pose get poses estimated from the video.
-    every : int
-        Each n-th frame is used.
-    limit : int or None
-        Largest number of frames that are read.
-    scale : {1, 2, 4}
-        Side in pixels of the block that becomes one pixel before tracking.
-    detector : str or Detector or None
-        Names the objects; see `make_detector`.
     detector_every : int
         The detector processes each n-th used frame.
     """
 
+    options: TrackOptions
     config: TrackerConfig
     proposals: str | ProposalSource | None
     poses: str
-    bridge: bool
-    every: int
-    limit: int | None
-    scale: int
-    detector: str | Detector | None = None
-    detector_every: int = DETECT_EVERY
+    detector_every: int
 
     def source_of_poses(self, recording: RecordingLike, camera: Intrinsics) -> Poses:
         """Return the source of the poses.
@@ -66,7 +54,7 @@ class Plan:
         camera : Intrinsics
             Intrinsics of the frames.
         """
-        if self.bridge:
+        if self.options.bridge:
             return BridgedPoses(camera, recording.pose)
         return source_of_poses(self.poses, camera, self.config.voxel_m)
 
@@ -75,13 +63,13 @@ class Plan:
         from cuboid.detection import detector_name
         from cuboid.proposals import source_name
 
-        detector = self.detector
+        options, detector = self.options, self.options.detector
         named = {"detector": detector_name(detector), "detector_every": self.detector_every} if detector else {}
         return {
-            "every": self.every,
-            "limit": self.limit,
-            "scale": self.scale,
-            "bridge": self.bridge,
+            "every": options.every,
+            "limit": options.limit,
+            "scale": options.scale,
+            "bridge": options.bridge,
             **lens_settings(recording),
             "proposals": source_name(self.proposals),
             **named,
@@ -89,48 +77,28 @@ class Plan:
         }
 
 
-def plan_for(
-    recording: RecordingLike,
-    config: TrackerConfig,
-    proposals: str | ProposalSource | None,
-    *,
-    poses: str | None,
-    bridge: bool,
-    every: int,
-    limit: int | None,
-    scale: int,
-    detector: str | Detector | None = None,
-    detector_every: int | None = None,
-) -> Plan:
-    """Return the plan for tracking a recording; parameters as for `cuboid.track_recording`.
+def plan_for(recording: RecordingLike, options: TrackOptions) -> Plan:
+    """Return the plan for tracking a recording.
 
     Raises
     ------
-    ValueError
-        If a number is out of its range.
     InputError
         If the poses of the recording are required and it has none, or if options do not fit together.
     """
-    look_every = DETECT_EVERY if detector_every is None else detector_every
-    if look_every < 1:
-        raise ValueError(f"detector_every must be >= 1, got {look_every}")
-    if detector_every is not None and detector is None:
+    if options.detector_every is not None and options.detector is None:
         raise InputError(f"{recording.path}: --detector-every needs --detector")
-    if scale not in SCALES or every < 1 or (limit is not None and limit < 1):
-        raise ValueError(f"scale must be one of {SCALES}, every and limit >= 1, got {scale}, {every}, {limit}")
-    origin = checked_origin(poses or (GIVEN if recording.has_poses else ESTIMATED))
+    origin = options.poses or (GIVEN if recording.has_poses else ESTIMATED)
     if origin != ESTIMATED and not recording.has_poses:
         raise InputError(f"{recording.path}: has no camera poses; --poses estimated takes them from the video")
-    if bridge and origin != GIVEN:
+    if options.bridge and origin != GIVEN:
         raise InputError(f"{recording.path}: --bridge fills gaps between given poses, and there are none in use")
-    at_scale = _at_scale(config, proposals, scale)
-    return Plan(*at_scale, origin, bridge, every, limit, scale, detector, look_every)
+    config, proposals = _at_scale(options)
+    return Plan(options, config, proposals, origin, options.detector_every or DETECT_EVERY)
 
 
-def _at_scale(
-    config: TrackerConfig, proposals: str | ProposalSource | None, scale: int
-) -> tuple[TrackerConfig, str | ProposalSource | None]:
+def _at_scale(options: TrackOptions) -> tuple[TrackerConfig, str | ProposalSource | None]:
     """Reduce the working resolution by the same scale as the frames: users scale frames down for speed."""
+    config, proposals, scale = options.config, options.proposals, options.scale
     if scale == 1:
         return config, proposals
     from cuboid.proposals.depth import WIDEST

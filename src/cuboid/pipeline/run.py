@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
@@ -13,12 +13,12 @@ from cuboid.core.compiletime import working_s
 from cuboid.core.config import TrackerConfig
 from cuboid.core.errors import InputError, OutputError
 from cuboid.core.frame import Intrinsics
-from cuboid.core.limits import MEMORY_MB
 from cuboid.core.paths import PathLike, as_path
 from cuboid.formats.reading import real_path
 from cuboid.outputs import Results, ResultWriter, RunReport
 from cuboid.outputs.folder import VIDEO
 from cuboid.pipeline.loop import Decoded, Pipeline, decode
+from cuboid.pipeline.options import ResultOptions, RunHooks, TrackOptions
 from cuboid.pipeline.plan import Plan, plan_for
 from cuboid.pipeline.streaming import FrameSource, Stream
 from cuboid.poses.sources import AUTO, CORRECTED, ESTIMATED, GIVEN, Poses
@@ -26,10 +26,9 @@ from cuboid.tracking.checks import checked_warnings
 from cuboid.tracking.measuring import peak_memory_mb
 from cuboid.tracking.saving import objects_file, write_page
 from cuboid.tracking.tracker import Tracker
-from cuboid.tracking.types import MakeFrameSink, MakeTracker, Progress, RecordingLike, RunOutcome, TrackerLike, Watch
+from cuboid.tracking.types import MakeFrameSink, MakeTracker, RecordingLike, RunOutcome, TrackerLike
 
 if TYPE_CHECKING:
-    from cuboid.detection.types import Detector
     from cuboid.proposals.types import ProposalSource
     from cuboid.scene.running import IntoScene, SceneRun
     from cuboid.views.video import FrameSink
@@ -38,30 +37,11 @@ if TYPE_CHECKING:
 def track_recording(
     recording: RecordingLike | FrameSource,
     output: PathLike | None,
+    options: TrackOptions | None = None,
     *,
-    config: TrackerConfig | None = None,
-    proposals: str | ProposalSource | None = None,
-    poses: str | None = None,
-    bridge: bool = False,
-    every: int = 1,
-    limit: int | None = None,
-    scale: int = 1,
-    threads: int = 1,
-    video: bool = False,
-    force: bool = False,
-    page: bool = True,
-    progress: Progress | None = None,
-    stop: Callable[[], bool] = lambda: False,
-    make_tracker: MakeTracker | None = None,
-    make_view: MakeFrameSink | None = None,
-    watch: Watch | None = None,
+    results: ResultOptions | None = None,
     into: IntoScene | None = None,
-    memory_mb: float = MEMORY_MB,
-    detector: str | Detector | None = None,
-    detector_every: int | None = None,
-    shapes: bool = False,
-    relations: bool = False,
-    furniture: bool = False,
+    hooks: RunHooks | None = None,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
@@ -71,52 +51,14 @@ def track_recording(
         From `cuboid.open_recording` or `cuboid.open_camera`.
     output : path or None
         Folder of the results; None writes nothing.
-    config : TrackerConfig, optional
-    proposals : str or ProposalSource, optional
-        Name of a source of 2D proposals, with its options, or the source itself.
-    poses : {"given", "auto", "corrected", "estimated"}, optional
-        Source of the camera poses, as for `Tracker`; by default given if the recording has poses, else estimated.
-    bridge : bool
-        Estimate poses from the video for frames without one.
-    every : int
-        Use each n-th frame.
-    limit : int, optional
-        Read at most this many frames.
-    scale : {1, 2, 4}
-        Side in pixels of the block that becomes one pixel before tracking; results stay in the recording's
-        pixels.
-    threads : int
-        With 2 or more, the next frames are decoded ahead in a separate thread.
-    video : bool
-        Also write `labelled.mp4`.
-    force : bool
-        Replace existing results in `output`.
-    page : bool
-        Also write the 3D page; `write_page` can write it later.
-    progress : Progress, optional
-        Receives the progress of the run.
-    stop : callable
-        Called before each frame; True ends the run, and its results are marked as incomplete.
-    make_tracker, make_view : callable, optional
-        Factories of the tracker and of the video; by default `cuboid.Tracker` and the labelled video.
-    watch : callable, optional
-        Called between frames with each used frame, its result, and the tracker.
+    options : TrackOptions, optional
+        How the recording is tracked.
+    results : ResultOptions, optional
+        Which results are made.
     into : IntoScene, optional
         The scene to which the recording is added.
-    memory_mb : float
-        Memory limit of the process, in units of 2**20 bytes, above which parts of the map out of view are evicted.
-    detector : str or Detector, optional
-        File of an ONNX model, or name of a detector, with its options; or any callable from (frame, intrinsics) to
-        `Detections`. Objects get names from it.
-    detector_every : int, optional
-        The detector processes each n-th used frame; 3 by default.
-    shapes : bool
-        Also keep views of the objects, as for `Tracker`.
-    relations : bool
-        Also find the relations of the objects at the end, and include them in the results and in the scene.
-    furniture : bool
-        Also find the furniture that bears the supporting planes at the end, and keep it in the results; in a scene it
-        keeps its labels.
+    hooks : RunHooks, optional
+        Who follows and stops the run.
 
     Returns
     -------
@@ -129,111 +71,122 @@ def track_recording(
         used; then nothing is written.
     OutputError
         If the results cannot be written; no partial results are left.
+
+    Examples
+    --------
+    >>> recording = cuboid.open_recording("my-recording")  # doctest: +SKIP
+    >>> cuboid.track_recording(recording, "results", cuboid.TrackOptions(limit=300))  # doctest: +SKIP
     """
     begun_s = working_s()
     output = None if output is None else as_path(output)
     taken: RecordingLike = Stream(recording) if isinstance(recording, FrameSource) else recording
-    config = config or TrackerConfig()
-    plan = plan_for(
-        taken, config, proposals, poses=poses, bridge=bridge, every=every, limit=limit, scale=scale,
-        detector=detector, detector_every=detector_every,
-    )  # fmt: skip
+    results, hooks = results or ResultOptions(), hooks or RunHooks()
+    plan = plan_for(taken, options or TrackOptions())
+    every = plan.options.every
     if into is not None and plan.poses in (AUTO, CORRECTED):
         raise InputError(f"{taken.path}: --poses {plan.poses} cannot go into a scene; use given or estimated")
-    settings, frames, progress = plan.settings(taken), _frames(taken, plan), progress or Progress()
-    with ExitStack() as results:
+    frames = _frames(taken, plan.options)
+    with ExitStack() as opened:
         corrected = plan.poses == ESTIMATED if into is None else into.corrects(plan.poses)
-        writer = _writer(results, taken, output, force, corrected)
-        tracker, source, session = _tracking(
-            results, taken, plan, settings, writer, make_tracker, into, memory_mb, shapes
-        )
+        writer = _writer(opened, taken, output, results.force, corrected)
+        tracker, source, session = _tracking(opened, taken, plan, writer, into, hooks.make_tracker, results.shapes)
         if session is not None:
             frames = session.go_on(frames, writer)
         planned = None if isinstance(taken, Stream) else len(frames)
-        progress.start(planned)
+        hooks.progress.start(planned)
         bare = taken if source.given_with_frames else taken.without_poses()
+        make_view = (hooks.make_view or _video) if results.video else None
         with (
-            _view(writer, taken, every, (make_view or _video) if video else None) as view,
-            closing(_decode(bare, frames, plan, ahead=threads > 1)) as decoded,
+            _view(writer, taken, every, make_view) as view,
+            closing(_decode(bare, frames, plan.options)) as decoded,
         ):
-            pipeline = Pipeline(taken.path, planned, tracker, scale, view, watch, progress, session)
-            complete = pipeline.follow(decoded, stop)
+            scale, watch = plan.options.scale, hooks.watch
+            pipeline = Pipeline(taken.path, planned, tracker, scale, view, watch, hooks.progress, session)
+            complete = pipeline.follow(decoded, hooks.stop)
         if complete and not tracker.T_world_camera and plan.poses == ESTIMATED:
             raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
         warnings = tracker.warnings if writer is None else checked_warnings(tracker, bare, every)
-        report = _report(taken, tracker, session, settings, complete, threads, begun_s, warnings)
+        report = _report(taken, plan, tracker, session, complete=complete, begun_s=begun_s, warnings=warnings)
         points = tracker.map_points()
-        found = objects_file(tracker, taken.intrinsics, points, relations=relations, furniture=furniture)
+        found = objects_file(
+            tracker, taken.intrinsics, points, relations=results.relations, furniture=results.furniture
+        )
         if writer is not None:
             writer.finish(found, points, report, tracker.corrected_trajectory(), tracker.kept_views)
         if session is not None:
-            session.finish(complete=complete, walls=found.walls if relations else None)
-    if output is not None and page:
+            session.finish(complete=complete, walls=found.walls if results.relations else None)
+    if output is not None and results.page:
         write_page(Results(output), taken.read, () if into is None else into.shown_changes())
-    log, known, size = tracker.log, tracker.points_known, tracker.map_bytes
     return RunOutcome(
-        report, found.objects, found.planes, found.up, log.milliseconds, log.frames_per_second(), known, size,
-        found.furniture,
-    )  # fmt: skip
+        report=report,
+        objects=found.objects,
+        planes=found.planes,
+        up=found.up,
+        milliseconds=tracker.log.milliseconds,
+        frames_per_second=tracker.log.frames_per_second(),
+        points=tracker.points_known,
+        map_bytes=tracker.map_bytes,
+        furniture=found.furniture,
+    )
 
 
-def _frames(recording: RecordingLike, plan: Plan) -> range:
+def _frames(recording: RecordingLike, options: TrackOptions) -> range:
     """Return the frames to read; an empty range for a camera, whose frames are not known in advance."""
     if isinstance(recording, Stream):
         return range(0)
-    frames = range(0, len(recording), plan.every)[: plan.limit]
+    frames = range(0, len(recording), options.every)[: options.limit]
     if not frames:
         raise InputError(f"{recording.path}: the recording has no frames")
     return frames
 
 
 def _tracking(
-    results: ExitStack,
+    opened: ExitStack,
     recording: RecordingLike,
     plan: Plan,
-    settings: dict[str, Any],
     writer: ResultWriter | None,
-    make_tracker: MakeTracker | None,
     into: IntoScene | None,
-    memory_mb: float,
+    make_tracker: MakeTracker | None,
     shapes: bool,
 ) -> tuple[Tracker, Poses, SceneRun | None]:
     """Return the tracker, the source of its poses, and the run within a scene, if the recording is added to one."""
-    camera = recording.intrinsics.downscaled(plan.scale)
+    options = plan.options
+    camera = recording.intrinsics.downscaled(options.scale)
     source = plan.source_of_poses(recording, camera)
-    write = None if writer is None else partial(writer.add, pixels=plan.scale)
+    write = None if writer is None else partial(writer.add, pixels=options.scale)
     if into is None:
-        make = make_tracker or partial(_tracker, memory_mb=memory_mb)
+        make = make_tracker or partial(_tracker, memory_mb=options.memory_mb)
         mapper = make(camera, plan.config, plan.proposals)
-        if plan.detector is not None:
+        if options.detector is not None:
             _use_detector(mapper, plan)
         return Tracker.of_parts(camera, plan.config, mapper, source, write, shapes=shapes), source, None
     from cuboid.scene import Source
 
     live = isinstance(recording, Stream)
     path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
-    visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, settings)
-    session = results.enter_context(into.session(visit, camera, plan.config, plan.proposals, memory_mb))
-    session.tracker.use_detector(plan.detector, plan.detector_every)
+    visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, plan.settings(recording))
+    session = opened.enter_context(into.session(visit, camera, plan.config, plan.proposals, options.memory_mb))
+    session.tracker.use_detector(options.detector, plan.detector_every)
     source = session.poses(source)
     tracker = Tracker.of_parts(camera, plan.config, session.tracker, source, write, shapes=shapes)
     tracker.resume(session.begun.T_world_camera, session.begun.times_s, session.begun.skipped)
     return tracker, source, session
 
 
-def _decode(recording: RecordingLike, frames: range, plan: Plan, *, ahead: bool) -> Generator[Decoded, None, None]:
+def _decode(recording: RecordingLike, frames: range, options: TrackOptions) -> Generator[Decoded, None, None]:
+    ahead = options.threads > 1
     if isinstance(recording, Stream):
-        return recording.decode(plan.every, plan.limit, ahead=ahead)
+        return recording.decode(options.every, options.limit, ahead=ahead)
     return decode(recording, frames, ahead=ahead)
 
 
 def _report(
     recording: RecordingLike,
+    plan: Plan,
     tracker: Tracker,
     session: SceneRun | None,
-    settings: dict[str, Any],
+    *,
     complete: bool,
-    threads: int,
     begun_s: float,
     warnings: tuple[str, ...],
 ) -> RunReport:
@@ -245,8 +198,8 @@ def _report(
         recording=str(recording.path),
         format=recording.format,
         poses=tracker.poses or GIVEN,
-        threads=threads,
-        config={**settings, **_vocabulary(tracker), "tracker": tracker.config.to_dict()},
+        threads=plan.options.threads,
+        config={**plan.settings(recording), **_vocabulary(tracker), "tracker": tracker.config.to_dict()},
         frames_read=used + len(skipped),
         frames_used=used,
         skipped=skipped,
@@ -265,13 +218,13 @@ def _vocabulary(tracker: Tracker) -> dict[str, Any]:
 
 
 def _writer(
-    results: ExitStack, recording: RecordingLike, output: Path | None, force: bool, corrected: bool
+    opened: ExitStack, recording: RecordingLike, output: Path | None, force: bool, corrected: bool
 ) -> ResultWriter | None:
     if output is None:
         return None
     if real_path(output) == real_path(Path(recording.path)):
         raise OutputError(f"{output}: is the recording itself; name another output folder")
-    return results.enter_context(ResultWriter(output, force=force, corrected=corrected))
+    return opened.enter_context(ResultWriter(output, force=force, corrected=corrected))
 
 
 @contextmanager
@@ -304,7 +257,7 @@ def _use_detector(mapper: TrackerLike, plan: Plan) -> None:
 
     if not isinstance(mapper, PosedTracker):
         raise ValueError(f"a detector needs the tracker of Cuboid, not a {type(mapper).__name__}")
-    mapper.use_detector(plan.detector, plan.detector_every)
+    mapper.use_detector(plan.options.detector, plan.detector_every)
 
 
 def _video(path: Path, intrinsics: Intrinsics, every: int) -> FrameSink:

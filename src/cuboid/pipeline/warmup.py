@@ -107,26 +107,30 @@ def compile_kernels(progress: Callable[[int, int], None] = lambda done, parts: N
 
 def _track(folder: Path) -> None:
     """Track with the recording's own poses."""
+    from cuboid.pipeline.options import ResultOptions
     from cuboid.pipeline.run import track_recording
 
-    track_recording(WarmUpRecording(), folder / "given", page=False)
+    track_recording(WarmUpRecording(), folder / "given", results=ResultOptions(page=False))
 
 
 def _estimate_poses(folder: Path) -> None:
     """Track with poses from the video."""
+    from cuboid.pipeline.options import ResultOptions
     from cuboid.pipeline.run import track_recording
 
-    track_recording(WarmUpRecording(poses=False), folder / "estimated", page=False)
+    track_recording(WarmUpRecording(poses=False), folder / "estimated", results=ResultOptions(page=False))
 
 
 def _revisit(folder: Path) -> None:
     """Track two noisy recordings into one scene, the second with all parts of the map out of view evicted."""
+    from cuboid.pipeline.options import ResultOptions, TrackOptions
     from cuboid.pipeline.run import track_recording
     from cuboid.scene.running import IntoScene
 
     for visit, memory_mb in enumerate((1e6, 0.0)):
         recording, into = WarmUpRecording(noise=0.03), IntoScene(folder / "scene.cuboid")
-        track_recording(recording, folder / f"visit-{visit}", into=into, page=False, memory_mb=memory_mb)
+        options, results = TrackOptions(memory_mb=memory_mb), ResultOptions(page=False)
+        track_recording(recording, folder / f"visit-{visit}", options, results=results, into=into)
 
 
 def _correct(_: Path) -> None:
