@@ -160,12 +160,19 @@ def test_a_correction_of_the_poses_moves_it() -> None:
     np.testing.assert_allclose(after - before, (0.3, 0.0, 0.0), atol=1e-6)
 
 
-def into_scene(path: Path, shown: Shown, frames: list[Frame], *, detected: Collection[int] = ALL) -> set[int]:
+def into_scene(
+    path: Path,
+    shown: Shown,
+    frames: list[Frame],
+    *,
+    detected: Collection[int] = ALL,
+    detect: Callable[[Frame, Intrinsics], Detections] | None = None,
+) -> set[int]:
     """Let a recording go into a scene, with a detector; return the labels that its last frame shows."""
     source = Source("/made", "made", "given", len(frames), CAMERA, {"every": 1})
     with Scene.open(path) as scene:
         tracker = scene.tracker(CAMERA, proposals=others_of(shown), source=source)  # type: ignore[arg-type]
-        tracker.use_detector(detector_of(shown, detected), 1)
+        tracker.use_detector(detect or detector_of(shown, detected), 1)
         for frame in frames:
             last = tracker.update(frame)
         return {one.label for one in last.sightings}
@@ -239,15 +246,73 @@ def test_in_a_scene_its_label_stays_when_depth_comes(tmp_path: Path) -> None:
     assert problems(path) == []
 
 
-def test_people_forget_and_name_it_and_cannot_merge_it(tmp_path: Path) -> None:
+def halves_of(shown: Shown) -> Callable[[Frame, Intrinsics], Detections]:
+    """A detector that sees the left and the right half of the second thing as two."""
+    whole = detector_of(shown)
+
+    def detect(frame: Frame, intrinsics: Intrinsics) -> Detections:
+        found = whole(frame, intrinsics)
+        left, right = found.boxes_xyxy.copy(), found.boxes_xyxy.copy()
+        left[:, 2] = right[:, 0] = found.boxes_xyxy[:, ::2].mean(axis=1).astype(np.int32)
+        return Detections(np.vstack([left, right]), np.vstack([found.scores] * 2), found.names)
+
+    return detect
+
+
+def test_people_merge_two_labels_of_what_depth_does_not_read(tmp_path: Path) -> None:
+    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
+    into_scene(path, shown, dark(shown), detect=halves_of(shown))
+    older, younger = (item.label for item in unread_of(path))
+    with Scene.open(path) as scene:
+        assert scene.merge(younger, older) == older
+    (one,) = [item for item in unread_of(path) if item.label == older]
+    assert (one.label, one.kind, one.name, one.state) == (older, "box", "tv", "present")
+    assert np.linalg.norm(one.box.center - PLACE) < 0.08
+    assert (abs(one.box.size - THINGS[1].size) < 0.24).all()
+    with Scene.open(path) as scene:
+        assert [(item.state, item.merged_into) for item in scene.all_objects if item.label == younger] == [
+            ("merged", older)
+        ]
+    assert problems(path) == []
+    again = Shown(frames=20, begin=0.5)
+    assert older in into_scene(path, again, dark(again))  # whole from now on
+    assert [(item.label, item.last_seen) for item in unread_of(path) if item.state == "present"] == [(older, (2, 19))]
+
+
+def test_people_merge_it_with_an_object_of_the_map(tmp_path: Path) -> None:
+    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
+    into_scene(path, shown, dark(shown))
+    (item,) = unread_of(path)
+    with Scene.open(path) as scene:
+        volume = next(one for one in scene.objects if one.kind == "volume")
+        kept = scene.merge(item.label, volume.label)
+        assert kept == min(item.label, volume.label)
+        (one,) = [one for one in scene.objects if one.label == kept]
+        assert (one.kind, one.name) == ("volume", "tv")
+        np.testing.assert_allclose(one.box.center, volume.box.center)
+        gone = max(item.label, volume.label)
+        assert [one.merged_into for one in scene.all_objects if one.label == gone] == [kept]
+    assert problems(path) == []
+
+
+def test_what_is_far_apart_is_not_merged(tmp_path: Path) -> None:
+    path, shown = tmp_path / "kitchen.cuboid", Shown((*THINGS[:2], FAR), frames=30)
+    into_scene(path, shown, dark(shown))
+    (item,) = unread_of(path)
+    with Scene.open(path) as scene:
+        apart_m = {one.label: float(np.linalg.norm(one.box.center - item.box.center)) for one in scene.objects}
+        far = max(apart_m, key=lambda label: apart_m[label])
+        with pytest.raises(InputError, match=f"are {apart_m[far]:.2f} m apart, farther than they are large"):
+            scene.merge(item.label, far)
+        assert {one.label for one in scene.objects} == {*apart_m}
+
+
+def test_people_forget_and_name_it(tmp_path: Path) -> None:
     path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
     into_scene(path, shown, dark(shown))
     (item,) = unread_of(path)
     with Scene.open(path) as scene:
         scene.name(item.label, "my screen")
-        volume = next(one.label for one in scene.objects if one.kind == "volume")
-        with pytest.raises(InputError, match="has no points: only objects with depth readings can be merged"):
-            scene.merge(volume, item.label)
     (named,) = unread_of(path)
     assert (named.name, named.names[0][0]) == ("my screen", "tv")
     with Scene.open(path) as scene:

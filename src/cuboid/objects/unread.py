@@ -38,7 +38,7 @@ from cuboid.objects.rectangles import (
     size_at,
 )
 from cuboid.objects.store import ObjectStore
-from cuboid.objects.unread_object import READ_FRACTION, Planes, UnreadObject, box_of
+from cuboid.objects.unread_object import READ_FRACTION, Planes, UnreadObject, absorb, box_of
 from cuboid.objects.visibility import Visibility
 
 # A detection is a sighting of an unread object if its rectangle overlaps the predicted one by this IoU: at first
@@ -98,6 +98,29 @@ class UnreadMap:
     def confirmed(self) -> list[UnreadObject]:
         """Return the certain objects with a label of their own, by label."""
         return sorted((o for o in self._things if o.label and not o.partner and o.is_sure), key=lambda o: o.label)
+
+    def merge(self, label: int, other: int, planes: Planes) -> int:
+        """Merge two labelled objects because a user says that they are one; return the older label, which stays.
+
+        Parameters
+        ----------
+        label, other : int
+            At least one of them is that of an object of `confirmed`.
+        planes : Planes
+        """
+        older, younger = sorted((label, other))
+        things = {one.label: one for one in self.confirmed()}
+        if older in things and younger in things:
+            kept, gone = things[older], things[younger]
+            absorb(kept, gone, planes)
+            kept.merged_labels = sorted({*kept.merged_labels, *gone.merged_labels, younger})
+            self._things.remove(gone)
+            return older
+        thing = things.get(older) or things[younger]
+        entry = next(one for one in self._store.confirmed() if one.label in (older, younger))
+        entry.name_log_odds = merged_evidence(entry.name_log_odds, thing.name_log_odds)
+        self._join_map(thing, entry)
+        return entry.label
 
     def look(self, found: Detections, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation) -> None:
         """Update the objects with the detections in a frame.
@@ -203,10 +226,14 @@ class UnreadMap:
             entry = shown[k][0]
             one.meetings = {**one.meetings, entry.number: one.meetings.get(entry.number, 0) + 1}
             if one.meetings[entry.number] >= MIN_MEETINGS:
-                one.partner = entry.number
-                if one.label:
-                    self._store.take_label(entry, one.label, one.merged_labels, one.first_frame)
-                    one.label, one.merged_labels = entry.label, []
+                self._join_map(one, entry)
+
+    def _join_map(self, one: UnreadObject, entry: MapObject) -> None:
+        """Merge an object into an object of the map."""
+        one.partner = entry.number
+        if one.label:
+            self._store.take_label(entry, one.label, one.merged_labels, one.first_frame)
+            one.label, one.merged_labels = entry.label, []
 
     def _merge_doubles(self, seen: Observation) -> None:
         """Merge two objects with the same rectangle; the older label, or else the older object, stays."""

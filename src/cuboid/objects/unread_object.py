@@ -11,6 +11,7 @@ from cuboid.core.frame import Float64Array
 from cuboid.core.state import ADDED
 from cuboid.geometry.box import Box
 from cuboid.objects.affinity import CERTAIN_LOG_ODDS
+from cuboid.objects.naming import merged_evidence
 
 # From this fraction of readings in its rectangle on, an object counts as seen by depth.
 READ_FRACTION = 0.5
@@ -146,10 +147,7 @@ def box_of(one: UnreadObject, planes: Planes) -> tuple[Box, str]:
     """
     center, (width, height) = one.center, np.maximum(one.size_m, MIN_SIDE_M).tolist()
     toward = _toward(one, planes)
-    across = np.cross(planes.up, toward)
-    if np.linalg.norm(across) < 1e-3:  # seen from above: use any horizontal direction
-        across = np.cross(planes.up, np.eye(3)[int(np.abs(planes.up).argmin())])
-    across = across / np.linalg.norm(across)
+    across = _across(toward, planes)
     rotation = np.column_stack([across, np.cross(planes.up, across), planes.up])
     above_m = [float(normal @ center + offset) for normal, offset in planes.supporting]
     if any(0.0 <= away <= FLAT_M for away in above_m):
@@ -192,6 +190,40 @@ def size_sigma_of(one: UnreadObject, planes: Planes, kind: str) -> Float64Array:
     # The rectangle's height is between that of a thing without depth and one that is as deep as the box.
     shown = max(abs(height / cosine - height), abs(height - (height - deep * sine) / cosine)) / 3**0.5
     return np.array([wide, GUESSED * deep, float(np.hypot(seen[1], shown))])
+
+
+def absorb(kept: UnreadObject, gone: UnreadObject, planes: Planes) -> None:
+    """Make one object of two: its rectangle then holds both, as seen from the mean direction to who looks at them."""
+    toward = _toward(kept, planes) + _toward(gone, planes)
+    toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
+    across = _across(toward, planes)
+    axes = np.array([across, np.cross(toward, across)])
+    information = kept.information + gone.information
+    center = np.linalg.solve(information, kept.vector + gone.vector)
+    half_m = np.array([one.size_m / 2.0 for one in (kept, gone)])
+    middle_m = np.array([axes @ one.center for one in (kept, gone)])
+    low_m, high_m = (middle_m - half_m).min(axis=0), (middle_m + half_m).max(axis=0)
+    center = center + ((low_m + high_m) / 2.0 - axes @ center) @ axes
+    kept.information, kept.vector = information, information @ center
+    kept.size_m = high_m - low_m
+    kept.size_scatter_m2 = np.maximum(kept.size_scatter_m2, gone.size_scatter_m2)
+    whole = max(kept.weight + gone.weight, 1e-9)
+    kept.distance_m = (kept.weight * kept.distance_m + gone.weight * gone.distance_m) / whole
+    kept.weight = max(kept.weight, gone.weight)
+    kept.read = (kept.hits * kept.read + gone.hits * gone.read) / max(kept.hits + gone.hits, 1)
+    kept.log_odds, kept.hits = max(kept.log_odds, gone.log_odds), max(kept.hits, gone.hits)
+    kept.first_frame, kept.last_frame = min(kept.first_frame, gone.first_frame), max(kept.last_frame, gone.last_frame)
+    kept.frames_seen = max(kept.frames_seen, gone.frames_seen)
+    kept.name_log_odds = merged_evidence(kept.name_log_odds, gone.name_log_odds)
+    kept.views = np.vstack([kept.views, gone.views])
+
+
+def _across(toward: Float64Array, planes: Planes) -> Float64Array:
+    """Return the horizontal direction (3,) across a line of sight; any horizontal one for a line from above."""
+    across = np.cross(planes.up, toward)
+    if np.linalg.norm(across) < 1e-3:
+        across = np.cross(planes.up, np.eye(3)[int(np.abs(planes.up).argmin())])
+    return np.asarray(across / np.linalg.norm(across))
 
 
 def _toward(one: UnreadObject, planes: Planes) -> Float64Array:

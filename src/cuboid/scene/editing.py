@@ -41,11 +41,20 @@ def merge(connection: sqlite3.Connection, path: str, one: int, two: int) -> int:
     Raises
     ------
     InputError
-        One of the objects does not exist, or both are the same.
+        One of the objects does not exist, both are the same, or they are too far apart to be one.
     """
     if one == two:
         raise InputError(f"{path}: expected two labels, got {one} twice")
     with edited(connection, path) as tracker:
+        unread = {item.label: item for item in tracker.unread_objects()}
+        if one in unread or two in unread:
+            boxes = [
+                unread[k].box if k in unread else tracker.in_world(_living(tracker, path, k).box) for k in (one, two)
+            ]
+            apart_m = float(np.linalg.norm(boxes[0].center - boxes[1].center))
+            if apart_m > sum(box.size.max() for box in boxes):
+                raise InputError(f"{path}: {one} and {two} are {apart_m:.2f} m apart, farther than they are large")
+            return tracker.merge_unread(one, two)
         first, second = (_living(tracker, path, label) for label in (one, two))
         kept = tracker.merge(first, second)
         if not kept.confirmed:
@@ -80,8 +89,6 @@ def _living(tracker: PosedTracker, path: str, label: int) -> MapObject:
     for entry in tracker.ever_labelled():
         if entry.label == label and entry.confirmed:
             return entry
-    if any(item.label == label for item in tracker.unread_objects()):
-        raise InputError(f"{path}: {label} has no points: only objects with depth readings can be merged")
     raise InputError(f"{path}: no object that is there has the label {label}")
 
 

@@ -182,7 +182,7 @@ class Records:
         now: dict[int, str | None] = {item.label: item.kind for item in items}
         taken_in = [(item, k) for item in items for k in item.merged_labels if k not in self._merged]
         rows.unread = [*((item, item.label) for item in items), *taken_in]
-        rows.merged += [(k, item.label) for item, k in taken_in]
+        rows.merged += [(k, item.label) for item in items for k in item.merged_labels]
         self._merged |= {k for _, k in taken_in}
         volumes = {label for entry in tracker.ever_labelled() for label in (entry.label, *entry.merged_labels)}
         left = self._kinds.keys() - now.keys()

@@ -672,6 +672,10 @@ class PosedTracker(MapQueries):
         """Return the labelled objects without depth readings, by label."""
         return self._detecting.objects(self._support_planes(), self.T_world_map)
 
+    def merge_unread(self, label: int, other: int) -> int:
+        """Merge two objects of which one or both have no depth readings; return the older label, which stays."""
+        return self._detecting.unread.merge(label, other, self._support_planes())
+
     def forget_unread(self, label: int) -> bool:
         """Remove an object without depth readings because a user asks for it; return whether one had the label."""
         return self._detecting.unread.forget(label)
