@@ -320,8 +320,11 @@ class Following:
                 one.told = True
                 self._tell("gone", one.entry, one.from_box, None, 1.0)
 
-    def note_labels(self, entries: Sequence[MapObject], time_s: float) -> None:
-        """Take note of objects with a new label: those that came may be what waits; else they have appeared."""
+    def note_labels(self, entries: Sequence[MapObject], frame: int, time_s: float) -> None:
+        """Take note of objects with a new label: those that came may be what waits; else they have appeared.
+
+        What has appeared is reported when it is seen a second later: a hand that lingers is not seen there anymore.
+        """
         self._labelled_s |= {entry.number: time_s for entry in entries}
         self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < REST_S}
         came = [*self._came, *(entry for entry in entries if self._has_come(entry) or self._is_in_old_place(entry))]
@@ -329,7 +332,8 @@ class Following:
         for entry in came:
             if not entry.confirmed or self._know_again(entry):
                 continue
-            if time_s - self._labelled_s.get(entry.number, -KNOWN_AGAIN_S) < KNOWN_AGAIN_S:
+            new = time_s - self._labelled_s.get(entry.number, -KNOWN_AGAIN_S) < KNOWN_AGAIN_S
+            if new or entry.last_frame < frame:
                 self._came.append(entry)
             elif self._has_come(entry):
                 self._tell("appeared", entry, None, entry.box, entry.score)

@@ -538,7 +538,7 @@ class PosedTracker(MapQueries):
         visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
         restless = self._following.restless(time_s)
         labelled = self._map.record_seen(seen.frame, [entry for entry, _ in visible], restless)
-        self._following.note_labels(labelled, time_s)
+        self._following.note_labels(labelled, seen.frame, time_s)
         return visible
 
     def _frame_boxes(
