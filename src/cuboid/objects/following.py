@@ -312,6 +312,11 @@ class Following:
             rows = slots[(inside > 0) & (slots >= 0)].astype(np.int64)
             self._voxels.claim(rows, entry.number)
 
+    @property
+    def settled(self) -> frozenset[int]:
+        """Numbers of the objects that were set down a short time ago."""
+        return frozenset(entry.number for entry, _ in self._settled)
+
     # --- what waits ------------------------------------------------------------------------------------------------
 
     def _tell_gone(self, time_s: float) -> None:

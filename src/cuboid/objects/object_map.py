@@ -118,6 +118,7 @@ class ObjectMap:
         voxels: PixelVoxels,
         candidate: UInt8Array,
         touched: npt.NDArray[np.bool_],
+        settled: frozenset[int],
     ) -> Association:
         """Update the map of objects with a frame.
 
@@ -134,6 +135,8 @@ class ObjectMap:
             1 for pixels off every supporting plane.
         touched : (n,) bool
             Segments at which something moves: their outlines are no evidence.
+        settled : frozenset of int
+            Numbers of objects that were set down a short time ago: their new place has few points yet.
 
         Returns
         -------
@@ -153,7 +156,7 @@ class ObjectMap:
         self._penalise_missed(found)
         changed = [o.number for o in objects] + [int(n) for n in number_of if n]
         self._fitting.fit_grown(changed, seen.eye, seen.new_viewpoint)
-        self._retire_removed(found)
+        self._retire_removed(found, settled)
         self._merge(changed, seen.eye)
         self._retire_unlikely(changed)
         return found
@@ -279,11 +282,11 @@ class ObjectMap:
             if entry.state is State.CANDIDATE and j not in matched:
                 entry.log_odds -= MISSED
 
-    def _retire_removed(self, found: Association) -> None:
+    def _retire_removed(self, found: Association, settled: frozenset[int]) -> None:
         """Retire unmatched confirmed objects whose points were removed by free-space carving: most were taken away."""
         matched = set(found.match.tolist())
         for j, entry in enumerate(found.objects):
-            if j in matched or not entry.confirmed:
+            if j in matched or not entry.confirmed or entry.number in settled:
                 continue
             # Some points at its foot remain: a ray that passes close to a table is like one that hits an object on
             # it.

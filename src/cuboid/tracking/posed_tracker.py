@@ -327,7 +327,7 @@ class PosedTracker(MapQueries):
         boxes = self._boxes(segments.segments, image, seen.T_world_camera)
         watch.lap("boxes")
         touched = segments.touched_by(seen.moving)
-        found = self._map.update(seen, segments, boxes, objects, voxels, candidate, touched)
+        found = self._map.update(seen, segments, boxes, objects, voxels, candidate, touched, self._following.settled)
         in_frustum = self._map.objects_in_frustum(image, T_camera_world)
         if due:
             self._refine(seen, heat, slots, in_frustum)
