@@ -56,7 +56,7 @@ async def questions(client: Client) -> None:
     (picture,) = (await client.call_tool("picture_of_object", {"recording": "kitchen", "label": 1})).content
     assert (picture.mime_type, base64.b64decode(picture.data)) == ("image/jpeg", JPEG)
     for name, values, said in (
-        ("find_objects", {"color": "mauve"}, "no color is called 'mauve'"),
+        ("find_objects", {"color": "mauve"}, "unknown color 'mauve'"),
         ("find_objects", {"since": "yesterday"}, "expected 2026-03-01"),
         ("find_objects", {"like": "attic#1"}, "attic#1: there is no recording 'attic'"),
         ("find_objects", {"text": "cup"}, "no image-text model"),
