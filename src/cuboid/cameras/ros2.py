@@ -53,15 +53,15 @@ class RosCamera:
         Closed with the camera.
     messages : RosMessages
     color, depth, info : str, optional
-        Topics; found by name, and beside color, unless given.
+        Topics; None: found by name, and beside color.
     poses : RosPoses, optional
-        Where camera poses come from.
+        Source of the camera poses.
     feature : str
-        What the user asked for; errors begin with it.
+        The feature in the user's words, with which errors begin.
     patient : bool
-        Wait without end for the first images; else an error says what is not there.
+        Wait without limit for the first images; otherwise an error names the missing ones.
     stopped : callable
-        Asked while it waits; True ends it.
+        Called during the wait; True ends it.
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ class FoxgloveServer:
         self._latched: dict[int, _Channel] = {}
         self._parameters: dict[str, Any] = {}
         self._change: Callable[[str, Any], None] = lambda name, value: None
-        told = {
+        callbacks = {
             "on_subscribe": lambda _, client, channel: self._subscribed(channel.id),
             "on_get_parameters": lambda _, client, names, request=None: self._given(names),
             "on_set_parameters": lambda _, client, parameters, request=None: self._changed(parameters),
@@ -66,7 +66,7 @@ class FoxgloveServer:
                 capabilities=[sdk.Capability.Services, sdk.Capability.Parameters],
                 supported_encodings=[ENCODING],
                 context=self._context,
-                server_listener=type("Listener", (websocket.ServerListener,), told)(),
+                server_listener=type("Listener", (websocket.ServerListener,), callbacks)(),
                 message_backlog_size=BACKLOG,
             )
         except Exception as error:  # of a library in Rust, which names no kinds
@@ -130,7 +130,7 @@ class FoxgloveServer:
         return self._given([one.name for one in parameters])
 
     def _subscribed(self, channel: int) -> None:
-        """Send who comes later the last message of a latched topic."""
+        """Send the last message of a latched topic to a later subscriber."""
         if channel in self._latched:
             self._latched[channel].repeat()
 

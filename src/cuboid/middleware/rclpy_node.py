@@ -99,7 +99,7 @@ class RclpyTransport:
         return self._calls.requests()
 
     def declare(self, values: Mapping[str, Any], change: Callable[[str, Any], None]) -> None:
-        """Offer parameters; `change` is told of a new value, and raises InputError where it cannot be one."""
+        """Offer parameters; `change` is called with a new value, and raises InputError if it is invalid."""
         result = _ros("rcl_interfaces.msg").SetParametersResult
 
         def changed(parameters: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The interface of what carries messages: topics out, topics in, services."""
+"""The interface of transports: topics to send on, topics to receive from, services."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from typing import Any, Protocol
 
 
 class Qos(Enum):
-    """How a topic is carried."""
+    """Quality of service of a topic."""
 
-    SENSOR = "sensor"  # best effort, the newest few: what arrives late is worth nothing, and every publisher fits
-    RELIABLE = "reliable"  # nothing is lost between two that keep up
-    LATCHED = "latched"  # who comes later gets the last one too
+    SENSOR = "sensor"  # best effort, the newest messages: late images are useless, and every publisher is compatible
+    RELIABLE = "reliable"  # nothing is lost while the receiver keeps up
+    LATCHED = "latched"  # a later subscriber gets the last message
 
 
 class Outlet(Protocol):
-    """A topic that messages are sent on."""
+    """A topic to send on."""
 
     def wanted(self) -> bool:
-        """Tell whether somebody listens."""
+        """Return whether there are subscribers."""
 
     def send(self, data: bytes, time_ns: int) -> None:
-        """Send the bytes of a message; it does not wait for who listens.
+        """Send the bytes of a message without waiting for subscribers.
 
         Parameters
         ----------
         data : bytes
         time_ns : int
-            What the message tells of.
+            Time of the data in the message.
         """
 
 
 class Inlet(Protocol):
-    """A topic that messages are taken from."""
+    """A topic to receive from."""
 
     def take(self) -> bytes | None:
-        """Return the bytes of the oldest message that is there; None where there is none."""
+        """Return the bytes of the oldest waiting message; None without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +49,11 @@ class Request:
     Attributes
     ----------
     service : str
-        Its name.
+        Name of the service.
     data : bytes
-        Of the request's message.
+        Bytes of the request.
     reply : callable
-        Sends the bytes of the answer's message.
+        Sends the bytes of the answer.
     """
 
     service: str
@@ -62,7 +62,7 @@ class Request:
 
 
 class Outlets(Protocol):
-    """Carries topics out."""
+    """A transport that sends topics."""
 
     def outlet(self, topic: str, kind: str, qos: Qos) -> Outlet:
         """Return a topic to send on.
@@ -70,89 +70,89 @@ class Outlets(Protocol):
         Parameters
         ----------
         topic : str
-            Its full name, "/cuboid/detections" say.
+            Full name, such as "/cuboid/detections".
         kind : str
-            Full name of its type, "vision_msgs/msg/Detection3DArray" say.
+            Full name of the type, such as "vision_msgs/msg/Detection3DArray".
         qos : Qos
         """
 
     def close(self) -> None:
-        """Leave."""
+        """Leave the network."""
 
 
 class Services(Protocol):
-    """Carries calls of services in and their answers out, and parameters."""
+    """A transport of services and parameters."""
 
     def serve(self, service: str, kind: str) -> None:
         """Offer a service, by its full name and that of its type ("std_srvs/srv/Trigger")."""
 
     def requests(self) -> Iterator[Request]:
-        """Give the calls that have come."""
+        """Iterate over the calls that have arrived."""
 
     def declare(self, values: Mapping[str, Any], change: Callable[[str, Any], None]) -> None:
-        """Offer parameters, where it can.
+        """Offer parameters, if the transport has them.
 
         Parameters
         ----------
         values : mapping
-            By name, as they are now.
+            Present values by name.
         change : callable
-            Told of a name and a new value; raises InputError where it cannot be one.
+            Called with a name and a new value; raises InputError for an invalid value.
         """
 
 
 class Transport(Outlets, Services, Protocol):
-    """Carries topics in and out, and services.
+    """A transport of topics in both directions and of services.
 
     Attributes
     ----------
     name : str
-        What messages to the user call it.
+        Name in messages to the user.
     """
 
     name: str
 
     def topics(self) -> Mapping[str, str]:
-        """Return the topics that somebody publishes so far, and their types."""
+        """Return the topics found so far, with their types."""
 
     def inlet(self, topic: str, kind: str, qos: Qos, kept: int, *, wakes: bool = True) -> Inlet:
-        """Return a topic to take from.
+        """Return a topic to receive from.
 
         Parameters
         ----------
         topic, kind, qos :
             As of `outlet`.
         kept : int
-            So many messages wait at most; the oldest are dropped.
+            Maximum number of waiting messages; the oldest are dropped.
         wakes : bool
-            Whether a message ends `wait`.
+            Whether a message on it ends `wait`.
         """
 
     def wait(self, seconds: float) -> None:
-        """Return as soon as a message waits on an inlet that wakes, or the time is over."""
+        """Wait for a message on an inlet with `wakes`, but not longer than this time."""
 
 
 @dataclass
 class PendingCalls:
-    """Calls that other threads make, for the one thread that answers them.
+    """Calls from other threads, for the one thread that answers them.
 
     Attributes
     ----------
     wait_s : float
-        A call that is not answered in this time fails.
+        Maximum time until the answer, seconds; later the call fails.
     """
 
     wait_s: float
     _calls: SimpleQueue[Request] = field(default_factory=SimpleQueue)
 
     def call(self, service: str, data: bytes) -> bytes:
-        """Return the answer, in the calling thread; raises TimeoutError where there is none in time."""
+        """Return the answer, in the calling thread; raises TimeoutError if it takes too long."""
         answer: Future[bytes] = Future()
         self._calls.put(Request(service, data, answer.set_result))
         return answer.result(self.wait_s)
 
     def requests(self) -> Iterator[Request]:
-        """Give the calls that wait."""
+        """Iterate over the waiting calls."""
         while True:
             try:
                 yield self._calls.get_nowait()

@@ -1,4 +1,4 @@
-"""What can be asked of a running node, and its answers, whatever carries them."""
+"""Commands to a running node, and its answers, for every transport."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cuboid.ros2.session import Session
 
 
 class Command(msgspec.Struct, tag_field="command", forbid_unknown_fields=True, kw_only=True):
-    """What is asked; the answer repeats `id`."""
+    """A command; the answer repeats its `id`."""
 
     id: int | str | None = None
 
@@ -27,18 +27,18 @@ class Save(Command, tag="save"):
 
 
 class Reset(Command, tag="reset"):
-    """Forget the map and begin anew."""
+    """Delete the map and start again."""
 
 
 class Name(Command, tag="name"):
-    """Give an object a name, or take it away with an empty one."""
+    """Set the name of an object; an empty name removes it."""
 
     label: int
     name: str
 
 
 class Query(Command, tag="query"):
-    """Objects by label, part of their name, distance from a point in metres; 0 and "" mean any."""
+    """Objects by label, part of the name, or distance from a point in metres; 0 and "" match all objects."""
 
     label: int = 0
     name: str = ""
@@ -47,7 +47,7 @@ class Query(Command, tag="query"):
 
 
 class Cloud(Command, tag="cloud"):
-    """The points of an object; 0: of the map."""
+    """The points of an object; with label 0, of the map."""
 
     label: int = 0
 
@@ -68,15 +68,15 @@ AnyCommand = Save | Reset | Name | Query | Cloud | Set | ListParameters
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What comes of a command.
+    """The answer to a command.
 
     Attributes
     ----------
     success : bool
     message : str
-        What was done, or why it was not.
+        The result, or the reason of the failure.
     objects : tuple of TrackedObject or None
-        Of a query.
+        The objects that a query found.
     cloud : PointCloud or None
     parameters : dict or None
     """
@@ -89,7 +89,7 @@ class Answer:
 
 
 def answer(command: AnyCommand, session: Session, parameters: Parameters) -> Answer:
-    """Do what is asked; a user's mistake is an answer, too."""
+    """Execute a command and return its answer; a mistake of the user is an answer too."""
     try:
         return _done(command, session, parameters)
     except CuboidError as error:

@@ -1,4 +1,4 @@
-"""The node: images in, what the tracker finds out, until a signal or the end."""
+"""The node: it takes images, tracks, and publishes the objects, until a signal or the end."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from cuboid.ros2.session import Session
 from cuboid.views.ros_stream import OK, STALE, WARN, RosStream
 
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
-# How the run goes is told once a second; a camera that gives nothing for longer than this is silent, seconds.
+# Interval of the diagnostics; a camera without an image for longer than SILENT_S is reported as silent, seconds.
 DIAGNOSE_EVERY_S, SILENT_S = 1.0, 2.0
-# Latencies of the last frames whose median and 99th percentile are told.
+# Number of last frames whose median and 99th percentile of latency are reported.
 FRAMES_KEPT = 300
 # Figures that count losses between the arrival of an image and its detections.
 LOSSES = ("frames skipped", "frames dropped", "images without partner", "images damaged")
 
 
 class NodeClock:
-    """The time of the node: the machine's, or that of a simulation.
+    """The clock of the node: that of the machine, or of a simulation.
 
     Parameters
     ----------
     messages : RosMessages
     inlet : Inlet or None
-        The topic /clock, where time is simulated.
+        The topic /clock, if time is simulated.
     """
 
     def __init__(self, messages: RosMessages, inlet: Inlet | None) -> None:
@@ -48,7 +48,7 @@ class NodeClock:
         self._simulated_ns = 0
 
     def __call__(self) -> int:
-        """Return now, nanoseconds; 0 until a simulation has said its first time."""
+        """Return the present time, nanoseconds; 0 before the first time of a simulation."""
         if self._inlet is None:
             return time.time_ns()
         while (data := self._inlet.take()) is not None:
@@ -102,7 +102,7 @@ class RosNode:
                 return
 
     def between_frames(self) -> None:
-        """Answer what has come, and tell how the run goes once a second."""
+        """Answer requests and commands, and send diagnostics once a second."""
         if self._services is not None:
             self._services.run()
         if time.monotonic() - self._diagnosed_s >= DIAGNOSE_EVERY_S:
@@ -110,7 +110,7 @@ class RosNode:
             self._stream.diagnose(*self._state(), self._now_ns())
 
     def finish(self) -> Path | None:
-        """Write the results at the end, where there is a folder for them; return it."""
+        """Write the results at the end, if there is a folder for them; return it."""
         return self._session.finish()
 
     def figures(self) -> dict[str, Any]:
@@ -150,7 +150,7 @@ class RosNode:
         return answer(command, self._session, self.parameters)
 
     def _state(self) -> tuple[int, str, Mapping[str, object]]:
-        """Return level, words and figures for the diagnostics."""
+        """Return level, message and figures of the diagnostics."""
         figures = self.figures()
         lost = sum(count for name, count in figures.items() if name in LOSSES)
         new, self._lost = lost - self._lost, lost

@@ -1,4 +1,4 @@
-"""A node made of its options."""
+"""Opening a node from its options."""
 
 from __future__ import annotations
 
@@ -31,26 +31,26 @@ TF = "tf"
 
 @dataclass(frozen=True, slots=True)
 class NodeOptions:
-    """What a node is to be.
+    """Options of a node.
 
     Attributes
     ----------
     color, depth, info : str or None
-        Topics; found by name where they are None.
+        Topics; None: found by their names.
     pose : str
         `TF`, `ESTIMATED`, or a topic of poses.
     world : str or None
-        Frame of the world; by `tf` its root, else `WORLD`, unless given.
+        Frame of the world; None: the root of `tf`, or `WORLD` without `tf`.
     node : str
-        Its name.
+        Name of the node.
     transport : {"dds", "rclpy"} or None
-        rclpy where it can be imported, unless given.
+        None: rclpy if it can be imported, else dds.
     domain : str or None
-        ROS_DOMAIN_ID, of bare DDS.
+        ROS_DOMAIN_ID, for DDS without ROS.
     simulated_time : bool
         Whether the clock is the topic /clock.
     foxglove : (str, int) or None
-        Host and port at which Foxglove is served, too.
+        Host and port of a server for Foxglove.
     queue : int
         Number of images that wait for the tracker; if more arrive, the oldest is dropped.
     """
@@ -76,9 +76,9 @@ class OpenNode:
     ----------
     node : RosNode
     live : LiveCamera
-        Its frames; closing it ends the node.
+        Frames of the camera; closing it ends the node.
     transport, camera : str
-        What carries its messages, and where its images come from, for the user.
+        Names of the transport and of the images, for messages to the user.
     foxglove_port : int or None
     """
 
@@ -93,22 +93,22 @@ class OpenNode:
 def open_node(
     options: NodeOptions, make_session: Callable[[Intrinsics, str], Session], stopped: Callable[[], bool]
 ) -> Iterator[OpenNode]:
-    """Wait for the images that the options name, and give the node; it leaves the network at the end.
+    """Wait for the images that the options name, and yield the node; it leaves the network at the end.
 
     Parameters
     ----------
     options : NodeOptions
     make_session : callable
-        Makes the tracker's session of the pinhole and of where poses come from, as `Tracker` names it.
+        Makes the session of the tracker from the intrinsics and the source of poses (`poses` of `Tracker`).
     stopped : callable
-        Asked while it waits; True ends it.
+        Called during the wait; True ends it.
 
     Raises
     ------
     StreamEndedError
         `stopped` ended the wait.
     InputError
-        The images do not fit, or an option names what is not there.
+        The images do not fit, or an option names something that does not exist.
     MissingExtraError
         A package is not installed.
     """
@@ -156,7 +156,7 @@ def open_node(
 
 
 def _transport(options: NodeOptions, messages: RosMessages) -> Transport:
-    """Return what carries the messages: rclpy where ROS is there, else DDS."""
+    """Return the transport: rclpy if ROS is installed, else DDS."""
     if (options.transport or (RCLPY if find_spec(RCLPY) else DDS)) == RCLPY:
         if options.domain is not None:
             raise InputError(f"{FEATURE}: --domain is for bare DDS; within ROS it is ROS_DOMAIN_ID")
@@ -172,7 +172,7 @@ def _transport(options: NodeOptions, messages: RosMessages) -> Transport:
 def _poses(
     options: NodeOptions, transport: Transport, messages: RosMessages, stopped: Callable[[], bool]
 ) -> RosPoses | None:
-    """Return where camera poses come from; None where they are estimated."""
+    """Return the source of camera poses; None if they are estimated."""
     if options.pose == ESTIMATED:
         return None
     if options.pose == TF:

@@ -1,4 +1,4 @@
-"""The parameters of the node: those of what it sends, changed while it runs."""
+"""The parameters of the node: settings of its messages, which can be changed during a run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import msgspec
 from cuboid.core.errors import InputError
 from cuboid.views.ros_stream import StreamSettings
 
-# Ranges beyond which a value has no meaning: a score is 0..1, and a time is no less than 0 s.
+# Maximum values; the minimum is 0.
 MOST = {"min_score": 1.0, "map_every_s": float("inf")}
 
 
@@ -21,7 +21,7 @@ class Parameters:
     Parameters
     ----------
     apply : callable
-        Told of the settings after each change.
+        Called with the settings after each change.
     """
 
     def __init__(self, apply: Callable[[StreamSettings], None]) -> None:
@@ -39,7 +39,7 @@ class Parameters:
         Raises
         ------
         InputError
-            There is none of that name, or the value is of another type or out of its range.
+            No parameter has that name, or the value has another type or is out of range.
         """
         values = self.values
         if name not in values:
@@ -54,7 +54,7 @@ class Parameters:
         self._apply(self._settings)
 
     def set_texts(self, texts: Sequence[str]) -> None:
-        """Change parameters as NAME=VALUE say, values as JSON; raises InputError as `set`."""
+        """Change parameters from texts NAME=VALUE with values as JSON; raises InputError as `set`."""
         for text in texts:
             name, equals, value = text.partition("=")
             if not equals:

@@ -29,9 +29,9 @@ from cuboid.ros2.commands import Answer, AnyCommand, Cloud, Name, Query, Reset, 
 from cuboid.views.ros_stream import RosStream
 
 TEXT = "std_msgs/msg/String"
-# Commands that wait.
+# Maximum number of waiting commands.
 WAITING = 10
-# Type of each service, and the command that its request is.
+# Type of each service, and the function that makes a command of its request.
 SERVICES: dict[str, tuple[str, Callable[[Any], AnyCommand]]] = {
     "save": ("cuboid_ros/srv/Save", lambda request: Save(folder=request.folder)),
     "reset": ("std_srvs/srv/Trigger", lambda request: Reset()),
@@ -50,21 +50,21 @@ SERVICES: dict[str, tuple[str, Callable[[Any], AnyCommand]]] = {
 
 
 class NodeServices:
-    """Takes calls and commands, and sends the answers.
+    """Takes calls of services and commands, and sends the answers.
 
     Parameters
     ----------
     messages : RosMessages
     transport : Transport
-        Carries the topics of commands and answers.
+        Transport of the topics of commands and answers.
     carriers : sequence of Services
-        Carry the services.
+        Transports of the services.
     stream : RosStream
-        Makes messages of objects and points.
+        Makes the messages of objects and points.
     node : str
-        Begins the names.
+        Name of the node, with which all names begin.
     answer : callable
-        Does what a command asks.
+        Executes a command.
     now_ns : callable
         The node's clock.
     """
@@ -88,7 +88,7 @@ class NodeServices:
                 carrier.serve(f"/{node}/{name}", kind)
 
     def run(self) -> None:
-        """Answer what has come."""
+        """Answer all calls and commands that have arrived."""
         for carrier in self._carriers:
             for request in carrier.requests():
                 request.reply(self._replied(request))
@@ -131,7 +131,7 @@ class NodeServices:
         return object_to_json(renamed_object(item, name) if name else item)
 
     def _cloud(self, answer: Answer, now_ns: int) -> Any:
-        """Return the points of an answer, which go to their topic as well."""
+        """Return the points of an answer, and also send them on their topic."""
         if answer.cloud is None:
             return self._stream.empty_cloud(now_ns)
         cloud = self._stream.cloud(answer.cloud.xyz, answer.cloud.rgb, now_ns)

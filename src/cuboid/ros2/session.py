@@ -1,4 +1,4 @@
-"""The tracker of a node: frames in, and save, reset, name and query between two frames."""
+"""The tracker of a node: it takes frames; between two frames it can be saved, reset and queried."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from cuboid.tracking.tracker import Tracker
 
 
 class Session:
-    """A tracker that can begin anew.
+    """A tracker that can start again.
 
     Parameters
     ----------
     make_tracker : callable
-        Makes the tracker; called again when it is to begin anew.
+        Makes the tracker; `reset` calls it again.
     output : Path or None
-        Folder of the results; without it nothing can be saved.
+        Folder of the results; None: nothing can be saved.
     force : bool
-        Whether results that lie there may be replaced.
+        Whether existing results may be replaced.
 
     Raises
     ------
     OutputError
-        Results lie there and may not be replaced.
+        Results exist and may not be replaced.
 
     Attributes
     ----------
     tracker : Tracker
     names : dict of int to str
-        Names that users gave, by label.
+        Names from users, by label.
     used, skipped : int
         Frames since the start of the node.
     """
@@ -53,7 +53,7 @@ class Session:
         self.used = self.skipped = 0
 
     def take(self, frame: Frame) -> FrameResult | SkippedFrame:
-        """Take in a frame; its number counts from the last `reset` on."""
+        """Process a frame; its number counts from the last `reset`."""
         if self._first is None:
             self._first = frame.index
         result = self.tracker.update(dataclasses.replace(frame, index=frame.index - self._first))
@@ -64,7 +64,7 @@ class Session:
         return result
 
     def reset(self) -> None:
-        """Forget the map and the names, and begin anew with the next frame."""
+        """Delete the map and the names, and start again with the next frame."""
         self.tracker, self._first = self._make(), None
         self.names.clear()
 
@@ -74,12 +74,12 @@ class Session:
         Parameters
         ----------
         folder : str
-            Name of a folder beside that of the results; that of the results where it is empty.
+            Name of a folder beside that of the results; if empty, the folder of the results.
 
         Raises
         ------
         InputError
-            There is nothing to save, the node has no output folder, or the name is none.
+            There is nothing to save, the node has no output folder, or the name is not valid.
         OutputError
             The folder exists, or it cannot be written.
         """
@@ -97,16 +97,16 @@ class Session:
         if named:
             write_page(Results(output), _no_picture)
         if not folder:
-            self._force = True  # what this run wrote, it may replace
+            self._force = True  # this run may replace its own results
         return output
 
     def name(self, label: int, name: str) -> TrackedObject:
-        """Give an object a name, or take it away with an empty one.
+        """Set the name of an object; an empty name removes it.
 
         Raises
         ------
         InputError
-            No object has the label, or the name cannot be one.
+            No object has the label, or the name is not valid.
         """
         item = self.tracker.objects.find(label)
         name = checked_name("name", name)
@@ -119,23 +119,23 @@ class Session:
     def query(
         self, label: int = 0, name: str = "", near: tuple[float, float, float] = (0.0, 0.0, 0.0), within_m: float = 0.0
     ) -> list[TrackedObject]:
-        """Return the objects that fit all that is asked for, by label, or nearest first where they are near a point.
+        """Return the objects that meet all conditions, by label; with a distance, the nearest first.
 
         Parameters
         ----------
         label : int
-            0: any.
+            0: all objects.
         name : str
-            Part of the name, in small or capital letters; empty: any.
+            Part of the name, in small or capital letters; empty: all objects.
         near : (3,) float
             A point in the world, metres.
         within_m : float
-            Largest distance from it; 0: anywhere.
+            Largest distance from `near`, metres; 0: no limit.
 
         Raises
         ------
         InputError
-            No object has the label, or a number is none.
+            No object has the label, or a number is not finite.
         """
         objects = list(self.tracker.near(near, within_m) if within_m else self.tracker.objects)
         if label:
@@ -145,14 +145,14 @@ class Session:
         return [item for item in objects if part in (self.names.get(item.label) or item.name or "").casefold()]
 
     def cloud(self, label: int = 0) -> PointCloud:
-        """Return the points of an object, or of the whole map where the label is 0; raises InputError for no object."""
+        """Return the points of an object, or of the whole map for label 0; raises InputError for an unknown label."""
         if label:
             return self.tracker.cloud(label)
         points = self.tracker.map_points()
         return PointCloud(points.xyz, points.rgb)
 
     def finish(self) -> Path | None:
-        """Write the results at the end, where there is a folder for them and a frame was used."""
+        """Write the results at the end, if there is a folder for them and a frame was used."""
         if self._output is None or not self.tracker.T_world_camera:
             return None
         return self.save()

@@ -28,7 +28,7 @@ from cuboid.views.serving import LOCAL_NAMES
 
 # The map is compared with what it was this often, seconds: people and planners act more slowly.
 REFRESH_S = 0.25
-# Changes that wait for one client; who takes them more slowly than they come is cut off, and may ask again.
+# Maximum number of changes that wait for one client; a slower client is disconnected, and may connect again.
 WAITING = 256
 # Close code: try again later.
 TOO_SLOW = 1013
@@ -41,7 +41,7 @@ def application(place: Place, *, token: str | None, hosts: tuple[str, ...] = LOC
     ----------
     place : Place
     token : str or None
-        What who asks must know; None lets everybody in who can reach it.
+        Token that a request must contain; with None every request is answered.
     hosts : tuple of str
         Names under which it is answered; ``*`` for any.
     """

@@ -31,7 +31,7 @@ class Endpoint:
     what : str
         What it answers.
     answer : callable
-        (place, what was asked for by name) -> the answer; None where there is nothing.
+        (place, parameters by name) -> the answer; None if there is none.
     kind : type or str
         Type of the answer; or, where it is no JSON, its media type.
     parameters : dict of str to Parameter

@@ -43,7 +43,7 @@ class MapFeed:
         self._connection = connection
         self._ration, self._maps = Ration(EVERY_S, FRACTION), Ration(MAP_EVERY_S, MAP_FRACTION)
         self._pictures = BestPictures()
-        self._told: dict[int, tuple[object, ...]] = {}
+        self._sent_states: dict[int, tuple[object, ...]] = {}
         self._events: list[ObjectEvent] = []
         self._wanted: set[int] = set()
         self._ready = threading.Condition()
@@ -85,8 +85,8 @@ class MapFeed:
         update = Update(
             result.index,
             frame.timestamp_s,
-            tuple(now[label] for label, state in states.items() if self._told.get(label) != state),
-            tuple(self._told.keys() - states.keys()),
+            tuple(now[label] for label, state in states.items() if self._sent_states.get(label) != state),
+            tuple(self._sent_states.keys() - states.keys()),
             tuple(tracker.planes),
             tracker.up,
             {seen.label: _sighting(seen, result, frame) for seen in result.sightings},
@@ -94,7 +94,7 @@ class MapFeed:
             self._clouds(tracker),
             tuple(events),
         )
-        self._told = states
+        self._sent_states = states
         with self._ready:
             self._update, self._busy = update, True
             self._ready.notify_all()

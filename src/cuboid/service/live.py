@@ -1,4 +1,4 @@
-"""The answering side of a served run: the map as the tracker told it last."""
+"""The map of a served run in the process that answers: as the last update of the tracker has it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CLOUD_S = 10.0
 
 
 class LiveMap(MapQueries):
-    """The map of a run that goes on, without its points but for clouds that are asked for.
+    """The map of a running tracker, without points except for requested clouds.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class RunSource(OneRecording):
         self._sightings: dict[int, deque[SightingAnswer]] = defaultdict(lambda: deque(maxlen=KEPT_SIGHTINGS))
 
     def take(self, update: Update) -> tuple[ObjectEvent, ...]:
-        """Take in what changed; return the events that the run told."""
+        """Apply an update; return the events of the run in it."""
         self.map.take(update)
         self._pictures |= update.pictures
         for label, seen in update.sightings.items():
@@ -132,7 +132,7 @@ class RunSource(OneRecording):
         self.map.end()
 
     def version(self) -> object:
-        """Return how often the run has told something."""
+        """Return the number of updates so far."""
         return self._updates
 
     def walls(self) -> Sequence[Wall]:
@@ -148,7 +148,7 @@ class RunSource(OneRecording):
         return {}
 
     def _seen(self, frame: int) -> Seen:
-        """Return a frame with its time, between those of the frames that the run told of."""
+        """Return a frame with its time, interpolated between those of the updates."""
         if not self._frames:
             return Seen(frame)
         return Seen(frame, None, calendar_time(float(np.interp(frame, self._frames, self._seconds))))
@@ -158,6 +158,6 @@ class RunSource(OneRecording):
         return self._pictures.get(item.label)
 
     def sightings(self, item: TrackedObject) -> list[SightingAnswer]:
-        """Return the latest sightings of an object: those of the frames that the run told of."""
+        """Return the latest sightings of an object: those of the frames with an update."""
         found = [one for label in (*item.merged_labels, item.label) for one in self._sightings.get(label, ())]
         return sorted(found, key=lambda one: one.frame)

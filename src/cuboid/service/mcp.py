@@ -42,7 +42,7 @@ class Described:
 
 
 async def answered(question: Callable[..., T], *values: object) -> T:
-    """Answer in a thread; what is wrong with the question is told to the assistant in one line."""
+    """Answer in a thread; a fault of the query is one line for the assistant."""
     try:
         return await run_in_threadpool(question, *values)
     except (InputError, MissingExtraError) as error:

@@ -20,7 +20,7 @@ def application(server: MCPServer, *, token: str | None, hosts: tuple[str, ...])
     ----------
     server : MCPServer
     token : str or None
-        What who asks must know; None lets everybody in who can reach it.
+        Token that a request must contain; with None every request is answered.
     hosts : tuple of str
         Names under which it is answered; ``*`` for any.
     """

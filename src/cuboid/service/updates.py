@@ -32,9 +32,9 @@ class Update:
     pictures : mapping of int to bytes
         New pictures, by label.
     clouds : mapping of int to PointCloud
-        Those that were asked for, by label.
+        Requested clouds, by label.
     events : tuple of ObjectEvent
-        That the run told.
+        Events of the run.
     """
 
     frame: int
