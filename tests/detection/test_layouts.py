@@ -235,6 +235,53 @@ def test_unknown_layouts_are_refused_with_what_was_seen(tmp_path: Path) -> None:
         make_detector("nothing")
 
 
+PROMPTS: dict[str, Any] = {
+    "point_coords": (TensorProto.FLOAT, (1, "points", 2)),
+    "point_labels": (TensorProto.FLOAT, (1, "points")),
+}
+TEXTS: dict[str, Any] = dict.fromkeys(("input_ids", "attention_mask"), (TensorProto.INT64, (2, 16)))
+
+
+@pytest.mark.parametrize(
+    ("outputs", "names", "others", "seen"),
+    [
+        # The encoder of SAM alone, and SAM whose points have other names.
+        ([(1, 256, 20, 20)], ["image_embeddings"], {}, r"outputs image_embeddings \(1, 256, 20, 20\) are of"),
+        ([(1, 4, 80, 80), (1, 4)], ["masks", "scores"], PROMPTS, r"its inputs are .*point_coords \(1, 'points', 2\)"),
+        # Masks without scores, or with scores of another number of masks.
+        ([(1, 3, 80, 80)], ["masks"], {}, r"outputs masks \(1, 3, 80, 80\) are of no known kind"),
+        ([(1, 3, 80, 80), (1, 5)], ["masks", "scores"], {}, r"masks \(1, 3, 80, 80\), scores \(1, 5\) are of no"),
+        # OWL-ViT as features, without a logit for each text.
+        (
+            [(1, 300, 4), (1, 300, 512)],
+            ["pred_boxes", "image_embeds"],
+            TEXTS,
+            r"inputs input_ids, attention_mask; outputs pred_boxes \(1, 300, 4\), image_embeds \(1, 300, 512\)",
+        ),
+    ],
+)
+def test_masks_and_texts_of_other_forms_are_refused(
+    tmp_path: Path, outputs: list[tuple[int, ...]], names: list[str], others: dict[str, Any], seen: str
+) -> None:
+    arrays = [np.zeros(shape, np.float32) for shape in outputs]
+    path = made_model(tmp_path / "m.onnx", *arrays, names=names, others=others)
+    (tmp_path / "texts.txt").write_text("a mug\na book\n")
+    if others is TEXTS:
+        pytest.importorskip("tokenizers")
+        made_text_model(tmp_path / "texts")  # its tokenizer
+        (tmp_path / "tokenizer.json").write_bytes((tmp_path / "texts" / "tokenizer.json").read_bytes())
+    with pytest.raises(InputError, match=seen) as refused:
+        make_detector(f"{path}:labels={tmp_path / 'texts.txt'}")
+    assert "\n" not in str(refused.value)
+
+
+def test_owl_without_texts_asks_for_them(tmp_path: Path) -> None:
+    boxes, logits = np.zeros((1, 300, 4), np.float32), np.zeros((1, 300, 2), np.float32)
+    path = made_model(tmp_path / "owl.onnx", boxes, logits, names=["pred_boxes", "logits"], others=TEXTS)
+    with pytest.raises(InputError, match="looks for texts: name a file of them, one a line, with labels=FILE"):
+        make_detector(str(path))
+
+
 def test_a_named_model_that_was_not_fetched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CUBOID_MODELS", str(tmp_path))
     with pytest.raises(InputError, match="'cuboid models fetch yolox-nano' fetches it"):

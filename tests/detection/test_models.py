@@ -131,7 +131,9 @@ def test_the_command_lists_and_fetches(
 ) -> None:
     monkeypatch.setitem(MODELS, "made", offered(server))
     assert main(["models"]) == 0
-    assert "yolox-nano" in capsys.readouterr().out
+    listed = capsys.readouterr().out
+    assert "yolox-nano" in listed
+    assert "-: not measured" in " ".join(listed.split())
     assert main(["models", "fetch", "made", "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["models"]
     assert (row["license"], row["size_bytes"], row["path"]) == ("MIT", len(CONTENT), str(models_folder() / "made.onnx"))

@@ -8,6 +8,10 @@ from typing import Any
 from cuboid.cli.results import add_results, give
 
 EXAMPLE = "cuboid models fetch yolox-nano"
+LEGEND = (
+    "ms: an image, measured with one thread on a quiet core; -: not measured, 'cuboid track --detector NAME' prints "
+    "the time on this computer; kept: downloaded before"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,6 +76,6 @@ def _show(rows: list[dict[str, Any]]) -> None:
         took = "-" if row["milliseconds"] is None else f"{row['milliseconds']:.0f}"
         table.add_row(row["name"], row["what"], row["license"], row["publisher"], size_mb, took, kept)
     out.print(table)
-    out.print("ms: an image on one quiet core, - not measured; kept: downloaded before", markup=False)
+    out.print(LEGEND, markup=False)
     for row in rows:
         out.print(f"{row['name']}: {row['path'] or row['url']}", markup=False, soft_wrap=True)

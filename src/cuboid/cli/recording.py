@@ -61,7 +61,8 @@ def add_method(tracking: argparse._ActionsContainer) -> None:
         "--detector-every",
         type=positive,
         metavar="N",
-        help=f"run the detector on every N-th frame (default: {DETECT_EVERY})",
+        help=f"run the detector on every N-th frame (default: {DETECT_EVERY}, on any computer, since a number that "
+        "followed the clock would change the results); the run prints the cost",
     )
     field = tracking.add_argument(
         "--set",

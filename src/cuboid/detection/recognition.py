@@ -38,11 +38,6 @@ TRIED_PX = 640
 # Output names of models with a box and logits per query.
 RF_DETR = ("dets", "labels")
 TRANSFORMERS = ("pred_boxes", "logits")
-# The layouts that are recognised, for messages.
-KNOWN = (
-    "(1, 4 + classes, N), (1, N, 5 + classes) or (1, N, 6), with masks also (1, k, h, w); "
-    "(1, N, classes + 32); labels, boxes, scores; dets, labels; pred_boxes, logits; masks, scores"
-)
 # Output names of models with masks without classes: the masks, and their scores.
 MASK_NAMES = ("masks", "output_masks", "pred_masks")
 MASK_SCORES = ("iou_predictions", "iou_scores", "scores")
@@ -62,17 +57,22 @@ def recognise(session: Session, classes: int) -> Layout:
     Raises
     ------
     InputError
-        The layout is unknown; the message describes the outputs.
+        The layout is unknown; the message describes the inputs and outputs.
     """
     size = session.fixed_size or (TRIED_PX, TRIED_PX)
     grey = np.full((*size, 3), GREY, np.uint8)
     outputs = session.run(YOLO_FORM.prepare(grey, *size, session.dtype)[0])
-    found = _by_names(session, outputs, classes) or _by_grids(session, outputs, size, classes)
-    if found is None and Yolo(classes).read(outputs, size, 1.0) is not None:
-        found = Yolo(classes)
+    found = _by_names(session, outputs, classes)
+    if found is None and IDS not in session.input_names:  # what looks for texts has no classes, so no table of them
+        found = _by_grids(session, outputs, size, classes)
+        if found is None and Yolo(classes).read(outputs, size, 1.0) is not None:
+            found = Yolo(classes)
     if found is None:
         seen = ", ".join(f"{name} {np.shape(out)}" for name, out in zip(session.outputs, outputs, strict=True))
-        raise InputError(f"{session.path}: outputs {seen} are of no known kind; expected are {KNOWN}")
+        beside = f"inputs {', '.join(session.input_names)}; " if session.input_names else ""
+        raise InputError(
+            f"{session.path}: {beside}outputs {seen} are of no known kind; docs/detectors.md has the known ones"
+        )
     return found
 
 
