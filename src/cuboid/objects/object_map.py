@@ -52,6 +52,11 @@ MISSED = 0.3
 NEW_SIDE_RAD = 0.05
 
 
+def novelty_of(seen: Observation) -> float:
+    """Return the weight of a frame as evidence on pairs of objects, 0..1."""
+    return min(1.0, max(MIN_NOVELTY, seen.viewpoint_angle_rad / NEW_SIDE_RAD))
+
+
 @dataclass(frozen=True, slots=True)
 class ObjectMapState(Record):
     """State of an `ObjectMap`: the state of its store."""
@@ -145,7 +150,7 @@ class ObjectMap:
         for entry in objects:
             entry.keyframe = -1  # most of its points may be anchored to the keyframe of this frame now
         found = associate(frame_segments, pack(boxes), objects, self.store.boxes_of(objects), voxels)
-        novelty = min(1.0, max(MIN_NOVELTY, seen.viewpoint_angle_rad / NEW_SIDE_RAD))
+        novelty = novelty_of(seen)
         number_of = self._update_objects(seen, frame_segments, boxes, found, touched)
         self._voxels.vote_owners(
             frame_segments.claim, number_of, *self._allowed_transfers(number_of, found), candidate, voxels.slots

@@ -12,8 +12,10 @@ from cuboid.core.results import Sighting, TrackedObject
 from cuboid.core.tolerances import DETECT_EVERY
 from cuboid.detection import make_detector
 from cuboid.detection.types import Detections, Detector
+from cuboid.objects.detection_votes import add_votes
 from cuboid.objects.entry import MapObject
 from cuboid.objects.naming import chosen_name, name_objects, name_scores
+from cuboid.objects.object_map import novelty_of
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.unread import UnreadMap
 from cuboid.objects.unread_object import Planes, box_of, size_sigma_of
@@ -49,7 +51,7 @@ class Detecting:
 
     def begin(self, store: ObjectStore, far_m: float) -> None:
         """Start with a map of objects; objects without depth readings start no farther away than `far_m`."""
-        self._unread = UnreadMap(store, far_m)
+        self._store, self._unread = store, UnreadMap(store, far_m)
 
     @property
     def unread(self) -> UnreadMap:
@@ -86,6 +88,8 @@ class Detecting:
         self.vocabulary = self.vocabulary or tuple(name for name in found.names if name)
         turned = roll.detections(found)
         name_objects(turned, [(entry, view.visible, view.rect_xyxy) for entry, view in visible], seen.eye)
+        # The detections stand for all frames up to the next ones: segments vote in each of them.
+        add_votes(turned, visible, self._store, min(1.0, self._every * novelty_of(seen)))
         self._unread.look(turned, visible, seen)
 
     def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
