@@ -15,9 +15,10 @@ from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, JUMP_M
 from cuboid.core.working import WorkingImage
 from cuboid.geometry.se3 import inverse
-from cuboid.heatmap.kernels.motion import grow, mark_freed
+from cuboid.heatmap.kernels.motion import grow
 from cuboid.heatmap.pose_errors import true_motion
 from cuboid.poses import alignment
+from cuboid.poses.kernels.free_space import mark_freed
 from cuboid.poses.pyramid import Level, levels_of
 
 # What has rested for this long is still, seconds; frames are remembered at this interval.

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cuboid.core.errors import FrameError
-from cuboid.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.frame import Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.state import Record
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Alignment, Prior, Reference, align
 from cuboid.poses.atlas import Atlas, AtlasState, FrameFeatures, Place
 from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, Keyframe
+from cuboid.poses.moving import MAX_COMPARED, LeftOut, keyframe_without, levels_without, moving_pixels
 from cuboid.poses.places import describe, locate
 from cuboid.poses.pyramid import Level, SmallImage, keep, shrink
 
@@ -30,6 +31,8 @@ LONGEST_S = 0.5
 SURE_FIT = 0.8
 # Poses within this distance count as the same start or result of a search: metres, radians.
 SAME_M, SAME_RAD = 0.005, 0.005
+# The second alignment of a frame, without its moving pixels, starts at this level: the first one has come near.
+MASKED_COARSEST = 1
 # A lost camera is first tracked from its last pose for this many frames; then only known places are searched.
 MAX_TRACKED_LOST_FRAMES = 3
 # Number of known places with which a lost frame is compared.
@@ -77,11 +80,12 @@ class PoseEstimate:
 
 @dataclass(slots=True)
 class _Shot:
-    """A frame at reduced size."""
+    """A frame at reduced size; `moving` marks its moving pixels (h, w), None if there are none."""
 
     index: int
     small: SmallImage
     levels: tuple[Level, ...]
+    moving: UInt8Array | None = None
     _features: FrameFeatures | None = None
 
     @property
@@ -133,9 +137,9 @@ class PoseEstimatorState(Record):
 
 
 class PoseEstimator:
-    """Estimates the poses of a stream of RGB-D frames of a static scene.
+    """Estimates the poses of a stream of RGB-D frames of a scene.
 
-    Each frame is aligned to the surrounding keyframes. A frame with a new view becomes a keyframe, with edges to
+    Each frame is aligned to the surrounding keyframes, without the pixels that move (`cuboid.poses.moving`). A frame with a new view becomes a keyframe, with edges to
     keyframes that it overlaps and to keyframes of similar appearance; the pose graph of these edges corrects all
     keyframes.
 
@@ -143,12 +147,18 @@ class PoseEstimator:
     ----------
     intrinsics : Intrinsics
         Intrinsics of every frame.
+
+    Attributes
+    ----------
+    left_out : LeftOut
+        The moving pixels that were left out, since this estimator was made.
     """
 
-    NOT_SAVED = frozenset({"intrinsics", "_reference"})
+    NOT_SAVED = frozenset({"intrinsics", "left_out", "_reference"})
 
     def __init__(self, intrinsics: Intrinsics) -> None:
         self.intrinsics = intrinsics
+        self.left_out = LeftOut()
         self._atlas = Atlas()
         self._anchors: dict[int, tuple[int, Float64Array]] = {}
         self._submap = 0
@@ -323,7 +333,7 @@ class PoseEstimator:
             if T_start is None or any(_same(T_start, T) for T in begun):
                 continue  # the same start gives the same result
             begun.append(T_start)
-            found = align(self._reference, shot.levels, T_start, Prior(T_start, np.diag(change**-2)))
+            found = self._align_still(shot, T_start, Prior(T_start, np.diag(change**-2)))
             if not found.reliable:
                 continue
             again = best is not None and _same(found.T_camera_reference, best.T_camera_reference)
@@ -332,6 +342,26 @@ class PoseEstimator:
             if again or best.fit > SURE_FIT:
                 break
         return best
+
+    def _align_still(self, shot: _Shot, T_start: Float64Array, prior: Prior) -> Alignment:
+        """Align a frame to the surrounding keyframes; if pixels move, align it once more without these."""
+        found = align(self._reference, shot.levels, T_start, prior)
+        shot.moving = self._moving_pixels(shot, se3.inverse(found.T_camera_reference))
+        if shot.moving is None:
+            return found
+        still = levels_without(shot.levels, shot.moving)
+        return align(self._reference, still, found.T_camera_reference, prior, coarsest=MASKED_COARSEST)
+
+    def _moving_pixels(self, shot: _Shot, T_world_camera: Float64Array) -> UInt8Array | None:
+        """Return which pixels of a frame move: first by the surrounding keyframes, then by all that overlap it."""
+        if self._moving_by(shot, T_world_camera, self._local) is None:
+            return None
+        overlapping = self._atlas.overlapping(T_world_camera, shot.levels[OVERLAP_LEVEL], self._submap)
+        return self._moving_by(shot, T_world_camera, overlapping[:MAX_COMPARED])
+
+    def _moving_by(self, shot: _Shot, T_world_camera: Float64Array, numbers: list[int]) -> UInt8Array | None:
+        known = [self.keyframes[k] for k in numbers]
+        return moving_pixels(shot.levels, T_world_camera, [(k.free_space, k.T_world_camera) for k in known])
 
     def _from_corners(self, shot: _Shot) -> Float64Array | None:
         """Return T_camera_world from the corners shared with the first local keyframe; None if there are too few."""
@@ -358,9 +388,12 @@ class PoseEstimator:
         motion = se3.log(found.T_camera_reference @ self._T_world_camera) / elapsed_s
         self._arrive(se3.inverse(found.T_camera_reference), time_s)
         self._motion = motion
+        if shot.moving is not None:
+            self.left_out.add(shot.moving)
         is_keyframe = self._atlas.view_distance(self._T_world_camera, self._submap) > NEW_VIEW and self._rich(shot)
         corrected = False
         if is_keyframe:
+            shot = _without_moving(shot)
             number, overlapping = self._atlas.add(
                 shot.index, self._T_world_camera, self._submap, shot.small, shot.features
             )
@@ -420,6 +453,14 @@ def _same(T: Float64Array, T_other: Float64Array) -> bool:
     """Return whether two poses are the same within `SAME_M` and `SAME_RAD`."""
     away = se3.log(T @ se3.inverse(T_other))
     return bool(np.linalg.norm(away[:3]) < SAME_M and np.linalg.norm(away[3:]) < SAME_RAD)
+
+
+def _without_moving(shot: _Shot) -> _Shot:
+    """Return a frame as a keyframe sees it: without readings of moving pixels."""
+    if shot.moving is None:
+        return shot
+    small = keyframe_without(shot.small, shot.moving)
+    return _Shot(shot.index, small, small.levels())
 
 
 def _lost(frame: int) -> PoseEstimate:

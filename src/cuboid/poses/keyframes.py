@@ -12,6 +12,7 @@ from cuboid.core.state import TRANSIENT, Record
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Reference, pick
 from cuboid.poses.kernels import align as kernel
+from cuboid.poses.moving import FreeSpace, free_space
 from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import Level, SmallImage
 
@@ -61,6 +62,7 @@ class Keyframe(Record):
     submap: int
     given: bool = False
     _reference: Reference | None = field(default=None, metadata=TRANSIENT)
+    _free_space: FreeSpace | None = field(default=None, metadata=TRANSIENT)
 
     @property
     def reference(self) -> Reference:
@@ -68,6 +70,13 @@ class Keyframe(Record):
         if self._reference is None:
             self._reference = pick(self.small.levels())
         return self._reference
+
+    @property
+    def free_space(self) -> FreeSpace:
+        """The free space that it shows, in its camera frame."""
+        if self._free_space is None:
+            self._free_space = free_space(self.small.levels())
+        return self._free_space
 
 
 def median_depth_m(reference: Reference) -> float:

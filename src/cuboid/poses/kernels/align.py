@@ -166,7 +166,7 @@ def accumulate(
     Each point is projected into the image. Its intensity, corrected for the exposure of its group, is compared with
     that of the image (bilinear); the distance along its normal is that to the reading at its pixel. Both residuals are
     weighted by a t-distribution. A point whose reading differs by more than the gate is hidden, or its surface is out
-    of view: it is ignored.
+    of view: it is ignored. So is a point whose reading is negative: that pixel moves.
 
     Parameters
     ----------
@@ -220,9 +220,11 @@ def accumulate(
         nz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
         if nx * qx + ny * qy + nz * qz > 0.0:  # seen from behind
             continue
-        sums[IN_IMAGE] += 1.0
         u1, v1 = int(u + 0.5), int(v + 0.5)
         d = image[v1, u1, DEPTH]
+        if d < 0.0:  # the pixel moves
+            continue
+        sums[IN_IMAGE] += 1.0
         deviation = noise[0] + noise[1] * qz * qz
         if d > 0.0:
             sums[WITH_DEPTH] += 1.0
