@@ -139,9 +139,9 @@ class PoseEstimatorState(Record):
 class PoseEstimator:
     """Estimates the poses of a stream of RGB-D frames of a scene.
 
-    Each frame is aligned to the surrounding keyframes, without the pixels that move (`cuboid.poses.moving`). A frame with a new view becomes a keyframe, with edges to
-    keyframes that it overlaps and to keyframes of similar appearance; the pose graph of these edges corrects all
-    keyframes.
+    Each frame is aligned to the surrounding keyframes, without the pixels that move (`cuboid.poses.moving`). A frame
+    with a new view becomes a keyframe, with edges to keyframes that it overlaps and to keyframes of similar appearance;
+    the pose graph of these edges corrects all keyframes.
 
     Parameters
     ----------
