@@ -11,7 +11,7 @@ from cuboid.geometry import se3
 from cuboid.heatmap.kernels.motion import grow
 from cuboid.objects.kernels.clusters import score_shifts
 from cuboid.objects.kernels.leaving import count_passed
-from cuboid.poses.kernels.free_space import mark_freed
+from cuboid.poses.kernels.free_space import mark_freed, mark_unseen, spread
 
 CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
 SHAPE = (30, 40)
@@ -114,3 +114,44 @@ def test_a_shifted_cluster_agrees_where_depth_and_color_do(seed: int) -> None:
         alike = (np.abs(color[v, u].astype(int) - colors) <= ALIKE).all(1)
         agree = shown & (reading > 0) & (np.abs(reading - z) <= within) & alike
         assert found.tolist() == [agree.sum(), (shown & (reading > z + within)).sum(), shown.sum()]
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=25, deadline=None)
+def test_a_reading_is_unseen_where_every_reference_misses_it_or_hides_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    depth, references = any_depth(rng), np.array([any_depth(rng) for _ in range(2)])
+    T, error_m = np.array([any_pose(rng) for _ in range(2)]), 0.03
+    unseen = np.empty(SHAPE, np.uint8)
+    mark_unseen(depth, CAMERA, references, T, error_m, NOISE, unseen)
+
+    v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    z = depth.astype(np.float64)
+    points = np.stack([(u - CAMERA[2]) / CAMERA[0] * z, (v - CAMERA[3]) / CAMERA[1] * z, z], -1).reshape(-1, 3)
+    expected, unsure = depth.ravel() > 0, np.zeros(depth.size, bool)
+    for reference, T_reference in zip(references, T, strict=True):
+        column, row, there = seen_at(points, T_reference)
+        x, y = np.floor(column + 0.5).astype(int), np.floor(row + 0.5).astype(int)
+        inside = (there >= NEAREST_M) & (x >= 0) & (y >= 0) & (x < SHAPE[1]) & (y < SHAPE[0])
+        farthest = np.where(inside, reference[np.clip(y, 0, SHAPE[0] - 1), np.clip(x, 0, SHAPE[1] - 1)], 0.0)
+        beyond = there - farthest - (error_m + JUMP_SIGMAS * NOISE * there**2)
+        expected &= ~(inside & (beyond <= 0.0))
+        near_edge = (np.abs(column + 0.5 - np.rint(column + 0.5)) < 1e-6) | (
+            np.abs(row + 0.5 - np.rint(row + 0.5)) < 1e-6
+        )
+        unsure |= near_edge | (np.abs(beyond) < 1e-6)
+    np.testing.assert_array_equal(unseen.ravel()[~unsure], expected[~unsure])
+
+
+def test_marks_spread_over_a_surface_as_far_as_allowed_and_over_no_jump() -> None:
+    depth = np.full((6, 12), 1.0, np.float32)
+    depth[:, 8:] = 1.5
+    depth[0] = 0.0
+    marked, allowed = np.zeros(depth.shape, np.uint8), np.ones(depth.shape, np.uint8)
+    marked[3, 1] = 1
+    allowed[:, 5] = 0
+    allowed[4, 5] = 1
+    spread(depth, marked, allowed, 0.005, NOISE)
+    expected = np.zeros(depth.shape, np.uint8)
+    expected[1:, :8] = allowed[1:, :8]
+    np.testing.assert_array_equal(marked, expected)

@@ -29,7 +29,7 @@ def camera_path(frames: int, angle_deg: float = 60.0, radius_m: float = 1.8) -> 
 def texture(points: np.ndarray, hit: np.ndarray) -> np.ndarray:
     """Grey values of points (..., 3) on boxes: a smooth pattern of waves, another one for each box."""
     value = np.full(hit.shape, 110.0)
-    for box in range(len(SCENE)):
+    for box in range(int(hit.max()) + 1):
         rng = np.random.default_rng(box)
         mine = hit == box
         for frequency in (7.0, 15.0, 31.0, 60.0):

@@ -130,7 +130,11 @@ def estimate_trajectory(
         milliseconds=log.timings(),
         seconds=working_s() - begun_s,
         peak_memory_mb=peak_memory_mb(),
-        warnings=(*bare.warnings, *(() if output is None else _warnings(bare, trajectory))),
+        warnings=(
+            *bare.warnings,
+            *estimator.left_out.warnings(),
+            *(() if output is None else _warnings(bare, trajectory)),
+        ),
     )
     if output is not None:
         _write(recording, as_path(output), force, trajectory, online, report)

@@ -102,6 +102,8 @@ def moving_pixels(
     """
     import cv2
 
+    if not known:
+        return None
     level = levels[SEARCHED_LEVEL]
     depth_m = np.ascontiguousarray(level.image[..., kernel.DEPTH])
     T = np.array([se3.inverse(T_keyframe) @ T_world_camera for _, T_keyframe in known])

@@ -184,8 +184,8 @@ class EstimatedPoses:
         return self._estimator.trajectory()
 
     def warnings(self) -> tuple[str, ...]:
-        """Return no warnings: lost frames are reported one by one."""
-        return ()
+        """Return how many moving pixels were left out; lost frames are reported one by one."""
+        return self._estimator.left_out.warnings()
 
     @property
     def estimator(self) -> PoseEstimator:
