@@ -130,7 +130,7 @@ def _large_groups(marked: UInt8Array) -> UInt8Array:
     _, group, table, _ = cv2.connectedComponentsWithStats(np.minimum(marked, 1), connectivity=8)
     large = table[:, cv2.CC_STAT_AREA] >= MIN_GROUP
     large[0] = False  # the background
-    return large[group].astype(np.uint8)
+    return np.asarray(large[group], np.uint8)
 
 
 def levels_without(levels: Sequence[Level], moving: UInt8Array) -> tuple[Level, ...]:
