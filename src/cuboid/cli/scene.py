@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cuboid.cli.names import scene_export_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.scene_documents import change_document, object_document, relation_document
+from cuboid.cli.scene_documents import change_document, event_document, object_document, relation_document
 from cuboid.cli.text_model import add_text
 from cuboid.cli.workers import positive
 
@@ -179,6 +179,8 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
         )
         place = "{:.3f}, {:.3f}, {:.3f}".format(*own[-1].box.center)
         lines.append(f"  recording {number}: frames {first} to {last}, {len(own)} of them, at {place} m")
+    events = scene.events(args.label)
+    lines += [f"  recording {one.recording}, frame {one.frame}: {one.event}" for one in events]
     past = scene.relation_history(args.label)
     for one in past:
         to = tag_of(one.to) if isinstance(one.to, int) else one.to
@@ -191,7 +193,8 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
         write_whole(args.picture, picture)
         lines.append(f"picture in {args.picture}")
     relations = [relation_document(one) for one in past]
-    return {"object": object_document(item), "recordings": visits, "relations": relations}, lines
+    document = {"object": object_document(item), "recordings": visits, "relations": relations}
+    return {**document, "events": [event_document(one) for one in events]}, lines
 
 
 def _find(scene: Scene, args: argparse.Namespace) -> Answer:

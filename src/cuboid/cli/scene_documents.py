@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cuboid.scene import PastRelation, SceneChange, SceneObject
+    from cuboid.scene import PastRelation, SceneChange, SceneEvent, SceneObject
 
 
 def object_document(item: SceneObject) -> dict[str, Any]:
@@ -35,6 +35,21 @@ def change_document(one: SceneChange) -> dict[str, Any]:
         "to_m": None if one.to_m is None else rounded_list(one.to_m, LENGTH),
         "metres": None if one.metres is None else rounded(one.metres, LENGTH),
         "sure": rounded(one.sure, LENGTH),
+    }
+
+
+def event_document(one: SceneEvent) -> dict[str, Any]:
+    """Return an event of an object: positions in metres; null where the object was or is not there."""
+    from cuboid.outputs.text import LENGTH, rounded, rounded_list
+
+    return {
+        "recording": one.recording,
+        "frame": one.frame,
+        "label": one.label,
+        "event": one.event,
+        "from_m": None if one.from_m is None else rounded_list(one.from_m, LENGTH),
+        "to_m": None if one.to_m is None else rounded_list(one.to_m, LENGTH),
+        "score": rounded(one.score, LENGTH),
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cuboid.core.results import SceneChange
-from cuboid.scene.answers import PastRelation, SceneObject, ScenePast, SceneRecording
+from cuboid.scene.answers import PastRelation, SceneEvent, SceneObject, ScenePast, SceneRecording
 from cuboid.scene.scene import Scene
 from cuboid.scene.session import SceneTracker
 from cuboid.scene.visit import Source
@@ -12,6 +12,7 @@ __all__ = [
     "PastRelation",
     "Scene",
     "SceneChange",
+    "SceneEvent",
     "SceneObject",
     "ScenePast",
     "SceneRecording",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from cuboid.core.frame import Float64Array
 from cuboid.core.results import TrackedObject, tag_of
-from cuboid.core.values import RelationKind
+from cuboid.core.values import EventName, RelationKind
 from cuboid.geometry.box import Box
 
 
@@ -95,6 +95,39 @@ class ScenePast:
     def __repr__(self) -> str:
         where = f"recording {self.recording}, frame {self.frame}"
         return f"ScenePast({where}, {tag_of(self.label)}: {self.box.text()}; {self.visible:.0%} visible)"
+
+
+@dataclass(frozen=True, slots=True)
+class SceneEvent:
+    """What happened to an object while a recording watched it.
+
+    Attributes
+    ----------
+    label : int
+        That it had then.
+    recording, frame : int
+        The frame that reported it.
+    time_s : float
+        Of the frame, as the recording tells it.
+    event : {"appeared", "moved", "gone", "back"}
+    from_m, to_m : (3,) float64 or None
+        Middle of its box before and after, in the scene's world; None where it was or is not there.
+    score : float
+        Confidence that it is the same object, 0..1.
+    """
+
+    label: int
+    recording: int
+    frame: int
+    time_s: float
+    event: EventName
+    from_m: Float64Array | None
+    to_m: Float64Array | None
+    score: float
+
+    def __repr__(self) -> str:
+        where = f"recording {self.recording}, frame {self.frame}"
+        return f"SceneEvent({where}, {tag_of(self.label)}: {self.event}; score {self.score:.2f})"
 
 
 @dataclass(frozen=True, slots=True)

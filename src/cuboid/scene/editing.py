@@ -13,10 +13,11 @@ from cuboid.core.errors import InputError
 from cuboid.core.frame import Float32Array
 from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
 from cuboid.objects.entry import MapObject
-from cuboid.scene.database import transaction
+from cuboid.scene.database import has_table, transaction
 from cuboid.scene.localisation import Joined
 from cuboid.scene.records import Records
 from cuboid.scene.saving import SceneBlockStore, StateFile, load_state
+from cuboid.scene.schema import TABLES
 from cuboid.scene.validation import DamagedError, columns_of, floats_of, read_rows, rotation_of
 from cuboid.scene.visit import ANY_CAMERA
 from cuboid.tracking.posed_tracker import PosedTracker
@@ -99,9 +100,16 @@ _TURNED = (
     ("objects", "cx cy cz", "qw qx qy qz"),
     ("known", "cx cy cz", "qw qx qy qz"),
 )
-_PLACES = (("changes", "from_x from_y from_z"), ("changes", "to_x to_y to_z"))
+_PLACES = tuple((table, f"{side}_x {side}_y {side}_z") for table in ("changes", "events") for side in ("from", "to"))
 # Key columns of each table.
-_KEYS = {"frames": "recording frame", "changes": "recording label", "boxes": "id", "objects": "label", "known": "label"}
+_KEYS = {
+    "frames": "recording frame",
+    "changes": "recording label",
+    "events": "recording frame label",
+    "boxes": "id",
+    "objects": "label",
+    "known": "label",
+}
 
 
 def transform_rows(connection: sqlite3.Connection, joined: Sequence[Joined]) -> None:
@@ -110,6 +118,8 @@ def transform_rows(connection: sqlite3.Connection, joined: Sequence[Joined]) -> 
         for table, place, turn in _TURNED:
             _transform(connection, part, table, place, turn)
         for table, place in _PLACES:
+            if TABLES[table].optional and not has_table(connection, table):
+                continue
             _transform(connection, part, table, place, "")
 
 

@@ -19,9 +19,9 @@ from cuboid.core.results import MapPoints, SceneChange, SupportPlane
 from cuboid.objects.naming import chosen_name
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
-from cuboid.scene.answers import PastRelation, SceneObject, ScenePast, SceneRecording
+from cuboid.scene.answers import PastRelation, SceneEvent, SceneObject, ScenePast, SceneRecording
 from cuboid.scene.classes import KEY, read_classes, read_kinds
-from cuboid.scene.database import complaining, open_to_read
+from cuboid.scene.database import complaining, has_table, open_to_read
 from cuboid.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
 
@@ -39,6 +39,11 @@ _PAST = (
     "frames.time_s",
     *columns_of("boxes", BOX),
     *columns_of("sightings", ("iou", "visible", "x0", "y0", "x1", "y1")),
+)
+_EVENT = (
+    *columns_of("events", ("label", "recording", "frame")),
+    "frames.time_s",
+    *columns_of("events", ("event", "from_x", "from_y", "from_z", "to_x", "to_y", "to_z", "score")),
 )
 _CHANGE = (
     *columns_of("changes", ("recording", "label")),
@@ -202,6 +207,27 @@ class SceneReader(MapQueries):
         with complaining(self.path):
             return [_past_of(row) for row in self._rows(_PAST, rest, labels)]
 
+    def events(self, label: int | None = None) -> list[SceneEvent]:
+        """Return what happened to objects while recordings watched them, in order of time.
+
+        Parameters
+        ----------
+        label : int, optional
+            Only events of this object, and of labels merged into it.
+
+        Raises
+        ------
+        InputError
+            No object ever had the label.
+        """
+        labels = None if label is None else self._labels_of(label)
+        if not self.path.is_file() or not has_table(self._connection(), "events"):
+            return []
+        rest = "events JOIN frames USING (recording, frame) ORDER BY events.recording, events.frame, events.label"
+        with complaining(self.path):
+            found = [_event_of(row) for row in self._rows(_EVENT, rest)]
+        return [one for one in found if labels is None or one.label in labels]
+
     def relation_history(self, label: int) -> list[PastRelation]:
         """Return present and past relations of an object, by kind and time, from recordings tracked with relations.
 
@@ -354,6 +380,12 @@ def _change_of(row: Row) -> SceneChange:
     recording, label, name, change = row[:4]
     places = _place_of(row[14:17]), _place_of(row[17:20])
     return SceneChange(recording, label, name, change, box_of(row[4:14], "objects"), *places, *row[20:])
+
+
+def _event_of(row: Row) -> SceneEvent:
+    """Return the event of a row of `_EVENT`."""
+    label, recording, frame, time_s, event = row[:5]
+    return SceneEvent(label, recording, frame, time_s, event, _place_of(row[5:8]), _place_of(row[8:11]), row[11])
 
 
 def _past_of(row: Row) -> ScenePast:

@@ -45,7 +45,7 @@ class Rows:
 
     Attributes
     ----------
-    frames, sightings, boxes : list of tuple
+    frames, sightings, boxes, events : list of tuple
         Rows in the order of their tables' columns.
     planes : list of (int, SupportPlane) or None
         Planes with their identities.
@@ -66,6 +66,7 @@ class Rows:
     frames: list[Row] = field(default_factory=list)
     sightings: list[Row] = field(default_factory=list)
     boxes: list[Row] = field(default_factory=list)
+    events: list[Row] = field(default_factory=list)
     planes: list[tuple[int, SupportPlane]] | None = None
     objects: list[tuple[MapObject, int]] = field(default_factory=list)
     merged: list[tuple[int, int]] = field(default_factory=list)
@@ -80,6 +81,9 @@ class Rows:
         many(f"INSERT OR REPLACE INTO frames VALUES ({', '.join('?' * 10)})", self.frames)
         many(f"INSERT INTO boxes VALUES ({', '.join('?' * 12)})", self.boxes)
         many(f"INSERT OR REPLACE INTO sightings VALUES ({', '.join('?' * 10)})", self.sightings)
+        if self.events:
+            connection.execute(TABLES["events"].sql("events"))
+            many(f"INSERT OR REPLACE INTO events VALUES ({', '.join('?' * 11)})", self.events)
         if self.planes is not None:
             connection.execute("DELETE FROM planes")
             many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*one) for one in self.planes))
@@ -138,6 +142,10 @@ class Records:
             self._rows.sightings.append((self._recording, frame.index, seen.label, box, seen.iou, seen.visible, *rect))
             first, count = self.seen.get(seen.label, (frame.index, 0))
             self.seen[seen.label] = first, count + 1
+        for one in result.events:
+            places = (None if place is None else place.tolist() for place in (one.from_m, one.to_m))
+            before, after = (place or [None] * 3 for place in places)
+            self._rows.events.append((self._recording, frame.index, one.label, one.event, *before, *after, one.score))
         picture = self._pictures.take(frame, result.sightings)
         if picture is not None:
             label, quality, jpeg = picture

@@ -18,6 +18,7 @@ from cuboid.core.values import (
     Amount,
     Cosine,
     Count,
+    EventName,
     Fraction,
     FrameNumber,
     Label,
@@ -218,6 +219,19 @@ TABLES = {
         },
         "recording, label",
         (_OF_RECORDING,),
+    ),
+    "events": Table(
+        {
+            "recording": Label,
+            "frame": FrameNumber,
+            "label": Label,
+            "event": EventName,
+            **dict.fromkeys(("from_x", "from_y", "from_z", "to_x", "to_y", "to_z"), Metres | None),
+            "score": Fraction,
+        },
+        "recording, frame, label",
+        ("FOREIGN KEY (recording, frame) REFERENCES frames (recording, frame) ON DELETE CASCADE",),
+        optional=True,
     ),
     "occupied": Table({"check_sum": CheckSum, "cells": bytes}),
     "embeddings": Table(
