@@ -11,7 +11,7 @@ import pytest
 from cuboid import cli
 from cuboid.core.errors import InputError
 from cuboid.scene import Scene
-from cuboid.scene.checking import problems
+from cuboid.scene.checking import problems, rescue
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 FLOOR = upright((0.0, 0.0), (6.0, 6.0, 0.02), z=-0.72)
@@ -55,6 +55,10 @@ def test_a_scene_tells_when_an_object_was_moved_and_from_where(
         with pytest.raises(InputError, match="no object has the label 9"):
             scene.events(9)
     assert problems(path) == []
+    rescued = tmp_path / "rescued.cuboid"
+    assert rescue(path, rescued) == []
+    with Scene.open(rescued) as scene:
+        assert [(one.event, one.frame) for one in scene.events(item.label)] == [("moved", event.frame)]
     assert cli.main(["scene", "show", str(path), str(item.label), "--json"]) == 0
     (shown,) = json.loads(capsys.readouterr().out)["events"]
     assert (shown["event"], shown["recording"], shown["frame"]) == ("moved", 1, event.frame)

@@ -1,4 +1,4 @@
-"""What moves in a picture: readings that lie where the frames of the last two seconds saw free space."""
+"""Moving readings of an image: they lie where a frame of the last two seconds saw free space."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from cuboid.poses import alignment
 from cuboid.poses.kernels.free_space import mark_freed
 from cuboid.poses.pyramid import Level, levels_of
 
-# What has rested for this long is still, seconds; frames are remembered at this interval.
+# A surface that has rested for the first time is still, seconds; frames are stored at the second interval, seconds.
 REST_S, EVERY_S = 2.0, 0.4
-# Every other working pixel is examined, in both directions; fewer of them side by side may be noise.
+# Step between the examined pixels, in both directions; a smaller group of adjacent ones may be noise.
 STEP, MIN_GROUP = 2, 40
-# Poses of frames of two seconds err by this part of the motion between them, as far as by twice what a map's do.
+# Two poses within two seconds err by this fraction of the motion between them, at most by twice the drift of a map.
 POSE_ERROR, MAX_POSE_ERROR_M = 0.2, 2.0 * DRIFT_M
-# A camera that has moved by less stands, metres and radians.
+# A camera stands still if it moved by less than this, metres and radians.
 STANDS_M, STANDS_RAD = 0.1 * DRIFT_M, 0.1 * DRIFT_RAD
-# Pixels that are so near to one that moves, and on the same surface, move with it.
+# Pixels within this distance of a moving pixel, on the same surface, move too.
 GROWN_PX = 2
 
 
 @dataclass(frozen=True)
 class _View:
-    """A frame: its pose, and what is examined of it."""
+    """A frame: its image, its pose, and the data that other frames are compared with."""
 
     image: WorkingImage
     T_world_camera: Float64Array
@@ -52,18 +52,18 @@ class _View:
 
     @cached_property
     def levels(self) -> tuple[Level, ...]:
-        """What is aligned to other frames."""
+        """Image pyramid that is aligned to other frames."""
         return levels_of(self.image)
 
     @cached_property
     def points(self) -> alignment.Reference:
-        """What other frames are aligned to."""
+        """Points to which other frames are aligned."""
         return alignment.pick(self.levels)
 
 
 @dataclass
 class _Reference:
-    """An earlier frame: the nearest reading around each examined pixel, as near as noise and as poses may err."""
+    """An earlier frame: the nearest reading around each examined pixel, within the error of noise and of poses."""
 
     time_s: float
     view: _View
@@ -73,12 +73,12 @@ class _Reference:
 
 
 class Motion:
-    """Finds what moves in the frames of a camera whose pose is known.
+    """Finds the moving readings in the frames of a camera with known poses.
 
-    A reading moves when a frame of the last two seconds saw free space in its place. What has rested since is still,
-    whatever it is; so is what no such frame could see. Poses that jump or drift make still readings lie in free space
-    too, but then one other motion of the whole picture explains most of them: the earlier frame is judged from where
-    that says it was.
+    A reading moves if a frame of the last two seconds saw free space at its place. A surface that has rested since then
+    is still; so is a surface that none of these frames could see. If poses jump or drift, still readings lie in free
+    space too. In that case another motion of the whole image explains most of them, and the earlier frame gets the pose
+    that follows from this motion.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ class Motion:
         self._T_last: Float64Array = np.eye(4)
 
     def forget(self) -> None:
-        """Know of no earlier frames: poses were corrected, or time has passed."""
+        """Drop all earlier frames, because poses were corrected or time has passed."""
         self._references.clear()
 
     def find(self, image: WorkingImage, T_world_camera: Float64Array, time_s: float) -> UInt8Array | None:
-        """Return which readings (h, w) of the next frame move, as 1; None where none does."""
+        """Return which readings (h, w) of the next frame move, as 1; None if none does."""
         while self._references and not 0.0 <= time_s - self._references[0].time_s <= REST_S + EVERY_S:
             self._references.popleft()
         view = _View(image, T_world_camera)
@@ -122,7 +122,7 @@ class Motion:
         return moving
 
     def _freed(self, view: _View, known: Sequence[_Reference]) -> UInt8Array:
-        """Return which readings (h, w) lie where earlier frames saw free space: bit k is set where the k-th one did."""
+        """Return which readings (h, w) lie where earlier frames saw free space: bit k stands for the k-th frame."""
         T = np.array([one.T_camera_world @ view.T_world_camera for one in known])
         shift_m, turn_rad = _size(T)
         stands = (shift_m < STANDS_M) & (turn_rad < STANDS_RAD)
@@ -132,21 +132,21 @@ class Motion:
         return freed
 
     def _mend_poses(self, view: _View, freed: UInt8Array) -> bool:
-        """Move earlier frames whose poses, with that of a frame, are off; tell whether any was."""
+        """Correct the poses of earlier frames that do not fit that of a frame; return whether any was corrected."""
         known, mended, certain = list(self._references), False, np.zeros(freed.shape, np.uint8)
         for k in reversed(range(len(known))):
             marked = np.asarray((freed >> k) & 1, np.uint8)
-            # What later frames saw to move needs no other reason.
+            # Readings that move according to later frames need no other explanation.
             if not groups_of(marked & ~certain, MIN_GROUP):
                 continue
             moved = self._moved(view, known[k])
             if moved is not None:
-                # All that lie before it have been shifted as it has been, or more.
+                # All frames before it were shifted as much, or more.
                 for one in known[: k + 1]:
                     one.T_camera_world = one.T_camera_world @ inverse(moved)
                 freed, mended = self._freed(view, known), True
             elif mended:
-                # Where these were is not known any more.
+                # The poses of these frames are not known anymore.
                 self._references = deque(known[k + 1 :], self._references.maxlen)
                 break
             marked = np.asarray((freed >> k) & 1, np.uint8)
@@ -154,22 +154,22 @@ class Motion:
         return mended
 
     def _moved(self, view: _View, earlier: _Reference) -> Float64Array | None:
-        """Return T_new_old of the world of an earlier frame, whose poses are off; None where they are not."""
+        """Return T_new_old of the world of an earlier frame whose pose is wrong; None if it is right."""
         T_claimed, T_last = (inverse(earlier.T_camera_world @ T) for T in (view.T_world_camera, self._T_last))
-        # The camera has hardly moved since the last frame, whatever poses say.
+        # The camera has hardly moved since the last frame, even if its poses differ.
         T = true_motion(earlier.view.points, view.levels, T_claimed, T_last, self._noise_per_m)
         return None if T is None else view.T_world_camera @ T @ earlier.T_camera_world
 
 
 def _size(T: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return how far motions (..., 4, 4) shift, metres, and turn, radians."""
+    """Return the shift, metres, and the turn, radians, of motions (..., 4, 4)."""
     cosine = (np.trace(T[..., :3, :3], axis1=-2, axis2=-1) - 1.0) / 2.0
     return np.linalg.norm(T[..., :3, 3], axis=-1), np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
 def _error_m(T: Float64Array) -> Float64Array:
-    """Return how far poses may be off that lie these motions (K, 4, 4) apart, metres."""
-    # A turn shifts what is a metre away by as many metres as it has radians.
+    """Return the error, metres, of poses with these motions (K, 4, 4) between them."""
+    # A turn of one radian shifts a surface at one metre by one metre.
     return np.asarray(JUMP_M + np.minimum(POSE_ERROR * sum(_size(T)), MAX_POSE_ERROR_M))
 
 
@@ -180,19 +180,19 @@ def _reference(view: _View, time_s: float) -> _Reference:
 
 
 def _nearest_around(depth_m: Float32Array, reach: int) -> Float32Array:
-    """Return the nearest reading around every other pixel; 0 where one is missing."""
+    """Return the nearest reading around every other pixel; 0 if a reading around it is missing."""
     around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     return np.ascontiguousarray(cv2.erode(depth_m, around)[::STEP, ::STEP], dtype=np.float32)
 
 
 def _without_small(marked: UInt8Array) -> UInt8Array | None:
-    """Return marks (h, w) without groups that may be noise; None where nothing is left."""
+    """Return marks (h, w) without groups that may be noise; None if no mark is left."""
     groups = groups_of(marked, MIN_GROUP)
     return np.any(groups, axis=0).astype(np.uint8) if groups else None
 
 
 def groups_of(marked: UInt8Array, least: int = MIN_GROUP * STEP**2) -> list[npt.NDArray[np.bool_]]:
-    """Return the groups (h, w) of at least so many marked pixels side by side."""
+    """Return the groups (h, w) of adjacent marked pixels that have at least this number of pixels."""
     if np.count_nonzero(marked) < least:
         return []
     _, group, table, _ = cv2.connectedComponentsWithStats(marked, connectivity=8)

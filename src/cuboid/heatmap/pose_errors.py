@@ -1,4 +1,4 @@
-"""Whether poses are off, or things move: the motion between two frames that explains more than the claimed one does."""
+"""Wrong poses or moving objects: whether another motion between two frames explains more than the given one."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from cuboid.core.tolerances import JUMP_M, JUMP_SIGMAS
 from cuboid.poses.alignment import Reference, align
 from cuboid.poses.pyramid import Level
 
-# The motion is found down to this level of the picture, and judged there.
+# Finest level of the image pyramid: the motion is found and judged there.
 FINEST = 1
-# Poses are off where another motion of the whole picture leaves less than this fraction of the points that disagree.
-# Where a hand moves, .9 and more are left at the best motion; where poses are off by 3 to 26 cm, .1 to .4.
+# Poses are wrong if another motion of the whole image leaves less than this fraction of the points that disagree. If a
+# hand moves, the best motion leaves .9 and more; if poses are wrong by 3 to 26 cm, it leaves .1 to .4.
 UNEXPLAINED = 0.5
-# Intensities agree within so many levels: light changes as the camera moves.
+# Two intensities agree if they differ by at most this number of gray levels: light changes as the camera moves.
 ALIKE = 24
 
 
@@ -27,7 +27,7 @@ def true_motion(
     T_start: Float64Array,
     noise_per_m: float,
 ) -> Float64Array | None:
-    """Return T_view_earlier (4, 4) where the claimed one is off; None where it is not, or nothing tells.
+    """Return T_view_earlier (4, 4) if the claimed one is wrong; None if it is right, or the frames do not show it.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ def true_motion(
     levels : sequence of Level
         The later frame, the view, finest first.
     T_claimed : (4, 4) float64
-        T_view_earlier, as the poses say.
+        T_view_earlier by the poses.
     T_start : (4, 4) float64
-        Where the search starts: the same of the frame before the view.
+        Start of the search: T_view_earlier of the frame before the view.
     noise_per_m : float
         Standard deviation of depth is this times z squared.
     """

@@ -1,9 +1,9 @@
-"""Objects that are moved while the camera watches: they leave, are followed, rest again, or are gone and come back.
+"""Objects that move while the camera watches: they leave, are followed, rest again, or are gone and come back.
 
-An object leaves when frames see through most of it, while something moves there. Its label waits then; as long as its
-shape and color are found again from frame to frame it is followed as a rigid cluster. It rests when it has stood on
-something for a while. Where it was lost it is known again by size and color, as between two visits; what is not known
-again for a while is gone. What leaves before it has rested for two seconds was no object.
+An object leaves when frames see through most of it while something moves near it. As long as its shape and colors are
+found from frame to frame, it is followed as a rigid cluster. It rests when it has stood on a surface for a while. A
+lost object waits with its label: a new object of similar size and colors gets this label, as between two visits. An
+object that waits for too long is gone. If it leaves less than two seconds after it got its label, the label ends.
 """
 
 from __future__ import annotations
@@ -37,35 +37,36 @@ from cuboid.objects.visibility import measure_visibility
 from cuboid.poses.pyramid import Level, levels_of
 from cuboid.surfaces.planes import PlaneTracker
 
-# An object begins to move when frames see through this fraction of what is seen of its place, and has left when they
-# see through most of it, so many frames in a row.
+# An object begins to move when frames see through the first fraction of the visible part of its place. It has left when
+# this number of frames in a row see through the second fraction.
 STIRS, LEFT, IN_A_ROW = 0.2, 0.5, 3
-# An object can leave only where something moved nearer to it than this, metres, about a hand's width.
+# An object can leave only if something moved within this distance of it, metres: about the width of a hand.
 NEAR_M = 0.1
-# How far an object may be from where it stirred when this is seen first, and from where it is expected, metres.
+# Largest distance of an object from its place in the first frame of its motion, and later from its expected place,
+# metres.
 FIRST_REACH_M, REACH_M = 0.08, 0.04
-# A followed object has moved on where so much more of it is seen there than in its last place, as a fraction.
+# A followed object has moved if its new place explains more of its points than its last one, by this fraction.
 BETTER = 0.05
-# A reading that lies within this of a point, and noise, is the point's, metres.
+# A reading belongs to a point if it lies within this distance and noise of it, metres.
 IN_PLACE_M = DRIFT_M / 2.0
 # A followed object that is not found in this many frames in a row is lost.
 LOST_FRAMES = 6
-# It rests when it has stood on something for the first time, or has not moved for two seconds; within the second it
-# has moved by less than this, metres.
+# An object is at rest after it has stood on a surface for this time, seconds, or has not moved for two seconds: its
+# center stays within this distance, metres.
 SET_DOWN_S, STILL_M = 0.4, 0.01
-# It was moved when its middle is farther from where it was than this, metres: less may be what boxes err.
+# An object was moved if its center is farther than this from its earlier place, metres: boxes may err by less.
 MOVED_M = 0.05
-# What left and was not known again for so long is gone, seconds: somebody who carries a thing across a table takes two.
+# An object that left and was not recognized for this time is gone, seconds: to carry one across a table takes two.
 GONE_S = 5.0
-# An object that comes to stand is held against what waits for this long, seconds: its box and colors get better.
-KNOWN_AGAIN_S = 1.0
-# Fraction of the points of what moves that may be outliers, at each side.
+# A new object is compared with waiting ones for this time, seconds: its box and colors improve.
+COMPARED_S = 1.0
+# Fraction of the points of a moving body that may be outliers, at each side.
 AGENT_OUTLIERS = 0.02
 # An object came while the camera watched if something moved in cells of this edge, metres, that hold at least this
 # fraction of its points, and an earlier view saw through this fraction of them: the lower part of an object is too near
 # to what it stands on.
 CELL_M, STIRRED, CAME = 0.04, 0.25, 1.0 / 3.0
-# A view is remembered at this interval, seconds, for as long as there are no more than this many.
+# A view is stored at this interval, seconds; this is the largest number of views.
 VIEW_EVERY_S, MAX_VIEWS = 2.0, 64
 
 
@@ -77,7 +78,7 @@ class _Gone:
     profile: ColorProfile
     from_box: Box
     since_s: float
-    told: bool = False
+    reported: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,23 +121,23 @@ class Following:
     Attributes
     ----------
     agents : list of Box
-        Where something moves in the last frame that is no object, in the world of the map.
+        Boxes of moving bodies that are no objects, in the last frame, in the world of the map.
     """
 
     def __init__(self, config: TrackerConfig, store: ObjectStore, voxels: VoxelMap, planes: PlaneTracker) -> None:
         self._config, self._store, self._voxels, self._planes = config, store, voxels, planes
         self._followed: list[_Followed] = []
         self._gone: list[_Gone] = []
-        # When something moved near each object, by number, the last frames, seconds.
+        # Times of the last frames with motion near each object, by number, seconds.
         self._near_s: dict[int, deque[float]] = {}
-        # Frames in a row in which each object stirred, and was left, by number.
+        # Number of frames in a row in which each object began to move, and left, by number.
         self._stirs: dict[int, int] = {}
         self._leaves: dict[int, int] = {}
-        # Objects that came to rest, and until when what stands there counts as still.
+        # Objects that came to rest, each with the time until which readings in its place count as still.
         self._settled: list[tuple[MapObject, float]] = []
-        # When something that moves was last seen at a candidate, by number.
+        # Time of the last frame with motion at each candidate, by number.
         self._touched_s: dict[int, float] = {}
-        # Since when objects have a label, by number: those with a new one; and of these those that came.
+        # Times at which objects got a new label, by number; the new objects that came while the camera watched.
         self._labelled_s: dict[int, float] = {}
         self._came: list[MapObject] = []
         self._cells: dict[int, None] = {}
@@ -146,14 +147,14 @@ class Following:
         self.agents: list[Box] = []
 
     def take_events(self) -> list[ObjectEvent]:
-        """Return what happened since this was asked last, in the world of the map."""
+        """Return the events since the last call, in the world of the map."""
         events, self._events = self._events, []
         return events
 
     # --- one frame -------------------------------------------------------------------------------------------------
 
     def begin_frame(self, seen: Observation, time_s: float) -> Observation:
-        """Follow what moves, and return the frame with what moves by that: followed objects do, settled ones do not."""
+        """Follow moving objects; return the frame with followed objects marked as moving, and settled ones as still."""
         self._levels = None
         self._settled = [(entry, until_s) for entry, until_s in self._settled if time_s < until_s]
         if not self._views or time_s - self._views[-1].time_s >= VIEW_EVERY_S:
@@ -167,14 +168,14 @@ class Following:
         self._find_leaving(seen, time_s)
         for one in list(self._followed):
             self._follow(one, seen, time_s)
-        self._tell_gone(time_s)
+        self._report_gone(time_s)
         self.agents = self._find_agents(seen)
         if seen.moving is None and not self._followed:
             return seen
         return replace(seen, moving=self._moving(seen))
 
     def _find_agents(self, seen: Observation) -> list[Box]:
-        """Return the boxes, along the axes of the map, of what moves and is no object."""
+        """Return the boxes, along the axes of the map, of moving bodies that are no objects."""
         if seen.moving is None:
             return []
         moving = np.asarray(seen.moving & (seen.image.depth_m > 0), np.uint8)
@@ -189,7 +190,7 @@ class Following:
         return boxes
 
     def _moving(self, seen: Observation) -> UInt8Array | None:
-        """Return which readings move: those of followed objects too, but not those of settled ones."""
+        """Return which readings move: also those of followed objects, but not those of settled ones."""
         depth_m = seen.image.depth_m
         moving = np.zeros(depth_m.shape, np.uint8) if seen.moving is None else seen.moving.copy()
         for entry, _ in self._settled:
@@ -230,7 +231,7 @@ class Following:
             counts.pop(entry.number, None)
 
     def _let_go(self, entry: MapObject, seen: Observation, time_s: float) -> None:
-        """Follow an object that stirs, where it is found again; let its label wait where it has left and is not."""
+        """Follow an object that begins to move; if it has left and is not found, its label waits."""
         young = self._is_young(entry, time_s)
         noise = self._config.depth_noise_per_m
         cluster = Cluster(entry.points, entry.colors, seen.image, seen.T_camera_world, noise)
@@ -260,7 +261,7 @@ class Following:
         self._levels = self._levels or levels_of(seen.image)
         return self._levels
 
-    # --- what is followed ------------------------------------------------------------------------------------------
+    # --- followed objects ------------------------------------------------------------------------------------------
 
     def _follow(self, one: _Followed, seen: Observation, time_s: float) -> None:
         expected = one.step @ one.T
@@ -297,15 +298,15 @@ class Following:
         return any(abs(box.foot_m(*plane)) < DRIFT_M for plane in in_use)
 
     def _settle(self, one: _Followed, time_s: float) -> None:
-        """Let a followed object stand where it is."""
+        """End the motion of a followed object at its present place."""
         self._followed.remove(one)
         self._store.set_down(one.entry, one.entry.box)
         self._settled.append((one.entry, time_s + REST_S + SET_DOWN_S))
         if np.linalg.norm(one.entry.box.center - one.from_box.center) > MOVED_M:
-            self._tell("moved", one.entry, one.from_box, one.entry.box, one.score)
+            self._report("moved", one.entry, one.from_box, one.entry.box, one.score)
 
     def claim(self, slots: npt.NDArray[np.int32], seen: Observation) -> None:
-        """Give the voxels of a frame that lie in objects that have come to rest to these."""
+        """Assign the voxels of a frame that lie in settled objects to these objects."""
         for entry, _ in self._settled:
             inside = np.zeros(slots.shape, np.uint8)
             _mark_inside(entry.box, BIAS_M, seen, inside, 1)
@@ -317,34 +318,35 @@ class Following:
         """Numbers of the objects that were set down a short time ago."""
         return frozenset(entry.number for entry, _ in self._settled)
 
-    # --- what waits ------------------------------------------------------------------------------------------------
+    # --- waiting objects -------------------------------------------------------------------------------------------
 
-    def _tell_gone(self, time_s: float) -> None:
+    def _report_gone(self, time_s: float) -> None:
         for one in self._gone:
-            if not one.told and time_s - one.since_s >= GONE_S:
-                one.told = True
-                self._tell("gone", one.entry, one.from_box, None, 1.0)
+            if not one.reported and time_s - one.since_s >= GONE_S:
+                one.reported = True
+                self._report("gone", one.entry, one.from_box, None, 1.0)
 
     def note_labels(self, entries: Sequence[MapObject], frame: int, time_s: float) -> None:
-        """Take note of objects with a new label: those that came may be what waits; else they have appeared.
+        """Compare objects with a new label, if they came while the camera watched, with the waiting ones.
 
-        What has appeared is reported when it is seen a second later: a hand that lingers is not seen there anymore.
+        An object that is none of these has appeared. That is reported when the object is seen a second later: a hand
+        has left its place by then.
         """
         self._labelled_s |= {entry.number: time_s for entry in entries}
         self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < REST_S}
         came = [*self._came, *(entry for entry in entries if self._has_come(entry) or self._is_in_old_place(entry))]
         self._came = []
         for entry in came:
-            if not entry.confirmed or self._know_again(entry):
+            if not entry.confirmed or self._recognize(entry):
                 continue
-            new = time_s - self._labelled_s.get(entry.number, -KNOWN_AGAIN_S) < KNOWN_AGAIN_S
+            new = time_s - self._labelled_s.get(entry.number, -COMPARED_S) < COMPARED_S
             if new or entry.last_frame < frame:
                 self._came.append(entry)
             elif self._has_come(entry):
-                self._tell("appeared", entry, None, entry.box, entry.score)
+                self._report("appeared", entry, None, entry.box, entry.score)
 
-    def _know_again(self, entry: MapObject) -> bool:
-        """Let an object with a new label be one that left, where it is like that one and like no other."""
+    def _recognize(self, entry: MapObject) -> bool:
+        """Give a new object the label of a waiting one, if it is similar to that one and to no other."""
         profile = color_profile_of(entry)
         scores = [similarity(profile, entry.box, one.profile, one.from_box) for one in self._gone]
         best = most_similar(scores)
@@ -352,10 +354,10 @@ class Following:
             return False
         one = self._gone.pop(best)
         self._store.adopt(entry, one.entry)
-        if one.told:
-            self._tell("back", entry, one.from_box, entry.box, scores[best])
+        if one.reported:
+            self._report("back", entry, one.from_box, entry.box, scores[best])
         elif np.linalg.norm(entry.box.center - one.from_box.center) > MOVED_M:
-            self._tell("moved", entry, one.from_box, entry.box, scores[best])
+            self._report("moved", entry, one.from_box, entry.box, scores[best])
         return True
 
     def _is_in_old_place(self, entry: MapObject) -> bool:
@@ -379,19 +381,19 @@ class Following:
     def _note_cells(self, places: Float32Array) -> None:
         self._cells.update(dict.fromkeys(_keys(places)))
 
-    def _tell(self, event: EventName, entry: MapObject, before: Box | None, after: Box | None, score: float) -> None:
+    def _report(self, event: EventName, entry: MapObject, before: Box | None, after: Box | None, score: float) -> None:
         from_m, to_m = (None if box is None else box.center for box in (before, after))
         self._events.append(ObjectEvent(event, entry.label, from_m, to_m, score))
 
     # --- candidates ------------------------------------------------------------------------------------------------
 
     def note_touched(self, numbers: Sequence[int], time_s: float) -> None:
-        """Take note of the objects (by number) at which something moves."""
+        """Store the time at which something moves at these objects, by number."""
         for number in numbers:
             self._touched_s[number] = time_s
 
     def restless(self, time_s: float) -> frozenset[int]:
-        """Return the objects (by number) at which something moves, or did just now."""
+        """Return the objects, by number, at which something moves or moved a short time ago."""
         self._touched_s = {number: at_s for number, at_s in self._touched_s.items() if time_s - at_s < SET_DOWN_S}
         return frozenset(self._touched_s)
 
@@ -416,7 +418,7 @@ class Following:
 
 
 def _points_of(seen: Observation) -> Float32Array:
-    """Return where what moves is, (N, 3), in the world: every third reading in both directions."""
+    """Return the points (N, 3) of moving readings in the world: every third reading in both directions."""
     assert seen.moving is not None
     v, u = np.nonzero(seen.moving[::3, ::3] & (seen.image.depth_m[::3, ::3] > 0))
     return _places(3 * v, 3 * u, seen)

@@ -24,7 +24,7 @@ Rows = npt.NDArray[np.void]
 Keys = npt.NDArray[np.int64]
 
 # Tables that people and other programs read, in the order in which their rows refer to each other.
-TOLD = ("scene", "recordings", "frames", "planes", "objects", "boxes", "sightings", "pending")
+TOLD = ("scene", "recordings", "frames", "planes", "objects", "boxes", "sightings", "events", "pending")
 # Maximum number of reported problems of one kind.
 SAID = 8
 
@@ -131,6 +131,10 @@ def rescue(path: Path, new: Path) -> list[str]:
 
 def _copied(old: sqlite3.Connection, new: sqlite3.Connection, table: str, lost: list[str]) -> int:
     """Copy the readable rows of a table; return their number."""
+    if TABLES[table].optional:
+        if not _may_have(old, table):
+            return 0
+        new.execute(TABLES[table].sql(table))
     count = 0
     for row in _readable(old, table, lost):
         try:
@@ -142,6 +146,14 @@ def _copied(old: sqlite3.Connection, new: sqlite3.Connection, table: str, lost: 
         except sqlite3.DatabaseError:
             lost.append(f"a row of {table} makes no sense")
     return count
+
+
+def _may_have(old: sqlite3.Connection, table: str) -> bool:
+    """Tell whether a damaged scene has an optional table; True if that cannot be read."""
+    try:
+        return has_table(old, table)
+    except sqlite3.DatabaseError:
+        return True
 
 
 def _readable(old: sqlite3.Connection, table: str, lost: list[str]) -> Iterator[tuple[object, ...]]:
