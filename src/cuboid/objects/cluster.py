@@ -18,32 +18,32 @@ from cuboid.objects.kernels.clusters import score_shifts
 from cuboid.poses.alignment import Points, Prior, Reference, align
 from cuboid.poses.pyramid import LEVELS, Level
 
-# Points that tell the normal of the surface around one.
+# Number of points from which the normal at a point is computed.
 NEIGHBOURS = 12
-# A point hides those that lie farther away in the same cell of this many pixels.
+# A point hides the farther points in the same cell of the image; side of a cell, pixels.
 CELL_PX = 3
-# From one frame to the next an object goes on as before, but for this, metres and radians.
+# Standard deviations of the motion of an object from the predicted one in a frame, metres and radians.
 UNSTEADY_M, UNSTEADY_RAD = 0.03, 0.15
-# The alignment begins at this level of the picture.
+# The alignment starts at this level of the image pyramid.
 COARSEST = 1
-# Places around the expected one are tried at steps of this, metres: an alignment finds what is nearer.
+# Step between the tried places around the expected one, metres: an alignment finds smaller shifts.
 TRIED_M = 0.02
-# A reading lies on a point within this and its noise, metres; a color agrees within so many levels: light changes as
-# things turn.
+# A reading lies on a point within this distance and its noise, metres. Two colors agree within this number of levels:
+# light changes as an object turns.
 ON_M, ALIKE = 0.01, 48
-# Where so much of it is seen it is there, and nowhere else is tried.
-SURE = 0.6
-# It is found where this fraction of those of its points that nothing hides are seen in their place, ...
+# If the balance of a place exceeds this, no other place is tried.
+CLEAR_BALANCE = 0.6
+# An object is found if this fraction of its points that nothing hides agree with the frame, ...
 MIN_AGREE = 0.6
-# ... and this fraction of all that face the camera.
+# ... and this fraction of all points that face the camera.
 MIN_SEEN = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Where a cluster was found: T_now_start (4, 4) in the world, and how sure that is, 0..1.
+    """The place where a cluster was found: T_now_start (4, 4) in the world, with a confidence, 0..1.
 
-    `balance` is the fraction of its points that are seen there, less that of those that are seen through.
+    `balance` is the fraction of its points that the frame confirms, minus the fraction that it sees through.
     """
 
     T_now_start: Float64Array
@@ -87,22 +87,22 @@ class Cluster:
         self._noise_per_m = noise_per_m
 
     def find(self, seen: Observation, levels: tuple[Level, ...], expected: Float64Array, reach_m: float) -> Fit | None:
-        """Return where a frame shows the cluster, near to where it is expected; None where it does not.
+        """Return the place of the cluster in a frame, near the expected one; None if it is not found.
 
         Parameters
         ----------
         seen : Observation
         levels : tuple of Level
-            Its picture in all sizes, see `pyramid.levels_of`.
+            Image pyramid of the frame; see `pyramid.levels_of`.
         expected : (4, 4) float64
             T_now_start.
         reach_m : float
-            How far it may be from there, metres.
+            Largest distance from the expected place, metres.
         """
         if len(self._colors) < MIN_READINGS:
             return None
         near = self._aligned(seen, levels, expected)
-        if near is not None and near.balance > SURE:
+        if near is not None and near.balance > CLEAR_BALANCE:
             return near
         steps = np.arange(-int(np.ceil(reach_m / TRIED_M)), 1 + int(np.ceil(reach_m / TRIED_M))) * TRIED_M
         shifts = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
@@ -114,14 +114,14 @@ class Cluster:
         return max((one for one in fits if one is not None), key=lambda one: one.balance, default=None)
 
     def _aligned(self, seen: Observation, levels: tuple[Level, ...], start: Float64Array) -> Fit | None:
-        """Return where an alignment finds the cluster from a place on, T_now_start (4, 4)."""
+        """Return the place that an alignment finds from a start, T_now_start (4, 4); None if it does not fit."""
         T = seen.T_camera_world @ start
         prior = Prior(T, np.diag([UNSTEADY_M**-2.0] * 3 + [UNSTEADY_RAD**-2.0] * 3))
         found = align(self._reference, levels, T, prior, coarsest=COARSEST)
         return self.fit_at(seen, inverse(seen.T_camera_world) @ found.T_camera_reference)
 
     def fit_at(self, seen: Observation, T_now_start: Float64Array) -> Fit | None:
-        """Return how well a frame shows the cluster in a place; None where it does not."""
+        """Return how well the cluster fits a frame at a place; None if it does not."""
         agree, passed, shown = self._counts(seen, T_now_start, np.zeros((1, 3)))[0].tolist()
         if agree < MIN_AGREE * (agree + passed) or agree < MIN_SEEN * max(shown, MIN_READINGS):
             return None
@@ -138,7 +138,7 @@ class Cluster:
 
 
 def _in_front(points: Float64Array, image: WorkingImage) -> npt.NDArray[np.int64]:
-    """Return which points (N, 3), in the camera, no other one of them hides."""
+    """Return the indices of the points (N, 3), in the camera frame, that no other point hides."""
     c = image.camera
     z = np.maximum(points[:, 2], DRIFT_M)
     u, v = (points[:, 0] / z * c.fx / CELL_PX).astype(np.int64), (points[:, 1] / z * c.fy / CELL_PX).astype(np.int64)

@@ -1,12 +1,12 @@
-"""Given poses that drift: frames are held to what was seen from there before.
+"""Correction of given poses that drift: frames are aligned to earlier frames of the same place.
 
-Odometry (visual-inertial trackers, wheels, a phone's) is true from frame to frame and errs over a long way. Whoever
-trusts it sees a thing twice when the camera comes back. So frames are aligned to keyframes of the same places, the
-oldest first. As long as the given poses explain what frames show, they are taken as they are, to the last bit. Once
-alignments explained clearly more several times in a row, and no fault of the camera explains that, the poses have
-proved to drift. From then on each frame is aligned, and an alignment is taken where it explains at least as much as the
-correction so far. Where the given poses explain clearly more of the places that were seen before the proof, the
-correction is taken back, for good: what misled once would mislead again.
+Odometry (visual-inertial trackers, wheels, phones) is accurate from frame to frame, but its error grows along the path:
+when the camera comes back, the map would contain each object twice. So frames are aligned to keyframes of the same
+place, the oldest first. As long as the given poses explain the frames, they stay unchanged, to the last bit. If
+alignments explain clearly more several times in a row, and no fault of the camera explains this, the drift is proven.
+From then on each frame is aligned, and an alignment is used if it explains at least as much as the current correction.
+If the given poses explain clearly more of the places that were seen before the proof, the correction is withdrawn for
+the rest of the recording: the same cause would mislead it again.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, median_depth_m, over
 from cuboid.poses.pyramid import Level, build_levels, shrink
 from cuboid.poses.single_cause import MotionPair, SingleCause, single_cause
 
-# Given poses misfit where an alignment leaves at most this fraction unexplained of what they do.
+# A given pose misfits if an alignment leaves at most this fraction of the points unexplained that the pose leaves.
 UNEXPLAINED_FRACTION = 0.5
-# This many misfits in turn prove that poses drift, or that corrected ones are wrong: fewer may be chance.
+# This number of misfits in a row proves that poses drift, or that corrected ones are wrong: fewer may be chance.
 MISFITS_THAT_PROVE = 3
-# Motions that a fault of the camera must explain, the latest.
+# Number of the latest motions that a fault of the camera must explain.
 MAX_PAIRS = 64
-# A frame is compared with a keyframe of whose points it shows more than this fraction.
+# A frame is compared with a keyframe if it shows more than this fraction of the keyframe's points.
 MIN_OVERLAP = 0.5
-# Keyframes that are remembered: 100 kB each. The one that was used longest ago goes.
+# Maximum number of stored keyframes, 100 kB each; the least recently used one is dropped.
 MAX_KEYFRAMES = 256
-# Views from directions farther apart than this have little in common, radians.
+# Views farther apart than this have little in common, radians.
 FAR_VIEW = 0.7
-# The search starts at this level, of 80 pixels: between two comparisons poses err by less than one of them. While the
-# poses have not proved to drift it ends at 160 pixels, which takes a third of the time: that is true to millimetres.
+# Coarsest level of the search, 80 pixels wide: between two comparisons the error of the poses is less than one of its
+# pixels. Before drift is proven the search ends at 160 pixels, accurate to millimetres, in a third of the time.
 COARSEST, ENOUGH = 2, 1
 
 
 @dataclass(slots=True)
 class _Keyframe:
-    """A frame that later ones are aligned to: its pose as given, and as corrected."""
+    """A frame to which later ones are aligned, with its given and its corrected pose."""
 
     given: Float64Array
     corrected: Float64Array
     reference: Reference
     depth_m: float
     used: int
-    proven: bool  # it was remembered after the proof
+    proven: bool  # it was stored after the proof
 
 
 class DriftCorrection:
-    """Corrects the given poses of a recording where they have proved to drift.
+    """Corrects the given poses of a recording once their drift is proven.
 
     `Tracker(poses="corrected")` uses it.
 
@@ -67,13 +67,13 @@ class DriftCorrection:
     Attributes
     ----------
     proven_at : int or None
-        Index of the frame at which the poses proved to drift; None again once the correction is taken back.
+        Index of the frame at which drift was proven; None again after the correction was withdrawn.
     taken_back_at : int or None
-        Index of the frame at which the correction was taken back.
+        Index of the frame at which the correction was withdrawn.
     cause : SingleCause or None
-        The fault of the camera that explains why the given poses misfit, where they do and have not proved to drift.
+        The fault of the camera that explains why the given poses misfit; None if they do not, or if they drift.
     most_m : float
-        Largest distance of a corrected camera from where the given poses had it, metres.
+        Largest distance between a corrected and a given position of the camera, metres.
     """
 
     def __init__(self, intrinsics: Intrinsics) -> None:
@@ -89,13 +89,13 @@ class DriftCorrection:
         self.most_m = 0.0
 
     def correct(self, frame: Frame, given: Float64Array) -> Float64Array:
-        """Return where a frame was taken, T_world_camera (4, 4).
+        """Return the corrected pose of a frame, T_world_camera (4, 4).
 
         Parameters
         ----------
         frame : Frame
         given : (4, 4) float64
-            T_world_camera as the recording has it.
+            T_world_camera of the recording.
         """
         camera = self._intrinsics
         if self.taken_back_at is not None:
@@ -109,10 +109,10 @@ class DriftCorrection:
         return corrected
 
     def _is_new_viewpoint(self, given: Float64Array) -> bool:
-        """Tell whether the camera has moved by as much as poses may err since a frame was compared last.
+        """Return whether the camera has moved by the error of poses since the last comparison.
 
-        The second comparison comes after half of that: so, mostly, it is not those frames that are compared of which
-        the tracker takes in the most. Where poses have proved to drift each frame is.
+        The second comparison follows after half of this motion: most comparisons then are not in the frames in which
+        the tracker has the most work. After the proof of drift each frame is compared.
         """
         if self.proven_at is not None:
             return True
@@ -123,7 +123,7 @@ class DriftCorrection:
         return True
 
     def _compare(self, frame: Frame, given: Float64Array) -> None:
-        """Align a frame to the oldest keyframe that shows the same, and let it be one where none has its view."""
+        """Align a frame to the oldest keyframe of the same place; store it as a keyframe if its view is new."""
         self._comparisons += 1
         levels = build_levels(*shrink(frame, self._intrinsics))
         corrected = tidied(self._T_corrected_given @ given)
@@ -150,7 +150,7 @@ class DriftCorrection:
         T_world_cameras: tuple[Float64Array, Float64Array],
         found: Alignment,
     ) -> Float64Array:
-        """Return the corrected pose of a frame, by what the given, the corrected and the found one explain of it."""
+        """Return the corrected pose of a frame: the found or the corrected one, whichever explains more of it."""
         given, corrected = T_world_cameras
         T_camera_reference = inverse(corrected) @ keyframe.corrected
         by_corrected, by_found = (
@@ -169,7 +169,7 @@ class DriftCorrection:
         self._misfits = self._misfits + 1 if misfit else 0
 
     def _prove(self, index: int) -> None:
-        """Begin to correct, where misfits prove that poses drift and no fault of the camera explains them."""
+        """Begin to correct if misfits prove that poses drift, and no fault of the camera explains them."""
         if self._misfits < MISFITS_THAT_PROVE:
             return
         self.cause = single_cause(self._pairs)
@@ -177,7 +177,7 @@ class DriftCorrection:
             self.proven_at, self._misfits = index, 0
 
     def _doubt(self, index: int, levels: tuple[Level, ...], given: Float64Array, corrected: Float64Array) -> None:
-        """Take the correction back, where the given poses explain more of the places that were seen before it."""
+        """Withdraw the correction if the given poses explain more of the places that were seen before it."""
         keyframe = self._oldest([k.given for k in self._keyframes], given, levels[OVERLAP_LEVEL])
         if keyframe is None or keyframe.proven:
             return
@@ -197,7 +197,7 @@ class DriftCorrection:
     def _oldest(
         self, T_world_keyframes: list[Float64Array], T_world_camera: Float64Array, level: Level
     ) -> _Keyframe | None:
-        """Return the oldest keyframe, by poses of all, of whose points an image from a pose shows most."""
+        """Return the oldest keyframe, given poses of all, most of whose points an image from a pose shows."""
         for k in np.flatnonzero(self._views(T_world_keyframes, T_world_camera) < FAR_VIEW).tolist():
             keyframe = self._keyframes[k]
             if overlap(keyframe.reference, T_world_keyframes[k], T_world_camera, level) > MIN_OVERLAP:
@@ -206,7 +206,7 @@ class DriftCorrection:
         return None
 
     def _remember(self, levels: tuple[Level, ...], given: Float64Array, corrected: Float64Array) -> None:
-        """Let a frame be a keyframe, where it has points to align to."""
+        """Store a frame as a keyframe if it has enough points to align to."""
         reference = pick(levels)
         if len(reference.levels[OVERLAP_LEVEL].points) < MIN_READINGS:
             return
@@ -217,7 +217,7 @@ class DriftCorrection:
 
 
 def _is_misfit(by_given: Explained, by_found: Explained) -> bool:
-    """Tell whether an alignment explains most of what the given pose leaves unexplained, and loses next to nothing."""
+    """Return whether an alignment explains most points that the given pose does not, and loses almost none."""
     before, left = 1.0 - by_given.fraction, 1.0 - by_found.fraction
     better = left <= UNEXPLAINED_FRACTION * before and before - left >= MIN_GAIN
     return better and clearly_better(by_found, by_given)

@@ -1,4 +1,4 @@
-"""The small images of a frame that its pose is found with, coarse to fine."""
+"""Image pyramid of a frame: the small images by which its pose is estimated, coarse to fine."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from cuboid.core.kernels.blocks import halve_depth
 from cuboid.core.working import WorkingImage
 from cuboid.poses.kernels import align as kernel
 
-# The finest level is about so wide, pixels: at 320 a frame costs a quarter, and its intensity and depth are
-# averages of four readings.
+# Approximate width of the finest level, pixels: at 320 a frame of 640 pixels costs a quarter of the time, and each
+# intensity and depth is the average of four readings.
 FINEST_WIDTH = 320
-# Each level halves the one before; at an eighth of the finest a fast turn moves the picture by a pixel or two.
+# Each level has half the width of the one before; at the coarsest one a fast turn moves the image by a pixel or two.
 LEVELS = 4
-# Depth is kept in this unit for keyframes, metres: finer than any sensor's step, 13 m fit 16 bits.
+# Unit of the depth of stored keyframes, metres: finer than the step of any sensor; 16 bits reach 13 m.
 KEPT_UNIT_M = 0.0002
 
 

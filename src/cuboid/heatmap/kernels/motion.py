@@ -1,4 +1,4 @@
-"""Hot loop of the search for what moves: marks grow over the surface on which they lie."""
+"""Hot loop of the search for moving readings: marks grow over the surface on which they lie."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def grow(depth, marked, step_m, noise, out):
     step_m, noise : float
         Neighbours on one surface differ by less than this, and by four deviations of depth.
     out : (h, w) uint8, output
-        The marked pixels, and these.
+        The marked pixels and the new ones.
     """
     height, width = depth.shape
     for v in range(height):

@@ -1,4 +1,4 @@
-"""Hot loop: whether an object is still in its place, or a frame sees through it."""
+"""Hot loop: counts the points of an object that a frame sees at their place, and those that it sees through."""
 
 from __future__ import annotations
 
