@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from made_keyframes import drawn, keyframes_document, square, write_keyframes, write_sightings
 
-from cuboid import cli, open_recording
+from cuboid import cli, open_recording, open_results
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, TrackedObject
@@ -302,3 +302,24 @@ def tint_at(picture: np.ndarray, x: int, y: int) -> np.ndarray:
     """The most colored pixel of a few across a line."""
     row = picture[y, x - 3 : x + 4]
     return np.asarray(row[np.ptp(row, axis=1).argmax()])
+
+
+def test_labels_get_the_name_of_the_thing_whose_first_label_they_are(tmp_path: Path) -> None:
+    found = evaluate_keyframes(*hand_computed(tmp_path))
+    # Thing 1 was found as 5, then as 7; thing 2 first as 7.
+    assert found.names_by_label() == {5: "thing 1", 7: "thing 2"}
+
+
+def test_drawn_names_reach_the_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    results = write_results(tmp_path)
+    rect = [40.0, 30.0, 60.0, 60.0]  # of label 1 in frame 2, of label 2 in frame 25
+    document = keyframes_document({2: [drawn(1, rect)], 25: [drawn(2, rect)]})
+    keyframes = write_keyframes(tmp_path, document)
+    assert cli.main(["evaluate", str(results), str(keyframes), "--name"]) == 0
+    assert "2 objects named in" in capsys.readouterr().out
+    named = {item.label: item.name for item in open_results(results).objects}
+    assert (named[1], named[2], named[3]) == ("thing 1", "thing 2", None)
+    truth = tmp_path / "sightings.csv"
+    write_sightings(tmp_path, [(2, 1, rect)])
+    assert cli.main(["evaluate", str(truth), str(keyframes), "--name"]) == 2
+    assert "only objects of results of 'cuboid track' can be named" in capsys.readouterr().err

@@ -62,6 +62,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="draw each keyframe with its found, missed and false rectangles into DIR",
     )
+    drawn.add_argument(
+        "--name",
+        action="store_true",
+        help="give the names of the drawn objects to the objects that they are, in RESULT",
+    )
     add_store(parser)
     add_results(parser)
 
@@ -95,6 +100,8 @@ def run(args: argparse.Namespace) -> int:
     for name in ("recording", "pictures"):
         if getattr(args, name) is not None:
             raise InputError(f"--{name} is for keyframes only; {args.truth} is another kind of truth")
+    if args.name:
+        raise InputError(f"--name is for keyframes only; {args.truth} is another kind of truth")
     found = evaluate(args.result, args.truth, cloud=args.cloud, trajectory=args.trajectory)
     give(args, found.to_dict(), lambda: print_evaluation(found))
     return 0

@@ -28,14 +28,34 @@ def run(args: argparse.Namespace) -> int:
             raise InputError(f"--{name} cannot be used with keyframes: {args.truth}")
     found = evaluate_keyframes(args.result, args.truth, args.recording)
     drawn = 0 if args.pictures is None else _draw(args, found)
+    named = _name(args, found) if args.name else {}
 
     def show() -> None:
         print_evaluation(found)
         if args.pictures is not None:
             console().print(f"{counted(drawn, 'picture')} in {args.pictures}", markup=False)
+        if args.name:
+            console().print(f"{counted(len(named), 'object')} named in {args.result}", markup=False)
 
     give(args, found.to_dict(), show)
     return 0
+
+
+def _name(args: argparse.Namespace, found: KeyframeEvaluation) -> dict[int, str]:
+    """Give the names of the drawn objects to the results; return them by label."""
+    from cuboid.outputs import Results
+    from cuboid.views.report.server import rename_in
+
+    if not args.result.is_dir():
+        raise InputError(f"{args.result}: only objects of results of 'cuboid track' can be named")
+    survivor, names = Results(args.result).survivor, dict[int, str]()
+    for label, name in found.names_by_label().items():
+        item = survivor.get(label)
+        if item is not None and name:
+            names.setdefault(item.label, name)
+    for label, name in names.items():
+        rename_in(args.result, label, name)
+    return names
 
 
 def _draw(args: argparse.Namespace, found: KeyframeEvaluation) -> int:

@@ -64,6 +64,15 @@ class KeyframeEvaluation:
     recording: Recording | str
     names: NameQuality | None = None
 
+    def names_by_label(self) -> dict[int, str]:
+        """Return the name of the drawn object that each label found; first labels of objects come before later ones."""
+        found: dict[int, str] = {}
+        for first in (True, False):
+            for item in self.objects:
+                for label in item.labels[:1] if first else item.labels[1:]:
+                    found.setdefault(label, item.name)
+        return found
+
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON: numbers have six decimals, undefined values are None."""
         document: dict[str, Any] = plain(

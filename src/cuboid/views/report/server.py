@@ -78,7 +78,7 @@ class Viewer:
         self._find = find
         self._folder = folder
         self._replay = replay
-        self._rename = rename or partial(_rename_in, folder)
+        self._rename = rename or partial(rename_in, folder)
         self._recording = None if recording is None else recording.without_poses()  # the poses of the results are used
         self._drawers: dict[str, Draw] = {}
         self._lock = threading.Lock()  # a browser sends several requests at once
@@ -200,7 +200,7 @@ def _take(viewer: Viewer, address: str, content: bytes) -> Answer | None:
     return "application/json", json.dumps(document).encode("ascii")
 
 
-def _rename_in(folder: Path, label: int, name: str) -> TrackedObject:
+def rename_in(folder: Path, label: int, name: str) -> TrackedObject:
     """Store the name of an object in a result folder, and in the page of that folder."""
     named = name_object(folder, label, name)
     report = folder / REPORT
