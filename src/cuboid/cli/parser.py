@@ -85,7 +85,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def takes_names(action: argparse.Action, names: Callable[[], Iterable[str]], *, ending: str = "") -> None:
-    """Let the shell complete the names of an option, and let its help list them.
+    """Mark an option so that the shell completes its names and its help lists them.
 
     Parameters
     ----------

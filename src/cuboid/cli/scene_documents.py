@@ -24,15 +24,14 @@ def object_document(item: SceneObject) -> dict[str, Any]:
 
 def change_document(one: SceneChange) -> dict[str, Any]:
     """Return a change: old and new position in metres; null if the object was absent before or is absent now."""
-    from cuboid.outputs.text import LENGTH, rounded, rounded_list
+    from cuboid.outputs.text import LENGTH, rounded
 
     return {
         "recording": one.recording,
         "label": one.label,
         "name": one.name,
         "change": one.change,
-        "from_m": None if one.from_m is None else rounded_list(one.from_m, LENGTH),
-        "to_m": None if one.to_m is None else rounded_list(one.to_m, LENGTH),
+        **_places(one),
         "metres": None if one.metres is None else rounded(one.metres, LENGTH),
         "sure": rounded(one.sure, LENGTH),
     }
@@ -40,17 +39,24 @@ def change_document(one: SceneChange) -> dict[str, Any]:
 
 def event_document(one: SceneEvent) -> dict[str, Any]:
     """Return an event of an object: positions in metres; null where the object was or is not there."""
-    from cuboid.outputs.text import LENGTH, rounded, rounded_list
+    from cuboid.outputs.text import LENGTH, rounded
 
     return {
         "recording": one.recording,
         "frame": one.frame,
         "label": one.label,
         "event": one.event,
-        "from_m": None if one.from_m is None else rounded_list(one.from_m, LENGTH),
-        "to_m": None if one.to_m is None else rounded_list(one.to_m, LENGTH),
+        **_places(one),
         "score": rounded(one.score, LENGTH),
     }
+
+
+def _places(one: SceneChange | SceneEvent) -> dict[str, Any]:
+    """Return the old and the new position in metres."""
+    from cuboid.outputs.text import LENGTH, rounded_list
+
+    places = {"from_m": one.from_m, "to_m": one.to_m}
+    return {name: None if place is None else rounded_list(place, LENGTH) for name, place in places.items()}
 
 
 def relation_document(one: PastRelation) -> dict[str, Any]:

@@ -45,7 +45,7 @@ class _Console(Console):
         super().print(*(_lines(item) if isinstance(item, str) else item for item in objects), **options)
 
     def on_broken_pipe(self) -> None:
-        """Let the command end as with any other output; Rich would exit with status 1."""
+        """End the command as for any other output; Rich would exit with status 1."""
         raise BrokenPipeError
 
 

@@ -83,7 +83,7 @@ class _Gone:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """What an earlier frame read: every other pixel in both directions."""
+    """The depth of an earlier frame, every other pixel in both directions, with its camera."""
 
     time_s: float
     depth_m: Float32Array
@@ -221,7 +221,8 @@ class Following:
     def _may_leave(self, time_s: float) -> list[MapObject]:
         """Return the labelled objects near which something moved in enough frames, the last not long ago."""
         self._near_s = {number: at_s for number, at_s in self._near_s.items() if time_s - at_s[-1] < GONE_S}
-        return [entry for entry in self._store.confirmed() if len(self._near_s.get(entry.number, ())) == IN_A_ROW]
+        near = {number for number, at_s in self._near_s.items() if len(at_s) == IN_A_ROW}
+        return [entry for entry in self._store.confirmed() if entry.number in near] if near else []
 
     @staticmethod
     def _count(counts: dict[int, int], entry: MapObject, more: bool) -> None:

@@ -99,7 +99,7 @@ class ScenePast:
 
 @dataclass(frozen=True, slots=True)
 class SceneEvent:
-    """What happened to an object while a recording watched it.
+    """An event of an object in view of a recording: it appeared, moved, is gone or is back.
 
     Attributes
     ----------
