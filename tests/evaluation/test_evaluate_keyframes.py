@@ -315,11 +315,11 @@ def test_drawn_names_reach_the_results(tmp_path: Path, capsys: pytest.CaptureFix
     rect = [40.0, 30.0, 60.0, 60.0]  # of label 1 in frame 2, of label 2 in frame 25
     document = keyframes_document({2: [drawn(1, rect)], 25: [drawn(2, rect)]})
     keyframes = write_keyframes(tmp_path, document)
-    assert cli.main(["evaluate", str(results), str(keyframes), "--name"]) == 0
+    assert cli.main(["evaluate", str(results), str(keyframes), "--give-names"]) == 0
     assert "2 objects named in" in capsys.readouterr().out
     named = {item.label: item.name for item in open_results(results).objects}
     assert (named[1], named[2], named[3]) == ("thing 1", "thing 2", None)
     truth = tmp_path / "sightings.csv"
     write_sightings(tmp_path, [(2, 1, rect)])
-    assert cli.main(["evaluate", str(truth), str(keyframes), "--name"]) == 2
+    assert cli.main(["evaluate", str(truth), str(keyframes), "--give-names"]) == 2
     assert "only objects of results of 'cuboid track' can be named" in capsys.readouterr().err

@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="draw each keyframe with its found, missed and false rectangles into DIR",
     )
     drawn.add_argument(
-        "--name",
+        "--give-names",
         action="store_true",
         help="give the names of the drawn objects to the objects that they are, in RESULT",
     )
@@ -100,8 +100,8 @@ def run(args: argparse.Namespace) -> int:
     for name in ("recording", "pictures"):
         if getattr(args, name) is not None:
             raise InputError(f"--{name} is for keyframes only; {args.truth} is another kind of truth")
-    if args.name:
-        raise InputError(f"--name is for keyframes only; {args.truth} is another kind of truth")
+    if args.give_names:
+        raise InputError(f"--give-names is for keyframes only; {args.truth} is another kind of truth")
     found = evaluate(args.result, args.truth, cloud=args.cloud, trajectory=args.trajectory)
     give(args, found.to_dict(), lambda: print_evaluation(found))
     return 0

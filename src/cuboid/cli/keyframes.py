@@ -28,13 +28,13 @@ def run(args: argparse.Namespace) -> int:
             raise InputError(f"--{name} cannot be used with keyframes: {args.truth}")
     found = evaluate_keyframes(args.result, args.truth, args.recording)
     drawn = 0 if args.pictures is None else _draw(args, found)
-    named = _name(args, found) if args.name else {}
+    named = _name(args, found) if args.give_names else {}
 
     def show() -> None:
         print_evaluation(found)
         if args.pictures is not None:
             console().print(f"{counted(drawn, 'picture')} in {args.pictures}", markup=False)
-        if args.name:
+        if args.give_names:
             console().print(f"{counted(len(named), 'object')} named in {args.result}", markup=False)
 
     give(args, found.to_dict(), show)
