@@ -107,14 +107,15 @@ def _things(
     noise, found = config.depth_noise_per_m, np.zeros(len(planes))
     become = np.append(np.where(small, kernel.SURFACE, np.arange(len(planes))), [kernel.NOTHING, kernel.SURFACE])
     on, labels = become.astype(np.int8)[on], np.empty(depth_m.shape, np.int32)
-    count = kernel.label_pieces(depth_m, on, noise, JUMP_M, labels, np.empty(depth_m.size, np.int32))
+    pixels = np.empty((depth_m.size, 2), np.int32)
+    count = kernel.label_pieces(depth_m, on, noise, JUMP_M, labels, pixels)
     touches, others = np.empty((count, len(planes)), np.int64), np.empty((count, kernel.KINDS), np.int64)
     kernel.bounds(depth_m, on, labels, noise, JUMP_M, GAP_M * camera.fx, touches, others)
     beneath, clear = _clearness(touches, others)
-    order = np.argsort(labels, axis=None, kind="stable")
-    ends = np.searchsorted(labels.ravel()[order], np.arange(count + 1))
-    for k in np.flatnonzero((clear > 0.0) & (np.diff(ends) >= MIN_PIXELS)).tolist():
-        v, u = np.divmod(order[ends[k] : ends[k + 1]], depth_m.shape[1])
+    starts = np.empty(count + 1, np.int64)
+    kernel.gather_pieces(labels, starts, pixels)
+    for k in np.flatnonzero((clear > 0.0) & (np.diff(starts) >= MIN_PIXELS)).tolist():
+        v, u = pixels[starts[k] : starts[k + 1]].T
         z = depth_m[v, u].astype(np.float64)
         points = np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
         if _stands(points, planes[beneath[k]], config):
@@ -174,7 +175,7 @@ def _areas_in_parts(
     area_m2 = cells[:, cell_kernel.AREA]
     free = np.flatnonzero((area_m2 > 0) & (cells[:, cell_kernel.RMS] < limit) & (member < 0))
     normals, centers = cells[:, cell_kernel.NX : cell_kernel.NZ + 1], cells[:, cell_kernel.CX : cell_kernel.CZ + 1]
-    while len(free) >= MIN_CELLS:
+    while len(free) >= MIN_CELLS and area_m2[free].sum() >= least_m2:
         alike = normals[free] @ normals[free].T > SAME_COS
         most = int(np.argmax(alike @ area_m2[free]))
         same = free[alike[most]]

@@ -65,7 +65,7 @@ def label_pieces(depth, on, noise, jump, labels, queue):
         Larger depth steps, beyond noise, are jumps, metres.
     labels : (H, W) int32, output
         From 0; -1 elsewhere.
-    queue : (H * W,) int32, scratch
+    queue : (H * W, 2) int32, scratch
 
     Returns
     -------
@@ -75,28 +75,61 @@ def label_pieces(depth, on, noise, jump, labels, queue):
     rows, columns = depth.shape
     labels[:] = -1
     count = 0
-    for start in range(rows * columns):
-        if on[start // columns, start % columns] != SURFACE or labels[start // columns, start % columns] >= 0:
-            continue
-        labels[start // columns, start % columns] = count
-        queue[0] = start
-        head, tail = 0, 1
-        while head < tail:
-            v, u = queue[head] // columns, queue[head] % columns
-            head += 1
-            z = depth[v, u]
-            limit = jump + JUMP_SIGMAS * noise * z * z
-            for k in range(4):
-                vv, uu = v + (k == 0) - (k == 1), u + (k == 2) - (k == 3)
-                if vv < 0 or uu < 0 or vv >= rows or uu >= columns:
-                    continue
-                if on[vv, uu] != SURFACE or labels[vv, uu] >= 0 or abs(depth[vv, uu] - z) > limit:
-                    continue
-                labels[vv, uu] = count
-                queue[tail] = vv * columns + uu
-                tail += 1
-        count += 1
+    for row in range(rows):
+        for column in range(columns):
+            if on[row, column] != SURFACE or labels[row, column] >= 0:
+                continue
+            labels[row, column] = count
+            queue[0, 0], queue[0, 1] = row, column
+            head, tail = 0, 1
+            while head < tail:
+                v, u = queue[head]
+                head += 1
+                z = depth[v, u]
+                limit = jump + JUMP_SIGMAS * noise * z * z
+                for k in range(4):
+                    vv, uu = v + (k == 0) - (k == 1), u + (k == 2) - (k == 3)
+                    if vv < 0 or uu < 0 or vv >= rows or uu >= columns:
+                        continue
+                    if on[vv, uu] != SURFACE or labels[vv, uu] >= 0 or abs(depth[vv, uu] - z) > limit:
+                        continue
+                    labels[vv, uu] = count
+                    queue[tail, 0], queue[tail, 1] = vv, uu
+                    tail += 1
+            count += 1
     return count
+
+
+@kernel
+def gather_pieces(labels, starts, pixels):
+    """List the pixels of each piece, in the order of the image.
+
+    Parameters
+    ----------
+    labels : (H, W) int32
+        From `label_pieces`.
+    starts : (N + 1,) int64, output
+        The pixels of piece k are `pixels[starts[k] : starts[k + 1]]`.
+    pixels : (H * W, 2) int32, output
+        Row and column.
+    """
+    rows, columns = labels.shape
+    starts[:] = 0
+    for v in range(rows):
+        for u in range(columns):
+            if labels[v, u] >= 0:
+                starts[labels[v, u] + 1] += 1
+    for k in range(1, len(starts)):
+        starts[k] += starts[k - 1]
+    for v in range(rows):
+        for u in range(columns):
+            piece = labels[v, u]
+            if piece >= 0:
+                pixels[starts[piece], 0], pixels[starts[piece], 1] = v, u
+                starts[piece] += 1
+    for k in range(len(starts) - 1, 0, -1):
+        starts[k] = starts[k - 1]
+    starts[0] = 0
 
 
 @kernel
@@ -123,7 +156,11 @@ def bounds(depth, on, labels, noise, jump, reach, touches, others):
     for v in range(rows):
         for u in range(columns):
             piece = labels[v, u]
-            if piece < 0:
+            if piece < 0 or (
+                0 < v < rows - 1
+                and 0 < u < columns - 1
+                and piece == labels[v - 1, u] == labels[v + 1, u] == labels[v, u - 1] == labels[v, u + 1]
+            ):
                 continue
             z = depth[v, u]
             limit = jump + JUMP_SIGMAS * noise * z * z
