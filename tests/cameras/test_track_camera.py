@@ -9,9 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from cuboid.cameras.live import LiveCamera
 from cuboid.cli import main
+from cuboid.core.errors import InputError
 from cuboid.outputs import read_run
 from cuboid.readers import open_recording
+from played import PlayedDriver
 
 HERE = Path(__file__).resolve().parent
 
@@ -59,6 +62,30 @@ def test_ctrl_c_ends_with_a_whole_result(tmp_path: Path, silent: bool) -> None:
     assert len(open_recording(tmp_path / "kept")) >= run.frames_used
     assert run.recording == str(tmp_path / "kept")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["kept", "out"]
+
+
+@pytest.mark.parametrize(
+    ("command", "opens"),
+    [
+        (["track", "--camera", "oak", "--output", "never"], "cuboid.cameras.live.LiveCamera.__iter__"),
+        (["ros2"], "cuboid.ros2.opening.open_node"),
+    ],
+)
+def test_the_kernels_are_loaded_before_frames_are_taken(
+    command: list[str], opens: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    done: list[str] = []
+
+    def take(*_: object) -> None:
+        done.append("frames")
+        raise InputError("no frames")
+
+    monkeypatch.setattr("cuboid.pipeline.warmup.load_kernels", lambda progress: done.append("kernels"))
+    monkeypatch.setattr("cuboid.cameras.open_camera", lambda *_, **__: LiveCamera(PlayedDriver(3)))
+    monkeypatch.setattr(opens, take)
+    assert main(command) == 2
+    assert done == ["kernels", "frames"]
+    assert "no frames" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

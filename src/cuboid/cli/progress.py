@@ -239,3 +239,11 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
         task = bar.add_task(what, total=None, state="")
         shown.enter_context(showing_compilation(lambda text: bar.update(task, state=text, refresh=True)))
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def load_kernels() -> None:
+    """Load the kernels before a live camera starts, or compile them, and show the progress."""
+    from cuboid.pipeline import warmup
+
+    with counting("loading kernels") as shown:
+        warmup.load_kernels(shown)

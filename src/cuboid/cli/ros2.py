@@ -74,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the node until a signal."""
     from cuboid.cameras.driver import StreamEndedError
     from cuboid.cli.interrupt import interruptible
+    from cuboid.cli.progress import load_kernels
     from cuboid.ros2.opening import NodeOptions, open_node
     from cuboid.ros2.parameters import Parameters
 
@@ -95,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
     def make_session(intrinsics: Intrinsics, poses: str) -> Session:
         return session_from(args, intrinsics, poses)
 
+    load_kernels()
     with interruptible() as interruption:
         say("waiting for images")
         try:

@@ -79,9 +79,11 @@ def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[
         if getattr(args, name) != default:
             raise InputError(f"--{name.replace('_', '-')} is for recordings only; a camera provides this value")
     from cuboid.cameras import open_camera
+    from cuboid.cli.progress import load_kernels
 
     with open_camera(args.camera, record=args.record, form=args.record_as) as camera:
         interruption.on_signal = camera.close
+        load_kernels()
         yield camera
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ COLORS = np.array(
 
 
 class WarmUpRecording:
-    """A table with boxes and a can; the frames, along an arc, are rendered on reading.
+    """A table with boxes and a can; the frames, along an arc, are rendered when they are first read.
 
     Parameters
     ----------
@@ -62,31 +63,19 @@ class WarmUpRecording:
 
     def read(self, index: int) -> Frame:
         """Return a frame."""
-        T_world_camera = self._pose(index)
-        color, depth_m = _rendered(T_world_camera)
+        T_world_camera = _pose(index)
+        color, depth_m = _rendered(index)
         spread = np.random.default_rng(index).normal(1.0, self._noise, depth_m.shape)
         depth_m = (depth_m * spread).astype(np.float32)
         return Frame(index, index / 30.0, color, depth_m, T_world_camera if self.has_poses else None)
 
     def pose(self, index: int) -> Float64Array | None:
         """Return a frame's pose."""
-        return self._pose(index) if self.has_poses else None
+        return _pose(index) if self.has_poses else None
 
     def without_poses(self) -> WarmUpRecording:
         """Return the same recording without its poses."""
         return WarmUpRecording(poses=False, noise=self._noise)
-
-    def _pose(self, index: int) -> Float64Array:
-        """Return the pose of a camera that looks at the middle of the table and moves along the arc and back."""
-        angle = ARC_RAD * (1.0 - abs(2.0 * index / (FRAMES - 1) - 1.0)) - np.pi / 2
-        eye = np.array([DISTANCE_M * np.cos(angle), DISTANCE_M * np.sin(angle), HEIGHT_M])
-        ahead = -eye / np.linalg.norm(eye)
-        right = np.cross(ahead, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        T_world_camera = np.eye(4)
-        T_world_camera[:3, :3] = np.column_stack((right, np.cross(ahead, right), ahead))
-        T_world_camera[:3, 3] = eye
-        return T_world_camera
 
 
 def compile_kernels(progress: Callable[[int, int], None] = lambda done, parts: None) -> None:
@@ -103,6 +92,24 @@ def compile_kernels(progress: Callable[[int, int], None] = lambda done, parts: N
             progress(done, len(parts))
             part(Path(folder))
     progress(len(parts), len(parts))
+
+
+def load_kernels(progress: Callable[[int, int], None]) -> None:
+    """Load the kernels of tracking and of pose estimation, and compile the missing ones, before a live camera starts.
+
+    Otherwise the first frame does it (half a second to two minutes), and the frames that arrive meanwhile are dropped.
+
+    Parameters
+    ----------
+    progress : callable
+        Called with the number of finished steps, from 0, and the total number.
+    """
+    from cuboid.tracking.tracker import Tracker
+
+    recording, tracker = WarmUpRecording(poses=False), Tracker(CAMERA, poses="estimated")
+    for index in range(FRAMES):
+        progress(index, FRAMES)
+        tracker.update(recording.read(index))
 
 
 def _track(folder: Path) -> None:
@@ -159,8 +166,23 @@ def _register(_: Path) -> None:
     Registration(depth, c)(WarmUpRecording().read(0).depth_m, "warm-up")
 
 
-def _rendered(T_world_camera: Float64Array) -> tuple[UInt8Array, Float32Array]:
-    """Return color (H, W, 3) and depth (H, W), metres, of the image of a camera."""
+def _pose(index: int) -> Float64Array:
+    """Return the pose of a camera that looks at the middle of the table and moves along the arc and back."""
+    angle = ARC_RAD * (1.0 - abs(2.0 * index / (FRAMES - 1) - 1.0)) - np.pi / 2
+    eye = np.array([DISTANCE_M * np.cos(angle), DISTANCE_M * np.sin(angle), HEIGHT_M])
+    ahead = -eye / np.linalg.norm(eye)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = np.column_stack((right, np.cross(ahead, right), ahead))
+    T_world_camera[:3, 3] = eye
+    return T_world_camera
+
+
+@cache
+def _rendered(index: int) -> tuple[UInt8Array, Float32Array]:
+    """Return color (H, W, 3) and depth (H, W), metres, of a frame without noise."""
+    T_world_camera = _pose(index)
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
     rays = np.stack(((u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)), axis=-1)
     ways, eye = rays @ T_world_camera[:3, :3].T, T_world_camera[:3, 3]
@@ -177,9 +199,10 @@ def _rendered(T_world_camera: Float64Array) -> tuple[UInt8Array, Float32Array]:
 
 def _box_depth(box: Float64Array, eye: Float64Array, ways: Float64Array) -> Float64Array:
     """Return the depth (H, W) at which rays hit a box, infinite if they miss it."""
+    sides = (box.reshape(2, 3) - eye)[..., None, None]
     with np.errstate(divide="ignore"):
-        ends = (box.reshape(2, 3) - eye)[:, None, None] / ways
-    near, far = ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)
+        ends = sides / np.ascontiguousarray(np.moveaxis(ways, -1, 0))
+    near, far = ends.min(axis=0).max(axis=0), ends.max(axis=0).min(axis=0)
     return np.where((near <= far) & (near > 0), near, np.inf)
 
 
