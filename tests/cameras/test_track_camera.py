@@ -8,13 +8,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from played import PlayedDriver
 
 from cuboid.cameras.live import LiveCamera
 from cuboid.cli import main
 from cuboid.core.errors import InputError
 from cuboid.outputs import read_run
 from cuboid.readers import open_recording
-from played import PlayedDriver
 
 HERE = Path(__file__).resolve().parent
 
