@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import networkx
@@ -17,6 +18,7 @@ from cuboid.core.errors import InputError
 from cuboid.core.results import TrackedObject
 from cuboid.evaluation import evaluate
 from cuboid.outputs import Results, read_objects
+from cuboid.queries.filters import Filters
 from cuboid.queries.opening import open_place
 from cuboid.scene import Scene
 from cuboid.tracking.furniture import labels_of
@@ -177,11 +179,42 @@ def test_exports_of_objects_hold_the_objects_alone(furnished: Path, plain: Path,
 def test_naming_an_object_keeps_the_furniture(recording: Path, tmp_path: Path) -> None:
     results = tracked(recording, tmp_path / "out", "--furniture")
     before = entries(results)
-    from cuboid.outputs.naming import name_object
-
-    name_object(results, 1, "box")
+    found = Results(results)
+    assert found.name(1, "box").name == "box"
+    assert found.objects[0].name == "box"
     assert entries(results)[1:] == before[1:]
-    assert entries(results)[0]["name"] == "box"
+
+
+def test_things_on_a_table_are_found_by_the_name_of_the_table(
+    furnished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = tmp_path / "named"
+    shutil.copytree(furnished, results)
+    found = Results(results)
+    (table,) = found.furniture
+    labels = [item.label for item in found.objects]
+    assert cli.main(["find", str(results), "--on", "table"]) == 2
+    found.name(table.label, "Table")
+    assert [item.name for item in found.furniture] == ["Table"]
+    capsys.readouterr()
+    assert cli.main(["find", str(results), "--on", "table", "--json"]) == 0
+    assert [one["label"] for one in json.loads(capsys.readouterr().out)["objects"]] == labels
+
+    place = open_place(str(results))
+    named = {f"plane:{k}": "Table" if k in table.planes else None for k in range(len(found.planes))}
+    assert {one.surface: one.name for one in place.surfaces()} == named
+    assert [node.name for node in place.tree() if node.of in ("plane:0", "plane:1")] == ["Table"]
+    assert cli.main(["report", str(results), "--force"]) == 0
+    assert '"name":"Table"' in (results / "report.html").read_text().replace(" ", "")
+    capsys.readouterr()
+
+    found.name(labels[0], "table")  # an object of that name as well: what is on either
+    assert [one.label for one in open_place(str(results)).find(Filters(on="table"))] == labels
+    found.name(table.label, "")
+    assert cli.main(["find", str(results), "--on", "table", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["objects"] == []
+    with pytest.raises(InputError, match="no object has the label 99"):
+        found.name(99, "chair")
 
 
 def test_a_label_is_kept_while_frames_go_on() -> None:
@@ -214,10 +247,21 @@ def test_a_label_is_kept_over_the_recordings_of_a_scene(recording: Path, tmp_pat
         assert known.label == before.label
         assert known.label not in [item.label for item in opened.objects]
         assert opened.furniture_planes == {known.label: known.planes}
+        opened.name(known.label, "table")
+        assert [piece.name for piece in opened.furniture] == ["table"]
         opened.write_results(tmp_path / "from scene")
+        with pytest.raises(InputError, match="no object has the label 99"):
+            opened.name(99, "chair")
     (written,) = Results(tmp_path / "from scene").furniture
+    assert written.name == "table"
     assert (written.label, written.first_frame, written.planes) == (after.label, after.first_frame, known.planes)
     assert cli.main(["find", str(scene), "--on", str(before.label)]) == 0
+    assert cli.main(["find", str(scene), "--on", "table"]) == 0
+    three = tracked(write_table(tmp_path / "third", first_angle=0.1), tmp_path / "three", *into)
+    assert [piece.name for piece in Results(three).furniture] == ["table"], "a name stays in the scene"
+    with Scene.open(scene) as opened:
+        opened.name(before.label, "")
+        assert [piece.name for piece in opened.furniture] == [None]
 
 
 def test_a_scene_without_the_option_has_no_furniture(recording: Path, tmp_path: Path) -> None:

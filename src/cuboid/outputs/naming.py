@@ -39,7 +39,7 @@ def renamed_object(item: TrackedObject, name: str) -> TrackedObject:
 
 
 def name_object(folder: Path, label: int, name: str) -> TrackedObject:
-    """Set the name of an object of a result folder, or remove it with an empty name; return the changed object.
+    """Set the name of an object or a piece of furniture of a result folder, and return it; an empty name removes it.
 
     Parameters
     ----------
@@ -58,13 +58,15 @@ def name_object(folder: Path, label: int, name: str) -> TrackedObject:
     path = folder / OBJECTS
     name = checked_name(path, name)
     found = read_objects(path)
-    item = next((item for item in found.objects if item.label == label), None)
+    item = next((item for item in (*found.objects, *found.furniture) if item.label == label), None)
     if item is None:
         raise InputError(f"{path}: no object has the label {label}")
     named = renamed_object(item, name)
-    objects = tuple(named if other is item else other for other in found.objects)
+    objects, furniture = (
+        tuple(named if other is item else other for other in entries) for entries in (found.objects, found.furniture)
+    )
     file = PendingFile(path)
     with file.writing():
-        write_objects(file.partial, dataclasses.replace(found, objects=objects))
+        write_objects(file.partial, dataclasses.replace(found, objects=objects, furniture=furniture))
         file.show()
     return named

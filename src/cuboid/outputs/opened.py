@@ -26,6 +26,7 @@ from cuboid.outputs.folder import (
     VIEWS,
     finish_replacing,
 )
+from cuboid.outputs.naming import name_object
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.objects import ObjectsFile, read_objects
 from cuboid.outputs.ply import read_map
@@ -150,6 +151,25 @@ class Results(MapQueries):
     def up(self) -> Float64Array | None:
         """Up in the world, (3,), a unit vector; None while unknown."""
         return self.found.up
+
+    def name(self, label: int, name: str) -> TrackedObject:
+        """Set the name of an object or of a piece of furniture in `objects.json`; an empty name removes it.
+
+        Returns
+        -------
+        TrackedObject
+            The named object.
+
+        Raises
+        ------
+        InputError
+            Neither has the label, or the name is not a single line of at most 100 characters.
+        OutputError
+            The file cannot be written; it is unchanged.
+        """
+        named = name_object(self.folder, label, name)
+        self.__dict__.pop("found", None)  # it is read again
+        return named
 
     @cached_property
     def walls(self) -> Sequence[Wall]:

@@ -128,6 +128,8 @@ class Surface:
         Labels of the objects that stand on it.
     furniture : int or None
         Label of the furniture that bears it, if the run looked for furniture: `on` takes it as well.
+    name : str or None
+        Name that a user gave to the furniture.
     """
 
     surface: str
@@ -137,6 +139,7 @@ class Surface:
     area_m2: float
     objects: tuple[int, ...]
     furniture: int | None = None
+    name: str | None = None
 
 
 @dataclass(frozen=True)
@@ -211,7 +214,10 @@ class History:
 
 @dataclass(frozen=True)
 class TreeNode:
-    """A surface or an object, with the objects on it and in it: `cuboid.relations.Branch` with names."""
+    """A surface or an object, with the objects on it and in it: `cuboid.relations.Branch` with names.
+
+    The name of a surface is that of the furniture that bears it.
+    """
 
     of: int | str
     name: str | None

@@ -27,7 +27,7 @@ from cuboid.queries.filters import LIKELY, Filters, is_surface, label_of
 from cuboid.queries.free import free_place
 from cuboid.queries.likeness import color_fractions, color_word
 from cuboid.queries.parameters import text_query
-from cuboid.queries.sources import Source, vector
+from cuboid.queries.sources import Bearer, Source, vector
 from cuboid.relations import Branch, find_relations, place_tree
 from cuboid.relations.tree import number_of, plane_heights_m
 from cuboid.shapes import ObjectMesh
@@ -72,7 +72,7 @@ class Place:
         self._objects: _Kept[_Objects] = _Kept(lambda: _Objects(source))
         self._relations: _Kept[dict[int, tuple[Relation, ...]]] = _Kept(self._find_relations)
         self._up: _Kept[Float64Array | None] = _Kept(lambda: source.aside.up)
-        self._furniture: _Kept[Mapping[int, tuple[int, ...]]] = _Kept(lambda: source.furniture())
+        self._furniture: _Kept[Sequence[Bearer]] = _Kept(lambda: source.furniture())
         self._vectors: _Kept[Mapping[int, Float32Array]] = _Kept(self._find_vectors)
         self.refresh()
 
@@ -123,14 +123,16 @@ class Place:
                 raise InputError(f"{name}: this filter needs a store")
         asked = dict(filters.related())
         related = bool(asked)
-        borne = self._found_aside(self._furniture) if related else {}
-        relations = self._relations_to(to for to in asked.values() if not _surfaces(to, borne)) if related else {}
+        bearers = self._found_aside(self._furniture) if related else ()
+        relations = self._relations_to(to for to in asked.values() if not _surfaces(to, bearers)) if related else {}
         vectors = {} if filters.text is None else self._found_aside(self._vectors)
         with self._lock:
             now = self._now()
             kept = now.kept(filters)
             for kind, to in filters.related():
-                ends = _surfaces(to, borne) or {item.label for item in now.called(to)}
+                ends = _surfaces(to, bearers)
+                if not ends or now.is_called(to):
+                    ends |= {item.label for item in now.called(to)}
                 kept &= np.isin(now.labels, [k for k, those in relations.items() if _holds(those, kind, ends)])
             distances = self._distances(now, filters)
             if distances is not None:
@@ -194,9 +196,7 @@ class Place:
 
     def surfaces(self) -> list[Surface]:
         """Return the supporting planes."""
-        up, borne = self._known_up(), self._found_aside(self._furniture)
-        # A piece that absorbed others has their labels too: the oldest is its own.
-        bearers = {k: label for label, planes in sorted(borne.items(), reverse=True) for k in planes}
+        up, bearers = self._known_up(), _by_plane(self._found_aside(self._furniture))
         with self._lock:
             planes, now = tuple(self._source.map.planes), self._now()
             heights = plane_heights_m(planes, up)
@@ -231,10 +231,12 @@ class Place:
     def tree(self) -> tuple[TreeNode, ...]:
         """Return the tree of the place: surfaces, the objects on them, and the objects on and in those."""
         relations, up = self._known_relations(), self._known_up()
+        bearers = _by_plane(self._found_aside(self._furniture))
         with self._lock:
             now = self._now()
             found = place_tree(now.living, relations, self._source.map.planes, up)
-            names = {item.label: item.name for item in now.living}
+            names: dict[int | str, str | None] = {f"plane:{k}": one.name for k, one in bearers.items()}
+            names |= dict(now.names.items())
             return tuple(_node(branch, names) for branch in found)
 
     def picture(self, label: int) -> bytes | None:
@@ -439,6 +441,11 @@ class _Objects:
             raise InputError(f"no present object has the label or the name {shown(what)}")
         return found
 
+    def is_called(self, what: str) -> bool:
+        """Return whether a present object has a label or a name."""
+        label = label_of(what)
+        return what.strip().lower() in self._called if label is None else label in self.labels
+
     def around(self, items: Sequence[TrackedObject]) -> list[TrackedObject]:
         """Return the present objects whose boxes are near the given objects, these included."""
         near = np.zeros(len(self.living), bool)
@@ -480,12 +487,16 @@ def _holds(relations: Sequence[Relation], kind: str, ends: set[int | str]) -> bo
     return any(one.kind == kind and one.to in ends for one in relations)
 
 
-def _surfaces(to: str, borne: Mapping[int, Sequence[int]]) -> set[int | str]:
-    """Return the surfaces that a text names: a surface, or the planes of the furniture with this label; else none."""
+def _surfaces(to: str, bearers: Sequence[Bearer]) -> set[int | str]:
+    """Return the surfaces that a text names: a surface, or the planes of furniture with this label or name."""
     if is_surface(to):
         return {to.strip()}
-    label = label_of(to)
-    return set() if label is None else {f"plane:{k}" for k in borne.get(label, ())}
+    return {f"plane:{k}" for one in bearers if one.is_called(to) for k in one.planes}
+
+
+def _by_plane(bearers: Sequence[Bearer]) -> dict[int, Bearer]:
+    """Return the furniture by the planes that it bears; of several labels of a piece the oldest, its own."""
+    return {k: one for one in sorted(bearers, key=lambda one: one.label, reverse=True) for k in one.planes}
 
 
 def _names_of(item: TrackedObject) -> set[str]:
@@ -512,18 +523,18 @@ def _related(one: Relation, now: _Objects) -> Related:
 
 
 def _surface(
-    k: int, plane: SupportPlane, height_m: float, objects: Sequence[TrackedObject], furniture: int | None
+    k: int, plane: SupportPlane, height_m: float, objects: Sequence[TrackedObject], bearer: Bearer | None
 ) -> Surface:
     center = plane.extent.mean(0) if len(plane.extent) else -plane.offset * plane.normal
     around = np.cross(plane.extent, np.roll(plane.extent, -1, axis=0)).sum(axis=0) if len(plane.extent) else np.zeros(3)
     area = 0.5 * abs(float(around @ plane.normal))
     labels = tuple(item.label for item in objects if item.plane == k)
-    return Surface(
-        f"plane:{k}", vector(center), vector(plane.normal), round(height_m, 4), round(area, 4), labels, furniture
-    )
+    furniture, name = (None, None) if bearer is None else (bearer.label, bearer.name)
+    measured = vector(center), vector(plane.normal), round(height_m, 4), round(area, 4)
+    return Surface(f"plane:{k}", *measured, labels, furniture, name)
 
 
-def _node(branch: Branch, names: Mapping[int, str | None]) -> TreeNode:
-    name = names.get(branch.of) if isinstance(branch.of, int) else None
+def _node(branch: Branch, names: Mapping[int | str, str | None]) -> TreeNode:
+    name = names.get(branch.of)
     height_m = None if branch.height_m is None else round(branch.height_m, 4)
     return TreeNode(branch.of, name, branch.kind, height_m, tuple(_node(child, names) for child in branch.children))

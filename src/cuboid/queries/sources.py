@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Protocol
@@ -15,11 +16,34 @@ from cuboid.outputs import Results
 from cuboid.outputs.folder import OBJECTS
 from cuboid.outputs.queries import MapQueries
 from cuboid.queries.answers import PastRelated, Seen, SightingAnswer, State, Vector
+from cuboid.queries.filters import label_of
 from cuboid.scene import Scene, SceneObject
 from cuboid.text_search import TextModel
 
 # Times from this one on (2001) are calendar times; the times of cameras that start at zero stay below it for 30 years.
 CALENDAR_S = 1.0e9
+
+
+@dataclass(frozen=True, slots=True)
+class Bearer:
+    """Furniture that bears supporting planes.
+
+    Attributes
+    ----------
+    label : int
+        Its own label, or one that ended in it.
+    name : str or None
+    planes : tuple of int
+    """
+
+    label: int
+    name: str | None
+    planes: tuple[int, ...]
+
+    def is_called(self, what: str) -> bool:
+        """Return whether this is its label or its name."""
+        label = label_of(what)
+        return self.label == label if label is not None else (self.name or "").lower() == what.strip().lower()
 
 
 class Source(Protocol):
@@ -48,8 +72,8 @@ class Source(Protocol):
     def walls(self) -> Sequence[Wall]:
         """Return the walls for the relation `against`, if finding them is cheap enough."""
 
-    def furniture(self) -> Mapping[int, tuple[int, ...]]:
-        """Return the supporting planes of each piece of furniture, by label; only for the thread that uses `aside`."""
+    def furniture(self) -> Sequence[Bearer]:
+        """Return the furniture, one entry for each label; only for the thread that uses `aside`."""
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label."""
@@ -141,9 +165,10 @@ class ResultsSource(OneRecording):
         """Return the walls for the relation `against`."""
         return self.aside.walls
 
-    def furniture(self) -> Mapping[int, tuple[int, ...]]:
-        """Return the planes of the furniture that was saved with the results."""
-        return {label: item.planes for item in self.aside.furniture for label in (item.label, *item.merged_labels)}
+    def furniture(self) -> Sequence[Bearer]:
+        """Return the furniture that was saved with the results."""
+        pieces = self.aside.furniture
+        return [Bearer(k, item.name, item.planes) for item in pieces for k in (item.label, *item.merged_labels)]
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label."""
@@ -208,9 +233,10 @@ class SceneSource:
         """Return no walls, since finding them would need the whole map."""
         return ()
 
-    def furniture(self) -> Mapping[int, tuple[int, ...]]:
-        """Return the planes of the furniture that runs into the scene have found."""
-        return self.aside.furniture_planes
+    def furniture(self) -> Sequence[Bearer]:
+        """Return the furniture that runs into the scene have found."""
+        names = self.aside.furniture_names
+        return [Bearer(label, names.get(label), planes) for label, planes in self.aside.furniture_planes.items()]
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label.

@@ -1,16 +1,58 @@
-"""The furniture of a scene, as it was committed last."""
+"""The furniture of a scene, as it was committed last, and its names: rows of the table `scene`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import sqlite3
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
+from cuboid.core.errors import InputError
 from cuboid.core.results import MapPoints, TrackedObject
+from cuboid.outputs.naming import checked_name
 from cuboid.outputs.object_table import ObjectTable
+from cuboid.scene.validation import DamagedError, read_rows
 from cuboid.tracking.posed_tracker import PosedTracker
 
+# A row's key is KEY and the label; its value is the name that a user gave.
+KEY = "furniture"
 
-def known_furniture(tracker: PosedTracker, points: MapPoints) -> ObjectTable:
+
+def write_name(connection: sqlite3.Connection, label: int, name: str) -> None:
+    """Write the name of a piece of furniture, or remove it with an empty name, within the caller's transaction."""
+    key = f"{KEY}/{label}"
+    connection.execute("DELETE FROM scene WHERE key = ?", (key,))
+    if name:
+        connection.execute("INSERT INTO scene VALUES (?, ?)", (key, name))
+
+
+def read_names(connection: sqlite3.Connection) -> dict[int, str]:
+    """Return the names of furniture, by label.
+
+    Raises
+    ------
+    DamagedError
+        A row is invalid.
+    """
+    found = {}
+    rows = read_rows(connection, ("scene.key", "scene.value"), "scene WHERE key GLOB ?", (f"{KEY}/*",))
+    for key, value in rows:
+        try:
+            found[int(key.removeprefix(f"{KEY}/"))] = checked_name(key, value)
+        except (ValueError, InputError):
+            raise DamagedError(f"the name of a piece of furniture is damaged: '{key}'") from None
+    return found
+
+
+def named_furniture(furniture: Iterable[TrackedObject], names: Mapping[int, str]) -> ObjectTable:
+    """Return furniture with the names of its labels: its own, else one that ended in it."""
+    found = []
+    for piece in furniture:
+        name = next((names[label] for label in (piece.label, *piece.merged_labels) if label in names), None)
+        found.append(piece if name is None else piece.with_given_name(name))
+    return ObjectTable(found)
+
+
+def known_furniture(tracker: PosedTracker, points: MapPoints, names: Mapping[int, str]) -> ObjectTable:
     """Return the furniture that has a label; frames are those of the scene, planes in the order of their identities.
 
     Parameters
@@ -19,10 +61,12 @@ def known_furniture(tracker: PosedTracker, points: MapPoints) -> ObjectTable:
         Of the scene.
     points : MapPoints
         Its global point map.
+    names : mapping of int to str
+        Of `read_names`.
     """
     own = tracker.plane_identities
     place = {identity: k for k, identity in enumerate(sorted(own))}
-    return ObjectTable(
+    found = (
         replace(
             piece,
             plane=None if piece.plane is None else place[own[piece.plane]],
@@ -30,6 +74,7 @@ def known_furniture(tracker: PosedTracker, points: MapPoints) -> ObjectTable:
         )
         for piece in tracker.find_furniture(points, labelled=True)
     )
+    return named_furniture(found, names)
 
 
 def of_recording(furniture: Iterable[TrackedObject], first_frame: int) -> ObjectTable:

@@ -136,7 +136,17 @@ class SceneReader(MapQueries):
         from cuboid.scene.furniture import known_furniture
 
         with self._saved_tracker() as tracker:
-            return ObjectTable() if tracker is None else known_furniture(tracker, tracker.map_points())
+            if tracker is None:
+                return ObjectTable()
+            return known_furniture(tracker, tracker.map_points(), self.furniture_names)
+
+    @property
+    def furniture_names(self) -> dict[int, str]:
+        """The names that users gave to furniture, by label."""
+        from cuboid.scene.furniture import read_names
+
+        with complaining(self.path):
+            return read_names(self._connection())
 
     @property
     def furniture_planes(self) -> dict[int, tuple[int, ...]]:

@@ -17,7 +17,7 @@ from cuboid.core.frame import Intrinsics
 from cuboid.core.results import FrameResult, Sighting, TrackedObject
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.scene.answers import SceneObject, ScenePast
-from cuboid.scene.furniture import known_furniture, of_recording
+from cuboid.scene.furniture import known_furniture, of_recording, read_names
 from cuboid.scene.scene import Scene
 from cuboid.scene.validation import CameraColumn, Settings, columns_of, document, read_rows
 from cuboid.scene.visit import load_tracker
@@ -81,7 +81,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
         )
         points = tracker.map_points()
         intrinsics = Intrinsics(**msgspec.structs.asdict(size))
-        furniture = tuple(of_recording(known_furniture(tracker, points), first_frame))
+        furniture = tuple(of_recording(known_furniture(tracker, points, read_names(connection)), first_frame))
         found = ObjectsFile(tracker.up, intrinsics, planes, points.counted(objects), furniture=furniture)
         writer.finish(found, points, report)
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from cuboid.proposals.types import ProposalSource
 from cuboid.scene import before, editing
 from cuboid.scene import visit as visits
 from cuboid.scene.database import Writing, complaining, open_to_read, open_to_write, transaction
+from cuboid.scene.furniture import read_names, write_name
 from cuboid.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
 from cuboid.scene.reader import SceneReader
 from cuboid.scene.saving import SceneBlockStore, has_state, load_state
@@ -172,6 +173,7 @@ class Scene(SceneReader):
             own.first_frame = visit.first_frame
             columns = columns_of("objects", ("label", "name"))
             names: dict[int, str] = dict(read_rows(connection, columns, "objects WHERE name IS NOT NULL"))
+            names |= read_names(connection)
         self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s, block_store, stood)
         return self._tracker
 
@@ -189,16 +191,23 @@ class Scene(SceneReader):
             return visits.pending(self._write.connection, self._tracker.visit)
 
     def name(self, label: int, name: str) -> None:
-        """Set the name of an object; an empty name removes it.
+        """Set the name of an object or of a piece of furniture; an empty name removes it.
 
         Raises
         ------
         InputError
-            No object has the label, or the name is not a single line of at most 100 characters.
+            Neither has the label, or the name is not a single line of at most 100 characters.
         """
         name = checked_name(self.path, name)
-        self._labels_of(label)
-        self._change("UPDATE objects SET name = ? WHERE label = ?", (name or None, label))
+        connection = self._writing().connection
+        with complaining(self.path), transaction(connection):
+            named = connection.execute("UPDATE objects SET name = ? WHERE label = ?", (name or None, label)).rowcount
+        if named:
+            return
+        if label not in self.furniture_planes:
+            raise InputError(f"{self.path}: no object has the label {label}")
+        with complaining(self.path), transaction(connection):
+            write_name(connection, label, name)
 
     def merge(self, one: int, two: int) -> int:
         """Merge two objects that are the same; return the older label, which stays.
@@ -278,11 +287,6 @@ class Scene(SceneReader):
             with transaction(connection):
                 connection.execute("DELETE FROM boxes WHERE id NOT IN (SELECT box FROM sightings)")
             connection.execute("VACUUM")
-
-    def _change(self, query: str, values: Iterable[Any]) -> None:
-        connection = self._writing().connection
-        with complaining(self.path), transaction(connection):
-            connection.execute(query, tuple(values))
 
     def _writing(self) -> Writing:
         if self._tracker is not None:

@@ -24,7 +24,7 @@ from cuboid.poses.sources import Posed, Poses
 from cuboid.scene import changes, editing, layout
 from cuboid.scene.before import Before, write_noted
 from cuboid.scene.database import Writing, complaining, transaction
-from cuboid.scene.furniture import of_recording
+from cuboid.scene.furniture import named_furniture, of_recording
 from cuboid.scene.localisation import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.pace import Pace, Rhythm
 from cuboid.scene.records import Records
@@ -197,7 +197,8 @@ class SceneTracker(KeptMap):
 
     def find_furniture(self, points: MapPoints | None = None) -> ObjectTable:
         """Find the furniture that this recording has seen; see `Tracker.find_furniture`."""
-        return of_recording(super().find_furniture(points), self._visit.first_frame)
+        found = named_furniture(super().find_furniture(points), self._names)
+        return of_recording(found, self._visit.first_frame)
 
     def commit_if_due(self) -> None:
         """Write new data if the last commit is long enough ago; to be called between two frames."""

@@ -16,7 +16,7 @@ from cuboid.core.results import MapPoints, ObjectEvent, SupportPlane, TrackedObj
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries, PointCloud
 from cuboid.queries.answers import Seen, SightingAnswer
-from cuboid.queries.sources import OneRecording, calendar_time
+from cuboid.queries.sources import Bearer, OneRecording, calendar_time
 from cuboid.service.updates import Update
 from cuboid.text_search import TextModel
 
@@ -139,9 +139,9 @@ class RunSource(OneRecording):
         """Return none: they are found among the points of the whole map."""
         return ()
 
-    def furniture(self) -> Mapping[int, tuple[int, ...]]:
+    def furniture(self) -> Sequence[Bearer]:
         """Return none: it is found at the end of a run."""
-        return {}
+        return ()
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return none: objects are embedded at the end of a run."""

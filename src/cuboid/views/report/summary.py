@@ -103,7 +103,7 @@ class Summary:
                 "color": FURNITURE_COLOR,
                 "ink": FURNITURE_INK,
                 "label": item.label,
-                "name": "furniture",
+                "name": item.name or "furniture",
                 **_box(item),
                 "planes": list(item.planes),
             }

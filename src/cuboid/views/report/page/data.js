@@ -86,10 +86,10 @@ function titleOf(object) {
   return object.name ? `#${object.label} ${object.name}` : `#${object.label}`;
 }
 
-/** The furniture that bears a plane, as text after the name of the plane: ", furniture #7"; empty if there is none. */
+/** The furniture that bears a plane, as text after the name of the plane: ", table #7"; empty if there is none. */
 function bearerOf(plane) {
   const piece = furniture.find(({ planes }) => planes.includes(plane));
-  return piece ? `, furniture #${piece.label}` : "";
+  return piece ? `, ${piece.name} #${piece.label}` : "";
 }
 
 /** The label in its color, the same on the whole page. */
