@@ -11,6 +11,7 @@ import pytest
 
 import cuboid
 from cuboid.core.errors import CuboidError, FrameError, OutputError
+from cuboid.evaluation import evaluate_keyframes
 from cuboid.outputs import Results
 from cuboid.pipeline.options import ResultOptions, TrackOptions
 from cuboid.pipeline.run import track_recording
@@ -38,6 +39,7 @@ SAMPLES = {
 SHORT = ("bag", "azure")
 FILES = ("objects.json", "tracks.csv", "proposals.csv", "trajectory.txt", "map.ply")
 LIMIT = 8
+TRUTH = Path(__file__).resolve().parents[1] / "benchmarks" / "truth"
 SCENE = [
     upright((0, 0), (1.4, 1.0, 0.05), z=-0.05),
     upright((-0.25, 0.1), (0.12, 0.08, 0.15), 0.4),
@@ -64,6 +66,20 @@ def test_a_loop_in_python_gives_what_the_command_gives(data_dir: Path, tmp_path:
     for field in ("recording", "format", "poses", "frames_read", "frames_used", "skipped", "warnings"):
         assert getattr(by_loop, field) == getattr(by_command, field), field
     assert (tmp_path / "loop" / "report.html").is_file()
+
+
+def test_things_below_a_fixed_camera_are_found_where_color_shows_them(data_dir: Path, tmp_path: Path) -> None:
+    """Upside down above a table; depth lies 20 pixels beside color; hands move."""
+    recording = cuboid.open_recording(data_dir / "overhead-hands")
+    track_recording(recording, tmp_path / "out", results=ResultOptions(page=False))
+    judged = evaluate_keyframes(tmp_path / "out", TRUTH / "overhead-hands.json")
+    at_half = next(at for at in judged.at if at.threshold == 0.5)
+    assert at_half.one_label == 1.0
+    assert at_half.precision is not None
+    assert at_half.precision > 0.8
+    found = {item.name: item.stages["labelled"] for item in judged.objects}
+    assert found["ball, green and blue"] >= 5
+    assert found["paper cup"] >= 8
 
 
 def frames(count: int) -> list[cuboid.Frame]:

@@ -32,10 +32,10 @@ def beside():
     return T
 
 
-def make(folder, T_color_depth, depth, named=COLOR):
-    """A made room: color of one camera, depth of another, and the depth that color's camera would see."""
+def make(folder, T_color_depth, depth, named=COLOR, places=FRAMES):
+    """A made room from some places: color of one camera, depth of another, and the depth that the first would see."""
     scene = make_scene("room", 6)
-    frames = np.linspace(0, len(scene.T_room_camera) - 1, FRAMES).astype(int)
+    frames = np.linspace(0, len(scene.T_room_camera) - 1, places).astype(int).repeat(FRAMES // places)
     seen = SceneView(scene, COLOR)
     measured = SceneView(replace(scene, T_room_camera=scene.T_room_camera @ T_color_depth), depth)
     for name in ("color", "depth"):
@@ -91,6 +91,30 @@ def test_what_was_done_is_found(deregistered):
     assert same is mended
 
 
+def test_a_camera_that_stands_shows_it_in_the_parts_of_its_image(tmp_path):
+    T_color_depth = np.eye(4)
+    T_color_depth[0, 3] = -0.12  # about 12 px at 2.6 m
+    folder, truth = make(tmp_path / "made", T_color_depth, COLOR, places=1)
+    recording = open_recording(folder)
+    found, mended = register_recording(recording)
+    assert found.views == 1
+    assert found.clear
+    assert found.magnification == 1.0
+    assert errors(mended, truth) < 0.5 * errors(recording, truth)
+    assert not register_recording(open_recording(make(tmp_path / "good", np.eye(4), COLOR, places=1)[0]))[0].clear
+
+
+def test_the_outline_of_one_object_does_not_show_it(tmp_path):
+    box = (slice(80, 160), slice(120, 220))
+    depth_m, color = np.full((240, 320), 1.5, np.float32), np.full((240, 320, 3), 90, np.uint8)
+    depth_m[box], color[box] = 1.0, 200
+    root = make_flat(tmp_path, color, np.roll(depth_m, 14, axis=1))
+    found, same = register_recording(open_recording(root))
+    assert found.off_px == pytest.approx(14, abs=2)
+    assert not found.clear
+    assert same.depth_camera is None
+
+
 def replace_camera(camera):
     return replace(camera, fx=DEPTH.fx, fy=DEPTH.fy, cx=DEPTH.cx, cy=DEPTH.cy, T_color_depth=beside())
 
@@ -141,6 +165,26 @@ def test_no_word_about_real_recordings(data_dir, name):
         assert registration_warning(recording.read, recording.intrinsics, frames) is None
 
 
+@pytest.mark.parametrize(
+    "name", ["desk-realsense", "rgbd-scenes-v2", "rgbd_dataset_freiburg1_xyz", "office-scan", "dish-from-above"]
+)
+def test_no_word_about_a_single_view_of_real_recordings(data_dir, name):
+    recording = open_recording(data_dir / name).without_poses()
+    for frame in np.linspace(0, len(recording) - 1, 5).astype(int).tolist():
+        assert registration_warning(recording.read, recording.intrinsics, [frame] * FRAMES) is None
+
+
+def test_depth_of_a_real_camera_that_stands_is_registered(data_dir):
+    recording = open_recording(data_dir / "overhead-hands")
+    found, mended = register_recording(recording)
+    assert found.views == 1
+    assert found.clear
+    # what lies on the table, 0.8 m away, is about 22 px right and 4 px up in the depth image
+    assert found.shift_px[0] + found.apart_px_m / 0.8 == pytest.approx(-22, abs=3)
+    assert found.shift_px[1] == pytest.approx(4, abs=2)
+    assert not register_recording(mended)[0].clear
+
+
 def test_a_recording_without_edges_tells_nothing(tmp_path):
     recording = open_recording(make_flat(tmp_path))
     found, same = register_recording(recording)
@@ -148,11 +192,11 @@ def test_a_recording_without_edges_tells_nothing(tmp_path):
     assert same is recording
 
 
-def make_flat(root):
+def make_flat(root, color=np.full((240, 320, 3), 90, np.uint8), depth_m=np.full((240, 320), 1.5, np.float32)):  # noqa: B008
     for name in ("color", "depth"):
         (root / name).mkdir()
-    (root / "color" / "0.jpg").write_bytes(encode_color(np.full((240, 320, 3), 90, np.uint8)))
-    (root / "depth" / "0.png").write_bytes(encode_depth(np.full((240, 320), 1.5, np.float32)))
+    (root / "color" / "0.jpg").write_bytes(encode_color(color))
+    (root / "depth" / "0.png").write_bytes(encode_depth(depth_m))
     camera = {name: getattr(COLOR, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
     (root / "camera.json").write_text(json.dumps(camera | {"depth_units_per_metre": DEPTH_UNITS_PER_M}))
     return root

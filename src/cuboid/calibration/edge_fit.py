@@ -37,6 +37,8 @@ FINE_BLUR_PX = FINER[-1][0]
 BESIDE_M = np.arange(-0.08, 0.081, 0.005)
 # Minimum relative gain in edge agreement for a baseline between the cameras: noise and nearly equal depths give less.
 APART_GAIN = 0.05
+# Columns and rows of tiles into which the image is divided if all frames show the same view.
+TILES = (6, 4)
 # A view is new if at least this fraction of its edges are farther than SAME_PLACE_PX pixels from the edges of every
 # earlier view.
 SAME_VIEW, SAME_PLACE_PX = 0.5, 2
@@ -151,16 +153,21 @@ def _strength(frame: Frame, size: tuple[int, int]) -> Float32Array:
     return np.array(strengths, np.float32)
 
 
-def fit_move(levels: dict[float, Edges], likely: Float64Array) -> Float64Array:
-    """Return the move (g, du, dv, 0, 0) with the best edge agreement, by coarse-to-fine search from several starts."""
+def fit_move(levels: dict[float, Edges], likely: Float64Array, *, shift_only: bool = False) -> Float64Array:
+    """Return the move (g, du, dv, 0, 0) with the best edge agreement, by coarse-to-fine search from several starts.
+
+    With `shift_only`, g stays that of `likely`.
+    """
     few = {sigma: level.few() for sigma, level in levels.items()}
-    ends = np.array([_refined(few, start) for start in (likely, *_starts(few[SEARCH_BLUR_PX]))])
+    magnified = likely[:1] if shift_only else MAGNIFIED
+    starts = _starts(few[SEARCH_BLUR_PX], magnified)
+    ends = np.array([_refined(few, start, shift_only) for start in (likely, *starts)])
     return np.asarray(ends[int(np.argmax(few[FINE_BLUR_PX].agreement(ends)))])
 
 
-def _starts(edges: Edges) -> list[Float64Array]:
+def _starts(edges: Edges, magnified: Float64Array) -> list[Float64Array]:
     """Return the best moves of the search that are not neighbours: the coarse ranking is uncertain."""
-    g, du, dv = (one.ravel() for one in np.meshgrid(MAGNIFIED, SHIFTED_PX, SHIFTED_PX, indexing="ij"))
+    g, du, dv = (one.ravel() for one in np.meshgrid(magnified, SHIFTED_PX, SHIFTED_PX, indexing="ij"))
     moves = np.stack([g, du, dv, np.zeros_like(g), np.zeros_like(g)], axis=1)
     kept: list[Float64Array] = []
     for k in np.argsort(-edges.agreement(moves), kind="stable").tolist():
@@ -171,9 +178,11 @@ def _starts(edges: Edges) -> list[Float64Array]:
     return kept
 
 
-def _refined(levels: dict[float, Edges], move: Float64Array) -> Float64Array:
+def _refined(levels: dict[float, Edges], move: Float64Array, shift_only: bool) -> Float64Array:
     """Return the best move near a given one, by search with decreasing steps."""
     steps = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    if shift_only:
+        steps = steps[steps[:, 0] == 0]
     best = move
     for sigma, fraction, shift in FINER:
         for _ in range(3):
@@ -206,14 +215,43 @@ def size_of(edges: Edges, move: Float64Array) -> float:
     return float(np.sqrt(move[0] ** 2 * (half**2).sum() / 3 + move[1] ** 2 + move[2] ** 2))
 
 
-def gain_of(edges: Edges, of_even: Float64Array, of_odd: Float64Array) -> tuple[float, float]:
-    """Return the cross-validated gain of the moves from each half of the images, and its standard error."""
-    sums, counts = edges.per_image(np.stack([NOWHERE, of_even, of_odd]))
-    agreement = sums / np.maximum(counts, 1)
-    gains: Float64Array = np.concatenate([(agreement[2] - agreement[0])[::2], (agreement[1] - agreement[0])[1::2]])
+def tile_of(edges: Edges) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+    """Return the tile in which each depth edge lies (N,), and whether it is an even one, as on a chessboard (N,)."""
+    height, width = edges.strength.shape[2:]
+    columns, rows = TILES
+    column = np.clip((edges.places[:, 0] * columns / width).astype(np.int64), 0, columns - 1)
+    row = np.clip((edges.places[:, 1] * rows / height).astype(np.int64), 0, rows - 1)
+    return row * columns + column, (row + column) % 2 == 0
+
+
+def gain_of(
+    edges: Edges,
+    part: npt.NDArray[np.integer],
+    even: npt.NDArray[np.bool_],
+    of_even: Float64Array,
+    of_odd: Float64Array,
+) -> tuple[float, float, int]:
+    """Return the cross-validated gain of moves from even and odd parts, its standard error, and the number of parts.
+
+    Parameters
+    ----------
+    edges : Edges
+    part : (N,) int
+        Number of the image, or of the tile, of each depth edge; parts with fewer than `MIN_EDGES` are left out.
+    even : (N,) bool
+        Whether the part is even.
+    of_even, of_odd : (5,) float64
+        Moves that were fitted to the even and to the odd parts.
+    """
+    gains = []
+    for k in np.flatnonzero(np.bincount(part) >= MIN_EDGES).tolist():
+        own = part == k
+        other = of_odd if even[own][0] else of_even
+        before, after = edges.chosen(own).agreement_inside(np.stack([NOWHERE, other]))
+        gains.append(after - before)
     if len(gains) < 2:
-        return 0.0, float("inf")
-    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+        return 0.0, float("inf"), len(gains)
+    return float(np.mean(gains)), float(np.std(gains, ddof=1) / np.sqrt(len(gains))), len(gains)
 
 
 def different_views(edges: Edges) -> int:

@@ -3,7 +3,8 @@
 Where a surface ends in front of another one, a color image usually shows an edge. If depth is not registered, depth
 edges are offset from color edges by the same move in all frames: magnification, shift, and, if the two cameras are
 apart, a shift that grows as depth decreases. This move is estimated and cross-validated: the move from every second
-frame must hold in the others.
+frame must hold in the others. If the camera does not move, the frames show the same edges; then the move from every
+second tile of the image must hold in the other tiles, and only a shift is found.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from cuboid.calibration.edge_fit import (
     gain_of,
     gather_edges,
     size_of,
+    tile_of,
 )
 from cuboid.calibration.pairs import choose_pairs
 from cuboid.calibration.solving import Problem
@@ -51,8 +53,11 @@ CLEAR_GAIN, CLEAR_ERRORS = 0.03, 4.0
 SAME_FOCAL = 0.02
 # Number of views that decide to which camera the named intrinsics belong, and steps to fit their poses.
 VIEWS, STEPS = 24, 12
-# Minimum number of different views; frames of the same view count once.
+# With fewer different views, tiles of the image are compared instead of frames, and only a shift is accepted: an object
+# whose shiny rim has no depth looks like a magnification.
 MIN_VIEWS = 3
+# Minimum number of tiles (of 24) with edges: fewer may show one object only.
+MIN_TILES = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,18 +109,19 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
     views, width = different_views(edges), edges.strength.shape[3]
     levels = {sigma: edges.blurred(sigma) for sigma in (SEARCH_BLUR_PX, *(one[0] for one in FINER))}
     fine = levels[FINE_BLUR_PX]
-    move = fit_move(levels, NOWHERE)
+    shift_only = views < MIN_VIEWS
+    move = fit_move(levels, NOWHERE, shift_only=shift_only)
     off = size_of(edges, move - NOWHERE)
     before, after = fine.agreement_inside(np.stack([NOWHERE, move]))
-    clear = bool(views >= MIN_VIEWS and off > CLEARLY_OFF * width and after - before > CLEAR_GAIN)
+    clear = bool(off > CLEARLY_OFF * width and after - before > CLEAR_GAIN)
     if clear:  # computed only if it is needed
-        even = edges.image % 2 == 0
-        fits = [
-            fit_move({sigma: level.chosen(half) for sigma, level in levels.items()}, move) for half in (even, ~even)
-        ]
-        gain, error = gain_of(fine, *fits)
+        part, even = tile_of(edges) if shift_only else (edges.image, edges.image % 2 == 0)
+        halves = [{sigma: level.chosen(half) for sigma, level in levels.items()} for half in (even, ~even)]
+        fits = [fit_move(half, move, shift_only=shift_only) for half in halves]
+        gain, error, parts = gain_of(fine, part, even, *fits)
         alike = size_of(edges, fits[0] - fits[1]) < max(ALIKE * off, ALIKE_AT_LEAST * width)
-        clear = alike and gain > max(CLEAR_GAIN, CLEAR_ERRORS * error)
+        spread = parts >= MIN_TILES or not shift_only
+        clear = alike and spread and gain > max(CLEAR_GAIN, CLEAR_ERRORS * error)
     g, du, dv, p, _ = fit_baseline(fine, move).tolist()
     return Misregistration(clear, factor * off, g, (factor * du, factor * dv), factor * p, views)
 
