@@ -184,5 +184,8 @@ DRIFTS = {
     "jump": World(given=jumping()),
     "drift 2 mm and a mover": World("slide", 0.1, given=drifting(0.002, 0.002)),
     "drift 2 mm and a large mover": World("slide", 0.3, given=drifting(0.002, 0.002)),
+    "drift 1 mm and a large mover": World("slide", 0.3, given=drifting(0.001, 0.001)),
+    "drift 2 mm and a mover that turns": World("turn", 0.3, given=drifting(0.002, 0.002)),
+    "drift 1 mm and a mover that turns": World("turn", 0.3, given=drifting(0.001, 0.001)),
 }
 EXACT = {**MOVERS, **SENSORS}

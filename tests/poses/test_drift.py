@@ -63,6 +63,9 @@ def test_poses_of_another_body_than_the_camera_are_named() -> None:
         ("walk", 20, 0.01),
         ("drift 2 mm and a mover", 20, 0.02),
         ("drift 2 mm and a large mover", 20, 0.02),
+        ("drift 1 mm and a large mover", 50, 0.01),
+        ("drift 2 mm and a mover that turns", 55, 0.01),
+        ("drift 1 mm and a mover that turns", 55, 0.01),
     ],
 )
 def test_poses_that_drift_are_held_to_what_was_seen_before(name: str, proven: int, end_m: float) -> None:
@@ -95,6 +98,18 @@ def test_a_correction_that_does_not_hold_is_taken_back() -> None:
     assert correction.proven_at is None
     assert off_m(found).max() > 0.1
     assert off_m(found)[correction.taken_back_at - FRAMES :].max() == 0.0
+
+
+def test_a_run_says_how_many_moving_pixels_were_left_out() -> None:
+    correction, _ = run(DRIFTS["drift 2 mm"])
+    assert correction.left_out.frames == 0
+    poses = CorrectedPoses(CAMERA)
+    for frame in DRIFTS["drift 2 mm and a large mover"].frames():
+        poses.locate(frame)
+    _, moved = poses.warnings()
+    assert re.fullmatch(
+        r"something moved in \d+ frames: [23]\d % of their pixels were left out of the camera poses", moved
+    )
 
 
 def test_a_run_says_why_poses_do_not_fit() -> None:

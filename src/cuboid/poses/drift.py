@@ -2,11 +2,11 @@
 
 Odometry (visual-inertial trackers, wheels, phones) is accurate from frame to frame, but its error grows along the path:
 when the camera comes back, the map would contain each object twice. So frames are aligned to keyframes of the same
-place, the oldest first. As long as the given poses explain the frames, they stay unchanged, to the last bit. If
-alignments explain clearly more several times in a row, and no fault of the camera explains this, the drift is proven.
-From then on each frame is aligned, and an alignment is used if it explains at least as much as the current correction.
-If the given poses explain clearly more of the places that were seen before the proof, the correction is withdrawn for
-the rest of the recording: the same cause would mislead it again.
+place, the oldest first; pixels that move are left out. As long as the given poses explain the frames, they stay
+unchanged, to the last bit. If alignments explain clearly more several times in a row, and no fault of the camera
+explains this, the drift is proven. From then on each frame is aligned, and an alignment is used if it explains at least
+as much as the current correction. If the given poses explain clearly more of the places that were seen before the
+proof, the correction is withdrawn for the rest of the recording: the same cause would mislead it again.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.frame import Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, MIN_READINGS
 from cuboid.geometry.se3 import inverse, moved_beyond, tidied
 from cuboid.poses.alignment import Alignment, Prior, Reference, align, pick
 from cuboid.poses.comparison import COMPARED_LEVEL, MIN_GAIN, Explained, as_good, clearly_better, explained
 from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, median_depth_m, overlap, view_distances
+from cuboid.poses.moving import FreeSpace, LeftOut, free_space, levels_without, moving_pixels
 from cuboid.poses.pyramid import Level, build_levels, shrink
 from cuboid.poses.single_cause import MotionPair, SingleCause, single_cause
 
@@ -49,6 +50,7 @@ class _Keyframe:
     given: Float64Array
     corrected: Float64Array
     reference: Reference
+    free_space: FreeSpace
     depth_m: float
     used: int
     proven: bool  # it was stored after the proof
@@ -74,6 +76,8 @@ class DriftCorrection:
         The fault of the camera that explains why the given poses misfit; None if they do not, or if they drift.
     most_m : float
         Largest distance between a corrected and a given position of the camera, metres.
+    left_out : LeftOut
+        The moving pixels that were left out of comparisons.
     """
 
     def __init__(self, intrinsics: Intrinsics) -> None:
@@ -87,6 +91,7 @@ class DriftCorrection:
         self.taken_back_at: int | None = None
         self.cause: SingleCause | None = None
         self.most_m = 0.0
+        self.left_out = LeftOut()
 
     def correct(self, frame: Frame, given: Float64Array) -> Float64Array:
         """Return the corrected pose of a frame, T_world_camera (4, 4).
@@ -134,6 +139,11 @@ class DriftCorrection:
             prior = Prior(expected, np.diag([DRIFT_M**-2.0] * 3 + [DRIFT_RAD**-2.0] * 3))
             finest = ENOUGH if self.proven_at is None else 0
             found = align(keyframe.reference, levels, expected, prior, coarsest=COARSEST, finest=finest)
+            moving = _moving_pixels(keyframe, levels, (expected, found.T_camera_reference))
+            if moving is not None:
+                self.left_out.add(moving)
+                levels = levels_without(levels, moving)
+                found = align(keyframe.reference, levels, expected, prior, coarsest=COARSEST, finest=finest)
             if found.reliable:
                 corrected = self._judged(frame.index, keyframe, levels[COMPARED_LEVEL], (given, corrected), found)
                 self._T_corrected_given = tidied(corrected @ inverse(given))
@@ -213,7 +223,22 @@ class DriftCorrection:
         if len(self._keyframes) == MAX_KEYFRAMES:
             self._keyframes.pop(min(range(MAX_KEYFRAMES), key=lambda k: self._keyframes[k].used))
         depth_m, proven = median_depth_m(reference), self.proven_at is not None
-        self._keyframes.append(_Keyframe(given, corrected, reference, depth_m, self._comparisons, proven))
+        self._keyframes.append(
+            _Keyframe(given, corrected, reference, free_space(levels), depth_m, self._comparisons, proven)
+        )
+
+
+def _moving_pixels(
+    keyframe: _Keyframe, levels: tuple[Level, ...], T_camera_references: tuple[Float64Array, ...]
+) -> UInt8Array | None:
+    """Return which pixels of an image move by all of several poses (h, w), as one may be wrong; None if none does."""
+    marks = None
+    for T in T_camera_references:
+        moving = moving_pixels(levels, keyframe.corrected @ inverse(T), [(keyframe.free_space, keyframe.corrected)])
+        if moving is None:
+            return None
+        marks = moving if marks is None else marks & moving
+    return marks if marks is not None and marks.any() else None
 
 
 def _is_misfit(by_given: Explained, by_found: Explained) -> bool:

@@ -134,7 +134,8 @@ class CorrectedPoses:
             since = f"the given camera poses drift: from frame {drift.proven_at} on "
             if not self._apply:
                 return (f"{since}they disagree with earlier frames; --poses corrected aligns them",)
-            return (f"{since}they are aligned to earlier frames, {100.0 * drift.most_m:.0f} cm off at most",)
+            corrected = f"{since}they are aligned to earlier frames, {100.0 * drift.most_m:.0f} cm off at most"
+            return (corrected, *drift.left_out.warnings())
         taken_back = () if drift.taken_back_at is None else (TAKEN_BACK.format(drift.taken_back_at),)
         return (*taken_back, *(() if drift.cause is None else (_other_cause(drift.cause),)))
 
