@@ -32,7 +32,7 @@ def test_things_stand_under_what_they_are_on_and_in() -> None:
 
 def test_each_object_is_in_it_once_also_where_relations_go_in_a_circle() -> None:
     objects = [thing(k, 0, 0, 0, (0.1, 0.1, 0.1)) for k in (1, 2, 3)]
-    circle = {1: [Relation("on", 2, 0.9)], 2: [Relation("in", 3, 0.6)], 3: [Relation("on", 1, 0.8)]}
+    circle = {1: [Relation(2, "on", 0.9)], 2: [Relation(3, "in", 0.6)], 3: [Relation(1, "on", 0.8)]}
     tree = place_tree(objects, circle, [], UP)
     assert names(tree) == [("", "", [(2, "", [(1, "on", [(3, "on")])])])]
 

@@ -13,7 +13,7 @@ from types import NoneType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from msgspec import UNSET
+from msgspec import UNSET, Struct
 
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
@@ -41,11 +41,13 @@ class Column:
     what : str
         Meaning.
     digits : int or None
-        Digits after the point of floating-point values; None for other values.
+        Digits after the point of floating-point values; None if there are none.
     parts : tuple of str
         Table columns for the elements of an array; empty if one column holds the value.
-    optional : bool
-        Whether files omit the field when it has no value.
+    default : object
+        Value in place of which files omit the field; `dataclasses.MISSING` for a field that they always contain.
+    tables : bool
+        Whether tables contain it; otherwise it is in JSON only.
     stored : bool
         Whether the tables of a store contain it.
     """
@@ -56,8 +58,14 @@ class Column:
     what: str
     digits: int | None
     parts: tuple[str, ...]
-    optional: bool
+    default: Any
+    tables: bool
     stored: bool
+
+    @property
+    def optional(self) -> bool:
+        """Whether files omit the field when it has its default value."""
+        return self.default is not MISSING
 
     @property
     def plain_kind(self) -> Any:
@@ -88,20 +96,26 @@ class Column:
     def read(self, value: Any) -> Any:
         """Return the value for a record from a validated value of a file."""
         if self.optional and value in (UNSET, ""):
-            return None
+            return self.default
         if self.parts:
             return None if value[0] is None else np.array(value)
         return value
 
 
 def column(
-    what: str, *, kind: Any = None, digits: int = LENGTH, parts: tuple[str, ...] = (), stored: bool = True
+    what: str,
+    *,
+    kind: Any = None,
+    digits: int = LENGTH,
+    parts: tuple[str, ...] = (),
+    tables: bool = True,
+    stored: bool = True,
 ) -> Mapping[str, Any]:
     """Return the metadata of a field of a record; the arguments are the attributes of `Column`.
 
     The kind is the annotation of the field unless given.
     """
-    return {"column": (what, kind, digits, parts, stored)}
+    return {"column": (what, kind, digits, parts, tables, tables and stored)}
 
 
 def columns_of(record: type) -> tuple[Column, ...]:
@@ -109,19 +123,23 @@ def columns_of(record: type) -> tuple[Column, ...]:
     return _columns(record)
 
 
+def table_columns_of(record: type) -> tuple[Column, ...]:
+    """Return the columns of those described fields of a dataclass that tables contain, in order."""
+    return tuple(one for one in columns_of(record) if one.tables)
+
+
 @cache
 def _columns(record: type) -> tuple[Column, ...]:
     hints, found = get_type_hints(record, include_extras=True), []
     for field in fields(record):
         if "column" in field.metadata:
-            what, kind, digits, parts, stored = field.metadata["column"]
-            optional = field.default is not MISSING and field.default is None
+            what, kind, digits, parts, tables, stored = field.metadata["column"]
             kind = kind or hints[field.name]
-            if optional:  # files omit the field instead of storing null
+            if field.default is None:  # files omit the field instead of storing null
                 kind = Union[tuple(one for one in get_args(kind) if one is not NoneType)]  # noqa: UP007
             type_ = next(one for one in (tuple, float, int, str) if one in _types(kind))
-            digits = digits if type_ is float else None
-            found.append(Column(field.name, kind, type_, what, digits, parts, optional, stored))
+            digits = digits if float in _types(kind) else None
+            found.append(Column(field.name, kind, type_, what, digits, parts, field.default, tables, stored))
     return tuple(found)
 
 
@@ -133,8 +151,8 @@ def names_in(columns: Iterable[Column]) -> tuple[str, ...]:
 def plain_fields(record: Any, columns: Iterable[Column] | None = None) -> dict[str, Any]:
     """Return fields of a record as JSON stores them; by default all described fields."""
     chosen = columns_of(type(record)) if columns is None else columns
-    values = ((one, one.plain(record)) for one in chosen)
-    return {one.name: value for one, value in values if not one.optional or value not in (None, "")}
+    given = (one for one in chosen if not one.optional or getattr(record, one.name) not in (one.default, ""))
+    return {one.name: one.plain(record) for one in given}
 
 
 def box_numbers(box: Box) -> list[float]:
@@ -145,6 +163,8 @@ def box_numbers(box: Box) -> list[float]:
 def _types(kind: Any) -> Iterator[Any]:
     """Iterate over the plain types in an annotation."""
     inside = getattr(kind, "__origin__", None), *get_args(kind)
+    if isinstance(kind, type) and issubclass(kind, Struct):
+        inside = tuple(get_type_hints(kind, include_extras=True).values())
     if get_origin(kind) is None:
         yield str if isinstance(kind, str) else kind  # a text of a Literal
     for one in inside:
@@ -153,10 +173,13 @@ def _types(kind: Any) -> Iterator[Any]:
 
 
 def _plain(value: Any, digits: int | None) -> Any:
-    if value is None or digits is None:
-        return list(value) if isinstance(value, tuple) else value
-    if isinstance(value, np.ndarray):
-        return [round(float(one), digits) + 0.0 for one in value]
+    if isinstance(value, Struct):
+        names = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
+        return {written: _plain(getattr(value, name), digits) for written, name in names}
+    if isinstance(value, tuple | np.ndarray):
+        return [_plain(one, digits) for one in value]
+    if digits is None or value is None or isinstance(value, int | str):
+        return value
     return round(float(value), digits) + 0.0
 
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Self, get_args
+from typing import Annotated, Self, get_args
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
+from msgspec import Meta
 
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.records import LEVEL, PIXEL, column
 from cuboid.core.values import (
     Count,
+    Entry,
     EventName,
     Fraction,
     FrameNumber,
@@ -20,8 +23,11 @@ from cuboid.core.values import (
     LabelOrNone,
     Level,
     Metres,
+    ObjectKind,
     Pixel,
     RelationKind,
+    Sides,
+    Surface,
 )
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import transform
@@ -184,23 +190,14 @@ class FrameResult:
         return png_of("result_png", self)
 
 
-@dataclass(frozen=True, slots=True)
-class Relation:
-    """A relation of an object to another one, to a supporting plane, or to a wall.
+class Relation(Entry, frozen=True):
+    """A relation of an object to another one or to a surface."""
 
-    Attributes
-    ----------
-    kind : {"on", "in", "beside", "under", "against", "supports"}
-        The object is on, in, beside, under or against the other one, or supports it.
-    to : int or str
-        Label of the other object; "plane:k" for the supporting plane k, "wall:k" for the wall k.
-    score : float
-        Probability that the relation holds, 0..1; see `cuboid.relations`.
-    """
-
-    kind: RelationKind
-    to: int | str
-    score: float
+    to: Annotated[Label | Surface, Meta(description="label of the other object, or plane:k, or wall:k, counted from 0")]
+    kind: Annotated[RelationKind, Meta(description="kind of the relation of the object to the other one")] = (
+        msgspec.field(name="is")
+    )
+    score: Annotated[Fraction, Meta(description="probability of the relation, 0 to 1")]
 
     def __repr__(self) -> str:
         to = self.to if isinstance(self.to, str) else tag_of(self.to)
@@ -265,19 +262,44 @@ class TrackedObject:
         )
     )
     plane: Count | None = field(metadata=column("index of its supporting plane in planes", stored=False))
+    # A factory, since files always contain it: they omit a field with a plain default.
     merged_labels: tuple[Label, ...] = field(
-        default=(), metadata=column("younger labels that were merged into this one")
+        default_factory=tuple, metadata=column("younger labels that were merged into this one")
     )
     name: str | None = field(
         default=None,
         metadata=column("name given by a user, else class from a detector", stored=False),
     )
-    name_score: float | None = None
-    names: tuple[tuple[str, float], ...] = ()
-    kind: str = "volume"
-    size_sigma_m: tuple[float, ...] = ()
-    relations: tuple[Relation, ...] = ()
-    planes: tuple[int, ...] = ()
+    name_score: Fraction | None = field(
+        default=None, metadata=column("probability of the class; absent for a user's name", tables=False)
+    )
+    names: tuple[tuple[str, Fraction], ...] = field(
+        default=(),
+        metadata=column("the next most likely classes, at most 3, with their probabilities", tables=False),
+    )
+    kind: str = field(
+        default="volume",
+        metadata=column(
+            "`flat` (on a plane) or `box` for objects without depth readings; `support` for furniture that bears "
+            "supporting planes, and is no object; absent for volumes",
+            kind=ObjectKind,
+            tables=False,
+        ),
+    )
+    size_sigma_m: tuple[float, ...] = field(
+        default=(),
+        metadata=column(
+            "standard deviations of `size`, metres; only for objects without depth readings", kind=Sides, tables=False
+        ),
+    )
+    relations: tuple[Relation, ...] = field(
+        default=(),
+        metadata=column("relations to other objects and surfaces; absent if they were not requested", tables=False),
+    )
+    planes: tuple[Count, ...] = field(
+        default=(),
+        metadata=column("indices of the supporting planes that furniture bears; absent for objects", tables=False),
+    )
 
     def with_given_name(self, name: str) -> Self:
         """Return the object with a name given by a user; the class from a detector becomes the first of `names`."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cuboid.core.records import columns_of, names_in
+from cuboid.core.records import names_in, table_columns_of
 from cuboid.core.results import TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import Results
 from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers
 
-_LABEL, *_OTHERS = columns_of(TrackedObject)
+_LABEL, *_OTHERS = table_columns_of(TrackedObject)
 _BOX = ("length_cm", "width_cm", "height_cm", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 HEADER = ",".join(("label", *_BOX, *names_in(_OTHERS)))
 CLASS_HEADER = "name_score,names"

@@ -19,13 +19,15 @@ from cuboid.core.results import SUPPORT, SupportPlane, TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import Results
-from cuboid.outputs.objects import name_to_json, relation_to_json, write_json
+from cuboid.outputs.objects import write_json
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
 
 # Digits after the point of centimetres: a hundredth of a millimetre.
 CENTIMETRE = 3
 # Corners of a box's lower face, in the order of `Box.corners`, counter-clockwise seen from above.
 FOOTPRINT = (0, 1, 3, 2)
+# Optional fields of an object that are unchanged; `kind` has another meaning here, and sizes are in centimetres.
+OPTIONAL = tuple(one for one in columns_of(TrackedObject) if one.optional and one.name not in ("kind", "size_sigma_m"))
 
 
 def write(run: Results, path: Path) -> list[str]:
@@ -69,12 +71,9 @@ def _object(item: TrackedObject, time_s: dict[int, float]) -> dict[str, Any]:
         "first_seen_s": first_s,
         "last_seen_s": last_s,
         "frames_seen": item.frames_seen,
-        **plain_fields(item, (one for one in columns_of(TrackedObject) if one.optional)),
-        **name_to_json(item),
+        **plain_fields(item, OPTIONAL),
         "mean_color_rgb": rounded_list(item.mean_color, 1),
         "merged_labels": list(item.merged_labels),
-        **({"planes": list(item.planes)} if item.planes else {}),
-        **({"relations": [relation_to_json(one) for one in item.relations]} if item.relations else {}),
     }
     return _feature(f"object-{item.label}", item.box.corners()[list(FOOTPRINT)], properties)
 

@@ -11,11 +11,9 @@ from msgspec import UNSET, Meta, UnsetType
 from cuboid.core.records import columns_of
 from cuboid.core.results import TrackedObject
 from cuboid.core.values import (
-    Count,
     Direction,
     Entry,
     FocalLength,
-    Fraction,
     ImageSide,
     Metres,
     Pixel,
@@ -26,7 +24,7 @@ from cuboid.core.values import (
     refuse_no_unit,
     refuse_twice,
 )
-from cuboid.formats.relations import RelationEntry, WallEntry, refuse_unknown
+from cuboid.formats.relations import WallEntry, refuse_unknown
 
 FORMAT: Literal["cuboid-objects"] = "cuboid-objects"
 VERSION: Literal[1] = 1
@@ -54,13 +52,6 @@ class PlaneEntry(Entry, frozen=True):
         refuse_no_unit("normal", self.normal)
 
 
-_Score: Any = Fraction | UnsetType
-_Names: Any = list[tuple[str, Fraction]] | UnsetType
-_Relations: Any = list[RelationEntry] | UnsetType
-_Planes: Any = tuple[Count, ...] | UnsetType
-_Kind: Any = Literal["volume", "flat", "box", "support"] | UnsetType
-
-
 def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
     """Iterate over the fields of an object: those of `TrackedObject`, and those of its box after the label."""
     label, *others = (
@@ -77,24 +68,6 @@ def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
     )
     for name, kind, one in others:
         yield (name, kind | UnsetType, UNSET) if one.optional else (name, kind)
-    for name, kind, what in (
-        ("name_score", _Score, "probability of the class; absent for a user's name"),
-        ("names", _Names, "the next most likely classes, at most 3, with their probabilities"),
-        (
-            "kind",
-            _Kind,
-            "`flat` (on a plane) or `box` for objects without depth readings; `support` for furniture that bears "
-            "supporting planes, and is no object; absent for volumes",
-        ),
-        (
-            "size_sigma_m",
-            Sides | UnsetType,
-            "standard deviations of `size`, metres; only for objects without depth readings",
-        ),
-        ("relations", _Relations, "relations to other objects and surfaces; absent if they were not requested"),
-        ("planes", _Planes, "indices of the supporting planes that furniture bears; absent for objects"),
-    ):
-        yield name, Annotated[kind, Meta(description=what)], UNSET
 
 
 _Fields: Any = msgspec.defstruct("_Fields", _fields(), bases=(Entry,), frozen=True)

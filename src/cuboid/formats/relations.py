@@ -3,25 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from typing import Annotated, TypeAlias
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
-from cuboid.core.values import Direction, Entry, Fraction, Label, Metres, Point, RelationKind, refuse_no_unit
-
-Surface: TypeAlias = Annotated[str, Meta(pattern=r"^(plane|wall):\d{1,9}$", max_length=20)]
-_TO = "label of the other object, or plane:k, or wall:k, counted from 0"
-
-
-class RelationEntry(Entry, frozen=True):
-    """A relation of an object to another one or to a surface."""
-
-    to: Annotated[Label | Surface, Meta(description=_TO)]
-    kind: Annotated[RelationKind, Meta(description="kind of the relation of the object to the other one")] = (
-        msgspec.field(name="is")
-    )
-    score: Annotated[Fraction, Meta(description="probability of the relation, 0 to 1")]
+from cuboid.core.values import Direction, Entry, Label, Metres, Point, RelationKind, Surface, refuse_no_unit
 
 
 class WallEntry(Entry, frozen=True):

@@ -9,7 +9,7 @@ import numpy as np
 
 from cuboid.core.errors import InputError, shown
 from cuboid.core.extras import require
-from cuboid.core.records import box_numbers, columns_of, names_in
+from cuboid.core.records import box_numbers, names_in, table_columns_of
 from cuboid.core.results import TrackedObject
 
 # Width of the plan in a notebook, pixels, and what is left free around the objects, fraction of it.
@@ -103,8 +103,8 @@ def _cells(item: TrackedObject) -> tuple[str, ...]:
     return swatch, size, place, str(item.frames_seen), f"{item.score:.2f}"
 
 
-_NAMED = tuple(one for one in columns_of(TrackedObject) if one.name in ("label", "name"))
-_OTHERS = tuple(one for one in columns_of(TrackedObject) if one not in _NAMED)
+_NAMED = tuple(one for one in table_columns_of(TrackedObject) if one.name in ("label", "name"))
+_OTHERS = tuple(one for one in table_columns_of(TrackedObject) if one not in _NAMED)
 _BOX = ("x_m", "y_m", "z_m", "length_m", "width_m", "height_m", "qw", "qx", "qy", "qz")
 COLUMNS = (*names_in(_NAMED), *_BOX, *names_in(_OTHERS))
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec import UNSET
 
 from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.records import columns_of, plain_fields
@@ -148,47 +147,12 @@ def object_to_json(item: TrackedObject) -> dict[str, Any]:
         "size": rounded_list(item.box.size, LENGTH),
         "rotation": [rounded_list(row, DIRECTION) for row in item.box.rotation],
     }
-    kind = {} if item.kind == "volume" else {"kind": item.kind}
-    return {
-        "label": item.label,
-        **box,
-        **plain_fields(item, columns_of(TrackedObject)[1:]),
-        **name_to_json(item),
-        **kind,
-        **({"size_sigma_m": rounded_list(item.size_sigma_m, LENGTH)} if item.size_sigma_m else {}),
-        **({"relations": [relation_to_json(one) for one in item.relations]} if item.relations else {}),
-        **({"planes": list(item.planes)} if item.planes else {}),
-    }
-
-
-def relation_to_json(relation: Relation) -> dict[str, Any]:
-    """Return a relation as `objects.json` holds it."""
-    return {"to": relation.to, "is": relation.kind, "score": rounded(relation.score, LENGTH)}
-
-
-def name_to_json(item: TrackedObject) -> dict[str, Any]:
-    """Return what a detector says of an object's name, nothing where that is nothing."""
-    return {
-        **({} if item.name_score is None else {"name_score": rounded(item.name_score, LENGTH)}),
-        **({"names": [[name, rounded(score, LENGTH)] for name, score in item.names]} if item.names else {}),
-    }
+    return {"label": item.label, **box, **plain_fields(item, columns_of(TrackedObject)[1:])}
 
 
 def _object(item: ObjectEntry) -> TrackedObject:
     box = Box(np.array(item.center), np.array(item.size), np.array(item.rotation))
-    described = {one.name: one.read(getattr(item, one.name)) for one in columns_of(TrackedObject)}
-    return TrackedObject(
-        box=box,
-        **described,
-        name_score=None if item.name_score is UNSET else item.name_score,
-        names=() if item.names is UNSET else tuple(item.names),
-        kind="volume" if item.kind is UNSET else item.kind,
-        size_sigma_m=() if item.size_sigma_m is UNSET else item.size_sigma_m,
-        relations=()
-        if item.relations is UNSET
-        else tuple(Relation(one.kind, one.to, one.score) for one in item.relations),
-        planes=() if item.planes is UNSET else item.planes,
-    )
+    return TrackedObject(box=box, **{one.name: one.read(getattr(item, one.name)) for one in columns_of(TrackedObject)})
 
 
 def _supported(piece: TrackedObject, relations: Mapping[int, Sequence[Relation]]) -> tuple[Relation, ...]:
@@ -199,5 +163,5 @@ def _supported(piece: TrackedObject, relations: Mapping[int, Sequence[Relation]]
         for one in ends:
             if one.kind == "on" and one.to in tops:
                 scores[label] = max(scores.get(label, 0.0), one.score)
-    found = [Relation("supports", label, score) for label, score in scores.items()]
+    found = [Relation(label, "supports", score) for label, score in scores.items()]
     return tuple(sorted(found, key=lambda one: (-one.score, one.to)))

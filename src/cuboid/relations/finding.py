@@ -142,9 +142,9 @@ class _Place:
             scores = _posterior(supports)
             for one, score in zip(supports, scores, strict=True):
                 if score >= MIN_SCORE:
-                    found[label].append(Relation(one.kind, one.to, score))
+                    found[label].append(Relation(one.to, one.kind, score))
                     if isinstance(one.to, int):
-                        found[one.to].append(Relation("supports", label, score))
+                        found[one.to].append(Relation(label, "supports", score))
             by_label: dict[int | str, float] = defaultdict(float)
             for one, score in zip(supports, scores, strict=True):
                 by_label[one.to] += score
@@ -192,8 +192,8 @@ class _Place:
         score = score * (1.0 - np.minimum(self.rests[:half] + self.rests[half:], 1.0))
         score = score * (1.0 - np.maximum(self.over[:half], self.over_back[:half]))
         for a, b, value in _likely(one, other, score):
-            found[self.labels[a]].append(Relation("beside", self.labels[b], value))
-            found[self.labels[b]].append(Relation("beside", self.labels[a], value))
+            found[self.labels[a]].append(Relation(self.labels[b], "beside", value))
+            found[self.labels[b]].append(Relation(self.labels[a], "beside", value))
 
     def add_under(self, found: dict[int, list[Relation]]) -> None:
         """Add under."""
@@ -201,11 +201,11 @@ class _Place:
         middle = (low + high) / 2.0
         score = self.over * ndtr((low[self.other] - middle[self.one]) / (np.sqrt(2.0) * HEIGHT_SIGMA_M))
         for a, b, value in _likely(self.one, self.other, score):
-            found[self.labels[a]].append(Relation("under", self.labels[b], value))
+            found[self.labels[a]].append(Relation(self.labels[b], "under", value))
         below = self.within * ndtr((self.levels - middle) / HEIGHT_SIGMA_M)
         planes, which = np.nonzero(below >= MIN_SCORE)
         for k, a in zip(planes.tolist(), which.tolist(), strict=True):
-            found[self.labels[a]].append(Relation("under", f"plane:{k}", float(below[k, a])))
+            found[self.labels[a]].append(Relation(f"plane:{k}", "under", float(below[k, a])))
 
 
 def _planes(planes: Sequence[SupportPlane], up: Float64Array, feet: Footprints) -> tuple[Float64Array, Float64Array]:
@@ -225,7 +225,7 @@ def _add_walls(found: dict[int, list[Relation]], objects: Sequence[TrackedObject
         score = ndtr((AGAINST_M - gap_m) / SIDE_SIGMA_M) * ndtr(within / EDGE_SIGMA_M)
         for item, value in zip(objects, score.tolist(), strict=True):
             if value >= MIN_SCORE:
-                found[item.label].append(Relation("against", f"wall:{k}", value))
+                found[item.label].append(Relation(f"wall:{k}", "against", value))
 
 
 def _posterior(supports: Sequence[_Support]) -> list[float]:

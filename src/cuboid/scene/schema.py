@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from msgspec import Meta
 
-from cuboid.core.records import columns_of
+from cuboid.core.records import table_columns_of
 from cuboid.core.results import TrackedObject
 from cuboid.core.values import (
     Amount,
@@ -110,7 +110,7 @@ BOX = ("cx", "cy", "cz", "length", "width", "height", *QUATERNION)
 _BOX: dict[str, Any] = dict(zip(BOX, (*[Metres] * 3, *[Side] * 3, *[QuaternionPart] * 4), strict=True))
 # Fields of an object that have columns unchanged: labels, names and planes are stored in other forms.
 DESCRIBED = tuple(
-    one for one in columns_of(TrackedObject) if one.name not in ("label", "name", "plane", "merged_labels")
+    one for one in table_columns_of(TrackedObject) if one.name not in ("label", "name", "plane", "merged_labels")
 )
 _OF_RECORDING = "FOREIGN KEY (recording) REFERENCES recordings (id) ON DELETE CASCADE"
 
