@@ -123,7 +123,7 @@ def test_a_moment_says_what_the_tracker_knew_then(server: LiveServer) -> None:
     (item,) = moment["objects"]
     assert (item["label"], item["seen"], item["color"]) == (1, True, hex_of(1))
     assert item["size"] == [0.1, 0.2, 0.3]
-    assert moment["planes"] == [{"outline": [[0, 0, 0.85], [1, 0, 0.85], [0, 1, 0.85]]}]
+    assert moment["planes"][0]["extent"] == [[0, 0, 0.85], [1, 0, 0.85], [0, 1, 0.85]]
     assert moment["up"] == [0, 0, 1]
     picture = cv2.imdecode(np.frombuffer(base64.b64decode(moment["picture"]), np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (48, 64, 3)

@@ -14,14 +14,22 @@ import numpy as np
 
 from cuboid.core.frame import Float64Array, Intrinsics, UInt8Array
 from cuboid.core.palette import color_of
-from cuboid.core.results import MapPoints, TrackedObject, names_of
+from cuboid.core.results import MapPoints, names_of
+from cuboid.outputs.objects import surface_to_json
 from cuboid.outputs.text import rounded, rounded_list
 from cuboid.views.drawing import draw_frame
 from cuboid.views.live.watch import Moment
 from cuboid.views.report.page import SHARED, assembled, own, style
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.points import LARGEST, STEP_M, spacing, thinned
-from cuboid.views.report.summary import camera_document, event_document, inferno, label_colors, packed
+from cuboid.views.report.summary import (
+    TURN_DIGITS,
+    camera_document,
+    event_document,
+    inferno,
+    object_document,
+    packed,
+)
 from cuboid.views.tags import TAG_PX
 from cuboid.views.text import ink
 
@@ -37,8 +45,6 @@ PICTURE_QUALITY = 80
 
 # Minimum number of points for measuring the spacing of the map.
 MIN_POINTS = 1000
-
-PLACE_DIGITS, TURN_DIGITS = 4, 6
 
 
 def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pose: Float64Array | None) -> str:
@@ -146,22 +152,9 @@ def _scene(moment: Moment) -> dict[str, Any]:
     seen = {sighting.label for sighting in moment.sightings}
     return {
         "up": None if moment.up is None else rounded_list(moment.up, TURN_DIGITS),
-        "objects": [_object(item, item.label in seen) for item in moment.objects],
+        "objects": [{**object_document(item), "seen": item.label in seen} for item in moment.objects],
         "events": [event_document(one) for one in moment.events],
-        "planes": [{"outline": [rounded_list(p, PLACE_DIGITS) for p in plane.extent]} for plane in moment.planes],
-    }
-
-
-def _object(item: TrackedObject, seen: bool) -> dict[str, Any]:
-    return {
-        **label_colors(item.label),
-        "label": item.label,
-        "name": item.name or "",
-        "center": rounded_list(item.box.center, PLACE_DIGITS),
-        "size": rounded_list(item.box.size, PLACE_DIGITS),
-        "rotation": [rounded_list(row, TURN_DIGITS) for row in item.box.rotation],
-        "frames_seen": item.frames_seen,
-        "seen": seen,
+        "planes": [surface_to_json(plane) for plane in moment.planes],
     }
 
 

@@ -15,7 +15,9 @@ from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.palette import color_of, hex_of, ink_on
 from cuboid.core.results import SceneChange, TrackedObject
 from cuboid.outputs import ObjectsFile, PoseRow, Results, RunReport, TrackRow
+from cuboid.outputs.objects import object_to_json, surface_to_json
 from cuboid.outputs.rows import EventRow
+from cuboid.outputs.text import rounded_list
 from cuboid.views.report.pictures import Picture, best_sightings, cut_pictures
 from cuboid.views.report.points import PackedPoints, pack_points
 
@@ -72,12 +74,9 @@ class Summary:
             "place": recording.parent.name,
             "run": self.report.to_dict(),
             "skipped": [[kind.frame, kind.count, kind.reason] for kind in self.report.skipped_kinds()],
-            "up": None if self.found.up is None else _list(self.found.up, TURN_DIGITS),
+            "up": None if self.found.up is None else rounded_list(self.found.up, TURN_DIGITS),
             "camera": camera_document(self.found.intrinsics),
-            "planes": [
-                {"normal": _list(plane.normal, TURN_DIGITS), "outline": [_list(p, PLACE_DIGITS) for p in plane.extent]}
-                for plane in self.found.planes
-            ],
+            "planes": [surface_to_json(plane) for plane in self.found.planes],
             "objects": [self._object(item, seen.get(item.label, [])) for item in self.found.objects],
             "gone": [
                 {**label_colors(label), "label": label, "spans": runs, "into": self._survivor(label)}
@@ -99,14 +98,7 @@ class Summary:
         if not self.found.furniture:
             return {}
         pieces = [
-            {
-                "color": FURNITURE_COLOR,
-                "ink": FURNITURE_INK,
-                "label": item.label,
-                "name": item.name or "furniture",
-                **_box(item),
-                "planes": list(item.planes),
-            }
+            {"name": "furniture", **object_to_json(item), "color": FURNITURE_COLOR, "ink": FURNITURE_INK}
             for item in self.found.furniture
         ]
         return {"furniture": pieces}
@@ -129,24 +121,10 @@ class Summary:
 
     def _object(self, item: TrackedObject, seen: list[tuple[int, int]]) -> dict[str, Any]:
         picture = self.pictures.get(item.label)
-        relations = [[one.kind, one.to, round(one.score, 2)] for one in item.relations]
         return {
-            **label_colors(item.label),
-            "label": item.label,
-            **name_document(item),
-            **_box(item),
-            "score": round(item.score, 3),
-            "heat": round(item.heat, 3),
-            "first_frame": item.first_frame,
-            "last_frame": item.last_frame,
-            "frames_seen": item.frames_seen,
-            "points": item.points,
-            "mean_color": "rgb({:.0f} {:.0f} {:.0f})".format(*item.mean_color),
-            "plane": item.plane,
-            "merged_labels": list(item.merged_labels),
+            **object_document(item),
             "spans": seen,
             "picture": None if picture is None else _picture(picture),
-            **({"relations": relations} if relations else {}),
         }
 
     def _survivor(self, label: int) -> int | None:
@@ -230,13 +208,9 @@ def _branch(one: Branch) -> dict[str, Any]:
     }
 
 
-def _box(item: TrackedObject) -> dict[str, Any]:
-    """Return the box in the form that the page reads."""
-    return {
-        "center": _list(item.box.center, PLACE_DIGITS),
-        "size": _list(item.box.size, PLACE_DIGITS),
-        "rotation": [_list(row, TURN_DIGITS) for row in item.box.rotation],
-    }
+def object_document(item: TrackedObject) -> dict[str, Any]:
+    """Return an object in the form that the pages read: its fields in `objects.json`, and the colors of its label."""
+    return {**object_to_json(item), **name_document(item), **label_colors(item.label)}
 
 
 def name_document(item: TrackedObject) -> dict[str, Any]:
@@ -253,7 +227,7 @@ def _picture(picture: Picture) -> dict[str, Any]:
         "frame": picture.frame,
         "address": picture.address,
         "size": list(picture.size),
-        "edges": [_list(edge, 1) for edge in picture.edges],
+        "edges": [rounded_list(edge, 1) for edge in picture.edges],
     }
 
 
@@ -265,9 +239,9 @@ def _change(one: SceneChange) -> dict[str, Any]:
         "label": one.label,
         "name": one.name or "",
         "change": one.change,
-        **{key: None if place is None else _list(place, PLACE_DIGITS) for key, place in places.items()},
-        "size": _list(one.box.size, PLACE_DIGITS),
-        "rotation": [_list(row, TURN_DIGITS) for row in one.box.rotation],
+        **{key: None if place is None else rounded_list(place, PLACE_DIGITS) for key, place in places.items()},
+        "size": rounded_list(one.box.size, PLACE_DIGITS),
+        "rotation": [rounded_list(row, TURN_DIGITS) for row in one.box.rotation],
         "metres": None if one.metres is None else round(one.metres, PLACE_DIGITS),
         "sure": round(one.sure, 2),
         **{
@@ -308,7 +282,3 @@ def inferno() -> np.ndarray[Any, np.dtype[np.uint8]]:
 def packed(values: np.ndarray[Any, np.dtype[Any]]) -> str:
     """Return the bytes of an array, base64."""
     return base64.b64encode(values.tobytes()).decode("ascii")
-
-
-def _list(values: Iterable[float], digits: int) -> list[float]:
-    return [round(float(value), digits) + 0.0 for value in values]

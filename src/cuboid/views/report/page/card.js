@@ -122,7 +122,7 @@ class Panel {
   }
 
   facts(object) {
-    const swatch = element("span", { class: "swatch", style: `background:${object.mean_color}` });
+    const swatch = element("span", { class: "swatch", style: `background:rgb(${object.mean_color})` });
     const share = frames.length ? ` of ${frames.length.toLocaleString("en")} frames` : "";
     const plane = object.plane === null ? "-" : `${object.plane + 1} of ${data.planes.length}${bearerOf(object.plane)}`;
     const lines = [

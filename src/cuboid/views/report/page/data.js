@@ -13,7 +13,7 @@ const changed = data.changes || []; // a run in progress has none yet
 const happened = data.events || []; // the same
 const objectOf = new Map(data.objects.map((object) => [object.label, object]));
 const furniture = data.furniture || []; // boxes of the furniture that bears the planes; it is no object
-const isFurniture = ({ planes }) => planes !== undefined;
+const isFurniture = ({ kind }) => kind === "support";
 
 /** Pose (camera to world) of the i-th used frame: position, and axes as columns. */
 function poseOf(i) {
@@ -88,7 +88,7 @@ function titleOf(object) {
 
 /** The furniture that bears a plane, as text after the name of the plane: ", table #7"; empty if there is none. */
 function bearerOf(plane) {
-  const piece = furniture.find(({ planes }) => planes.includes(plane));
+  const piece = furniture.find(({ planes = [] }) => planes.includes(plane));
   return piece ? `, ${piece.name} #${piece.label}` : "";
 }
 

@@ -171,13 +171,13 @@ class Scene {
 
   planeLines(ground, ratio) {
     const color = colorOf(ground.path, 0.4);
-    return data.planes.flatMap(({ outline }) =>
-      outline.map((corner, i) => [corner, outline[(i + 1) % outline.length], color, [1.2 * ratio, 0]]),
+    return data.planes.flatMap(({ extent }) =>
+      extent.map((corner, i) => [corner, extent[(i + 1) % extent.length], color, [1.2 * ratio, 0]]),
     );
   }
 
   planeFaces(ground) {
-    return data.planes.flatMap(({ outline }) => fan(outline, colorOf(ground.path, 0.1)));
+    return data.planes.flatMap(({ extent }) => fan(extent, colorOf(ground.path, 0.1)));
   }
 
   /** Boxes of the furniture that bears the planes: thin and dashed, since furniture is no object. */

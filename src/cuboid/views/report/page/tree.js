@@ -23,7 +23,7 @@ function surfaceName({ of, height }) {
 /** The relations of an object for its card: "beside", [chips of the objects, surfaces]. */
 function relationLines(object, chosen) {
   const kinds = new Map();
-  for (const [kind, to] of object.relations || []) kinds.set(kind, [...(kinds.get(kind) || []), to]);
+  for (const { is: kind, to } of object.relations || []) kinds.set(kind, [...(kinds.get(kind) || []), to]);
   return [...kinds].map(([kind, ends]) => [kind[0].toUpperCase() + kind.slice(1), element("span", { class: "ends" }, ...ends.map((to) => endOf(to, chosen)))]);
 }
 
