@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
-from typing import Annotated, TypeVar
+from dataclasses import dataclass, fields
+from inspect import Parameter, Signature, getdoc
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 from mcp.server.mcpserver import Image, MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
@@ -17,9 +17,12 @@ from cuboid import __version__
 from cuboid.core.errors import InputError, MissingExtraError
 from cuboid.queries.answers import About, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
 from cuboid.queries.filters import Filters
+from cuboid.queries.parameters import MAX_ROWS, MAX_SIZE_M
 from cuboid.queries.place import FREE_HEIGHT_M, SIGHTINGS, Place
+from cuboid.text_search import TextQuery
 
 T = TypeVar("T")
+C = TypeVar("C", bound="Conditions")
 INSTRUCTIONS = (
     "A place seen by an RGB-D camera: objects with persistent labels and 3D boxes, and their relations. "
     "Lengths are metres, in the world of the place; times are UTC. Begin with describe_place."
@@ -29,6 +32,7 @@ READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 
 Label = Annotated[int, Field(ge=1, description="label of an object")]
 Thing = Annotated[str | None, Field(description="label or name of an object")]
+Limit = Annotated[int, Field(ge=1, le=MAX_ROWS)]
 Length = Annotated[float, Field(gt=0.0, description="metres")]
 
 
@@ -39,6 +43,45 @@ class Described:
     about: About
     surfaces: list[Surface]
     tree: list[TreeNode]
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """The parameters of `find_objects`; the names are those of `Filters`, except the two sizes."""
+
+    name: Annotated[str | None, Field(description="name, or likely class")] = None
+    on: Annotated[str | None, Field(description="on an object by label or name, or on plane:N")] = None
+    inside: Thing = None
+    beside: Thing = None
+    near_object: Thing = None
+    near: Annotated[tuple[float, float, float] | None, Field(description="a point in the world, metres")] = None
+    within_m: Length = 0.5
+    min_size_m: Annotated[float, Field(ge=0.0, description="minimum length of the longest side, metres")] = 0.0
+    max_size_m: Annotated[float, Field(gt=0.0, description="maximum length of the longest side, metres")] = MAX_SIZE_M
+    color: Annotated[str | None, Field(description="one of the eleven basic color words")] = None
+    text: Annotated[str | None, Field(description=TEXT)] = None
+    limit: Limit = 10
+
+    def filters(self, text: TextQuery | None, **read: object) -> Filters:
+        """Return them as filters, with the text as `text_query` returns it and the values in `read` replaced."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        size_m = values.pop("min_size_m"), values.pop("max_size_m")
+        return Filters(**{**values, **read, "size_m": size_m, "text": text})
+
+
+def add_find_objects(server: MCPServer, kind: type[C], answer: object, find: Callable[[C], object]) -> None:
+    """Add the tool `find_objects`: parameters are the fields of `kind`, the description is the docstring of `find`."""
+
+    async def find_objects(**asked: Any) -> object:
+        return await answered(find, kind(**asked))
+
+    hints = get_type_hints(kind, include_extras=True)
+    parameters = [
+        Parameter(one.name, Parameter.KEYWORD_ONLY, default=one.default, annotation=hints[one.name])
+        for one in fields(kind)
+    ]
+    vars(find_objects)["__signature__"] = Signature(parameters, return_annotation=answer)
+    server.tool(annotations=READ_ONLY, description=getdoc(find))(find_objects)
 
 
 async def answered(question: Callable[..., T], *values: object) -> T:
@@ -68,39 +111,14 @@ def _add_finding(server: MCPServer, place: Place) -> None:
 
         return await answered(answer)
 
-    @server.tool(annotations=READ_ONLY)
-    async def find_objects(
-        name: Annotated[str | None, Field(description="name, or likely class")] = None,
-        on: Annotated[str | None, Field(description="on an object by label or name, or on plane:N")] = None,
-        inside: Thing = None,
-        beside: Thing = None,
-        near_object: Thing = None,
-        near: Annotated[tuple[float, float, float] | None, Field(description="a point in the world, metres")] = None,
-        within_m: Length = 0.5,
-        min_size_m: Annotated[float, Field(ge=0.0, description="minimum length of the longest side, metres")] = 0.0,
-        max_size_m: Annotated[float, Field(gt=0.0, description="maximum length of the longest side, metres")] = 1e9,
-        color: Annotated[str | None, Field(description="one of the eleven basic color words")] = None,
-        text: Annotated[str | None, Field(description=TEXT)] = None,
-        limit: Annotated[int, Field(ge=1, le=1000)] = 10,
-    ) -> list[FoundObject]:
+    def find(asked: Conditions) -> list[FoundObject]:
         """Find objects by name, size, color, nearness, and what they are on, in or beside; all must hold.
 
         With a text, they are ranked by how well their pictures fit it.
         """
-        filters = partial(
-            Filters,
-            name=name,
-            on=on,
-            inside=inside,
-            beside=beside,
-            near_object=near_object,
-            near=near,
-            within_m=within_m,
-            size_m=(min_size_m, max_size_m),
-            color=color,
-            limit=limit,
-        )
-        return await answered(lambda: place.find(filters(text=place.text_query(text))))
+        return place.find(asked.filters(place.text_query(asked.text)))
+
+    add_find_objects(server, Conditions, list[FoundObject], find)
 
     @server.tool(annotations=READ_ONLY)
     async def last_seen(what: Annotated[str, Field(description="label or name")]) -> list[FoundObject]:
@@ -133,7 +151,7 @@ def _add_objects(server: MCPServer, place: Place) -> None:
         return Image(data=picture, format="jpeg")
 
     @server.tool(annotations=READ_ONLY)
-    async def history_of_object(label: Label, limit: Annotated[int, Field(ge=1, le=1000)] = SIGHTINGS) -> History:
+    async def history_of_object(label: Label, limit: Limit = SIGHTINGS) -> History:
         """Tell when and where an object was seen, and its relations over the recordings of a scene."""
         return await answered(place.history, label, limit)
 

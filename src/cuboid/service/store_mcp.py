@@ -12,10 +12,9 @@ from pydantic import Field
 
 from cuboid import __version__
 from cuboid.core.errors import InputError
-from cuboid.queries.filters import Filters
-from cuboid.queries.parameters import MAX_ROWS, MAX_SIZE_M, text_query
+from cuboid.queries.parameters import text_query
 from cuboid.queries.words import moment, thing
-from cuboid.service.mcp import READ_ONLY, TEXT, Label, Thing, answered
+from cuboid.service.mcp import READ_ONLY, Conditions, Label, Limit, add_find_objects, answered
 from cuboid.store.find import find, picture_of
 from cuboid.store.query import SharedTables, Tables
 from cuboid.store.summary import summarise_store
@@ -28,7 +27,6 @@ INSTRUCTIONS = (
 )
 
 Recording = Annotated[str, Field(description="name of a recording")]
-Limit = Annotated[int, Field(ge=1, le=MAX_ROWS)]
 
 
 @dataclass(frozen=True)
@@ -68,6 +66,15 @@ class StoredObject:
     distance_m: float | None = None
     unlike: float | None = None
     text_score: float | None = None
+
+
+@dataclass(frozen=True)
+class StoreConditions(Conditions):
+    """The parameters of `find_objects` for a store."""
+
+    recording: Annotated[str | None, Field(description="glob of names of recordings")] = None
+    since: Annotated[str | None, Field(description="date or time (UTC), or 7d, 12h, 30min")] = None
+    like: Annotated[str | None, Field(description="RECORDING#LABEL: the most similar objects first")] = None
 
 
 def server_of(url: str, model: TextModel | None = None) -> MCPServer:
@@ -113,49 +120,19 @@ def server_of(url: str, model: TextModel | None = None) -> MCPServer:
 
         return await asked(answer)
 
-    @server.tool(annotations=READ_ONLY)
-    async def find_objects(
-        name: Annotated[str | None, Field(description="name, or likely class")] = None,
-        recording: Annotated[str | None, Field(description="glob of names of recordings")] = None,
-        on: Annotated[str | None, Field(description="on an object by label or name, or on plane:N")] = None,
-        inside: Thing = None,
-        beside: Thing = None,
-        near_object: Thing = None,
-        near: Annotated[tuple[float, float, float] | None, Field(description="a point in the world, metres")] = None,
-        within_m: Annotated[float, Field(gt=0.0, description="metres")] = 0.5,
-        min_size_m: Annotated[float, Field(ge=0.0, description="minimum length of the longest side, metres")] = 0.0,
-        max_size_m: Annotated[float, Field(gt=0.0, description="its maximum length, metres")] = MAX_SIZE_M,
-        color: Annotated[str | None, Field(description="one of the eleven basic color words")] = None,
-        since: Annotated[str | None, Field(description="date or time (UTC), or 7d, 12h, 30min")] = None,
-        like: Annotated[str | None, Field(description="RECORDING#LABEL: the most similar objects first")] = None,
-        text: Annotated[str | None, Field(description=TEXT)] = None,
-        limit: Limit = 10,
-    ) -> list[StoredObject]:
-        """Find objects in all recordings by name, size, color, place, time and relations; all conditions must hold.
+    def found(asked: StoreConditions) -> list[StoredObject]:
+        """Find objects in all recordings by name, size, color, place, time and relations; all must hold.
 
         With `like`, the most similar objects are first; with a text, those whose pictures fit it best.
         """
 
         def answer(of: Tables) -> list[StoredObject]:
-            filters = Filters(
-                name=name,
-                recording=recording,
-                on=on,
-                inside=inside,
-                beside=beside,
-                near_object=near_object,
-                near=near,
-                within_m=within_m,
-                size_m=(min_size_m, max_size_m),
-                color=color,
-                since=None if since is None else _read(moment, since),
-                like=None if like is None else _read(thing, like),
-                text=text_query(text, model),
-                limit=limit,
-            )
-            return [_object(row) for row in find(of, filters)]
+            read = {"since": _read(moment, asked.since), "like": _read(thing, asked.like)}
+            return [_object(row) for row in find(of, asked.filters(text_query(asked.text, model), **read))]
 
-        return await asked(answer)
+        return tables.ask(answer)
+
+    add_find_objects(server, StoreConditions, list[StoredObject], found)
 
     @server.tool(annotations=READ_ONLY)
     async def picture_of_object(recording: Recording, label: Label) -> Image:
@@ -168,9 +145,9 @@ def server_of(url: str, model: TextModel | None = None) -> MCPServer:
     return server
 
 
-def _read(read: Callable[[str], T], text: str) -> T:
+def _read(read: Callable[[str], T], text: str | None) -> T | None:
     try:
-        return read(text)
+        return None if text is None else read(text)
     except ValueError as error:
         raise InputError(str(error)) from None
 
