@@ -44,6 +44,14 @@ def data_dir() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of an image-text model that knows colors."""
+    from made_text_models import made_text_model
+
+    return made_text_model(tmp_path_factory.mktemp("text") / "model")
+
+
 def _refuse_skip(report: pytest.CollectReport | pytest.TestReport) -> None:
     """Make a skip in CI a failure, unless it is an allowed one; an expected failure is none."""
     if (

@@ -18,12 +18,6 @@ from cuboid.scene import Scene
 from cuboid.scene.checking import problems
 from cuboid.scene.viewing import scene_viewer
 from cuboid.text_search import Embeddings, TextModel
-from made_text_models import made_text_model
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made_text_model(tmp_path_factory.mktemp("text") / "model")
 
 
 @pytest.fixture(scope="module")

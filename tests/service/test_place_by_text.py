@@ -23,15 +23,9 @@ from cuboid.scene import Scene
 from cuboid.service.mcp import server_of
 from cuboid.text_search import Embeddings, TextModel
 from made_place import write_place
-from made_text_models import made_text_model
 from served import served
 
 COLORS = {1: "red", 2: "blue", 4: "red", 5: "green"}
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made_text_model(tmp_path_factory.mktemp("text") / "model")
 
 
 @pytest.fixture(scope="module")

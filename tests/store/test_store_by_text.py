@@ -22,11 +22,6 @@ from served import served
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made_text_model(tmp_path_factory.mktemp("text") / "model")
-
-
-@pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory, model: Path) -> str:
     """Of four things one has a vector of another model, and one has none."""
     place = Place(str(tmp_path_factory.mktemp("found")))

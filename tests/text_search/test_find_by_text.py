@@ -22,11 +22,6 @@ from made_text_models import made_text_model
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made_text_model(tmp_path_factory.mktemp("text") / "model")
-
-
-@pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A green box, 1, and a red one, 2."""
     place = tmp_path_factory.mktemp("found")
