@@ -15,6 +15,7 @@ from cuboid.core.errors import counted, printable
 from cuboid.core.results import TrackedObject
 from cuboid.outputs import RunReport, Timing
 from cuboid.outputs.folder import EVENTS
+from cuboid.outputs.object_table import cells_of
 from cuboid.outputs.rows import EventRow
 from cuboid.tracking.measuring import DETECTOR_BUDGET, DetectorCost
 
@@ -83,10 +84,7 @@ def objects_table(objects: Iterable[TrackedObject]) -> Table:
     name = ("name",) if any(item.name for item in found) else ()
     table = new_table("label", "size L x W x H (cm)", "position x, y, z (m)", "frames seen", "score", *name, left=0)
     for item in found:
-        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
-        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
-        cells = (str(item.label), size, place, str(item.frames_seen), f"{item.score:.2f}")
-        table.add_row(*cells, *((escape(printable(item.name or "")),) if name else ()))
+        table.add_row(str(item.label), *cells_of(item), *((escape(printable(item.name or "")),) if name else ()))
     return table
 
 

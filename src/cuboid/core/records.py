@@ -115,7 +115,7 @@ def column(
 
     The kind is the annotation of the field unless given.
     """
-    return {"column": (what, kind, digits, parts, tables, tables and stored)}
+    return {"column": (what, kind, digits, parts, tables, stored)}
 
 
 def columns_of(record: type) -> tuple[Column, ...]:

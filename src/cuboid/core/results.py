@@ -268,20 +268,22 @@ class TrackedObject:
     )
     name: str | None = field(
         default=None,
-        metadata=column("name given by a user, else class from a detector", stored=False),
+        metadata=column("name given by a user, else class from a detector"),
     )
     name_score: Fraction | None = field(
         default=None, metadata=column("probability of the class; absent for a user's name", tables=False)
     )
     names: tuple[tuple[str, Fraction], ...] = field(
         default=(),
-        metadata=column("the next most likely classes, at most 3, with their probabilities", tables=False),
+        metadata=column(
+            "the next most likely classes, at most 3, with their probabilities", tables=False, stored=False
+        ),
     )
     kind: str = field(
         default="volume",
         metadata=column(
-            "`flat` (on a plane) or `box` for objects without depth readings; `support` for furniture that bears "
-            "supporting planes, and is no object; absent for volumes",
+            "`volume`, also where absent; `flat` (on a plane) or `box` for objects without depth readings; `support` "
+            "for furniture that bears supporting planes, and is no object",
             kind=ObjectKind,
             tables=False,
         ),
@@ -289,16 +291,23 @@ class TrackedObject:
     size_sigma_m: tuple[float, ...] = field(
         default=(),
         metadata=column(
-            "standard deviations of `size`, metres; only for objects without depth readings", kind=Sides, tables=False
+            "standard deviations of `size`, metres; only for objects without depth readings",
+            kind=Sides,
+            tables=False,
+            stored=False,
         ),
     )
     relations: tuple[Relation, ...] = field(
         default=(),
-        metadata=column("relations to other objects and surfaces; absent if they were not requested", tables=False),
+        metadata=column(
+            "relations to other objects and surfaces; absent if they were not requested", tables=False, stored=False
+        ),
     )
     planes: tuple[Count, ...] = field(
         default=(),
-        metadata=column("indices of the supporting planes that furniture bears; absent for objects", tables=False),
+        metadata=column(
+            "indices of the supporting planes that furniture bears; absent for objects", tables=False, stored=False
+        ),
     )
 
     def with_given_name(self, name: str) -> Self:

@@ -97,10 +97,14 @@ def _title(item: TrackedObject) -> str:
 def _cells(item: TrackedObject) -> tuple[str, ...]:
     from cuboid.core.palette import hex_of
 
+    return f'<span style="color:{hex_of(item.label)}">&#9632;</span> {_title(item)}', *cells_of(item)
+
+
+def cells_of(item: TrackedObject) -> tuple[str, ...]:
+    """Return the size (cm), the position (m), the number of frames and the score of an object for printed tables."""
     size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
     place = ", ".join(f"{value:z.2f}" for value in item.box.center)
-    swatch = f'<span style="color:{hex_of(item.label)}">&#9632;</span> {_title(item)}'
-    return swatch, size, place, str(item.frames_seen), f"{item.score:.2f}"
+    return size, place, str(item.frames_seen), f"{item.score:.2f}"
 
 
 _NAMED = tuple(one for one in table_columns_of(TrackedObject) if one.name in ("label", "name"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, TypeVar
 
 from mcp.server.mcpserver import Image, MCPServer
@@ -161,15 +161,7 @@ def _object(row: dict[str, Any]) -> StoredObject:
     x, y, z = (round(row[f"center_{axis}_m"], 4) for axis in "xyz")
     long, middle, short = (round(row[f"{side}_m"], 4) for side in ("longest", "middle", "shortest"))
     seen = row["last_seen"]
-    return StoredObject(
-        recording=row["recording"],
-        label=row["label"],
-        name=row["name"],
-        color=row["color"],
-        center_m=(x, y, z),
-        size_m=(long, middle, short),
-        score=row["score"],
-        frames_seen=row["frames_seen"],
-        last_seen=None if seen is None else seen.isoformat(),
-        **{name: round(row[name], 4) for name in ("distance_m", "unlike", "text_score") if name in row},
-    )
+    values = {one.name: row[one.name] for one in fields(StoredObject) if one.name in row}
+    values |= {name: round(row[name], 4) for name in ("distance_m", "unlike", "text_score") if name in row}
+    values |= {"center_m": (x, y, z), "size_m": (long, middle, short)}
+    return StoredObject(**{**values, "last_seen": None if seen is None else seen.isoformat()})

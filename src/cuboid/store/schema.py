@@ -95,7 +95,7 @@ def _described(record: type) -> Iterator[Column]:
     for one in columns_of(record):
         if one.stored:
             for name, what in zip_longest(_stored_names(one), (one.what,), fillvalue=""):
-                yield Column(name, _TYPES[one.type], what)
+                yield Column(name, _TYPES[one.type], what, added=one.optional)
 
 
 def _stored_names(column: RecordColumn) -> tuple[str, ...]:
@@ -183,10 +183,7 @@ TABLES = {
                 Column("middle_m", SMALL, ""),
                 Column("shortest_m", SMALL, ""),
                 *_OBJECT,
-                Column("name", TEXT, "class from a detector; null without one", added=True),
-                Column("name_score", SMALL, "probability of the class, 0 to 1", added=True),
                 Column("names", _CLASSES, "the next most likely classes, with their probabilities", added=True),
-                Column("kind", TEXT, "`volume`; `flat` or `box` if depth has no readings of it", added=True),
                 Column(
                     "relations", _RELATIONS, "relations to objects and surfaces; null without `--relations`", added=True
                 ),
