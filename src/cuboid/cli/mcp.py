@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     import uvicorn
 
-    from cuboid.service.mcp_http import application
+    from cuboid.service.mcp import application
 
     address = listen(args.host, args.port, args.token)
     try:

@@ -35,8 +35,8 @@ from scipy.special import ndtr
 from cuboid.core.frame import Float64Array
 from cuboid.core.results import RELATIONS, Relation, SupportPlane, TrackedObject, Wall
 from cuboid.core.values import RelationKind
+from cuboid.geometry.polygons import lie_inside
 from cuboid.relations.footprints import Footprints, IntArray
-from cuboid.relations.outlines import depths_inside_m
 from cuboid.relations.walls import depths_of_contact
 
 # Standard deviations, metres, of the height of a foot above its support, and of the position of a side of a box. On
@@ -215,7 +215,7 @@ def _planes(planes: Sequence[SupportPlane], up: Float64Array, feet: Footprints) 
         slope = float(plane.normal @ up)
         across = feet.center @ (plane.normal @ feet.ground)
         levels[k] = -(plane.offset + across) / slope
-        within[k] = ndtr(depths_inside_m(feet.center, plane.extent @ feet.ground) / EDGE_SIGMA_M)
+        within[k] = ndtr(_depths_inside_m(feet.center, plane.extent @ feet.ground) / EDGE_SIGMA_M)
     return levels, within
 
 
@@ -261,3 +261,17 @@ def _likely(one: IntArray, other: IntArray, score: Float64Array) -> list[tuple[i
 
 def _ordered(relations: Sequence[Relation]) -> tuple[Relation, ...]:
     return tuple(sorted(relations, key=lambda one: (RELATIONS.index(one.kind), -one.score, str(one.to))))
+
+
+def _depths_inside_m(points: Float64Array, outline: Float64Array) -> Float64Array:
+    """Return the distance of points (N, 2) from the edge of a polygon (K, 2), metres: negative outside, (N,).
+
+    If the polygon has fewer than three corners, all distances are -inf.
+    """
+    if len(outline) < 3:
+        return np.full(len(points), -np.inf)
+    side = np.roll(outline, -1, axis=0) - outline
+    from_start = points[:, None] - outline
+    along = np.einsum("nkj,kj->nk", from_start, side) / np.maximum((side**2).sum(1), 1e-18)
+    nearest = np.linalg.norm(from_start - np.clip(along, 0.0, 1.0)[..., None] * side, axis=2).min(1)
+    return np.asarray(np.where(lie_inside(points, outline), nearest, -nearest))

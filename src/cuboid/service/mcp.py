@@ -9,9 +9,13 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 from mcp.server.mcpserver import Image, MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
+from mcp.server.transport_security import TransportSecuritySettings
 from mcp.types import ToolAnnotations
 from pydantic import Field
+from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from cuboid import __version__
 from cuboid.core.errors import InputError, MissingExtraError
@@ -20,6 +24,7 @@ from cuboid.queries.filters import Filters
 from cuboid.queries.parameters import MAX_ROWS, MAX_SIZE_M
 from cuboid.queries.place import FREE_HEIGHT_M, SIGHTINGS, Place
 from cuboid.text_search import TextQuery
+from cuboid.views.guard import Guard
 
 T = TypeVar("T")
 C = TypeVar("C", bound="Conditions")
@@ -28,6 +33,8 @@ INSTRUCTIONS = (
     "Lengths are metres, in the world of the place; times are UTC. Begin with describe_place."
 )
 TEXT = "description such as 'something to drink from'; the server needs --text-model"
+# Methods of requests over HTTP.
+METHODS = ("GET", "HEAD", "POST", "DELETE")
 READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 
 Label = Annotated[int, Field(ge=1, description="label of an object")]
@@ -99,6 +106,27 @@ def server_of(place: Place) -> MCPServer:
     _add_objects(server, place)
     _add_surfaces(server, place)
     return server
+
+
+def application(server: MCPServer, *, token: str | None, hosts: tuple[str, ...]) -> Starlette:
+    """Return the server as an ASGI application (streamable HTTP), which answers at /mcp.
+
+    Parameters
+    ----------
+    server : MCPServer
+    token : str or None
+        Token that a request must contain; with None every request is answered.
+    hosts : tuple of str
+        Names under which it is answered; ``*`` for any.
+    """
+    # Names and origins are checked here, as in the other servers.
+    checked_here = TransportSecuritySettings(enable_dns_rebinding_protection=False)
+    app = server.streamable_http_app(json_response=True, stateless_http=True, transport_security=checked_here)
+    app.user_middleware += [
+        Middleware(Guard, token=token, methods=METHODS),
+        Middleware(TrustedHostMiddleware, allowed_hosts=list(hosts)),
+    ]
+    return app
 
 
 def _add_finding(server: MCPServer, place: Place) -> None:
