@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +19,19 @@ from cuboid.objects.naming import chosen_name, name_objects, name_scores
 from cuboid.objects.object_map import novelty_of
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.unread import UnreadMap
-from cuboid.objects.unread_object import Planes, box_of, size_sigma_of
+from cuboid.objects.unread_object import Planes, UnreadObject, box_of, size_sigma_of
 from cuboid.objects.visibility import Visibility
 from cuboid.tracking.rolling import Roll
+
+
+def same_fields(entry: MapObject | UnreadObject) -> dict[str, Any]:
+    """Return the fields of results that objects with and without depth readings have in common."""
+    names = ("label", "score", "first_frame", "last_frame", "frames_seen")
+    return {
+        **{name: getattr(entry, name) for name in names},
+        "merged_labels": tuple(entry.merged_labels),
+        **chosen_name(name_scores(entry.name_log_odds)),
+    }
 
 
 class Detecting:
@@ -108,20 +119,14 @@ class Detecting:
             box, kind = box_of(one, planes)
             found.append(
                 TrackedObject(
-                    label=one.label,
+                    **same_fields(one),
                     box=box.moved(T_world_map),
-                    score=one.score,
                     heat=0.0,
-                    first_frame=one.first_frame,
-                    last_frame=one.last_frame,
-                    frames_seen=one.frames_seen,
                     points=0,
                     mean_color=np.zeros(3),
                     plane=None,
-                    merged_labels=tuple(one.merged_labels),
                     kind=kind,
                     size_sigma_m=tuple(size_sigma_of(one, planes, kind).tolist()),
-                    **chosen_name(name_scores(one.name_log_odds)),
                 )
             )
         return found

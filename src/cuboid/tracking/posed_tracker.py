@@ -33,7 +33,6 @@ from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
 from cuboid.objects.association import Association, prior_of
 from cuboid.objects.entry import MapObject
 from cuboid.objects.following import Following
-from cuboid.objects.naming import chosen_name, name_scores
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
 from cuboid.objects.unread_object import Planes, UnreadObject
 from cuboid.objects.validity import too_large
@@ -51,7 +50,7 @@ from cuboid.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker, PlaneTrackerState
 from cuboid.surfaces.standing import find_flat_areas
-from cuboid.tracking.detecting import Detecting
+from cuboid.tracking.detecting import Detecting, same_fields
 from cuboid.tracking.furniture import Labels, furniture_entry, labels_of
 from cuboid.tracking.measuring import FrameClock
 from cuboid.tracking.rolling import Roll, farther_up
@@ -569,18 +568,12 @@ class PosedTracker(MapQueries):
     def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
         plane = self._planes.find(entry.plane)
         return TrackedObject(
-            label=entry.label,
+            **same_fields(entry),
             box=self._box_in_world(entry.label, entry.box),
-            score=entry.score,
             heat=entry.heat,
-            first_frame=entry.first_frame,
-            last_frame=entry.last_frame,
-            frames_seen=entry.frames_seen,
             points=len(self._voxels.stored.rows_of(entry.number)),
             mean_color=entry.mean_color,
             plane=None if plane is None else place[plane.identity],
-            merged_labels=tuple(entry.merged_labels),
-            **chosen_name(name_scores(entry.name_log_odds)),
         )
 
     def _support_planes(self) -> Planes:
