@@ -119,10 +119,8 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
     )
     for item in found:
         state_text = item.state if item.merged_into is None else f"merged into {item.merged_into}"
-        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
-        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
         seen = "recording {}, frame {}".format(*item.last_seen)
-        cells = (size, place, seen, f"{item.score:.2f}")
+        cells = (item.box.size_text, item.box.center_text, seen, f"{item.score:.2f}")
         table.add_row(str(item.label), escape(printable(item.name or "")), *((state_text,) if args.all else ()), *cells)
     return document, [table]
 
@@ -211,9 +209,8 @@ def _find(scene: Scene, args: argparse.Namespace) -> Answer:
         return {"objects": rows}, ["no object"]
     table = new_table("label", "name", "size L x W x H (cm)", "position x, y, z (m)", "text score", left=2)
     for item, score in found:
-        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
-        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
-        table.add_row(str(item.label), escape(printable(item.name or "")), size, place, f"{score:.3f}")
+        cells = (item.box.size_text, item.box.center_text, f"{score:.3f}")
+        table.add_row(str(item.label), escape(printable(item.name or "")), *cells)
     return {"objects": rows}, [table]
 
 

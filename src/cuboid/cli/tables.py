@@ -105,10 +105,8 @@ def furniture_lines(objects: Sequence[TrackedObject], furniture: Sequence[Tracke
         return []
     lines = [f"{counted(len(objects), 'object')}, {counted(len(furniture), 'piece')} of furniture:"]
     for item in furniture:
-        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
-        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
         planes = ", ".join(f"plane:{k}" for k in item.planes)
-        lines.append(f"  #{item.label}: {size} cm at {place} m, bears {planes}")
+        lines.append(f"  #{item.label}: {item.box.text()}, bears {planes}")
     return lines
 
 

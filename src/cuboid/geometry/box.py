@@ -45,8 +45,17 @@ class Box:
 
     def text(self) -> str:
         """Return size (centimetres) and centre (metres) as text."""
-        size = " x ".join(f"{side * 100:.1f}" for side in self.size)
-        return f"{size} cm at {', '.join(f'{value:z.2f}' for value in self.center)} m"
+        return f"{self.size_text} cm at {self.center_text} m"
+
+    @property
+    def size_text(self) -> str:
+        """Its size as text, centimetres."""
+        return " x ".join(f"{side * 100:.1f}" for side in self.size)
+
+    @property
+    def center_text(self) -> str:
+        """Its centre as text, metres."""
+        return ", ".join(f"{value:z.2f}" for value in self.center)
 
     @property
     def up(self) -> Float64Array:

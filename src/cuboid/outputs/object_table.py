@@ -102,9 +102,7 @@ def _cells(item: TrackedObject) -> tuple[str, ...]:
 
 def cells_of(item: TrackedObject) -> tuple[str, ...]:
     """Return the size (cm), the position (m), the number of frames and the score of an object for printed tables."""
-    size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
-    place = ", ".join(f"{value:z.2f}" for value in item.box.center)
-    return size, place, str(item.frames_seen), f"{item.score:.2f}"
+    return item.box.size_text, item.box.center_text, str(item.frames_seen), f"{item.score:.2f}"
 
 
 _NAMED = tuple(one for one in table_columns_of(TrackedObject) if one.name in ("label", "name"))

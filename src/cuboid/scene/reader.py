@@ -34,23 +34,24 @@ if TYPE_CHECKING:
 _COLUMNS = tuple(name for name in TABLES["objects"].columns if not name.endswith("_spread") and "picture" not in name)
 # Fields of an object whose columns have the same names.
 _SAME = ("label", "state", "merged_into", *(one.name for one in DESCRIBED if not one.parts))
+# Columns of queries; after its key, a table has its columns in the order of the declaration.
 _PAST = (
     *columns_of("sightings", ("label", "recording", "frame")),
     "frames.time_s",
     *columns_of("boxes", BOX),
-    *columns_of("sightings", ("iou", "visible", "x0", "y0", "x1", "y1")),
+    *columns_of("sightings")[4:],
 )
 _EVENT = (
     *columns_of("events", ("label", "recording", "frame")),
     "frames.time_s",
-    *columns_of("events", ("event", "from_x", "from_y", "from_z", "to_x", "to_y", "to_z", "score")),
+    *columns_of("events")[3:],
 )
 _CHANGE = (
     *columns_of("changes", ("recording", "label")),
     "objects.name",
     "changes.change",
     *columns_of("objects", BOX),
-    *columns_of("changes", ("from_x", "from_y", "from_z", "to_x", "to_y", "to_z", "metres", "sure", "before", "after")),
+    *columns_of("changes")[3:],
 )
 
 

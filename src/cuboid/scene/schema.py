@@ -108,6 +108,7 @@ WITH_DEFAULT = ("complete", "next_frame", "picture_share")
 QUATERNION = ("qw", "qx", "qy", "qz")
 BOX = ("cx", "cy", "cz", "length", "width", "height", *QUATERNION)
 _BOX: dict[str, Any] = dict(zip(BOX, (*[Metres] * 3, *[Side] * 3, *[QuaternionPart] * 4), strict=True))
+_MOVE: dict[str, Any] = dict.fromkeys(("from_x", "from_y", "from_z", "to_x", "to_y", "to_z"), Metres | None)
 # Fields of an object that have columns unchanged: labels, names and planes are stored in other forms.
 DESCRIBED = tuple(
     one for one in table_columns_of(TrackedObject) if one.name not in ("label", "name", "plane", "merged_labels")
@@ -212,7 +213,7 @@ TABLES = {
             "recording": Label,
             "label": Label,
             "change": Change,
-            **dict.fromkeys(("from_x", "from_y", "from_z", "to_x", "to_y", "to_z"), Metres | None),
+            **_MOVE,
             "metres": Side | None,
             "sure": Fraction,
             **dict.fromkeys(("before", "after"), bytes | None),
@@ -226,7 +227,7 @@ TABLES = {
             "frame": FrameNumber,
             "label": Label,
             "event": EventName,
-            **dict.fromkeys(("from_x", "from_y", "from_z", "to_x", "to_y", "to_z"), Metres | None),
+            **_MOVE,
             "score": Fraction,
         },
         "recording, frame, label",
