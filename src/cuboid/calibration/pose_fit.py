@@ -25,10 +25,24 @@ MIN_PIXELS, MIN_PAIRS = 200, 4
 DEPTH_FACTORS = (0.1, 0.2, 0.5, 2.0, 5.0, 10.0)
 # Conventions of poses that are tried, simple ones first: of two that explain equally much, the first one is reported.
 POSE_CONVENTIONS = (
-    ("inverse",), ("opengl",), ("inverse", "opengl"), ("mm",), ("cm",), ("wxyz",), ("xyzw",), ("mm", "inverse"),
-    ("mm", "opengl"), ("cm", "inverse"), ("cm", "opengl"), ("wxyz", "inverse"), ("wxyz", "opengl"),
-    ("xyzw", "inverse"), ("xyzw", "opengl"), ("wxyz", "mm"), ("xyzw", "mm"),
-)  # fmt: skip
+    ("inverse",),
+    ("opengl",),
+    ("inverse", "opengl"),
+    ("mm",),
+    ("cm",),
+    ("wxyz",),
+    ("xyzw",),
+    ("mm", "inverse"),
+    ("mm", "opengl"),
+    ("cm", "inverse"),
+    ("cm", "opengl"),
+    ("wxyz", "inverse"),
+    ("wxyz", "opengl"),
+    ("xyzw", "inverse"),
+    ("xyzw", "opengl"),
+    ("wxyz", "mm"),
+    ("xyzw", "mm"),
+)
 # Maximum shift of poses, in used frames, earlier and later.
 MAX_SHIFT = 5
 _SHIFTS = tuple(shift for shift in range(-MAX_SHIFT, MAX_SHIFT + 1) if shift)

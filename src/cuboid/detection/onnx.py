@@ -173,9 +173,12 @@ def read_options(text: str) -> OnnxOptions:
 
 
 def _masks(
-    raw: Raw, kept: np.ndarray[tuple[int], np.dtype[np.intp]], boxes: np.ndarray[tuple[int, int], np.dtype[np.int32]],
-    fit: Fit, size: tuple[int, int],
-) -> tuple[UInt8Array, ...] | None:  # fmt: skip
+    raw: Raw,
+    kept: np.ndarray[tuple[int], np.dtype[np.intp]],
+    boxes: np.ndarray[tuple[int, int], np.dtype[np.int32]],
+    fit: Fit,
+    size: tuple[int, int],
+) -> tuple[UInt8Array, ...] | None:
     """Return the masks of the selected boxes; None if the model has no masks."""
     if raw.logits is not None:
         heats = list(raw.logits[kept])

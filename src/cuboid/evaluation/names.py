@@ -19,13 +19,25 @@ from cuboid.outputs import Results
 
 # Common words for classes of COCO.
 SYNONYMS = {
-    "monitor": "tv", "screen": "tv", "display": "tv", "television": "tv",
-    "mug": "cup", "teacup": "cup", "coffee cup": "cup",
-    "mobile phone": "cell phone", "smartphone": "cell phone",
-    "sofa": "couch", "fridge": "refrigerator", "plant": "potted plant", "teddy": "teddy bear",
-    "ball": "sports ball", "motorbike": "motorcycle", "plane": "airplane", "bike": "bicycle",
+    "monitor": "tv",
+    "screen": "tv",
+    "display": "tv",
+    "television": "tv",
+    "mug": "cup",
+    "teacup": "cup",
+    "coffee cup": "cup",
+    "mobile phone": "cell phone",
+    "smartphone": "cell phone",
+    "sofa": "couch",
+    "fridge": "refrigerator",
+    "plant": "potted plant",
+    "teddy": "teddy bear",
+    "ball": "sports ball",
+    "motorbike": "motorcycle",
+    "plane": "airplane",
+    "bike": "bicycle",
     "remote control": "remote",
-}  # fmt: skip
+}
 # Text after one of these describes an object, but does not name its kind.
 _REST = re.compile(r"[,:;(\"']|\b(?:with|on|of|at|near|behind|beside|before|in|for)\b")
 # Number of best names among which the true class counts as found.
@@ -156,6 +168,13 @@ def _quality(outcomes: Sequence[NameOutcome]) -> NameQuality:
     pairs = Counter((one.true_class, one.found_class) for one in outcomes)
     order = sorted(pairs.items(), key=lambda pair: (pair[0][0], -pair[1], pair[0][1] or ""))
     return NameQuality(
-        judged, named, right, in_top, ratio(right, judged), ratio(in_top, judged), ratio(right, named),
-        tuple(Confusion(true, found, count) for (true, found), count in order), tuple(outcomes),
-    )  # fmt: skip
+        judged,
+        named,
+        right,
+        in_top,
+        ratio(right, judged),
+        ratio(in_top, judged),
+        ratio(right, named),
+        tuple(Confusion(true, found, count) for (true, found), count in order),
+        tuple(outcomes),
+    )

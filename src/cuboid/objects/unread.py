@@ -206,9 +206,7 @@ class UnreadMap:
             return
         direction, _ = ray_through(box, seen)
         guess = 1e-6 * np.eye(3)  # makes the position defined before the first ray; the rays outweigh it
-        one = UnreadObject(
-            self._next_number, seen.frame, seen.frame, guess, guess @ (seen.eye + read_m * direction)
-        )  # fmt: skip
+        one = UnreadObject(self._next_number, seen.frame, seen.frame, guess, guess @ (seen.eye + read_m * direction))
         self._next_number += 1
         self._things.append(one)
         self._add_hit(one, found, k, seen)

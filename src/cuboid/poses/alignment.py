@@ -237,9 +237,21 @@ class _Sums:
     def __call__(self, T: Float64Array, sigma: Float64Array, shade: Float64Array) -> None:
         p = self._points
         kernel.accumulate(
-            p.points, p.normals, p.intensity, p.group, shade, self._level.image, self._level.camera,
-            np.ascontiguousarray(T), sigma, NOISE, self._gate, self._system, self._sums, self._shades,
-        )  # fmt: skip
+            p.points,
+            p.normals,
+            p.intensity,
+            p.group,
+            shade,
+            self._level.image,
+            self._level.camera,
+            np.ascontiguousarray(T),
+            sigma,
+            NOISE,
+            self._gate,
+            self._system,
+            self._sums,
+            self._shades,
+        )
 
     def step(self, T: Float64Array, prior: Prior | None) -> Float64Array:
         """Return the Gauss-Newton step (6,); zero in directions that the points do not determine."""

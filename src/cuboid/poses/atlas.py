@@ -145,10 +145,16 @@ class Atlas:
         self._work.extend((known[i].number, number, True) for i in likely)
         self.keyframes.append(
             Keyframe(
-                number, frame, T_world_camera, small, median_depth_m(reference), features.appearance, submap,
+                number,
+                frame,
+                T_world_camera,
+                small,
+                median_depth_m(reference),
+                features.appearance,
+                submap,
                 _reference=reference,
             )
-        )  # fmt: skip
+        )
         return number, overlapping
 
     def add_given(
@@ -158,11 +164,17 @@ class Atlas:
         number, reference = len(self.keyframes), pick(features.levels)
         self.keyframes.append(
             Keyframe(
-                number, frame, T_world_camera, small, median_depth_m(reference), features.appearance, submap,
+                number,
+                frame,
+                T_world_camera,
+                small,
+                median_depth_m(reference),
+                features.appearance,
+                submap,
                 given=True,
                 _reference=reference,
             )
-        )  # fmt: skip
+        )
         return number
 
     def overlapping(self, T_world_camera: Float64Array, level: Level, submap: int) -> list[int]:

@@ -174,9 +174,17 @@ class PoseEstimator:
     def state(self) -> PoseEstimatorState:
         """Return the current state; see `Atlas.state`."""
         return PoseEstimatorState(
-            self._atlas.state(), dict(self._anchors), self._submap, self._submaps, self._lost, self._elsewhere,
-            self._T_world_camera, self._motion, self._time_s, tuple(self._local),
-        )  # fmt: skip
+            self._atlas.state(),
+            dict(self._anchors),
+            self._submap,
+            self._submaps,
+            self._lost,
+            self._elsewhere,
+            self._T_world_camera,
+            self._motion,
+            self._time_s,
+            tuple(self._local),
+        )
 
     @classmethod
     def from_state(cls, state: PoseEstimatorState, intrinsics: Intrinsics) -> PoseEstimator:

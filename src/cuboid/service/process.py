@@ -99,9 +99,13 @@ def answer_about_run(
     place = Place(source)
     app = application(place, token=token, hosts=hosts)
     config = uvicorn.Config(
-        app, log_level="warning", server_header=False, access_log=False, limit_concurrency=MAX_CONNECTIONS,
+        app,
+        log_level="warning",
+        server_header=False,
+        access_log=False,
+        limit_concurrency=MAX_CONNECTIONS,
         timeout_graceful_shutdown=1,
-    )  # fmt: skip
+    )
     server = uvicorn.Server(config)
 
     def take_updates() -> None:

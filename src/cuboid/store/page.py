@@ -105,9 +105,13 @@ def _recordings(rows: Iterable[Mapping[str, Any]]) -> str:
         if row["results"]:
             name = f'<a href="{quote(row["results"])}/report.html">{name}</a>'
         counts = (
-            f"{row['frames_used']} of {row['frames_read']}", row["proposals"], row["proposals_labelled"],
-            row["sightings"], row["labels"], row["objects"],
-        )  # fmt: skip
+            f"{row['frames_used']} of {row['frames_read']}",
+            row["proposals"],
+            row["proposals_labelled"],
+            row["sightings"],
+            row["labels"],
+            row["objects"],
+        )
         cells = "".join(f'<td class="number">{escape("" if count is None else str(count))}</td>' for count in counts)
         bars = "".join(_bar(row[indicator]) for indicator in INDICATORS)
         lines.append(f"<tr><td>{name}</td>{cells}{bars}</tr>")

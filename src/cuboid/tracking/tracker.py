@@ -362,9 +362,16 @@ class Tracker(KeptMap):
         seconds = working_s() - self._begun_s
         output = as_path(output)
         save_results(
-            self, self._rows, output, recording, settings, seconds,
-            force=force, relations=relations, furniture=furniture,
-        )  # fmt: skip
+            self,
+            self._rows,
+            output,
+            recording,
+            settings,
+            seconds,
+            force=force,
+            relations=relations,
+            furniture=furniture,
+        )
 
 
 def refuse_other_units(frame: Frame) -> None:

@@ -68,9 +68,15 @@ class VideoView:
             known=result.objects_known,
         )
         picture = draw_frame(
-            frame.color, result.T_world_camera, self._intrinsics, result.sightings, hidden, status,
-            names=names_of(objects), steady=self._steady,
-        )  # fmt: skip
+            frame.color,
+            result.T_world_camera,
+            self._intrinsics,
+            result.sightings,
+            hidden,
+            status,
+            names=names_of(objects),
+            steady=self._steady,
+        )
         self._writer.add(picture)
 
     def close(self, complete: bool) -> None:
