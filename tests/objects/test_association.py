@@ -30,7 +30,9 @@ def frame_of(claim: np.ndarray) -> FrameSegments:
         pixels = np.flatnonzero(claim.ravel() == k)
         outline = np.zeros((4, KINDS), np.int64)
         segments.append(FrameSegment(pixels, {}, 1.0, 1.0, np.zeros(4), outline, 1.0))
-    return FrameSegments(segments, claim.astype(np.int32), np.zeros((count, count), np.int64), np.arange(count))
+    return FrameSegments(
+        segments, claim.astype(np.int32), np.zeros((count, count), np.int64), np.arange(count), np.zeros(count, bool)
+    )
 
 
 def things(*columns: tuple[int, int]) -> np.ndarray:

@@ -122,7 +122,6 @@ class ObjectMap:
         objects: Sequence[MapObject],
         voxels: PixelVoxels,
         candidate: UInt8Array,
-        touched: npt.NDArray[np.bool_],
         settled: frozenset[int],
     ) -> Association:
         """Update the map of objects with a frame.
@@ -138,8 +137,6 @@ class ObjectMap:
         voxels : PixelVoxels
         candidate : (h, w) uint8
             1 for pixels off every supporting plane.
-        touched : (n,) bool
-            Segments at which something moves: their outlines are no evidence.
         settled : frozenset of int
             Numbers of objects that were set down a short time ago: their new place has few points yet.
 
@@ -151,7 +148,7 @@ class ObjectMap:
             entry.keyframe = -1  # most of its points may be anchored to the keyframe of this frame now
         found = associate(frame_segments, pack(boxes), objects, self.store.boxes_of(objects), voxels)
         novelty = novelty_of(seen)
-        number_of = self._update_objects(seen, frame_segments, boxes, found, touched)
+        number_of = self._update_objects(seen, frame_segments, boxes, found)
         self._voxels.vote_owners(
             frame_segments.claim, number_of, *self._allowed_transfers(number_of, found), candidate, voxels.slots
         )
@@ -172,7 +169,6 @@ class ObjectMap:
         frame_segments: FrameSegments,
         boxes: Sequence[Box],
         found: Association,
-        touched: npt.NDArray[np.bool_],
     ) -> npt.NDArray[np.int32]:
         """Update matched objects and start candidates; return the object for which each segment votes, 0: none."""
         number_of = np.zeros(len(frame_segments.segments), np.int32)
@@ -180,7 +176,7 @@ class ObjectMap:
         partner = {j: i for i, j in enumerate(match) if j >= 0}
         outlines = np.array([c.outline for c in frame_segments.segments]).reshape(-1, 4, KINDS)
         evidence = log_odds_of(outlines, np.array([c.read for c in frame_segments.segments]))
-        evidence = np.where(touched, 0.0, evidence).tolist()
+        evidence = np.where(frame_segments.touched, 0.0, evidence).tolist()
         for i, segment in enumerate(frame_segments.segments):
             if match[i] >= 0:
                 entry = found.objects[match[i]]

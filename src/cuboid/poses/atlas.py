@@ -135,47 +135,32 @@ class Atlas:
         list of int
             The keyframes that it overlaps, largest overlap first.
         """
-        number = len(self.keyframes)
-        reference = pick(features.levels)
+        added = self._keyframe(frame, T_world_camera, submap, small, features)
         overlapping = self.overlapping(T_world_camera, features.levels[OVERLAP_LEVEL], submap)
-        self._work.extend((k, number, False) for k in overlapping[:NEIGHBOUR_EDGES])
+        self._work.extend((k, added.number, False) for k in overlapping[:NEIGHBOUR_EDGES])
         known = [k for k in self.keyframes if k.number not in overlapping]
         scores = votes(features.appearance, [k.appearance for k in known])
         likely = [i for i in np.argsort(-scores, kind="stable")[:LOOP_EDGES] if scores[i] > MIN_VOTES]
-        self._work.extend((known[i].number, number, True) for i in likely)
-        self.keyframes.append(
-            Keyframe(
-                number,
-                frame,
-                T_world_camera,
-                small,
-                median_depth_m(reference),
-                features.appearance,
-                submap,
-                _reference=reference,
-            )
-        )
-        return number, overlapping
+        self._work.extend((known[i].number, added.number, True) for i in likely)
+        self.keyframes.append(added)
+        return added.number, overlapping
 
     def add_given(
         self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, features: FrameFeatures
     ) -> int:
         """Add a keyframe with a given pose, which no measurement changes, and return its number."""
-        number, reference = len(self.keyframes), pick(features.levels)
-        self.keyframes.append(
-            Keyframe(
-                number,
-                frame,
-                T_world_camera,
-                small,
-                median_depth_m(reference),
-                features.appearance,
-                submap,
-                given=True,
-                _reference=reference,
-            )
-        )
-        return number
+        added = self._keyframe(frame, T_world_camera, submap, small, features)
+        added.given = True
+        self.keyframes.append(added)
+        return added.number
+
+    def _keyframe(
+        self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, features: FrameFeatures
+    ) -> Keyframe:
+        """Return the next keyframe."""
+        reference, number = pick(features.levels), len(self.keyframes)
+        depth_m, appearance = median_depth_m(reference), features.appearance
+        return Keyframe(number, frame, T_world_camera, small, depth_m, appearance, submap, _reference=reference)
 
     def overlapping(self, T_world_camera: Float64Array, level: Level, submap: int) -> list[int]:
         """Return the keyframes that overlap an image at a pose, largest overlap first."""

@@ -79,6 +79,8 @@ class FrameSegments:
         [i, j]: number of outline pixels of i at which j begins.
     proposal : (n,) int64
         The proposal of each segment.
+    touched : (n,) bool
+        Segments at which something moves: their outlines are no evidence.
     left_out : int
         Number of segments dropped because of the limit per frame.
     """
@@ -87,15 +89,8 @@ class FrameSegments:
     claim: npt.NDArray[np.int32]
     contact: npt.NDArray[np.int64]
     proposal: npt.NDArray[np.int64]
+    touched: npt.NDArray[np.bool_]
     left_out: int = 0
-
-    def touched_by(self, marked: UInt8Array | None) -> npt.NDArray[np.bool_]:
-        """Return which segments (n,) touch marked pixels (h, w); none if `marked` is None."""
-        touched = np.zeros(len(self.segments), bool)
-        if marked is not None:
-            around = cv2.dilate(marked, np.ones((TOUCHING_PX, TOUCHING_PX), np.uint8))
-            touched[np.unique(self.claim[(around > 0) & (self.claim >= 0)])] = True
-        return touched
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +177,16 @@ def segment_frame(
     for k, (begin, end) in enumerate(first[:kept].tolist()):
         supports = {name: count for name, count in zip(names, above[k], strict=True) if count}
         segments.append(FrameSegment(pixels[begin:end], supports, warm[k], scores[k], rects[k], outline[k], read[k]))
-    return FrameSegments(segments, segment_of, contact, proposal_of, left_out)
+    return FrameSegments(segments, segment_of, contact, proposal_of, _touched(segment_of, kept, seen.moving), left_out)
+
+
+def _touched(segment_of: npt.NDArray[np.int32], count: int, moving: UInt8Array | None) -> npt.NDArray[np.bool_]:
+    """Return which segments (n,) touch moving pixels (h, w); `segment_of` (h, w) is the segment of each pixel."""
+    touched = np.zeros(count, bool)
+    if moving is not None:
+        around = cv2.dilate(moving, np.ones((TOUCHING_PX, TOUCHING_PX), np.uint8))
+        touched[np.unique(segment_of[(around > 0) & (segment_of >= 0)])] = True
+    return touched
 
 
 def points_of(pixels: npt.NDArray[np.int64], image: WorkingImage, T_world_camera: Float64Array) -> Float64Array:
