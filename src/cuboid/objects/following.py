@@ -25,9 +25,9 @@ from cuboid.core.values import EventName
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import inverse, transform
-from cuboid.heatmap.kernels.cubes import keys_of
 from cuboid.heatmap.motion import REST_S, groups_of
 from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.objects.arrivals import IN_PLACE_M, Arrivals
 from cuboid.objects.cluster import Cluster, Fit
 from cuboid.objects.entry import MapObject
 from cuboid.objects.kernels.leaving import count_passed
@@ -47,8 +47,6 @@ NEAR_M = 0.1
 FIRST_REACH_M, REACH_M = 0.08, 0.04
 # A followed object has moved if its new place explains more of its points than its last one, by this fraction.
 BETTER = 0.05
-# A reading belongs to a point if it lies within this distance and noise of it, metres.
-IN_PLACE_M = DRIFT_M / 2.0
 # A followed object that is not found in this many frames in a row is lost.
 LOST_FRAMES = 6
 # An object is at rest after it has stood on a surface for this time, seconds, or has not moved for two seconds: its
@@ -62,12 +60,6 @@ GONE_S = 5.0
 COMPARED_S = 1.0
 # Fraction of the points of a moving body that may be outliers, at each side.
 AGENT_OUTLIERS = 0.02
-# An object came while the camera watched if something moved in cells of this edge, metres, that hold at least this
-# fraction of its points, and an earlier view saw through this fraction of them: the lower part of an object is too near
-# to what it stands on.
-CELL_M, STIRRED, CAME = 0.04, 0.25, 1.0 / 3.0
-# A view is stored at this interval, seconds; this is the largest number of views.
-VIEW_EVERY_S, MAX_VIEWS = 2.0, 64
 
 
 @dataclass(slots=True)
@@ -79,16 +71,6 @@ class _Gone:
     from_box: Box
     since_s: float
     reported: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class _View:
-    """The depth of an earlier frame, every other pixel in both directions, with its camera."""
-
-    time_s: float
-    depth_m: Float32Array
-    pinhole: Float64Array
-    T_camera_world: Float64Array
 
 
 @dataclass(slots=True)
@@ -140,8 +122,7 @@ class Following:
         # Times at which objects got a new label, by number; the new objects that came while the camera watched.
         self._labelled_s: dict[int, float] = {}
         self._came: list[MapObject] = []
-        self._cells: dict[int, None] = {}
-        self._views: deque[_View] = deque(maxlen=MAX_VIEWS)
+        self._arrivals = Arrivals(config.depth_noise_per_m)
         self._events: list[ObjectEvent] = []
         self._levels: tuple[Level, ...] | None = None
         self.agents: list[Box] = []
@@ -157,13 +138,10 @@ class Following:
         """Follow moving objects; return the frame with followed objects marked as moving, and settled ones as still."""
         self._levels = None
         self._settled = [(entry, until_s) for entry, until_s in self._settled if time_s < until_s]
-        if not self._views or time_s - self._views[-1].time_s >= VIEW_EVERY_S:
-            image, T = seen.image, np.ascontiguousarray(seen.T_camera_world)
-            depth_m = np.ascontiguousarray(image.depth_m[::2, ::2])
-            self._views.append(_View(time_s, depth_m, image.camera.pinhole / 2, T))
+        self._arrivals.note_view(seen, time_s)
         if seen.moving is not None:
             places = _points_of(seen)
-            self._note_cells(places)
+            self._arrivals.note_motion(places)
             self._note_near(places, time_s)
         self._find_leaving(seen, time_s)
         for one in list(self._followed):
@@ -335,15 +313,18 @@ class Following:
         """
         self._labelled_s |= {entry.number: time_s for entry in entries}
         self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < REST_S}
-        came = [*self._came, *(entry for entry in entries if self._has_come(entry) or self._is_in_old_place(entry))]
+        came = [
+            *self._came,
+            *(entry for entry in entries if self._arrivals.has_come(entry) or self._is_in_old_place(entry)),
+        ]
         self._came = []
         for entry in came:
             if not entry.confirmed or self._recognize(entry):
                 continue
-            new = time_s - self._labelled_s.get(entry.number, -COMPARED_S) < COMPARED_S
-            if new or entry.last_frame < frame:
+            young = time_s - self._labelled_s.get(entry.number, -COMPARED_S) < COMPARED_S
+            if young or entry.last_frame < frame:
                 self._came.append(entry)
-            elif self._has_come(entry):
+            elif self._arrivals.has_come(entry):
                 self._report("appeared", entry, None, entry.box, entry.score)
 
     def _recognize(self, entry: MapObject) -> bool:
@@ -364,23 +345,6 @@ class Following:
     def _is_in_old_place(self, entry: MapObject) -> bool:
         """Return whether an object is where one was that seemed to leave."""
         return any(np.linalg.norm(entry.box.center - one.from_box.center) < MOVED_M for one in self._gone)
-
-    def _has_come(self, entry: MapObject) -> bool:
-        if not self._cells or not len(entry.points):
-            return False
-        points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
-        keys = _keys(points)
-        if sum(key in self._cells for key in keys) < STIRRED * len(keys):
-            return False
-        noise = self._config.depth_noise_per_m
-        for view in self._views:
-            _, passed = count_passed(points, view.depth_m, view.pinhole, view.T_camera_world, IN_PLACE_M, noise)
-            if passed >= CAME * len(points):
-                return True
-        return False
-
-    def _note_cells(self, places: Float32Array) -> None:
-        self._cells.update(dict.fromkeys(_keys(places)))
 
     def _report(self, event: EventName, entry: MapObject, before: Box | None, after: Box | None, score: float) -> None:
         from_m, to_m = (None if box is None else box.center for box in (before, after))
@@ -445,13 +409,6 @@ def _mark_inside(box: Box, beyond_m: float, seen: Observation, marks: UInt8Array
     rows, columns = rows + top, columns + left
     inside = box.contains(_places(rows, columns, seen), beyond_m)
     marks[rows[inside], columns[inside]] = value
-
-
-def _keys(points: Float32Array) -> list[int]:
-    """Return the numbers of the cells that points (N, 3) lie in."""
-    cells = np.floor(points.astype(np.float64) / CELL_M).astype(np.int64)
-    found: list[int] = np.unique(keys_of(cells)).tolist()
-    return found
 
 
 def _is_elsewhere(found: Fit, there: Fit | None, box: Box) -> bool:
