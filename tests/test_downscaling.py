@@ -73,3 +73,9 @@ def test_color_is_the_mean_of_the_block_and_odd_rows_are_left_out() -> None:
 def test_scale_one_is_the_frame_itself() -> None:
     whole = frame(plane_depth(K))
     assert downscale(whole, 1) is whole
+
+
+def test_a_reading_is_a_point_on_the_ray_of_its_pixel() -> None:
+    camera = Intrinsics(100.0, 200.0, 50.0, 40.0, 101, 81)
+    points = camera.points(np.array([50, 60, 0]), np.array([40, 40, 80]), np.array([2.0, 1.0, 0.5], np.float32))
+    assert points.tolist() == [[0.0, 0.0, 2.0], [0.1, 0.0, 1.0], [-0.25, 0.1, 0.5]]

@@ -48,6 +48,13 @@ class Intrinsics:
         """The focal lengths fx, fy and the principal point cx, cy, (4,)."""
         return np.array([self.fx, self.fy, self.cx, self.cy])
 
+    def points(
+        self, u: npt.NDArray[np.integer], v: npt.NDArray[np.integer], depth_m: npt.NDArray[np.floating]
+    ) -> Float64Array:
+        """Return the points (N, 3) of readings in the camera frame, metres; columns, rows and depths are (N,) each."""
+        x, y = (u - self.cx) / self.fx * depth_m, (v - self.cy) / self.fy * depth_m
+        return np.column_stack([x, y, depth_m])
+
     def downscaled(self, factor: int) -> Intrinsics:
         """Return the pinhole of the image whose pixels are blocks of `factor` x `factor` pixels of this one."""
         shift = (factor - 1) / 2.0

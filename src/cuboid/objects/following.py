@@ -390,8 +390,7 @@ def _points_of(seen: Observation) -> Float32Array:
 
 
 def _places(v: npt.NDArray[np.int64], u: npt.NDArray[np.int64], seen: Observation) -> Float32Array:
-    c, z = seen.image.camera, seen.image.depth_m[v, u]
-    points = np.stack([(u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z], 1)
+    points = seen.image.camera.points(u, v, seen.image.depth_m[v, u])
     return transform(seen.T_world_camera, points).astype(np.float32)
 
 

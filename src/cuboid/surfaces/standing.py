@@ -116,10 +116,8 @@ def _things(
     kernel.gather_pieces(labels, starts, pixels)
     for k in np.flatnonzero((clear > 0.0) & (np.diff(starts) >= MIN_PIXELS)).tolist():
         v, u = pixels[starts[k] : starts[k + 1]].T
-        z = depth_m[v, u].astype(np.float64)
-        points = np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
-        if _stands(points, planes[beneath[k]], config):
-            found[beneath[k]] += clear[k] * len(z)
+        if _stands(camera.points(u, v, depth_m[v, u]), planes[beneath[k]], config):
+            found[beneath[k]] += clear[k] * len(u)
     return found
 
 

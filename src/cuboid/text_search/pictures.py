@@ -74,9 +74,8 @@ def own_pixels(view: ObjectView, box: Box) -> npt.NDArray[np.bool_]:
     place = corners[:, :2] / corners[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     cv2.fillConvexPoly(outline, cv2.convexHull(np.rint(place).astype(np.int32)), 1)
     v, u = np.nonzero((outline > 0) & (view.depth_m > 0))
-    z = view.depth_m[v, u].astype(np.float64)
-    points = np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
-    within = (se3.transform(view.T_world_camera, points) - box.center) @ box.rotation
+    points = se3.transform(view.T_world_camera, camera.points(u, v, view.depth_m[v, u]))
+    within = (points - box.center) @ box.rotation
     half = box.size / 2.0 + MARGIN_M
     other = (np.abs(within) > half).any(axis=1) | (within[:, 2] < FOOT_M - box.size[2] / 2.0)
     own = outline > 0
