@@ -216,7 +216,7 @@ def size_of(edges: Edges, move: Float64Array) -> float:
 
 
 def tile_of(edges: Edges) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-    """Return the tile in which each depth edge lies (N,), and whether it is an even one, as on a chessboard (N,)."""
+    """Return the tile of each depth edge (N,), and whether its row and column have an even sum (N,)."""
     height, width = edges.strength.shape[2:]
     columns, rows = TILES
     column = np.clip((edges.places[:, 0] * columns / width).astype(np.int64), 0, columns - 1)

@@ -97,11 +97,9 @@ def run(args: argparse.Namespace) -> int:
         visits = evaluate_visits(args.result, args.truth)
         give(args, visits.to_dict(), lambda: print_visits(visits))
         return 0
-    for name in ("recording", "pictures"):
-        if getattr(args, name) is not None:
-            raise InputError(f"--{name} is for keyframes only; {args.truth} is another kind of truth")
-    if args.give_names:
-        raise InputError(f"--give-names is for keyframes only; {args.truth} is another kind of truth")
+    for option in ("--recording", "--pictures", "--give-names"):
+        if getattr(args, option[2:].replace("-", "_")):
+            raise InputError(f"{option} is for keyframes only; {args.truth} is another kind of truth")
     found = evaluate(args.result, args.truth, cloud=args.cloud, trajectory=args.trajectory)
     give(args, found.to_dict(), lambda: print_evaluation(found))
     return 0
