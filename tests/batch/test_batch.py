@@ -21,6 +21,7 @@ from cuboid.batch.sources import Source
 from cuboid.batch.task import Ended
 from cuboid.cli import main
 from cuboid.cli.batch import add_arguments, settings_from
+from cuboid.core.errors import InputError
 from cuboid.store.query import Tables
 
 
@@ -93,6 +94,24 @@ def test_workers_without_memory_for_anything_are_told_in_a_line(source: Path, tm
     assert "too little memory (--memory-limit)" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "store").exists()
+
+
+def test_a_batch_ends_when_no_worker_can_be_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    no_worker = tmp_path / "no worker"
+    for name, value in surroundings().items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("CUBOID_TEST_NO_WORKER", str(no_worker))
+    monkeypatch.setattr(cluster, "STARTS", 2)
+    # The client looks for its ended scheduler for so long.
+    settings = {"distributed.worker.preload": ["dying_workers"], "distributed.comm.timeouts.connect": "1s"}
+
+    def last_task() -> None:
+        no_worker.touch()
+        os._exit(1)
+
+    ends = pytest.raises(InputError, match=r"no worker can be started.*--memory-limit")
+    with dask.config.set(settings), ends, Workers(count=1).connected() as client:
+        client.submit(last_task).result()
 
 
 def test_the_tables_say_what_the_folders_say(store: Path) -> None:

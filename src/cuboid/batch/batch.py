@@ -12,7 +12,7 @@ from cuboid import __version__
 from cuboid.batch.cluster import RETRIES
 from cuboid.batch.sources import Source
 from cuboid.batch.task import Ended, Task, give_up, identify, track
-from cuboid.core.errors import CuboidError, InputError
+from cuboid.core.errors import CuboidError
 from cuboid.store.compact import compact
 from cuboid.store.place import Place
 from cuboid.store.rows import RunHead
@@ -79,17 +79,14 @@ def plan(client: Client, sources: Iterable[Source], order: Order) -> Plan:
     Raises
     ------
     InputError
-        The store cannot be read, or the workers have too little memory for any task.
+        The store cannot be read.
+    distributed.KilledWorker, distributed.CancelledError
+        No worker survives a task, or none is left; `Workers.connected` explains them.
     """
     sources = list(sources)
     some = [sources[k : k + LOOK_AT] for k in range(0, len(sources), LOOK_AT)]
     looks = client.map(identify, some, settings=order.settings, version=order.version, pure=False)
-    try:
-        heads = [head for heads in client.gather(looks) for head in heads]
-    except KilledWorker:
-        raise InputError(
-            "the workers were killed before the first recording: too little memory (--memory-limit), or no room for it"
-        ) from None
+    heads = [head for heads in client.gather(looks) for head in heads]
     known = snapshot(Place(order.store), every_key=True).keys
     tasks: list[Task] = []
     broken: dict[Source, str] = {}
@@ -119,8 +116,8 @@ def carry_out(client: Client, planned: Plan, order: Order, ended: Callable[[Ende
 
     Raises
     ------
-    InputError
-        The scheduler is gone. Finished recordings are in the store, and the same batch continues from there.
+    distributed.CancelledError
+        The scheduler is gone, or no worker is left; `Workers.connected` explains it.
     OutputError
         The store cannot be written.
     """
@@ -150,11 +147,8 @@ def _result(future: Future[Ended], head: RunHead, place: Place) -> Ended:
     try:
         ended: Ended = future.result()
     except Exception as error:
-        if future.status != "error":
-            raise InputError(
-                "the scheduler was lost; what is done is in the store, and the same call goes on from there"
-            ) from error
-        if isinstance(error, CuboidError):  # the store cannot be written, which is no fault of the recording
+        # The scheduler is lost, or the store cannot be written: neither is a fault of the recording.
+        if future.status != "error" or isinstance(error, CuboidError):
             raise
         return give_up(head, place, *_reason(error))
     return ended

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import dask
-from distributed import Client, LocalCluster, Nanny, Status
+from distributed import CancelledError, Client, KilledWorker, LocalCluster, Nanny, Status
 
 from cuboid import __version__
 from cuboid.core.errors import InputError
@@ -27,6 +27,12 @@ RETRIES = 2
 STARTS = 20
 
 CONNECT_S = 20
+
+# Module that keeps a local worker from writing to the terminal. Only workers may load it.
+SILENT = "cuboid.batch.silent"
+
+# States of a nanny that starts no worker any more.
+ENDING = (Status.closing, Status.closed, Status.closing_gracefully, Status.failed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +63,24 @@ class Workers:
         Raises
         ------
         InputError
-            No scheduler answers at the address, or its workers have another version.
+            No scheduler answers at the address, its workers have another version, or, later, no worker survives a
+            task or the scheduler is lost. Recordings that are done are in the store.
         """
+        try:
+            with self._connected() as client:
+                yield client
+        except KilledWorker:
+            raise InputError(
+                "the workers were killed: too little memory (--memory-limit), or no room for their files"
+            ) from None
+        except CancelledError:
+            raise InputError(
+                "the scheduler was lost, or no worker can be started: too little memory (--memory-limit)? "
+                "What is done is in the store, and the same call goes on from there"
+            ) from None
+
+    @contextmanager
+    def _connected(self) -> Iterator[Client]:
         with dask.config.set(self._settings()):
             if self.scheduler is None:
                 with self._local() as cluster, Client(cluster) as client:
@@ -104,19 +126,26 @@ class Workers:
             "distributed.scheduler.work-stealing-interval": "1s",
             # The nanny of a lost worker is restarting it; by default Dask would give up both after 15 s.
             "distributed.deploy.lost-worker-timeout": "1000 days",
+            "distributed.worker.preload": [SILENT, *dask.config.get("distributed.worker.preload")],
             "distributed.nanny.pre-spawn-environ": {**dict.fromkeys(POOLS, "1"), "MALLOC_TRIM_THRESHOLD_": "65536"},
         }
 
 
 class RetryingNanny(Nanny):
-    """A nanny that restarts a killed worker, also one that is killed during start-up."""
+    """A nanny that restarts a killed worker, also one that is killed during start-up.
+
+    After `STARTS` failures in a row, it ends the scheduler: without workers, its client would wait for ever.
+    """
 
     async def instantiate(self) -> Status:
         """Start the worker's process."""
-        for _ in range(STARTS - 1):
-            if (status := await super().instantiate()) == Status.running:
+        for _ in range(STARTS):
+            status = await super().instantiate()
+            if status == Status.running or self.status in ENDING:
                 return status
-        return await super().instantiate()
+        if self.status == Status.running:
+            await self.scheduler.terminate()
+        return status
 
 
 def _refuse_other_versions(client: Client) -> None:
