@@ -46,7 +46,7 @@ SETTINGS = 1_000_000
 # A sequence with many objects, which meets all kernels.
 MANY_OBJECTS = 38
 # Slowest frames that are told of.
-TOLD = 5
+MAX_SLOWEST = 5
 
 
 @dataclass
@@ -81,7 +81,7 @@ class Fired:
         self.latest[what] = where
 
     def took(self, what: str, seconds: float, where: str) -> None:
-        self.slowest[what] = sorted([*self.slowest[what], (seconds, where)], reverse=True)[:TOLD]
+        self.slowest[what] = sorted([*self.slowest[what], (seconds, where)], reverse=True)[:MAX_SLOWEST]
         if seconds > FRAME_S:
             self.slow[what, where] = seconds
 

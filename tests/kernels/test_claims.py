@@ -297,7 +297,7 @@ def test_a_slanted_side_is_neither_top_nor_bottom() -> None:
     assert outline[0, LEFT, FREE] == outline[0, RIGHT, FREE] == 6
 
 
-MOST = 8
+MAX_CONFIDENCE = 8
 
 
 def slow_vote(
@@ -316,7 +316,7 @@ def slow_vote(
             continue
         done.add(row)
         if owner == number:
-            after[row] = (owner, min(MOST, votes + 1) if number else votes)
+            after[row] = (owner, min(MAX_CONFIDENCE, votes + 1) if number else votes)
         elif votes > 1:
             after[row] = (owner, votes - 1)
         else:
@@ -330,7 +330,7 @@ def test_voxels_are_voted_for_as_boyer_and_moore_do(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count = 60
     owner = rng.choice([0, 1, 2, 4], count).astype(np.int32)
-    confidence = np.where(owner > 0, rng.integers(1, MOST + 1, count), 0).astype(np.uint8)
+    confidence = np.where(owner > 0, rng.integers(1, MAX_CONFIDENCE + 1, count), 0).astype(np.uint8)
     place = np.array([0, 1, 2, -1, -1])  # 4 is not in view
     voted = np.zeros(count, np.uint8)
     for _ in range(6):
@@ -343,7 +343,9 @@ def test_voxels_are_voted_for_as_boyer_and_moore_do(seed: int) -> None:
         may = {(i, o): bool(place[o] >= 0 and allowed[i, place[o]]) for i in range(3) for o in (0, 1, 2, 4)}
         held = {k: (int(owner[k]), int(confidence[k])) for k in range(count)}
         expected = slow_vote(held, claim, slots, dict(enumerate(number_of.tolist())), candidate, may, hits)
-        pairs = vote_owners(claim, number_of, place, allowed, candidate, slots, hits, MOST, owner, confidence, voted)
+        pairs = vote_owners(
+            claim, number_of, place, allowed, candidate, slots, hits, MAX_CONFIDENCE, owner, confidence, voted
+        )
         # What has a new owner is told of; all of these rows lie in block 0.
         won = {int(owner[k]) for k in range(count) if owner[k] and owner[k] != held[k][0]}
         assert won <= set((pairs >> 32).tolist()) <= {1, 2, 4}
@@ -360,11 +362,11 @@ def test_so_many_frames_as_there_are_votes_change_an_owner() -> None:
     history = []
     for number in [1] * 12 + [2] * 10:
         vote_owners(
-            claim, np.array([number], np.int32), place, yes, np.ones((1, 1), np.uint8), slots, hits, MOST, owner,
-            confidence, voted,
+            claim, np.array([number], np.int32), place, yes, np.ones((1, 1), np.uint8), slots, hits, MAX_CONFIDENCE,
+            owner, confidence, voted,
         )  # fmt: skip
         history.append((int(owner[0]), int(confidence[0])))
-    assert history[11] == (1, MOST)
+    assert history[11] == (1, MAX_CONFIDENCE)
     assert history[18] == (1, 1)
     assert history[19] == (2, 1)
     assert history[21] == (2, 3)

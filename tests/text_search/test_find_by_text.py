@@ -15,7 +15,7 @@ from cuboid.core.errors import InputError
 from cuboid.outputs.folder import EMBEDDINGS
 from cuboid.shapes.views import view_of
 from cuboid.text_search import Embeddings, TextModel
-from cuboid.text_search.pictures import own_pixels, pictures_of
+from cuboid.text_search.pictures import object_pixels, pictures_of
 from made_scenes import CAMERA, cast
 from made_shapes import BOXES, TABLE, finished, frames
 from made_text_models import made_text_model
@@ -98,7 +98,7 @@ def test_the_mask_is_the_object_alone() -> None:
             x0, y0 = round(CAMERA.cx - view.camera.cx), round(CAMERA.cy - view.camera.cy)
             height, width = view.depth_m.shape
             true = hit[y0 : y0 + height, x0 : x0 + width] == label
-            own = own_pixels(view, box)
+            own = object_pixels(view, box)
             assert (own & true).sum() > 0.93 * true.sum()  # its foot is left out
             assert (own & ~true).sum() < 0.07 * own.sum()
             whole, masked = pictures_of(view, box, grey)
@@ -113,5 +113,5 @@ def test_what_depth_does_not_read_is_pictured_as_it_is() -> None:
     view = view_of(frame, CAMERA, frame.T_world_camera, BOXES[1])
     assert view is not None
     view.depth_m[:] = 0.0
-    own = own_pixels(view, BOXES[1])
+    own = object_pixels(view, BOXES[1])
     assert 0.4 < own.mean() < 1.0

@@ -8,7 +8,7 @@ from cuboid.core.palette import UNLABELLED, color_of
 from cuboid.geometry.box import EDGES, Box
 from cuboid.views.drawing import STRIP_PX, Status, dashes, draw_frame, draw_proposals
 from cuboid.views.projection import project, visible_rect
-from cuboid.views.replay import Known
+from cuboid.views.replay import ReplayedObject
 from cuboid.views.tags import SteadyNames, place_tag, place_tags, tag_px, unit_of
 from made_crowd import camera, crowd
 
@@ -21,8 +21,8 @@ CORNERED = Box(np.array([0.25, 0.2, 1.0]), np.array([0.24, 0.2, 0.22]), np.eye(3
 
 
 def draw(
-    seen: list[Known],
-    hidden: list[Known] | None = None,
+    seen: list[ReplayedObject],
+    hidden: list[ReplayedObject] | None = None,
     status: Status | None = None,
     ground: UInt8Array = GREY,
 ) -> UInt8Array:
@@ -44,7 +44,7 @@ def edges_behind(box: Box) -> list[bool]:
 
 
 def test_edges_in_front_have_the_color_of_the_label_and_those_behind_are_dimmer() -> None:
-    pixels = along_edges(CORNERED, draw([Known(6, CORNERED)]))
+    pixels = along_edges(CORNERED, draw([ReplayedObject(6, CORNERED)]))
     behind = edges_behind(CORNERED)
     distance = np.median(np.linalg.norm(pixels - color_of(6), axis=2), axis=1)
     np.testing.assert_array_less(distance[np.logical_not(behind)], 25)
@@ -60,7 +60,7 @@ def test_edges_in_front_are_thicker() -> None:
         row = picture[v, u - 6 : u + 7].astype(int)
         return int((row[:, 2] - row[:, 0] > 60).sum())
 
-    picture = draw([Known(6, CORNERED)])  # label 6 is blue
+    picture = draw([ReplayedObject(6, CORNERED)])  # label 6 is blue
     corners = CORNERED.corners()
     assert width(corners[0], corners[2]) > width(corners[5], corners[7])
 
@@ -68,7 +68,7 @@ def test_edges_in_front_are_thicker() -> None:
 @pytest.mark.parametrize("level", [0, 128, 255])
 def test_lines_stand_out_from_any_ground(level: int) -> None:
     ground = np.full((480, 640, 3), level, np.uint8)
-    picture = draw([Known(5, CORNERED)], ground=ground)  # label 5 is yellow, hard to see on white
+    picture = draw([ReplayedObject(5, CORNERED)], ground=ground)  # label 5 is yellow, hard to see on white
     corners = project(CORNERED.corners(), INTRINSICS)
     u, v = np.rint((corners[0] + corners[2]) / 2).astype(int)
     profile = picture[v, u - 6 : u + 7].astype(int).sum(axis=1)
@@ -83,14 +83,14 @@ def test_a_hidden_object_is_dashed_and_a_seen_one_is_not() -> None:
         drawn = picture[v, u, 2].astype(int) - picture[v, u, 0] > 40  # label 6 is blue
         return int((np.diff(drawn.astype(int)) == -1).sum())
 
-    assert gaps(draw([], [Known(6, CORNERED)])) >= 5
-    assert gaps(draw([Known(6, CORNERED)])) == 0
+    assert gaps(draw([], [ReplayedObject(6, CORNERED)])) >= 5
+    assert gaps(draw([ReplayedObject(6, CORNERED)])) == 0
 
 
 def test_the_nearer_of_two_boxes_is_drawn_over_the_farther() -> None:
     near = Box(np.array([0.0, 0.0, 0.9]), np.full(3, 0.2), np.eye(3))
     far = Box(np.array([0.0, 0.08, 1.5]), np.array([0.6, 0.2, 0.2]), np.eye(3))
-    for order in ([Known(1, near), Known(7, far)], [Known(7, far), Known(1, near)]):
+    for order in ([ReplayedObject(1, near), ReplayedObject(7, far)], [ReplayedObject(7, far), ReplayedObject(1, near)]):
         picture = draw(order)
         left_px = round(319.5 - 500 * 0.1 / 0.8)  # the near box's left edge, where the far one's top edge crosses it
         top_px = round(239.5 + 500 * -0.02 / 1.4)
@@ -98,7 +98,7 @@ def test_the_nearer_of_two_boxes_is_drawn_over_the_farther() -> None:
 
 
 def test_a_tag_of_the_labels_color_stands_above_its_box() -> None:
-    picture = draw([Known(2, CORNERED)])
+    picture = draw([ReplayedObject(2, CORNERED)])
     corners = project(CORNERED.corners(), INTRINSICS)
     top_px, middle_px = int(corners[:, 1].min()), int((corners[:, 0].min() + corners[:, 0].max()) / 2)
     above = picture[top_px - 24 : top_px - 6, middle_px - 16 : middle_px + 16].reshape(-1, 3).astype(int)
@@ -191,7 +191,7 @@ def test_the_strip_changes_with_each_of_its_figures_and_only_the_strip_does() ->
 def test_the_frame_itself_is_not_changed_and_nothing_known_draws_nothing() -> None:
     ground = np.random.default_rng(0).integers(0, 256, (480, 640, 3)).astype(np.uint8)
     before = ground.copy()
-    draw([Known(1, CORNERED)], status=Status(0, 1, 1), ground=ground)
+    draw([ReplayedObject(1, CORNERED)], status=Status(0, 1, 1), ground=ground)
     np.testing.assert_array_equal(ground, before)
     np.testing.assert_array_equal(draw([], ground=ground), before)
 
@@ -199,7 +199,7 @@ def test_the_frame_itself_is_not_changed_and_nothing_known_draws_nothing() -> No
 def test_a_box_partly_behind_the_camera_is_drawn() -> None:
     long = Box(np.array([0.0, 0.3, 0.5]), np.array([0.3, 0.3, 2.0]), np.eye(3))
     assert long.corners()[:, 2].min() < 0 < long.corners()[:, 2].max()
-    picture = draw([Known(6, long)])
+    picture = draw([ReplayedObject(6, long)])
     end = project(np.array([0.0, 0.15, 1.5]), INTRINSICS)  # the far end of its upper face
     u, v = np.rint(end).astype(int)
     assert np.linalg.norm(picture[v - 2 : v + 3, u].astype(float) - color_of(6), axis=1).min() < 60
@@ -218,7 +218,7 @@ def test_proposals_without_a_label_are_grey() -> None:
 
 
 def test_the_same_is_drawn_twice() -> None:
-    pictures = [draw([Known(1, CORNERED)], [Known(2, CORNERED)], Status(3, 1, 2)) for _ in range(2)]
+    pictures = [draw([ReplayedObject(1, CORNERED)], [ReplayedObject(2, CORNERED)], Status(3, 1, 2)) for _ in range(2)]
     np.testing.assert_array_equal(*pictures)
 
 
@@ -228,7 +228,7 @@ def test_images_of_any_size_are_drawn(shape: tuple[int, int]) -> None:
     K = Intrinsics(width, width, width / 2, height / 2, width, height)
     ground = np.full((height, width, 3), 90, np.uint8)
     box = Box(np.array([0.1, 0.05, 1.0]), np.full(3, 0.2), np.eye(3))
-    picture = draw_frame(ground, LOOK, K, [Known(1, box)], [Known(2, box)], Status(1, 1, 2))
+    picture = draw_frame(ground, LOOK, K, [ReplayedObject(1, box)], [ReplayedObject(2, box)], Status(1, 1, 2))
     assert picture.shape == ground.shape
     assert (picture != ground).any()
 

@@ -54,7 +54,7 @@ def test_a_run_is_replayed_as_its_files_tell_it(tmp_path: Path) -> None:
     assert [[row.label for row in found.sightings] for found in frames] == [[], [1, 2], [2], [3], []]
     # Label 2 is an object of its own only while it is seen: objects.json does not have it.
     assert [[item.label for item in found.hidden] for found in frames] == [[], [], [1], [1], [1, 3]]
-    assert [found.known for found in frames] == [0, 2, 2, 2, 2]
+    assert [found.objects_known for found in frames] == [0, 2, 2, 2, 2]
     assert frames[2].hidden[0].box.center[0] == 4.0  # where it was last seen
     assert (len(replay), replay.last_frame, replay.every) == (5, 15, EVERY)
     assert replay.intrinsics.width == 4

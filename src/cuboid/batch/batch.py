@@ -85,18 +85,18 @@ def plan(client: Client, sources: Iterable[Source], order: Order) -> Plan:
     """
     sources = list(sources)
     some = [sources[k : k + LOOK_AT] for k in range(0, len(sources), LOOK_AT)]
-    looks = client.map(identify, some, settings=order.settings, version=order.version, pure=False)
-    heads = [head for heads in client.gather(looks) for head in heads]
-    known = snapshot(Place(order.store), every_key=True).keys
+    futures = client.map(identify, some, settings=order.settings, version=order.version, pure=False)
+    heads = [head for heads in client.gather(futures) for head in heads]
+    stored_keys = snapshot(Place(order.store), every_key=True).keys
     tasks: list[Task] = []
     broken: dict[Source, str] = {}
     done = failed = 0
     for source, head in zip(sources, heads, strict=True):
         if isinstance(head, str):
             broken[source] = head
-        elif key_of(head.run, DONE) in known:
+        elif key_of(head.run, DONE) in stored_keys:
             done += 1
-        elif key_of(head.run, FAILED) in known and not order.retry:
+        elif key_of(head.run, FAILED) in stored_keys and not order.retry:
             failed += 1
         else:
             tasks.append(Task(source, head, order.settings, order.store, order.tables_only))

@@ -135,7 +135,7 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
             found = scaled
     return CalibrationResult(
         start=start,
-        intrinsics=_told(found, start),
+        intrinsics=_certain_intrinsics(found, start),
         depth_scale=found.pinhole.depth_scale,
         focal_error=float(_errors(found)[FOCAL]),
         center_error_px=(float(_errors(found)[CENTER_X]), float(_errors(found)[CENTER_Y])),
@@ -180,14 +180,14 @@ def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = FRAMES) 
     list of int
         Frame numbers, increasing.
     """
-    known = sorted(T_world_camera.items())
-    if not known:
+    poses = sorted(T_world_camera.items())
+    if not poses:
         return []
-    motions = [se3.inverse(a) @ b for (_, a), (_, b) in pairwise(known)]
+    motions = [se3.inverse(a) @ b for (_, a), (_, b) in pairwise(poses)]
     travelled = np.cumsum([0.0, *(se3.angle(T) + float(np.linalg.norm(T[:3, 3])) for T in motions)])
     step = max(min(STEP, float(travelled[-1]) / count), 1e-9)
     _, first = np.unique(np.floor(travelled / step), return_index=True)
-    chosen = [known[k][0] for k in first]
+    chosen = [poses[k][0] for k in first]
     if len(chosen) <= count:
         return chosen
     starts = np.linspace(0, len(chosen) - GROUP, count // GROUP).round().astype(int)
@@ -198,7 +198,7 @@ def _tried(coarse: Problem, begin: Pinhole, depths: Float64Array = ALONE) -> Pin
     return best_of_tried(coarse, begin, TRIED, depths, every=3)
 
 
-def _told(found: Solution, start: Intrinsics) -> Intrinsics:
+def _certain_intrinsics(found: Solution, start: Intrinsics) -> Intrinsics:
     """Return the intrinsics; raise InputError if the focal length is too uncertain."""
     pinhole, error = found.pinhole, _errors(found)[FOCAL]
     if error > WORST_FOCAL_ERROR:

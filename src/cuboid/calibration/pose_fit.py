@@ -199,8 +199,8 @@ def _jump(
 
 def _median(fractions: list[float | None]) -> float | None:
     """Return the median of the pairs' fractions; None if too few pairs have one."""
-    known = [fraction for fraction in fractions if fraction is not None]
-    return float(np.median(known)) if len(known) >= MIN_PAIRS else None
+    values = [fraction for fraction in fractions if fraction is not None]
+    return float(np.median(values)) if len(values) >= MIN_PAIRS else None
 
 
 def _points(frame: Frame, K: Intrinsics) -> Float64Array:

@@ -53,13 +53,13 @@ def calibrate_recording(
     if not recording.has_poses:
         raise InputError(f"{recording.path}: has no camera poses; --poses estimated finds them")
     frames = range(0, len(recording), every)[:limit]
-    known: dict[int, Float64Array] = {}
+    T_world_camera: dict[int, Float64Array] = {}
     for index in frames:
         with suppress(FrameError):
             pose = recording.pose(index)
             if pose is not None:
-                known[index] = pose
-    return calibrate(_posed(recording, known), recording.intrinsics)
+                T_world_camera[index] = pose
+    return calibrate(_posed(recording, T_world_camera), recording.intrinsics)
 
 
 def _with_estimated_poses(

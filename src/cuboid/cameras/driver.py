@@ -89,11 +89,11 @@ def library(module: str, camera: str, extra: str = "", *, pip: str = "") -> Any:
     return require(module, f"--camera {camera}", extra, pip=pip)
 
 
-def refuse_unknown(camera: str, options: Mapping[str, str], known: tuple[str, ...]) -> None:
+def refuse_unknown(camera: str, options: Mapping[str, str], option_names: tuple[str, ...]) -> None:
     """Raise InputError for an option that this camera does not have."""
     for name in options:
-        if name not in known:
-            raise InputError(f"--camera {camera}: unknown option '{name}'; there are: {', '.join(known)}")
+        if name not in option_names:
+            raise InputError(f"--camera {camera}: unknown option '{name}'; there are: {', '.join(option_names)}")
 
 
 def whole_number(camera: str, name: str, text: str) -> int:

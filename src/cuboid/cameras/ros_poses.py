@@ -90,11 +90,11 @@ class RosPoses:
         except FrameError:
             return None
         if self._topic is not None:
-            known, T_world_camera = found.moved, found.T_world_frame @ self._beside(frame)
+            in_world, T_world_camera = found.moved, found.T_world_frame @ self._beside(frame)
         else:
-            known = found.world == self._world if self._world is not None else found.world != start
+            in_world = found.world == self._world if self._world is not None else found.world != start
             T_world_camera = found.T_world_frame
-        if not known:
+        if not in_world:
             return None
         self.found_world = found.world
         return T_world_camera

@@ -56,12 +56,11 @@ class BatchProgress:
         self._dashboard = dashboard
 
     def __enter__(self) -> BatchProgress:
-        known = f"{self._planned.done} done before" + (
+        recordings = counted(len(self._planned.tasks), "recording")
+        finished = f"{self._planned.done} done before" + (
             f", {self._planned.failed} failed before" if self._planned.failed else ""
         )
-        self._say(
-            f"cuboid: {counted(len(self._planned.tasks), 'recording')} to track, {known}; dashboard {self._dashboard}"
-        )
+        self._say(f"cuboid: {recordings} to track, {finished}; dashboard {self._dashboard}")
         for source, reason in self._planned.broken.items():
             self._say(f"cuboid: {source.name}: {reason}")
         self._bar.start()

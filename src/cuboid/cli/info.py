@@ -64,10 +64,10 @@ def rows(found: RecordingInfo) -> list[tuple[str, str]]:
 
 def skipped_lines(found: RecordingInfo) -> list[str]:
     """Return the lines about frames that will be skipped."""
-    looked = f"{found.looked_at} of {found.frames} frames examined"
+    examined = f"{found.looked_at} of {found.frames} frames examined"
     if not found.skipped:
-        return [f"{looked}: all are usable"]
-    lines = [f"{looked}; these will be skipped:"]
+        return [f"{examined}: all are usable"]
+    lines = [f"{examined}; these will be skipped:"]
     for kind in found.skipped:
         more = f" and {kind.count - 1} more like it" if kind.count > 1 else ""
         lines.append(f"  frame {kind.frame}{more}: {kind.reason}")

@@ -68,12 +68,12 @@ class Parser(argparse.ArgumentParser):
                         return
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, words: Iterable[str]) -> str:
     """Return a hint at the known word most similar to the given one; an empty text if none is similar."""
     from difflib import get_close_matches
 
-    known = sorted(known)
-    near = get_close_matches(word, known, n=1) or [one for one in known if one.startswith(f"{word} ")][:1]
+    words = sorted(words)
+    near = get_close_matches(word, words, n=1) or [one for one in words if one.startswith(f"{word} ")][:1]
     return f"; did you mean '{near[0]}'?" if near else ""
 
 

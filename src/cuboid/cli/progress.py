@@ -32,7 +32,7 @@ class CompileCount:
     """
 
     def __init__(self) -> None:
-        self._known = 0
+        self._kernel_count = 0
         self._missing: set[str] = set()
 
     def text(self) -> str:
@@ -41,8 +41,8 @@ class CompileCount:
             return ""
         from cuboid.core.compiled import KERNELS
 
-        if len(KERNELS) != self._known:  # another module was imported
-            self._known = len(KERNELS)
+        if len(KERNELS) != self._kernel_count:  # another module was imported
+            self._kernel_count = len(KERNELS)
             self._missing = {name for name, kernel in KERNELS.items() if not kernel.cached}
         done = [kernel for kernel in KERNELS.values() if kernel.cache.compiled]
         missing = [KERNELS[name] for name in self._missing if not KERNELS[name].cache.compiled]

@@ -203,8 +203,8 @@ def _find(scene: Scene, args: argparse.Namespace) -> Answer:
     from cuboid.scene import SceneObject
 
     found = scene.find(args.text, args.text_model)[: args.limit]
-    known = {item.label: item for item in scene.objects if isinstance(item, SceneObject)}
-    rows = [{**object_document(known[item.label]), "text_score": round(score, 6)} for item, score in found]
+    objects = {item.label: item for item in scene.objects if isinstance(item, SceneObject)}
+    rows = [{**object_document(objects[item.label]), "text_score": round(score, 6)} for item, score in found]
     if not found:
         return {"objects": rows}, ["no object"]
     table = new_table("label", "name", "size L x W x H (cm)", "position x, y, z (m)", "text score", left=2)

@@ -41,14 +41,14 @@ class DepthImage:
 
         The planes are computed once and kept. See `kernels.cells.fit_cells`.
         """
-        known = self._cells.get((max_depth_m, edge))
-        if known is None:
+        cells = self._cells.get((max_depth_m, edge))
+        if cells is None:
             size = edge * cell_pixels(self.camera)
-            known = np.empty((self.depth_m.shape[0] // size, self.depth_m.shape[1] // size, CELL_COLUMNS))
-            flat = known.reshape(-1, CELL_COLUMNS)
+            cells = np.empty((self.depth_m.shape[0] // size, self.depth_m.shape[1] // size, CELL_COLUMNS))
+            flat = cells.reshape(-1, CELL_COLUMNS)
             fit_cells(np.ascontiguousarray(self.depth_m), self.camera.pinhole, size, max_depth_m, flat)
-            self._cells[max_depth_m, edge] = known
-        return known
+            self._cells[max_depth_m, edge] = cells
+        return cells
 
 
 def cell_pixels(camera: Intrinsics) -> int:

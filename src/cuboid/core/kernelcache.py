@@ -34,7 +34,7 @@ def cache_folder() -> Path:
     if chosen:
         return Path(chosen)
     for folder in _candidates():
-        if _own(folder):
+        if _make_private(folder):
             return folder
     return Path(tempfile.mkdtemp(prefix="cuboid-kernels-"))
 
@@ -54,7 +54,7 @@ def _user() -> int:
     return os.getuid() if hasattr(os, "getuid") else 0  # on Windows these folders are the user's anyway
 
 
-def _own(folder: Path) -> bool:
+def _make_private(folder: Path) -> bool:
     """Make a folder and return whether only this user can write to it; its files are executed."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)

@@ -97,14 +97,14 @@ def _palette() -> tuple[tuple[int, int, int], ...]:
 
     The distance of two colors is their smallest distance in Oklab over all `VISIONS`.
     """
-    known = [tuple(int(code[i : i + 2], 16) for i in (0, 2, 4)) for code in OKABE_ITO]
-    candidates = np.concatenate((np.array(known), _candidates()))
+    okabe_ito = [tuple(int(code[i : i + 2], 16) for i in (0, 2, 4)) for code in OKABE_ITO]
+    candidates = np.concatenate((np.array(okabe_ito), _candidates()))
     seen = [weight * oklab(linear_rgb(candidates / 255.0) @ M.T) for M, weight in VISIONS]
     distance = np.full(len(candidates), np.inf)
     chosen: list[int] = []
     for i in range(COLORS):
         # Rounded, so that differences between machines in the last digit do not decide.
-        nearest = i if i < len(known) else int(np.argmax(distance.round(9)))
+        nearest = i if i < len(okabe_ito) else int(np.argmax(distance.round(9)))
         chosen.append(nearest)
         for lab in seen:
             np.minimum(distance, np.linalg.norm(lab - lab[nearest], axis=1), out=distance)

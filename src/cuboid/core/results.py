@@ -401,9 +401,9 @@ class MapPoints:
 
     def counted(self, objects: Iterable[TrackedObject]) -> tuple[TrackedObject, ...]:
         """Return the objects with their numbers of points in this map."""
-        known = tuple(objects)
-        counts = np.bincount(self.label, minlength=1 + max((item.label for item in known), default=0))
-        return tuple(replace(item, points=int(counts[item.label])) for item in known)
+        items = tuple(objects)
+        counts = np.bincount(self.label, minlength=1 + max((item.label for item in items), default=0))
+        return tuple(replace(item, points=int(counts[item.label])) for item in items)
 
 
 @dataclass(frozen=True, slots=True)

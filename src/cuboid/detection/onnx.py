@@ -79,17 +79,17 @@ class OnnxDetector:
         self._options = options or OnnxOptions()
         of = self._options
         self._session = Session(path, feature, of.threads, of.provider, side=of.size)
-        self._known = known_names(path, self._session.metadata, of.labels)
+        self._class_names = known_names(path, self._session.metadata, of.labels)
         if IDS in self._session.input_names:
             self._look_for_names(path, feature)
-        self._layout = recognise(self._session, len(self._known or ()))
+        self._layout = recognise(self._session, len(self._class_names or ()))
 
     def _look_for_names(self, path: Path, feature: str) -> None:
         """Set the class names as the texts of a model that searches for texts."""
-        if self._known is None:
+        if self._class_names is None:
             raise InputError(f"{path}: looks for texts: name a file of them, one a line, with labels=FILE")
         tokens = Tokens(path.parent, self._session.text_length, feature)
-        self._session.look_for([tokens.of(name) for name in self._known])
+        self._session.look_for([tokens.of(name) for name in self._class_names])
 
     @property
     def layout(self) -> str:
@@ -128,7 +128,7 @@ class OnnxDetector:
         """Return the names of `count` classes; the class of a class-agnostic model has the empty name."""
         if isinstance(self._layout, Masks):
             return ("",)
-        names = names_for(count, self._known, self._session.path)
+        names = names_for(count, self._class_names, self._session.path)
         return ("",) if names == (ANYTHING,) else names
 
 

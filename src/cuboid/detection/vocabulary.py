@@ -67,7 +67,7 @@ def known_names(model: Path, metadata: Mapping[str, str], file: Path | None) -> 
     return None
 
 
-def names_for(count: int, known: tuple[str, ...] | None, model: Path) -> tuple[str, ...]:
+def names_for(count: int, class_names: tuple[str, ...] | None, model: Path) -> tuple[str, ...]:
     """Return a name for each of `count` classes.
 
     If no names are known, 80 classes and 91 slots are COCO's. A model may have one more slot than names: the last slot
@@ -78,16 +78,18 @@ def names_for(count: int, known: tuple[str, ...] | None, model: Path) -> tuple[s
     InputError
         There are more or fewer names than classes.
     """
-    if known is None:
+    if class_names is None:
         if count == COCO_SLOTS:
             return coco_by_id()
         named = COCO if count >= len(COCO) else ()
         return (*named, *(f"class {k}" for k in range(len(named), count)))
-    if len(known) == count:
-        return known
-    if len(known) == count - 1:
-        return (*known, "")
-    raise InputError(f"{model}: has {count} classes, but there are {len(known)} names; name a file with labels=FILE")
+    if len(class_names) == count:
+        return class_names
+    if len(class_names) == count - 1:
+        return (*class_names, "")
+    raise InputError(
+        f"{model}: has {count} classes, but there are {len(class_names)} names; name a file with labels=FILE"
+    )
 
 
 def read_names(path: Path) -> tuple[str, ...]:

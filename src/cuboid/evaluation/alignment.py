@@ -39,10 +39,10 @@ def in_world_of(result: Result, truth: Path, trajectory: Path | None) -> Result:
         return result
     if result.trajectory is None:
         raise InputError(f"{result.path}: has no trajectory to compare with {trajectory}")
-    known, true, found = Trajectory(trajectory), [], []
+    true_trajectory, true, found = Trajectory(trajectory), [], []
     for row in read_trajectory(result.trajectory):
         try:
-            true.append(known.at(row.timestamp_s))
+            true.append(true_trajectory.at(row.timestamp_s))
         except FrameError:  # no true pose near this time
             continue
         found.append(row.T_world_camera)

@@ -219,16 +219,16 @@ def evaluate(
 
 def _judged_frames(result: Result, truth: Truth) -> IntArray:
     """Return the frames that the tracker used, or all frames of the truth if the result does not list them."""
-    known = truth.frames
+    frame_count = truth.frames
     if result.frames is not None:
         frames = result.frames
-    elif known is not None:
-        frames = np.arange(known)
+    elif frame_count is not None:
+        frames = np.arange(frame_count)
     else:
         frames = np.unique(result.tracks.frame)
     last = max(frames.max(initial=-1), result.tracks.frame.max(initial=-1))
-    if known is not None and last >= known:
-        raise InputError(f"{result.path}: has frame {last}, but {truth.path} is of a recording of {known} frames")
+    if frame_count is not None and last >= frame_count:
+        raise InputError(f"{result.path}: has frame {last}, but {truth.path} is of a recording of {frame_count} frames")
     return frames
 
 

@@ -143,8 +143,8 @@ def keyframes_from_json(path: Path, document: dict[str, Any]) -> Keyframes:
 def _keyframes(path: Path, document: KeyframesDocument) -> Keyframes:
     objects = {item.id: DrawnObject(item.id, item.name or str(item.id), item.group) for item in document.objects}
     frames = tuple(sorted((_keyframe(item, objects) for item in document.frames), key=lambda item: item.frame))
-    for known in (drawn.id for item in frames for drawn in item.drawn):
-        objects.setdefault(known, DrawnObject(known, str(known)))
+    for object_id in (drawn.id for item in frames for drawn in item.drawn):
+        objects.setdefault(object_id, DrawnObject(object_id, str(object_id)))
     name = document.name or printable(path.stem)
     return Keyframes(path, name, tuple(sorted(objects.values(), key=lambda item: item.id)), frames)
 

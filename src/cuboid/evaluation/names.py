@@ -119,13 +119,13 @@ def class_of(name: str, vocabulary: Iterable[str]) -> str | None:
     >>> class_of("bowling pin", ["cup", "bowl"]) is None
     True
     """
-    known = {one.lower(): one for one in vocabulary}
+    by_lower_case = {one.lower(): one for one in vocabulary}
     words = _REST.split(name.lower(), maxsplit=1)[0].split()
     for begin in range(len(words)):
         end = " ".join(words[begin:])
         for kind in (end, SYNONYMS.get(end, ""), end.removesuffix("s")):
-            if kind in known:
-                return known[kind]
+            if kind in by_lower_case:
+                return by_lower_case[kind]
     return None
 
 

@@ -138,14 +138,14 @@ def read_result(path: PathLike) -> Result:
         return Result(path, tracks, _last_boxes(tracks))
     finished = Results(path)
     report = finished.report
-    known = finished.found.objects
+    objects = finished.found.objects
     return Result(
         path=path,
         tracks=read_boxes(path / TRACKS),
         objects=MapBoxes(
-            np.array([item.label for item in known], np.int64),
-            pack([item.box for item in known]),
-            np.array([item.score for item in known], np.float64),
+            np.array([item.label for item in objects], np.int64),
+            pack([item.box for item in objects]),
+            np.array([item.score for item in objects], np.float64),
         ),
         proposals=read_boxes(path / PROPOSALS, OwnBoxEntry) if (path / PROPOSALS).exists() else None,
         frames=report.used(),

@@ -147,14 +147,14 @@ def evaluate_trajectory(
         A file cannot be used, or the two have fewer than three times in common.
     """
     found = estimate if isinstance(estimate, TimedPoses) else read_poses(estimate)
-    known = truth if isinstance(truth, TimedPoses) else read_poses(truth)
-    a, b = associate(found.times_s, known.times_s, limit_s)
+    true_poses = truth if isinstance(truth, TimedPoses) else read_poses(truth)
+    a, b = associate(found.times_s, true_poses.times_s, limit_s)
     if len(a) < FEWEST_PAIRS:
         raise InputError(
-            f"{found.path} and {known.path} have {len(a)} times in common (within {limit_s:g} s), at least "
-            f"{FEWEST_PAIRS} are needed: {_span(found)} against {_span(known)}"
+            f"{found.path} and {true_poses.path} have {len(a)} times in common (within {limit_s:g} s), at least "
+            f"{FEWEST_PAIRS} are needed: {_span(found)} against {_span(true_poses)}"
         )
-    times_s, T_est, T_true = found.times_s[a], found.T_world_camera[a], known.T_world_camera[b]
+    times_s, T_est, T_true = found.times_s[a], found.T_world_camera[a], true_poses.T_world_camera[b]
     motion = rigid_fit(T_true[:, :3, 3], T_est[:, :3, 3])
     placed = T_est[:, :3, 3] @ motion[:3, :3].T + motion[:3, 3]
     steps_m = np.linalg.norm(np.diff(T_true[:, :3, 3], axis=0), axis=1)
@@ -162,12 +162,12 @@ def evaluate_trajectory(
     within_s = max(limit_s, found.interval_s / 2)
     return TrajectoryErrors(
         estimate=str(found.path),
-        truth=str(known.path),
+        truth=str(true_poses.path),
         estimate_poses=len(found),
-        truth_poses=len(known),
+        truth_poses=len(true_poses),
         pairs=len(a),
         limit_s=limit_s,
-        coverage=float(np.mean(_nearest_away(known.times_s, found.times_s) <= within_s * (1 + 1e-6))),
+        coverage=float(np.mean(_nearest_away(true_poses.times_s, found.times_s) <= within_s * (1 + 1e-6))),
         length_m=float(path_m[-1]),
         duration_s=float(times_s[-1] - times_s[0]),
         ate_cm=Errors.of(100.0 * np.linalg.norm(T_true[:, :3, 3] - placed, axis=1)),

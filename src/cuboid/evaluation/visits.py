@@ -30,7 +30,7 @@ VISITS = "visits.json"
 MIN_IOU = 0.2
 # Minimum number of frames that show an object, or its empty place, for it to be judged.
 SHOWN_FRAMES = 8
-TOLD = ("moved", "gone", "new")
+JUDGED_CHANGES = ("moved", "gone", "new")
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +109,10 @@ def _T_truth_scene(scene: Scene, first: Path) -> Float64Array:
     """Return the transform from the scene's world, that of its first recording, to the truth's."""
     if scene.recordings[0].poses == "given":
         return np.eye(4)
-    known, true, found = Trajectory(first / TRUE_TRAJECTORY), [], []
+    true_trajectory, true, found = Trajectory(first / TRUE_TRAJECTORY), [], []
     for time_s, T_world_camera in scene.poses(1).values():
         with suppress(FrameError):  # no true pose near this time
-            true.append(known.at(time_s))
+            true.append(true_trajectory.at(time_s))
             found.append(T_world_camera)
     if not true:
         raise InputError(f"{first / TRUE_TRAJECTORY}: has no pose at any time of the scene's first recording")
@@ -171,7 +171,7 @@ def _pair(
     counted = 0
     for one in reported:
         thing = was.get(one.label, is_now.get(one.label))
-        if one.change in TOLD and thing not in others:
+        if one.change in JUDGED_CHANGES and thing not in others:
             counted += 1
         if one.change == "gone" and thing in judged:
             row = judged[thing]

@@ -85,9 +85,9 @@ class _Index:
             self._sizes[name] = size
             while name:
                 folder, _, last = name.rpartition("/")
-                known = folder in self._folders
+                is_listed = folder in self._folders
                 self._folders.setdefault(folder, {})[last] = None
-                if known:
+                if is_listed:
                     break
                 name = folder
 

@@ -80,10 +80,10 @@ class RosMessages:
     def __init__(self, feature: str, extra: str = "ros") -> None:
         typesys = require("rosbags.typesys", feature, extra)
         self.store: Any = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        known = VISION | OWN
+        definitions = VISION | OWN
         for name, (request, answer) in SERVICES.items():
-            known |= {request_of(name): request, response_of(name): answer}
-        for name, text in known.items():
+            definitions |= {request_of(name): request, response_of(name): answer}
+        for name, text in definitions.items():
             self.store.register(typesys.get_types_from_msg(text, name))
 
     def encode(self, message: Any) -> bytes:

@@ -67,8 +67,8 @@ class ServerStore:
     def _is_known_file(self, path: StoredPath) -> bool:
         """Tell whether a path is known for a file: a server with a query in the name would answer for what is in it."""
         folder = str(path.parent)
-        known = self._alone.get(folder, {}).get(path.name) or self._entries.get(folder, {}).get(path.name)
-        return known is not None and not known.is_folder
+        entry = self._alone.get(folder, {}).get(path.name) or self._entries.get(folder, {}).get(path.name)
+        return entry is not None and not entry.is_folder
 
     def _ask(self, path: StoredPath) -> Entry:
         url = str(path)

@@ -138,9 +138,9 @@ class TruthDocument(Entry, frozen=True):
 
     def __post_init__(self) -> None:
         refuse_twice("object id", [item.id for item in self.objects])
-        known = {item.id for item in self.objects}
+        object_ids = {item.id for item in self.objects}
         for happened in self.events or []:
-            if happened.id not in known:
+            if happened.id not in object_ids:
                 raise ValueError(f"an event is of object {happened.id}, which is not there")
         if self.relations is not None:
             ends = [(end, f"object {one.subject}") for one in self.relations for end in (one.subject, one.to)]

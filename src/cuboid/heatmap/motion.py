@@ -121,33 +121,35 @@ class Motion:
                 grow(view.depth_m, before, BIAS_M, self._noise_per_m, moving)
         return moving
 
-    def _freed(self, view: _View, known: Sequence[_Reference]) -> UInt8Array:
+    def _freed(self, view: _View, references: Sequence[_Reference]) -> UInt8Array:
         """Return which readings (h, w) lie where earlier frames saw free space: bit k stands for the k-th frame."""
-        T = np.array([one.T_camera_world @ view.T_world_camera for one in known])
+        T = np.array([one.T_camera_world @ view.T_world_camera for one in references])
         shift_m, turn_rad = _size(T)
         stands = (shift_m < STANDS_M) & (turn_rad < STANDS_RAD)
-        near_m = np.array([one.near_m if still else one.nearest_m for one, still in zip(known, stands, strict=True)])
-        freed, cameras = np.empty(view.depth_m.shape, np.uint8), np.array([one.view.pinhole for one in known])
+        near_m = np.array(
+            [one.near_m if still else one.nearest_m for one, still in zip(references, stands, strict=True)]
+        )
+        freed, cameras = np.empty(view.depth_m.shape, np.uint8), np.array([one.view.pinhole for one in references])
         mark_freed(view.depth_m, view.pinhole, near_m, cameras, T, _error_m(T), self._noise_per_m, freed)
         return freed
 
     def _mend_poses(self, view: _View, freed: UInt8Array) -> bool:
         """Correct the poses of earlier frames that do not fit that of a frame; return whether any was corrected."""
-        known, mended, certain = list(self._references), False, np.zeros(freed.shape, np.uint8)
-        for k in reversed(range(len(known))):
+        references, mended, certain = list(self._references), False, np.zeros(freed.shape, np.uint8)
+        for k in reversed(range(len(references))):
             marked = np.asarray((freed >> k) & 1, np.uint8)
             # Readings that move according to later frames need no other explanation.
             if not groups_of(marked & ~certain, MIN_GROUP):
                 continue
-            moved = self._moved(view, known[k])
+            moved = self._moved(view, references[k])
             if moved is not None:
                 # All frames before it were shifted as much, or more.
-                for one in known[: k + 1]:
+                for one in references[: k + 1]:
                     one.T_camera_world = one.T_camera_world @ inverse(moved)
-                freed, mended = self._freed(view, known), True
+                freed, mended = self._freed(view, references), True
             elif mended:
                 # The poses of these frames are not known anymore.
-                self._references = deque(known[k + 1 :], self._references.maxlen)
+                self._references = deque(references[k + 1 :], self._references.maxlen)
                 break
             marked = np.asarray((freed >> k) & 1, np.uint8)
             certain |= np.asarray(cv2.dilate(marked, np.ones((2 * GROWN_PX + 1,) * 2, np.uint8)), np.uint8)

@@ -56,8 +56,8 @@ def _disagreeing(
     earlier: Reference, level: Level, T_view_earlier: Float64Array, shade: Float64Array, noise_per_m: float
 ) -> float:
     """Return the fraction of points in view with a reading of another depth or intensity."""
-    known, (fx, fy, cx, cy) = earlier.levels[FINEST], level.camera
-    x, y, z = T_view_earlier[:3, :3] @ known.points.T + T_view_earlier[:3, 3:]
+    old_level, (fx, fy, cx, cy) = earlier.levels[FINEST], level.camera
+    x, y, z = T_view_earlier[:3, :3] @ old_level.points.T + T_view_earlier[:3, 3:]
     height, width = level.image.shape[:2]
     ahead = np.maximum(z, JUMP_M)
     u, v = np.rint(x / ahead * fx + cx), np.rint(y / ahead * fy + cy)
@@ -65,5 +65,5 @@ def _disagreeing(
     intensity, _, _, depth_m = level.image[v[shown].astype(np.int64), u[shown].astype(np.int64)].T
     read, z = depth_m > 0, z[shown]
     elsewhere = np.abs(depth_m - z) > JUMP_M + JUMP_SIGMAS * noise_per_m * z * z
-    unlike = np.abs(intensity - (shade[0] * known.intensity[shown] + shade[1])) > ALIKE
+    unlike = np.abs(intensity - (shade[0] * old_level.intensity[shown] + shade[1])) > ALIKE
     return int(np.count_nonzero(read & (elsewhere | unlike))) / max(1, int(np.count_nonzero(read)))

@@ -41,13 +41,13 @@ class PixelVoxels:
         Row of the voxel, -1: none; valid until the next frame is fused.
     owner : (h, w) int32
         Number of the object that owns it, 0: none.
-    known : (h, w) bool
+    mapped : (h, w) bool
         Whether the map had a point there before this frame.
     """
 
     slots: npt.NDArray[np.int32]
     owner: npt.NDArray[np.int32]
-    known: npt.NDArray[np.bool_]
+    mapped: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,9 +273,9 @@ class VoxelMap:
 
     def look_up(self, slots: npt.NDArray[np.int32]) -> PixelVoxels:
         """Return the owner of the voxel (h, w) of each pixel, -1: no voxel, and whether it was mapped before."""
-        owner, known = np.empty(slots.shape, np.int32), np.empty(slots.shape, np.bool_)
-        owners.owner_of(slots, self.stored.owner, self.stored.hits, owner, known)
-        return PixelVoxels(slots, owner, known)
+        owner, mapped = np.empty(slots.shape, np.int32), np.empty(slots.shape, np.bool_)
+        owners.owner_of(slots, self.stored.owner, self.stored.hits, owner, mapped)
+        return PixelVoxels(slots, owner, mapped)
 
     def rows_at(self, points: Float64Array) -> Rows:
         """Return the rows (N,) of the voxels at world points (N, 3), -1 if there is no point."""

@@ -19,7 +19,7 @@ from cuboid.objects.kernels.leaving import count_passed
 IN_PLACE_M = DRIFT_M / 2.0
 # An object came if something moved in cells of this edge, metres, that hold at least this fraction of its points, and
 # an earlier view saw through this fraction of them: the lower part of an object is too near to what it stands on.
-CELL_M, STIRRED, CAME = 0.04, 0.25, 1.0 / 3.0
+CELL_M, MOTION_FRACTION, SEEN_THROUGH_FRACTION = 0.04, 0.25, 1.0 / 3.0
 # A view is stored at this interval, seconds; this is the largest number of views.
 VIEW_EVERY_S, MAX_VIEWS = 2.0, 64
 
@@ -66,12 +66,12 @@ class Arrivals:
             return False
         points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
         keys = _keys(points)
-        if sum(key in self._cells for key in keys) < STIRRED * len(keys):
+        if sum(key in self._cells for key in keys) < MOTION_FRACTION * len(keys):
             return False
         for view in self._views:
             seen = view.depth_m, view.pinhole, view.T_camera_world
             _, passed = count_passed(points, *seen, IN_PLACE_M, self._noise_per_m)
-            if passed >= CAME * len(points):
+            if passed >= SEEN_THROUGH_FRACTION * len(points):
                 return True
         return False
 

@@ -111,7 +111,7 @@ def _mask_overlaps(
     n, m = len(frame.segments), len(objects)
     place = index_table([o.number for o in objects], int(voxels.owner.max()))
     table, size = np.empty((n + 1, m + 1), np.int64), np.empty(n + 1, np.int64)
-    segment_overlaps(frame.claim, voxels.owner, voxels.known, place, table, size)
+    segment_overlaps(frame.claim, voxels.owner, voxels.mapped, place, table, size)
     return table[:, :m], size[:n]
 
 

@@ -44,19 +44,19 @@ def add_votes(
         return
     boxes, rects = found.boxes_xyxy.astype(np.float64), np.array([rect for _, rect in shown])
     iou, inside = rect_iou_matrix(boxes, rects), fractions_inside(rects, boxes)
-    own = _own_detections(iou)
+    detection = _detection_of_each(iou)
     for a, b in combinations(range(len(shown)), 2):
         one, other = shown[a][0], shown[b][0]
         if store.affinity.of(one.number, other.number) is None:
             continue
-        two = own[a] >= 0 and own[b] >= 0
+        two = detection[a] >= 0 and detection[b] >= 0
         if (two or _shows_both(boxes, rects[[a, b]], iou[:, [a, b]], inside[[a, b]])) and touch(
             one.points, other.points, DRIFT_M
         ):
             store.affinity.add_evidence(one.number, other.number, one=not two, novelty=weight)
 
 
-def _own_detections(iou: Float64Array) -> npt.NDArray[np.intp]:
+def _detection_of_each(iou: Float64Array) -> npt.NDArray[np.intp]:
     """Return the detection that shows each object best and no other object better, (M,), -1: none.
 
     `iou` (N, M) is that of the detections with the rectangles of the objects.

@@ -245,8 +245,8 @@ class ObjectMap:
         for i in np.flatnonzero(whole.sum(1) > 1):
             for a, b in combinations(np.flatnonzero(whole[i]).tolist(), 2):
                 affinity.add_evidence(numbers[a], numbers[b], one=True, novelty=novelty)
-        known, match = found.match >= 0, found.match.tolist()
-        beside = np.triu(frame_segments.contact + frame_segments.contact.T > 0, 1) & known & known[:, None]
+        matched, match = found.match >= 0, found.match.tolist()
+        beside = np.triu(frame_segments.contact + frame_segments.contact.T > 0, 1) & matched & matched[:, None]
         for i, j in zip(*(k.tolist() for k in np.nonzero(beside)), strict=True):
             a, b = found.objects[match[i]], found.objects[match[j]]
             if self._are_separate(frame_segments, i, j) and not self._are_attached(a, b):

@@ -93,14 +93,14 @@ def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) ->
     # The part of the top that the image border cuts off is ignored, if frames saw some of the top.
     uncut = whole.copy()
     uncut[TOP] -= outline[TOP, BORDER]
-    known = (outline[:, :CONTACT].sum(1) >= least * uncut) & (uncut >= KNOWN_SIDE_FRACTION * whole)
+    observed = (outline[:, :CONTACT].sum(1) >= least * uncut) & (uncut >= KNOWN_SIDE_FRACTION * whole)
     structure = outline[:, CONTACT] > MAJORITY * judged
     hidden = beside * outline[:, HIDDEN]
     cut = cut_off * outline[:, BORDER] + hidden > MAJORITY * whole
-    ends = known & ~structure
+    ends = observed & ~structure
     # An object that hides a side usually touches it.
     behind = hidden > MAJORITY * whole
-    sides = (ends | (~known & (behind | (cut & ~structure))))[[LEFT, RIGHT]]
+    sides = (ends | (~observed & (behind | (cut & ~structure))))[[LEFT, RIGHT]]
     return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())
 
 

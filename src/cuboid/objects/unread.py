@@ -141,9 +141,9 @@ class UnreadMap:
                 self._add_hit(one, found, partner[k], seen)
             elif view is not None and view.visible >= LOOKED_FRACTION and view.read < READ_FRACTION:
                 one.log_odds -= MISSED * view.visible
-        known = np.array([view.rect_xyxy for view in views if view is not None]).reshape(-1, 4)
+        shown_xyxy = np.array([view.rect_xyxy for view in views if view is not None]).reshape(-1, 4)
         for k in sorted({*range(len(boxes))} - {*partner.values()}):
-            self._begin(found, k, known, seen)
+            self._begin(found, k, shown_xyxy, seen)
         self._meet([(entry, view) for entry, view in visible if entry.confirmed])
         self._merge_doubles(seen)
         self._end()
@@ -194,12 +194,12 @@ class UnreadMap:
         one.information = FADING * one.information + information
         one.vector = FADING * one.vector + vector
 
-    def _begin(self, found: Detections, k: int, known: Float64Array, seen: Observation) -> None:
+    def _begin(self, found: Detections, k: int, shown_xyxy: Float64Array, seen: Observation) -> None:
         """Start an object if a detection is not cut off, has few readings, and overlaps no known object."""
         box = found.boxes_xyxy[k].astype(np.float64)
         if read_fraction(box, seen) >= READ_FRACTION or is_cut_off(box, seen):
             return
-        if len(known) and rect_iou_matrix(box[None], known).max() >= SAME_IOU:
+        if len(shown_xyxy) and rect_iou_matrix(box[None], shown_xyxy).max() >= SAME_IOU:
             return
         read_m = distance_of(box, seen)
         if read_m is None or read_m > self._far_m:
@@ -238,11 +238,11 @@ class UnreadMap:
         kept: list[tuple[UnreadObject, Predicted | None]] = []
         for one in sorted(self._things, key=lambda o: (o.label or np.inf, o.number)):
             view = predict(one.center, one.size_m, seen)
-            known = [(other, theirs) for other, theirs in kept if theirs is not None]
-            if view is not None and known:
-                iou = rect_iou_matrix(view.rect_xyxy[None], np.array([theirs.rect_xyxy for _, theirs in known]))[0]
+            shown = [(other, theirs) for other, theirs in kept if theirs is not None]
+            if view is not None and shown:
+                iou = rect_iou_matrix(view.rect_xyxy[None], np.array([theirs.rect_xyxy for _, theirs in shown]))[0]
                 if iou.max() >= SAME_IOU:
-                    other = known[int(iou.argmax())][0]
+                    other = shown[int(iou.argmax())][0]
                     other.name_log_odds = merged_evidence(other.name_log_odds, one.name_log_odds)
                     if one.label and not one.partner:
                         other.merged_labels = sorted({*other.merged_labels, *one.merged_labels, one.label})

@@ -131,15 +131,15 @@ def sightings_of(
     return tuple(sorted(sightings, key=lambda s: s.label))
 
 
-def blended_rectangle(rect_xyxy: Float64Array, own_xyxy: Float64Array | None) -> Float64Array:
+def blended_rectangle(rect_xyxy: Float64Array, segment_xyxy: Float64Array | None) -> Float64Array:
     """Return the rectangle (4,) of an object in a frame, moved by a fifth towards that of the frame's segment.
 
     The map has errors from poses and missing parts, the frame from noise and holes: the combination has smaller errors.
     A segment with a different rectangle, or None, changes nothing.
     """
-    if own_xyxy is None or rect_iou(rect_xyxy, own_xyxy) < SAME:
+    if segment_xyxy is None or rect_iou(rect_xyxy, segment_xyxy) < SAME:
         return rect_xyxy
-    return np.asarray(rect_xyxy + BLEND_GAIN * (own_xyxy - rect_xyxy))
+    return np.asarray(rect_xyxy + BLEND_GAIN * (segment_xyxy - rect_xyxy))
 
 
 def _feet(boxes: Float64Array) -> Float64Array:

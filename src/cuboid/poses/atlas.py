@@ -138,10 +138,10 @@ class Atlas:
         added = self._keyframe(frame, T_world_camera, submap, small, features)
         overlapping = self.overlapping(T_world_camera, features.levels[OVERLAP_LEVEL], submap)
         self._work.extend((k, added.number, False) for k in overlapping[:NEIGHBOUR_EDGES])
-        known = [k for k in self.keyframes if k.number not in overlapping]
-        scores = votes(features.appearance, [k.appearance for k in known])
+        others = [k for k in self.keyframes if k.number not in overlapping]
+        scores = votes(features.appearance, [k.appearance for k in others])
         likely = [i for i in np.argsort(-scores, kind="stable")[:LOOP_EDGES] if scores[i] > MIN_VOTES]
-        self._work.extend((known[i].number, added.number, True) for i in likely)
+        self._work.extend((others[i].number, added.number, True) for i in likely)
         self.keyframes.append(added)
         return added.number, overlapping
 
@@ -198,12 +198,12 @@ class Atlas:
 
     def recognise(self, features: FrameFeatures, camera: Intrinsics, among: Iterable[int], tries: int) -> Place | None:
         """Relocalise an image by its appearance among some keyframes; None if it shows no place of theirs."""
-        known = [self.keyframes[k] for k in among]
-        scores = votes(features.appearance, [k.appearance for k in known])
+        candidates = [self.keyframes[k] for k in among]
+        scores = votes(features.appearance, [k.appearance for k in candidates])
         pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         own: Reference | None = None
         for i in np.argsort(-scores, kind="stable")[:tries]:
-            keyframe = known[i]
+            keyframe = candidates[i]
             T = locate(features.appearance, keyframe.appearance, pinhole)
             if T is None:
                 continue
@@ -218,12 +218,12 @@ class Atlas:
 
     def join_at(self, place: Place, T_world_camera: Float64Array, submap: int) -> None:
         """Join a submap with that of a place where its camera is now, at a pose in the submap; the older stays."""
-        known = self.keyframes[place.keyframe]
-        T_known_submap = known.T_world_camera @ place.T_keyframe_camera @ se3.inverse(T_world_camera)
-        if known.submap < submap:
-            self.join(submap, known.submap, T_known_submap)
+        keyframe = self.keyframes[place.keyframe]
+        T_other_submap = keyframe.T_world_camera @ place.T_keyframe_camera @ se3.inverse(T_world_camera)
+        if keyframe.submap < submap:
+            self.join(submap, keyframe.submap, T_other_submap)
         else:
-            self.join(known.submap, submap, se3.inverse(T_known_submap))
+            self.join(keyframe.submap, submap, se3.inverse(T_other_submap))
 
     def _add_loop_edge(self, a: int, b: int) -> None:
         """Add an edge between two keyframes of similar appearance if they show the same place; merge submaps."""

@@ -258,8 +258,8 @@ class PoseEstimator:
         shot = self._shot(frame)
         if not self._rich(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return None
-        known = [k.number for k in self.keyframes if k.number not in own]
-        return self._atlas.recognise(shot.features, shot.small.camera, known, MAX_CANDIDATES)
+        numbers = [k.number for k in self.keyframes if k.number not in own]
+        return self._atlas.recognise(shot.features, shot.small.camera, numbers, MAX_CANDIDATES)
 
     def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
         """Merge a submap into another one."""
@@ -368,8 +368,8 @@ class PoseEstimator:
         return self._moving_by(shot, T_world_camera, overlapping[:MAX_COMPARED])
 
     def _moving_by(self, shot: _Shot, T_world_camera: Float64Array, numbers: list[int]) -> UInt8Array | None:
-        known = [self.keyframes[k] for k in numbers]
-        return moving_pixels(shot.levels, T_world_camera, [(k.free_space, k.T_world_camera) for k in known])
+        keyframes = [self.keyframes[k] for k in numbers]
+        return moving_pixels(shot.levels, T_world_camera, [(k.free_space, k.T_world_camera) for k in keyframes])
 
     def _from_corners(self, shot: _Shot) -> Float64Array | None:
         """Return T_camera_world from the corners shared with the first local keyframe; None if there are too few."""

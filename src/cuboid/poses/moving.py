@@ -86,7 +86,7 @@ def free_space(levels: Sequence[Level]) -> FreeSpace:
 
 
 def moving_pixels(
-    levels: Sequence[Level], T_world_camera: Float64Array, known: Sequence[tuple[FreeSpace, Float64Array]]
+    levels: Sequence[Level], T_world_camera: Float64Array, keyframes: Sequence[tuple[FreeSpace, Float64Array]]
 ) -> UInt8Array | None:
     """Return which pixels (h, w) of an image move, as 1, at `SEARCHED_LEVEL`; None if none does.
 
@@ -97,23 +97,23 @@ def moving_pixels(
     ----------
     levels : sequence of Level
     T_world_camera : (4, 4) float64
-    known : sequence of (FreeSpace, (4, 4) float64)
+    keyframes : sequence of (FreeSpace, (4, 4) float64)
         Free space and T_world_camera of at most `MAX_COMPARED` keyframes.
     """
     import cv2
 
-    if not known:
+    if not keyframes:
         return None
     level = levels[SEARCHED_LEVEL]
     depth_m = np.ascontiguousarray(level.image[..., kernel.DEPTH])
-    T = np.array([se3.inverse(T_keyframe) @ T_world_camera for _, T_keyframe in known])
-    nearest_m, cameras = np.array([one.nearest_m for one, _ in known]), np.tile(level.camera, (len(known), 1))
+    T = np.array([se3.inverse(T_keyframe) @ T_world_camera for _, T_keyframe in keyframes])
+    nearest_m, cameras = np.array([one.nearest_m for one, _ in keyframes]), np.tile(level.camera, (len(keyframes), 1))
     moving = np.empty(depth_m.shape, np.uint8)
-    mark_freed(depth_m, level.camera, nearest_m, cameras, T, np.full(len(known), DRIFT_M), NOISE_PER_M, moving)
+    mark_freed(depth_m, level.camera, nearest_m, cameras, T, np.full(len(keyframes), DRIFT_M), NOISE_PER_M, moving)
     moving = _large_groups(moving)
     if not moving.any():
         return None
-    farthest_m, unseen = np.array([one.farthest_m for one, _ in known]), np.empty_like(moving)
+    farthest_m, unseen = np.array([one.farthest_m for one, _ in keyframes]), np.empty_like(moving)
     mark_unseen(depth_m, level.camera, farthest_m, T, DRIFT_M, NOISE_PER_M, unseen)
     spread(depth_m, moving, unseen, BIAS_M, NOISE_PER_M)
     if np.count_nonzero(moving) > MOST_MOVING * np.count_nonzero(depth_m):

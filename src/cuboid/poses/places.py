@@ -75,32 +75,32 @@ def thumbnail(gray: UInt8Array) -> Float32Array:
     return np.asarray(small / length if length > 2.0 * np.sqrt(small.size) else 0.0 * small, np.float32)
 
 
-def votes(seen: Appearance, known: Sequence[Appearance]) -> Float64Array:
-    """Return the similarity of each known image to one, (N,): the fraction of its strongest corners that match.
+def votes(seen: Appearance, others: Sequence[Appearance]) -> Float64Array:
+    """Return the similarity of each of the other images to one, (N,): the fraction of its strongest corners that match.
 
     Each corner votes for the image with the most similar corner. The correlation of the thumbnails has the weight of a
     tenth of the corners, so that images without corners are ordered, too.
     """
-    if not known:
+    if not others:
         return np.empty(0)
-    counts = 0.1 * (np.stack([other.thumb for other in known]).astype(np.float64) @ seen.thumb)
-    sizes = [len(other.descriptors[:VOTERS]) for other in known]
+    counts = 0.1 * (np.stack([other.thumb for other in others]).astype(np.float64) @ seen.thumb)
+    sizes = [len(other.descriptors[:VOTERS]) for other in others]
     mine = seen.descriptors[:VOTERS]
     if not len(mine) or not sum(sizes):
         return np.asarray(counts)
-    image = np.repeat(np.arange(len(known)), sizes)
-    for match in _matcher().match(mine, np.concatenate([other.descriptors[:VOTERS] for other in known])):
+    image = np.repeat(np.arange(len(others)), sizes)
+    for match in _matcher().match(mine, np.concatenate([other.descriptors[:VOTERS] for other in others])):
         if match.distance <= SAME_BITS:
             counts[image[match.trainIdx]] += 1.0 / len(mine)
     return np.asarray(counts)
 
 
-def locate(seen: Appearance, known: Appearance, camera: Float64Array) -> Float64Array | None:
+def locate(seen: Appearance, keyframe: Appearance, camera: Float64Array) -> Float64Array | None:
     """Find the pose of an image with respect to a keyframe by the corners that both show.
 
     Parameters
     ----------
-    seen, known : Appearance
+    seen, keyframe : Appearance
         Appearance of the image and of the keyframe.
     camera : (4,) float64
         fx, fy, cx, cy of the image.
@@ -112,14 +112,14 @@ def locate(seen: Appearance, known: Appearance, camera: Float64Array) -> Float64
     """
     import cv2
 
-    deep = np.isfinite(known.points[:, 2])
+    deep = np.isfinite(keyframe.points[:, 2])
     if np.count_nonzero(deep) < MIN_MATCHES or len(seen.corners) < MIN_MATCHES:
         return None
-    pairs = _matcher().knnMatch(known.descriptors[deep], seen.descriptors, k=2)
+    pairs = _matcher().knnMatch(keyframe.descriptors[deep], seen.descriptors, k=2)
     good = [p[0] for p in pairs if len(p) == 2 and p[0].distance < CLEAR * p[1].distance]
     if len(good) < MIN_MATCHES:
         return None
-    points = known.points[deep][[m.queryIdx for m in good]].astype(np.float64)
+    points = keyframe.points[deep][[m.queryIdx for m in good]].astype(np.float64)
     pixels = seen.corners[[m.trainIdx for m in good]].astype(np.float64)
     fx, fy, cx, cy = camera
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])

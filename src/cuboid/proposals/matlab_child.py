@@ -78,8 +78,8 @@ def read(path: str) -> tuple[dict[str, Any], list[np.ndarray[Any, Any]]]:
         name: np.asfortranarray(array).astype(array.dtype.newbyteorder("="), copy=False)
         for name, array in arrays.items()
     }
-    told = [(name, array.dtype.str, array.shape) for name, array in plain.items()]
-    return {"names": sorted(found), "arrays": told}, [array.T for array in plain.values()]
+    headers = [(name, array.dtype.str, array.shape) for name, array in plain.items()]
+    return {"names": sorted(found), "arrays": headers}, [array.T for array in plain.values()]
 
 
 def fields(loaded: dict[str, Any]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ class ChangeLog:
     """The latest changes of a map, numbered from 1; listeners receive each of them."""
 
     def __init__(self) -> None:
-        self._known: dict[int, TrackedObject] = {}
+        self._last_objects: dict[int, TrackedObject] = {}
         self._at: dict[int, Float64Array] = {}
         self._began = False
         self._lock = threading.Lock()
@@ -55,7 +55,7 @@ class ChangeLog:
             label: item.box.center if label in moved else self._at.get(label, item.box.center)
             for label, item in now.items()
         }
-        self._known, self._began = now, True
+        self._last_objects, self._began = now, True
         self._tell(found)
 
     def add_events(self, events: Iterable[ObjectEvent]) -> None:
@@ -75,13 +75,13 @@ class ChangeLog:
         )
 
     def _name(self, label: int) -> str | None:
-        return self._known[label].name if label in self._known else None
+        return self._last_objects[label].name if label in self._last_objects else None
 
     def _found(self, now: dict[int, TrackedObject]) -> list[MapChange]:
         into = {old: item.label for item in now.values() for old in item.merged_labels}
         found = []
         for label, item in now.items():
-            old = self._known.get(label)
+            old = self._last_objects.get(label)
             if old is item:
                 continue
             at = vector(item.box.center)
@@ -92,7 +92,7 @@ class ChangeLog:
                 found.append(MapChange(0, "moved", label, item.name, vector(self._at[label]), at))
             if item.name != old.name:
                 found.append(MapChange(0, "renamed", label, item.name, None, at))
-        for label, old in self._known.items():
+        for label, old in self._last_objects.items():
             if label in into and label not in now:
                 found.append(MapChange(0, "merged", label, old.name, vector(self._at[label]), None, into[label]))
             elif label not in now:

@@ -278,8 +278,8 @@ class Place:
             named = list(what)
             ends = [item for to in named for item in now.called(to, gone=True)]
             near = now.around(ends)
-        all_known = self._relations.known(version, fresh=True)
-        if all_known or len(near) == len(now.living) or len(now.living) <= SMALL or not named:
+        all_current = self._relations.current(version, fresh=True)
+        if all_current or len(near) == len(now.living) or len(now.living) <= SMALL or not named:
             return self._known_relations()
         if any(item.relations for item in near):
             return {item.label: item.relations for item in near}
@@ -292,9 +292,9 @@ class Place:
     def _found_aside(self, kept: _Kept[T]) -> T:
         with self._lock:
             version = self._source.version()
-        known = kept.known(version)
-        if known:
-            return known[0]
+        current = kept.current(version)
+        if current:
+            return current[0]
         with self._aside_lock:
             return kept.get(version)
 
@@ -374,7 +374,7 @@ class _Kept(Generic[T]):
         self._value: list[T] = []
         self._again_s = 0.0
 
-    def known(self, version: object, *, fresh: bool = False) -> list[T]:
+    def current(self, version: object, *, fresh: bool = False) -> list[T]:
         """Return the result in a list if it need not be computed again; otherwise an empty list.
 
         With `fresh`, a result of an earlier version is not returned.
@@ -384,9 +384,9 @@ class _Kept(Generic[T]):
 
     def get(self, version: object) -> T:
         """Return the result for a version of the map, or a recent result for an earlier version."""
-        known = self.known(version)
-        if known:
-            return known[0]
+        current = self.current(version)
+        if current:
+            return current[0]
         begun_s = time.monotonic()
         found = self._find()
         self._value, self._version = [found], version

@@ -94,10 +94,10 @@ def _fault(
     if camera is None:
         return f"{CAMERAS} has no camera of image {number}"
     try:
-        own, own_scale = _camera(camera, f"{CAMERAS}: image {number}")
+        image_K, image_scale = _camera(camera, f"{CAMERAS}: image {number}")
     except InputError as error:
         return str(error)
-    if own_scale != scale or not np.allclose(own, K, atol=SAME_CAMERA_PX):
+    if image_scale != scale or not np.allclose(image_K, K, atol=SAME_CAMERA_PX):
         return f"image {number} has a camera or a depth scale of its own"
     return None
 

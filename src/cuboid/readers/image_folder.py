@@ -72,9 +72,9 @@ def left_out(frames: Iterable[FrameEntry]) -> list[Path]:
                 patterns.setdefault(image.parent, set()).add(pattern_of(image.name))
     return [
         folder / name
-        for folder, known in patterns.items()
+        for folder, used in patterns.items()
         for name in _names_if_there(folder)
-        if is_image(name) and pattern_of(name) not in known
+        if is_image(name) and pattern_of(name) not in used
     ]
 
 

@@ -25,17 +25,17 @@ PLAIN = "plain"
 
 def nothing_found(given: Path, readers: Iterable[tuple[str, Reader]]) -> InputError:
     """Return the error for a path without a recording; notes list its contents and the nearest layouts."""
-    known = list(readers)
+    all_readers = list(readers)
     if given.is_file():
-        return InputError(f"{given} is a file{_expected(known)}")
+        return InputError(f"{given} is a file{_expected(all_readers)}")
     names = sorted(names_in(given))
     if not names:
-        return InputError(f"{given} is empty{_expected(known)}")
+        return InputError(f"{given} is empty{_expected(all_readers)}")
     folders = [name for name in names if not name.startswith(".") and (given / name).is_dir()]
-    error = InputError(f"{given} holds no recording{_expected(known)}")
+    error = InputError(f"{given} holds no recording{_expected(all_readers)}")
     error.add_note(f"seen: {_seen(given, names, folders)}")
     inside = {name: _names(given / name) for name in folders}
-    for name, lacking in _near(names, inside, known):
+    for name, lacking in _near(names, inside, all_readers):
         error.add_note(f"near: {name}, but it lacks {', '.join(lacking)}")
     return error
 

@@ -84,9 +84,9 @@ def missing_camera(
         f"give {pronoun} with {' and '.join(options[what] for what in missing)} or in {camera_file}"
     )
     error = UnknownIntrinsicsError(line) if calibration is None else InputError(line)
-    own_scale = listing.depth_units_per_metre is not None
+    has_scale = listing.depth_units_per_metre is not None
     folder = listing.camera_folders[0] if listing.camera_folders else recording
-    for note in _notes(guess_camera(listing.frames), calibration, units, folder / camera_file, recording, own_scale):
+    for note in _notes(guess_camera(listing.frames), calibration, units, folder / camera_file, recording, has_scale):
         error.add_note(note)
     return error
 
@@ -129,7 +129,7 @@ def _scale(median: float, far: float) -> float:
 
 
 def _notes(
-    guess: Guess, calibration: Calibration | None, units: float | None, file: Path, recording: Path, own_scale: bool
+    guess: Guess, calibration: Calibration | None, units: float | None, file: Path, recording: Path, has_scale: bool
 ) -> list[str]:
     """Return the lines below the message, at most 80 characters wide except for long file names."""
     document, lines = _document(guess, calibration, units), []
@@ -150,7 +150,7 @@ def _notes(
         sizes = " and ".join(f"{w} x {h}" for w, h in (guess.depth_size, guess.size))
         lines.append(f"depth and color are {sizes}: camera.json needs depth_camera, T_color_depth too")
     if calibration is None and document is not None:
-        scale = "" if own_scale else f" --depth-scale {document['depth_units_per_metre']}"
+        scale = "" if has_scale else f" --depth-scale {document['depth_units_per_metre']}"
         lines += [
             "better intrinsics, from the recording itself:",
             f"  cuboid calibrate {recording}{scale} --output {file}",

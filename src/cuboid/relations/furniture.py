@@ -81,8 +81,8 @@ class _Area:
     def holds(self, image: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Return which points (N, 3) lie above or below the marked cells of `image` (`inside` or `around`)."""
         x, y = (np.floor(points[:, :2] / CELL_M).astype(np.int64) - self.corner).T
-        known = (x >= 0) & (y >= 0) & (x < image.shape[1]) & (y < image.shape[0])
-        return np.asarray(known & (image[np.where(known, y, 0), np.where(known, x, 0)] > 0))
+        in_image = (x >= 0) & (y >= 0) & (x < image.shape[1]) & (y < image.shape[0])
+        return np.asarray(in_image & (image[np.where(in_image, y, 0), np.where(in_image, x, 0)] > 0))
 
 
 def find_furniture(planes: Sequence[SupportPlane], points: MapPoints, up: Float64Array | None) -> tuple[Furniture, ...]:

@@ -12,7 +12,7 @@ from cuboid.core.errors import InputError
 from cuboid.views.ros_stream import StreamSettings
 
 # Maximum values; the minimum is 0.
-MOST = {"min_score": 1.0, "map_every_s": float("inf")}
+MAX_VALUES = {"min_score": 1.0, "map_every_s": float("inf")}
 
 
 class Parameters:
@@ -48,8 +48,8 @@ class Parameters:
             checked: Any = msgspec.convert(value, type(values[name]))
         except msgspec.ValidationError as error:
             raise InputError(f"parameter {name}: {error}") from None
-        if name in MOST and not 0 <= checked <= MOST[name]:
-            raise InputError(f"parameter {name}: expected a number from 0 to {MOST[name]:g}, got {checked:g}")
+        if name in MAX_VALUES and not 0 <= checked <= MAX_VALUES[name]:
+            raise InputError(f"parameter {name}: expected a number from 0 to {MAX_VALUES[name]:g}, got {checked:g}")
         self._settings = dataclasses.replace(self._settings, **{name: checked})
         self._apply(self._settings)
 

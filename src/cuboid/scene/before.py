@@ -43,7 +43,7 @@ Ground = tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class OldObject:
     """An object as it was when a visit began.
 
     Attributes
@@ -67,7 +67,7 @@ class Before:
 
     Parameters
     ----------
-    known : mapping of int to Known
+    objects : mapping of int to OldObject
         Objects by label.
     ground : mapping of int to (corner, (N, M) bool)
         Cells of each plane that had been seen, by the plane's identity; cells hidden by objects are not set.
@@ -75,9 +75,11 @@ class Before:
         Occupied cells without a label, from the cubes that were noted so far.
     """
 
-    def __init__(self, known: Mapping[int, Known], ground: Mapping[int, Ground], occupied: Sequence[Cells]) -> None:
-        self.known, self._ground, self._occupied = dict(known), ground, list(occupied)
-        self._numbers = np.array(sorted({one.number for one in known.values()}), np.int64)
+    def __init__(
+        self, objects: Mapping[int, OldObject], ground: Mapping[int, Ground], occupied: Sequence[Cells]
+    ) -> None:
+        self.objects, self._ground, self._occupied = dict(objects), ground, list(occupied)
+        self._numbers = np.array(sorted({one.number for one in objects.values()}), np.int64)
         # Cells noted since the last commit.
         self._noted: list[Cells] = []
         self._cubes: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]] | None = None
@@ -100,15 +102,15 @@ class Before:
     def apply_joins(self, joined: Sequence[Joined]) -> None:
         """Transform the objects of scene parts that have been connected to other parts."""
         for part in joined:
-            inside = {label: part.contains(one.box.center[None])[0] for label, one in self.known.items()}
-            self.known = {k: _moved(one, part.T_new_old) if inside[k] else one for k, one in self.known.items()}
+            inside = {label: part.contains(one.box.center[None])[0] for label, one in self.objects.items()}
+            self.objects = {k: _moved(one, part.T_new_old) if inside[k] else one for k, one in self.objects.items()}
             self._cubes = None
 
     def labels_in_viewed_cubes(self, voxels: VoxelMap, since: int) -> set[int]:
         """Return labels of old objects in cubes viewed since a carving pass; see `VoxelMap.viewed_since`."""
         if self._cubes is None:
-            cubes = [np.unique(keys_of(_cube_of(one.points, voxels.voxel_m))) for one in self.known.values()]
-            labels = np.repeat(np.fromiter(self.known, np.int64), [len(keys) for keys in cubes])
+            cubes = [np.unique(keys_of(_cube_of(one.points, voxels.voxel_m))) for one in self.objects.values()]
+            labels = np.repeat(np.fromiter(self.objects, np.int64), [len(keys) for keys in cubes])
             self._cubes = labels, np.concatenate([np.zeros(0, np.int64), *cubes])
         labels, keys = self._cubes
         return set(labels[voxels.stored.viewed_since(keys, since)].tolist())
@@ -129,12 +131,12 @@ class Before:
         plane = support.find(entry.plane)
         if plane is None or plane.identity not in self._ground:
             return False
-        corner, known = self._ground[plane.identity]
+        corner, seen_cells = self._ground[plane.identity]
         i, j = (cells - corner).T
-        inside = (i >= 0) & (j >= 0) & (i < known.shape[0]) & (j < known.shape[1])
-        seen = inside & known[np.where(inside, i, 0), np.where(inside, j, 0)]
+        inside = (i >= 0) & (j >= 0) & (i < seen_cells.shape[0]) & (j < seen_cells.shape[1])
+        seen = inside & seen_cells[np.where(inside, i, 0), np.where(inside, j, 0)]
         # Objects that stood on the ground hid it.
-        points = np.concatenate([np.zeros((0, 3), np.float32), *(one.points for one in self.known.values())])
+        points = np.concatenate([np.zeros((0, 3), np.float32), *(one.points for one in self.objects.values())])
         stood = support.to_plan(points)
         stood = stood[(stood[:, 2] > low[2]) & (stood[:, 2] < high[2])]
         seen |= np.isin(_cell_keys(cells), _cell_keys(cells_of(stood)))
@@ -186,14 +188,14 @@ def load(connection: sqlite3.Connection) -> Before:
     DamagedError
         A row is invalid.
     """
-    known = {}
+    objects = {}
     columns = columns_of("known", ("label", *BOX, "look", "points", "number"))
     for label, *row in read_rows(connection, columns, "known"):
         profile, points = floats_of(row[10], "<f8", "known.look"), floats_of(row[11], "<f4", "known.points")
         if profile.size != LAYERS * 3 or points.size % 3:
             raise DamagedError(f"a row of known is damaged: {profile.size} and {points.size} numbers")
         box = box_of(row[:10], "known")
-        known[label] = Known(label, row[12], box, profile.reshape(LAYERS, 3), points.reshape(-1, 3))
+        objects[label] = OldObject(label, row[12], box, profile.reshape(LAYERS, 3), points.reshape(-1, 3))
     ground: dict[int, Ground] = {}
     for plane, i, j, rows, columns_, seen in read_rows(connection, columns_of("ground"), "ground"):
         if len(seen) != -(-rows * columns_ // 8):
@@ -201,7 +203,7 @@ def load(connection: sqlite3.Connection) -> Before:
         bits = np.unpackbits(np.frombuffer(seen, np.uint8), count=rows * columns_).reshape(rows, columns_)
         ground[plane] = np.array([i, j]), bits.astype(bool)
     noted = read_rows(connection, columns_of("occupied"), "occupied")
-    return Before(known, ground, [_cells_in(inflated(data, check, "occupied.cells")) for check, data in noted])
+    return Before(objects, ground, [_cells_in(inflated(data, check, "occupied.cells")) for check, data in noted])
 
 
 def write_noted(connection: sqlite3.Connection, cells: Cells) -> None:
@@ -239,5 +241,5 @@ def _cube_of(points: Float32Array, voxel_m: float) -> npt.NDArray[np.int64]:
     return np.floor(points.astype(np.float64) / voxel_m).astype(np.int64) >> CUBE_BITS
 
 
-def _moved(known: Known, T: Float64Array) -> Known:
-    return replace(known, box=known.box.moved(T), points=transform(T, known.points).astype(np.float32))
+def _moved(old: OldObject, T: Float64Array) -> OldObject:
+    return replace(old, box=old.box.moved(T), points=transform(T, old.points).astype(np.float32))

@@ -17,7 +17,7 @@ from cuboid.core.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject
 from cuboid.objects.similarity import CLEARER, MIN_SIMILARITY, color_profile_of, similarity
-from cuboid.scene.before import Before, Known
+from cuboid.scene.before import Before, OldObject
 from cuboid.scene.localisation import Joined
 from cuboid.scene.standing import Standing, fraction_near, standing
 from cuboid.tracking.posed_tracker import PosedTracker
@@ -89,10 +89,10 @@ class Changes:
 
         Only objects that were in view since the last call are compared.
         """
-        known = self._before.known
+        old_objects = self._before.objects
         viewed = self._before.labels_in_viewed_cubes(tracker.voxels, self._since)
         for entry in tracker.ever_labelled():
-            old = known.get(entry.label)
+            old = old_objects.get(entry.label)
             seen = entry.last_frame >= max(self._since_frame, self._first_frame)
             if old is not None and entry.confirmed and (seen or entry.label in viewed):
                 self._hold_against(tracker, entry, old)
@@ -106,7 +106,7 @@ class Changes:
         self._before.apply_joins(joined)
         self._since = self._since_frame = 0
 
-    def _hold_against(self, tracker: PosedTracker, entry: MapObject, old: Known) -> None:
+    def _hold_against(self, tracker: PosedTracker, entry: MapObject, old: OldObject) -> None:
         """Retire an object whose points were carved, or whose place is taken by other objects."""
         voxels = tracker.voxels
         carved = float((voxels.rows_at(old.points.astype(np.float64)) < 0).mean())
@@ -124,21 +124,21 @@ class Changes:
             tracker.retire(entry)
             entry.box = old.box
 
-    def _standing(self, tracker: PosedTracker, old: Known) -> Standing:
+    def _standing(self, tracker: PosedTracker, old: OldObject) -> Standing:
         return standing(tracker.voxels, old, self._first_frame)
 
     def _find_again(self, tracker: PosedTracker) -> None:
         """Give new objects the labels of the old objects that they are: old ones still there, or moved."""
-        known = self._before.known
+        old_objects = self._before.objects
         entries = tracker.ever_labelled()
-        ended = [o for o in entries if o.label in known and not o.confirmed]
-        new = [o for o in entries if o.confirmed and o.label not in known and len(o.points)]
+        ended = [o for o in entries if o.label in old_objects and not o.confirmed]
+        new = [o for o in entries if o.confirmed and o.label not in old_objects and len(o.points)]
         new = [o for o in new if o.first_frame >= self._first_frame]
         if not ended or not new:
             return
         gone = []
         for old in ended:
-            found = self._standing(tracker, known[old.label])
+            found = self._standing(tracker, old_objects[old.label])
             if not found.still:
                 gone.append(old)
             elif new:
@@ -149,7 +149,7 @@ class Changes:
             self._find_moved(tracker, gone, new)
 
     def _find_moved(self, tracker: PosedTracker, gone: Sequence[MapObject], new: Sequence[MapObject]) -> None:
-        similarity = np.array([[self._similarity(o, self._before.known[old.label]) for o in new] for old in gone])
+        similarity = np.array([[self._similarity(o, self._before.objects[old.label]) for o in new] for old in gone])
         taken: set[int] = set()
         for k in np.argsort(-similarity.max(1), kind="stable"):
             j = int(np.argmax(similarity[k]))
@@ -161,11 +161,11 @@ class Changes:
 
     def _join_what_went_together(self, tracker: PosedTracker) -> bool:
         """Merge two objects that lay side by side before and after a move: they are pieces of one object."""
-        known = self._before.known
-        moved = [o for o in tracker.ever_labelled() if o.confirmed and o.label in known]
-        moved = [o for o in moved if not _in_place(o.box, known[o.label].box)]
+        old_objects = self._before.objects
+        moved = [o for o in tracker.ever_labelled() if o.confirmed and o.label in old_objects]
+        moved = [o for o in moved if not _in_place(o.box, old_objects[o.label].box)]
         for one, two in combinations(moved, 2):
-            old, other = known[one.label], known[two.label]
+            old, other = old_objects[one.label], old_objects[two.label]
             distance_m, distance_before_m = _distance_m(one.box, two.box), _distance_m(old.box, other.box)
             beside = abs(distance_m - distance_before_m) <= STILL_MIDDLE_M and _level(tracker, one, two)
             if (
@@ -187,21 +187,21 @@ class Changes:
         seen : mapping of int to anything
             Labels that the visit saw.
         """
-        known, entries = self._before.known, tracker.ever_labelled()
+        old_objects, entries = self._before.objects, tracker.ever_labelled()
         found = {}
         for entry in entries:
-            if entry.label in known:
+            if entry.label in old_objects:
                 labels = {entry.label, *entry.merged_labels}
                 found[entry.label] = self._became(tracker, entry, any(label in seen for label in labels))
         place_of = {entry.label: entry.points for entry in entries}
         here = [
-            place_of[k] if one.change == "moved" else known[k].points
+            place_of[k] if one.change == "moved" else old_objects[k].points
             for k, one in found.items()
             if one.change != "gone"
         ]
         there = np.concatenate([np.zeros((0, 3), np.float32), *here])
         for entry in sorted(entries, key=lambda o: (-float(o.box.size.prod()), o.label)):
-            if entry.label not in known and entry.confirmed and entry.first_frame >= self._first_frame:
+            if entry.label not in old_objects and entry.confirmed and entry.first_frame >= self._first_frame:
                 came = self._before.was_seen(tracker, entry) and not self._before.stood(tracker, entry)
                 came = came and fraction_near(entry.points, there, PIECE_M) < PIECE
                 found[entry.label] = Change(
@@ -211,7 +211,7 @@ class Changes:
         return [found[label] for label in sorted(found)]
 
     def _became(self, tracker: PosedTracker, entry: MapObject, seen: bool) -> Change:
-        old = self._before.known[entry.label]
+        old = self._before.objects[entry.label]
         before, now = tracker.in_world(old.box).center, tracker.in_world(entry.box).center
         if not entry.confirmed:
             if self._standing(tracker, old).still:
@@ -225,7 +225,7 @@ class Changes:
             return Change(entry.label, "unchanged", before, now)
         return Change(entry.label, "moved", before, now, metres, self._similarity(entry, old))
 
-    def _similarity(self, entry: MapObject, old: Known) -> float:
+    def _similarity(self, entry: MapObject, old: OldObject) -> float:
         """Return the similarity of an object to an old one, 0..1, by size and by colors from bottom to top."""
         return similarity(color_profile_of(entry), entry.box, old.profile, old.box)
 

@@ -24,9 +24,9 @@ Rows = npt.NDArray[np.void]
 Keys = npt.NDArray[np.int64]
 
 # Tables that people and other programs read, in the order in which their rows refer to each other.
-TOLD = ("scene", "recordings", "frames", "planes", "objects", "boxes", "sightings", "events", "pending")
+PUBLIC_TABLES = ("scene", "recordings", "frames", "planes", "objects", "boxes", "sightings", "events", "pending")
 # Maximum number of reported problems of one kind.
-SAID = 8
+MAX_PROBLEMS = 8
 
 
 def problems(path: Path) -> list[str]:
@@ -45,7 +45,7 @@ def problems(path: Path) -> list[str]:
         return [str(error)]
     try:
         with complaining(path):
-            said = connection.execute(f"PRAGMA integrity_check({SAID})").fetchall()
+            said = connection.execute(f"PRAGMA integrity_check({MAX_PROBLEMS})").fetchall()
             # SQLite may report several pages in one text.
             found = [line for (text,) in said for line in text.splitlines() if line != "ok"]
             broken = connection.execute("PRAGMA foreign_key_check").fetchall()
@@ -71,7 +71,7 @@ def _row_problems(connection: sqlite3.Connection) -> list[str]:
                 refuse_no_row(table, row)
             except DamagedError as error:
                 damaged[str(error)] = None
-                if len(damaged) == SAID:
+                if len(damaged) == MAX_PROBLEMS:
                     break
         found += damaged
     return found
@@ -114,7 +114,7 @@ def rescue(path: Path, new: Path) -> list[str]:
         with complaining(new):
             with transaction(file.connection):
                 file.connection.execute("PRAGMA defer_foreign_keys = ON")
-                kept = sum(_copied(old, file.connection, table, lost) for table in TOLD)
+                kept = sum(_copied(old, file.connection, table, lost) for table in PUBLIC_TABLES)
                 _drop_orphans(file.connection)
             kept += _rescue_state(old, file.connection, lost)
         if kept == 0:

@@ -1,9 +1,9 @@
 """Place recognition by the layout of objects, for other light or another viewpoint.
 
-Most objects stand where they stood before. Two objects that are similar to two known ones, at the same distance from
-each other, give a hypothesis for the motion of a part of the scene, because both maps are level. A hypothesis is
-accepted if many other objects then coincide with similar known ones, if no other hypothesis is nearly as good, and if
-the points of both maps coincide.
+Most objects stand where they stood before. Two objects that are similar to two objects of the scene, at the same
+distance from each other, give a hypothesis for the motion of a part of the scene, because both maps are level. A
+hypothesis is accepted if many other objects then coincide with similar ones of the scene, if no other hypothesis is
+nearly as good, and if the points of both maps coincide.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from cuboid.geometry.se3 import inverse, level_rotation, transform
 from cuboid.objects.entry import MapObject
 from cuboid.objects.similarity import MIN_SIMILARITY, color_profile_of, similarity
 
-# Number of objects of the part that are used, those seen most often; number of known objects that each is compared
-# with.
+# Number of objects of the part that are used, those seen most often; number of objects of the scene with which each is
+# compared.
 LOOKED_FOR, CANDIDATES = 16, 20
 # Tolerances, metres: APART_M for the distance within two pairs, MEET_M for objects that coincide. Two objects nearer to
 # each other than MIN_APART_M give no reliable direction.
@@ -30,8 +30,8 @@ MIN_MET = 5
 # The best hypothesis must score CLEARER times as high as any hypothesis that differs from it by more than OTHER_M
 # metres or OTHER_RAD radians.
 OTHER_M, OTHER_RAD, CLEARER = 0.1, 0.2, 1.5
-# At least SAME_FRACTION of the part's points within AROUND_M metres of a place must have a known point within SAME_M
-# metres.
+# At least SAME_FRACTION of the part's points within AROUND_M metres of a place must have a point of the scene within
+# SAME_M metres.
 AROUND_M, SAME_M, SAME_FRACTION = 1.0, 0.03, 0.5
 # Maximum number of hypotheses, those of the most similar pairs.
 ANSWERS = 500
@@ -39,18 +39,21 @@ ANSWERS = 500
 Numbers = npt.NDArray[np.int64]
 
 
-def find_layout(known: Sequence[MapObject], seen: Sequence[MapObject], up: Float64Array) -> Float64Array | None:
-    """Return the motion T_known_seen (4, 4) about up that aligns objects with known ones; None if ambiguous."""
+def find_layout(scene_objects: Sequence[MapObject], seen: Sequence[MapObject], up: Float64Array) -> Float64Array | None:
+    """Return the motion T_scene_seen (4, 4) about up that aligns objects with the scene's; None if ambiguous."""
     seen = sorted(seen, key=lambda o: (-o.frames_seen, o.label))[:LOOKED_FOR]
-    if len(known) < MIN_MET or len(seen) < MIN_MET:
+    if len(scene_objects) < MIN_MET or len(seen) < MIN_MET:
         return None
     level = np.eye(4)
     level[:3, :3] = level_rotation(up)
-    looks = [color_profile_of(o) for o in known]
+    profiles = [color_profile_of(o) for o in scene_objects]
     like = np.array(
-        [[similarity(a, o.box, color_profile_of(s), s.box) for a, o in zip(looks, known, strict=True)] for s in seen]
+        [
+            [similarity(a, o.box, color_profile_of(s), s.box) for a, o in zip(profiles, scene_objects, strict=True)]
+            for s in seen
+        ]
     )
-    k, s = (np.array([o.box.center for o in some]) @ level[:3, :3].T for some in (known, seen))
+    k, s = (np.array([o.box.center for o in some]) @ level[:3, :3].T for some in (scene_objects, seen))
     motions = _answers(like, k, s)
     if not len(motions):
         return None
@@ -65,18 +68,20 @@ def find_layout(known: Sequence[MapObject], seen: Sequence[MapObject], up: Float
     return np.asarray(inverse(level) @ _fitted(k[there], s[met]) @ level)
 
 
-def same_place(known: Float32Array, seen: Float32Array, T_known_seen: Float64Array, around: Float64Array) -> bool:
-    """Tell whether points of a part (N, 3) around a place in it coincide with known points (M, 3)."""
+def same_place(
+    scene_points: Float32Array, seen: Float32Array, T_scene_seen: Float64Array, around: Float64Array
+) -> bool:
+    """Tell whether points of a part (N, 3) around a place in it coincide with points of the scene (M, 3)."""
     near = seen[np.linalg.norm(seen - around, axis=1) < AROUND_M].astype(np.float64)
-    there = transform(T_known_seen, near)
-    known = known[np.linalg.norm(known - transform(T_known_seen, around), axis=1) < 1.5 * AROUND_M]
-    if not len(near) or not len(known):
+    there = transform(T_scene_seen, near)
+    scene_points = scene_points[np.linalg.norm(scene_points - transform(T_scene_seen, around), axis=1) < 1.5 * AROUND_M]
+    if not len(near) or not len(scene_points):
         return False
-    distance, _ = cKDTree(known).query(there, distance_upper_bound=SAME_M)
+    distance, _ = cKDTree(scene_points).query(there, distance_upper_bound=SAME_M)
     return bool(np.isfinite(distance).mean() >= SAME_FRACTION)
 
 
-def _answers(like: Float64Array, known: Float64Array, seen: Float64Array) -> Float64Array:
+def _answers(like: Float64Array, scene_centers: Float64Array, seen: Float64Array) -> Float64Array:
     """Return motions (A, 4), yaw and translation in the level frame, from two pairs of similar objects."""
     best = np.argsort(-like, axis=1, kind="stable")[:, :CANDIDATES]
     i = np.repeat(np.arange(len(seen)), best.shape[1])
@@ -84,7 +89,7 @@ def _answers(like: Float64Array, known: Float64Array, seen: Float64Array) -> Flo
     alike_enough = like[i, j] >= MIN_SIMILARITY
     i, j = i[alike_enough], j[alike_enough]
     a, b = np.triu_indices(len(i), 1)
-    there, here = known[j[b]] - known[j[a]], seen[i[b]] - seen[i[a]]
+    there, here = scene_centers[j[b]] - scene_centers[j[a]], seen[i[b]] - seen[i[a]]
     fits = (i[a] != i[b]) & (j[a] != j[b]) & (np.linalg.norm(here[:, :2], axis=1) >= MIN_APART_M)
     fits &= np.abs(np.linalg.norm(there[:, :2], axis=1) - np.linalg.norm(here[:, :2], axis=1)) < APART_M
     fits &= np.abs(there[:, 2] - here[:, 2]) < APART_M
@@ -93,7 +98,7 @@ def _answers(like: Float64Array, known: Float64Array, seen: Float64Array) -> Flo
     yaw = np.arctan2(there[:, 1], there[:, 0]) - np.arctan2(here[:, 1], here[:, 0])
     turned = _moved(np.column_stack([yaw, np.zeros((len(yaw), 3))]), seen)
     rows = np.arange(len(yaw))
-    shift = 0.5 * (known[j[a]] + known[j[b]] - turned[rows, i[a]] - turned[rows, i[b]])
+    shift = 0.5 * (scene_centers[j[a]] + scene_centers[j[b]] - turned[rows, i[a]] - turned[rows, i[b]])
     return np.column_stack([yaw, shift])
 
 
@@ -110,33 +115,35 @@ def _moved(motions: Float64Array, points: Float64Array) -> Float64Array:
     return np.stack([c * x - s * y + motions[:, 1:2], s * x + c * y + motions[:, 2:3], z + motions[:, 3:4]], -1)
 
 
-def _scores(motions: Float64Array, like: Float64Array, known: Float64Array, seen: Float64Array) -> Float64Array:
+def _scores(motions: Float64Array, like: Float64Array, scene_centers: Float64Array, seen: Float64Array) -> Float64Array:
     """Return the score of each motion (A,): the summed similarity of objects that coincide."""
-    distance, nearest = _nearest(known, _moved(motions, seen))
+    distance, nearest = _nearest(scene_centers, _moved(motions, seen))
     meets = np.isfinite(distance)
     found = np.where(meets, like[np.arange(len(seen)), np.where(meets, nearest, 0)], 0.0)
     return np.asarray(np.where(found < MIN_SIMILARITY, 0.0, found).sum(1))
 
 
-def _met(motion: Float64Array, like: Float64Array, known: Float64Array, seen: Float64Array) -> tuple[Numbers, Numbers]:
-    """Return indices of objects that coincide with similar known ones under a motion, and of these."""
-    distance, nearest = _nearest(known, _moved(motion[None], seen)[0])
+def _met(
+    motion: Float64Array, like: Float64Array, scene_centers: Float64Array, seen: Float64Array
+) -> tuple[Numbers, Numbers]:
+    """Return indices of objects that coincide with similar ones of the scene under a motion, and of these."""
+    distance, nearest = _nearest(scene_centers, _moved(motion[None], seen)[0])
     met = np.flatnonzero(np.isfinite(distance))
     met = met[like[met, nearest[met]] >= MIN_SIMILARITY]
     return met, nearest[met]
 
 
-def _nearest(known: Float64Array, points: Float64Array) -> tuple[Float64Array, Numbers]:
-    """Return distance (infinite if beyond MEET_M) and index of the known place nearest to points (..., 3)."""
-    distance, nearest = cKDTree(known).query(points, distance_upper_bound=MEET_M)
+def _nearest(scene_centers: Float64Array, points: Float64Array) -> tuple[Float64Array, Numbers]:
+    """Return distance (infinite if beyond MEET_M) and index of the scene's centre nearest to points (..., 3)."""
+    distance, nearest = cKDTree(scene_centers).query(points, distance_upper_bound=MEET_M)
     return np.asarray(distance, np.float64), np.asarray(nearest, np.int64)
 
 
-def _fitted(known: Float64Array, seen: Float64Array) -> Float64Array:
-    """Return the motion (4, 4) about the third axis that best aligns points (N, 3) with known ones."""
-    x, y = known - known.mean(0), seen - seen.mean(0)
+def _fitted(scene_centers: Float64Array, seen: Float64Array) -> Float64Array:
+    """Return the motion (4, 4) about the third axis that best aligns points (N, 3) with the scene's."""
+    x, y = scene_centers - scene_centers.mean(0), seen - seen.mean(0)
     yaw = np.arctan2((y[:, 0] * x[:, 1] - y[:, 1] * x[:, 0]).sum(), (x[:, :2] * y[:, :2]).sum())
     T = np.eye(4)
     T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    T[:3, 3] = known.mean(0) - T[:3, :3] @ seen.mean(0)
+    T[:3, 3] = scene_centers.mean(0) - T[:3, :3] @ seen.mean(0)
     return T

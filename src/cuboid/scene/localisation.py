@@ -292,22 +292,22 @@ class ScenePoses:
         place = self._estimator.find(frame, self._own)
         if place is None:
             return
-        known = self._estimator.keyframes[place.keyframe]
-        T_known_camera = known.T_world_camera @ place.T_keyframe_camera
-        T_known_recording = T_known_camera @ inverse(frame.T_world_camera)
+        keyframe = self._estimator.keyframes[place.keyframe]
+        T_submap_camera = keyframe.T_world_camera @ place.T_keyframe_camera
+        T_submap_recording = T_submap_camera @ inverse(frame.T_world_camera)
         agreeing = [
             (T, given)
             for part, T, given in self._seen_as
-            if part == known.submap and _near(T_known_recording @ given, T)
+            if part == keyframe.submap and _near(T_submap_recording @ given, T)
         ]
-        self._seen_as.append((known.submap, T_known_camera, frame.T_world_camera))
+        self._seen_as.append((keyframe.submap, T_submap_camera, frame.T_world_camera))
         if len(agreeing) < AGREEING - 1:
             return
-        T_known, given = (np.array(poses) for poses in zip(*agreeing, self._seen_as[-1][1:], strict=True))
-        better = mean_motion(T_known, given)
-        if self._part != known.submap:
-            self._estimator.join(self._part, known.submap, better @ inverse(self._T_part_recording))
-            self._part = known.submap
+        T_submap_cameras, given = (np.array(poses) for poses in zip(*agreeing, self._seen_as[-1][1:], strict=True))
+        better = mean_motion(T_submap_cameras, given)
+        if self._part != keyframe.submap:
+            self._estimator.join(self._part, keyframe.submap, better @ inverse(self._T_part_recording))
+            self._part = keyframe.submap
         else:
             self._estimator.move(self._own, better @ inverse(self._T_part_recording))
         self._T_part_recording, self._aligned = better, True

@@ -194,11 +194,11 @@ class SceneReader(MapQueries):
             connection = self._connection()
             connection.execute("BEGIN")
             try:
-                known = has_state(connection)
+                saved = has_state(connection)
                 version: int = connection.execute("PRAGMA data_version").fetchone()[0]
-                if known and (self._saved is None or self._saved[0] != version):
+                if saved and (self._saved is None or self._saved[0] != version):
                     self._saved = version, load_tracker(connection, self.path)
-                yield self._saved[1] if known and self._saved is not None else None
+                yield self._saved[1] if saved and self._saved is not None else None
             finally:
                 connection.execute("COMMIT")
 
@@ -252,8 +252,8 @@ class SceneReader(MapQueries):
 
         labels = self._labels_of(label)
         rows = self._rows(("scene.key", "scene.value"), "scene WHERE key GLOB ? ORDER BY key", (f"{RELATION}/*",))
-        known = [item for item in self.all_objects if item.state != "merged"]
-        survivor = {old: item.label for item in known for old in item.merged_labels}
+        items = [item for item in self.all_objects if item.state != "merged"]
+        survivor = {old: item.label for item in items for old in item.merged_labels}
         plane = {identity: k for k, identity in enumerate(self._plane_identities())}
         with complaining(self.path):
             return read_relations(rows, labels, survivor, plane)
@@ -304,9 +304,9 @@ class SceneReader(MapQueries):
         from cuboid.scene.vectors import is_of, read_vectors, vector_of_picture
 
         with complaining(self.path):
-            known = read_vectors(self._connection(), model.identity) if self.path.exists() else {}
+            stored = read_vectors(self._connection(), model.identity) if self.path.exists() else {}
         pictures = {item.label: self.picture(item.label) for item in self.objects}
-        found = {label: known[label] for label, jpeg in pictures.items() if is_of(known.get(label), jpeg)}
+        found = {label: stored[label] for label, jpeg in pictures.items() if is_of(stored.get(label), jpeg)}
         others = {
             label: vector_of_picture(model, jpeg) for label, jpeg in pictures.items() if jpeg and label not in found
         }
@@ -320,12 +320,12 @@ class SceneReader(MapQueries):
 
     def _labels_of(self, label: int) -> list[int]:
         """Return a label and those that were merged into it."""
-        known: dict[int, int | None] = dict(self._rows(("objects.label", "objects.merged_into"), "objects"))
-        if label not in known:
+        merged_into: dict[int, int | None] = dict(self._rows(("objects.label", "objects.merged_into"), "objects"))
+        if label not in merged_into:
             raise InputError(f"{self.path}: no object has the label {label}")
         found = [label]
         for one in found:
-            found += [k for k, into in known.items() if into == one and k not in found]
+            found += [k for k, into in merged_into.items() if into == one and k not in found]
         return found
 
     def _object(

@@ -160,9 +160,9 @@ class Records:
         return rows
 
     def _box(self, label: int, box: Box) -> int:
-        known = self._box_of.get(label)
-        if known is not None and known[0] is box:
-            return known[1]
+        last = self._box_of.get(label)
+        if last is not None and last[0] is box:
+            return last[1]
         number = self._next_box
         self._box_of[label] = box, number
         self._rows.boxes.append((number, label, *box_numbers(box)))

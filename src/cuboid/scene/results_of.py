@@ -55,13 +55,13 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
     config = document(settings, dict[str, Any], "recordings.settings")
     every = document(settings, Settings, "recordings.settings").every
     size = document(camera, CameraColumn, "recordings.camera")
-    known = scene.poses(number)
+    posed_frames = scene.poses(number)
     read = len(range(0, frames, every))
-    missing = [k for k in range(0, frames, every) if k not in known]
+    missing = [k for k in range(0, frames, every) if k not in posed_frames]
     sightings, objects = _seen(scene, number)
     tracker, planes = load_tracker(connection, scene.path), scene.planes
     with ResultWriter(folder, force=force) as writer:
-        for frame, (time_s, T_world_camera) in known.items():
+        for frame, (time_s, T_world_camera) in posed_frames.items():
             seen, heat = tuple(sightings.get(frame, ())), np.zeros((0, 0), np.float32)
             writer.add(FrameResult(frame, time_s, T_world_camera, seen, (), len(objects), heat, {}))
         report = RunReport(
@@ -73,7 +73,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
             threads=1,
             config={**config, "tracker": tracker.config.to_dict()},
             frames_read=read,
-            frames_used=len(known),
+            frames_used=len(posed_frames),
             skipped=tuple((frame, NOT_IN_SCENE) for frame in missing),
             milliseconds={},
             seconds=0.0,

@@ -327,10 +327,10 @@ class _PosesOfVisit:
         part, up, T_world_map = self._poses.part, self._tracker.support.up, self._tracker.T_world_map
         things = [o for o in self._tracker.ever_labelled() if o.confirmed and len(o.points)]
         place = {o.label: transform(T_world_map, o.box.center) for o in things}
-        known, seen = ([o for o in things if self._poses.stands_in(k, place[o.label])] for k in (0, part))
+        scene_objects, seen = ([o for o in things if self._poses.stands_in(k, place[o.label])] for k in (0, part))
         if part == 0 or up is None:
             return
-        T = layout.find_layout(known, seen, up)
+        T = layout.find_layout(scene_objects, seen, up)
         if T is None:
             return
         points, _ = self._tracker.voxels.stored.spread(self._tracker.voxels.stored.living())

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from cuboid.core.frame import Float32Array
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.scene.before import Known
+from cuboid.scene.before import OldObject
 
 # An object is still there if at least SAME_PLACE of its points are seen again, and less than CHANGED of them are
 # carved. In synthetic visits, nine tenths of the points of unmoved objects are seen again, and less than a tenth is
@@ -36,13 +36,13 @@ class Standing:
     owners: npt.NDArray[np.int32]
 
 
-def standing(voxels: VoxelMap, old: Known, first_frame: int) -> Standing:
+def standing(voxels: VoxelMap, old: OldObject, first_frame: int) -> Standing:
     """Return whether an object is still there, and the present owners of its points.
 
     Parameters
     ----------
     voxels : VoxelMap
-    old : Known
+    old : OldObject
     first_frame : int
         Only surfaces seen in this frame or a later one count as seen again.
     """

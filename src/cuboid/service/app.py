@@ -96,8 +96,8 @@ def _answer(place: Place, endpoint: Endpoint, query: dict[str, str], path: dict[
     unknown = sorted(set(query) - set(endpoint.parameters))
     try:
         if unknown:
-            known = ", ".join(endpoint.parameters) or "none"
-            raise InputError(f"unknown parameter '{unknown[0]}'; there are {known}")
+            names = ", ".join(endpoint.parameters) or "none"
+            raise InputError(f"unknown parameter '{unknown[0]}'; there are {names}")
         found = endpoint.answer(place, query | path)
     except InputError as error:
         return JSONResponse({"error": str(error)}, 404 if str(error).startswith("no object has") else 400)

@@ -38,7 +38,7 @@ class LiveMap(MapQueries):
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
         self._news = threading.Condition()
-        self._known: dict[int, TrackedObject] = {}
+        self._objects: dict[int, TrackedObject] = {}
         self._planes: tuple[SupportPlane, ...] = ()
         self._up: Float64Array | None = None
         self._clouds: dict[int, PointCloud] = {}
@@ -47,8 +47,8 @@ class LiveMap(MapQueries):
     def take(self, update: Update) -> None:
         """Take in what changed."""
         with self._news:
-            known = self._known | {item.label: item for item in update.objects}
-            self._known = {label: known[label] for label in sorted(known.keys() - set(update.gone))}
+            objects = self._objects | {item.label: item for item in update.objects}
+            self._objects = {label: objects[label] for label in sorted(objects.keys() - set(update.gone))}
             self._planes, self._up = update.planes, update.up
             self._clouds |= update.clouds
             self._news.notify_all()
@@ -62,7 +62,7 @@ class LiveMap(MapQueries):
     @property
     def objects(self) -> ObjectTable:
         """The confirmed objects, by label."""
-        return ObjectTable(self._known.values())
+        return ObjectTable(self._objects.values())
 
     @property
     def planes(self) -> Sequence[SupportPlane]:

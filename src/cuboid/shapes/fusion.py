@@ -152,8 +152,8 @@ def facing(depth_m: Float32Array, view: ObjectView) -> Float32Array:
         middle = smooth[n:-n, n:-n]
         limit = JUMP_M + MIXED_PER_M * middle**2
         jump = np.maximum(np.abs(right + left - 2 * middle), np.abs(below + above - 2 * middle))
-        known = (left > 0) & (right > 0) & (above > 0) & (below > 0) & (middle > 0)
-        valid[n:-n, n:-n] = known & (jump < limit)
+        all_measured = (left > 0) & (right > 0) & (above > 0) & (below > 0) & (middle > 0)
+        valid[n:-n, n:-n] = all_measured & (jump < limit)
     # The normal of z(u, v) in pixels: (fx dz/du, fy dz/dv, -(z + (u - cx) dz/du + (v - cy) dz/dv)); its product with
     # the ray ((u - cx) / fx, (v - cy) / fy, 1) is -z.
     u = (np.arange(camera.width, dtype=np.float32) - np.float32(camera.cx))[None, :]

@@ -198,9 +198,9 @@ def opened(
     most: int | None = None,
 ) -> list[ObjectView]:
     """Select views as `chosen` does, and return them opened, with the poses of their frames."""
-    known = {view.frame: view for view in sorted(kept, key=lambda view: view.frame) if view.frame in T_world_camera}
-    candidates = [Candidate(view.frame, view.box, view.visible, T_world_camera[k]) for k, view in known.items()]
-    return [known[one.frame].opened(camera, one.T_world_camera) for one in chosen(candidates, box, most)]
+    view_of = {view.frame: view for view in sorted(kept, key=lambda view: view.frame) if view.frame in T_world_camera}
+    candidates = [Candidate(view.frame, view.box, view.visible, T_world_camera[k]) for k, view in view_of.items()]
+    return [view_of[one.frame].opened(camera, one.T_world_camera) for one in chosen(candidates, box, most)]
 
 
 def _is_new(T_world_camera: Float64Array, views: Sequence[KeptView], box: Box, apart_rad: float) -> bool:

@@ -134,9 +134,9 @@ def tidy(place: Place) -> int:
     Young files stay: their process may still be running.
     """
     found = snapshot(place)
-    known = {name for table in TABLES for name in found.files(table)}
+    listed = {name for table in TABLES for name in found.files(table)}
     young = datetime.now(UTC) - timedelta(days=1)
-    strange = [name for table in TABLES for name in place.names(table) if name not in known]
+    strange = [name for table in TABLES for name in place.names(table) if name not in listed]
     old = [name for name in strange if place.fs.modified(place.path(name)) < young]
     place.remove(old)
     return len(old) + _tidy_results(place, young)

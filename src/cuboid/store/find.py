@@ -164,8 +164,8 @@ def _the_one(tables: Tables, recording: str, label: int, *columns: str) -> dict[
             f"{recording}#{label}: {len(found)} recordings are called '{recording}'; "
             "`cuboid sql` tells them apart by source"
         )
-    known = tables.rows(f"select 1 from {RUNS} where recording = ? limit 1", [recording])
-    what = f"recording '{recording}' has no object {label}" if known else f"there is no recording '{recording}'"
+    runs = tables.rows(f"select 1 from {RUNS} where recording = ? limit 1", [recording])
+    what = f"recording '{recording}' has no object {label}" if runs else f"there is no recording '{recording}'"
     raise InputError(f"{recording}#{label}: {what} in {tables.url}")
 
 

@@ -104,8 +104,8 @@ def _runs(tables: Tables, version: str | None, settings: str | None) -> list[dic
         values,
     )
     if not runs:
-        known = [row["version"] for row in tables.rows(f"select distinct version from {RUNS} order by version")]
-        raise InputError(f"{tables.url}: has no runs of version '{version}'; there are {', '.join(known)}")
+        versions = [row["version"] for row in tables.rows(f"select distinct version from {RUNS} order by version")]
+        raise InputError(f"{tables.url}: has no runs of version '{version}'; there are {', '.join(versions)}")
     return runs
 
 
@@ -142,12 +142,14 @@ def _from_tables(tables: Tables, run: dict[str, Any]) -> Result:
     seen = tables.rows(
         f"select frame, label, {_BOX} from {SIGHTINGS} where run = ? order by frame, label", [run["run"]]
     )
-    known = tables.rows(f"select label, score, {_BOX} from {OBJECTS} where run = ? order by label", [run["run"]])
+    objects = tables.rows(f"select label, score, {_BOX} from {OBJECTS} where run = ? order by label", [run["run"]])
     read = np.arange(run["frames_read"]) * _every(run["settings"])
     return Result(
         path=Path(tables.url) / run["recording"],
         tracks=BoxRows(_ints(seen, "frame"), _ints(seen, "label"), _boxes(seen)),
-        objects=MapBoxes(_ints(known, "label"), _boxes(known), np.array([row["score"] for row in known], np.float64)),
+        objects=MapBoxes(
+            _ints(objects, "label"), _boxes(objects), np.array([row["score"] for row in objects], np.float64)
+        ),
         frames=read[~np.isin(read, [item["frame"] for item in run["skipped"]])],
         skipped=len(run["skipped"]),
         poses=run["poses"],

@@ -207,8 +207,8 @@ def refusals(what: str, verb: str) -> Iterator[None]:
     except (FileNotFoundError, FileExistsError):
         raise
     except Exception as error:
-        known = isinstance(error, (OSError, ValueError)) or type(error).__module__.startswith(CLOUD_PACKAGES)
-        if not known or isinstance(error, CuboidError):
+        expected = isinstance(error, (OSError, ValueError)) or type(error).__module__.startswith(CLOUD_PACKAGES)
+        if not expected or isinstance(error, CuboidError):
             raise
         fault = OutputError if verb == "written" else InputError
         raise fault(f"{what}: cannot be {verb}: {one_line(str(error) or type(error).__name__)}") from error

@@ -327,8 +327,8 @@ class GroundPlan(WatchedRecord):
 def _covered(seen: npt.NDArray[np.int32]) -> UInt8Array:
     """Return the area covered by readings (N, M): gaps closed, holes filled, and a rim added."""
     n = _CLOSE.shape[0]
-    known = np.pad((seen >= MIN_READINGS).astype(np.uint8), n)
-    closed = cv2.morphologyEx(known, cv2.MORPH_CLOSE, _CLOSE)
+    measured = np.pad((seen >= MIN_READINGS).astype(np.uint8), n)
+    closed = cv2.morphologyEx(measured, cv2.MORPH_CLOSE, _CLOSE)
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = np.zeros_like(closed)
     cv2.drawContours(filled, contours, -1, 1, cv2.FILLED)

@@ -229,7 +229,7 @@ class PlaneTracker:
         }
 
     @property
-    def known(self) -> bool:
+    def well_known(self) -> bool:
         """Whether the last processed frame shows planes, and all these planes are well known.
 
         Then further frames from the same viewpoint need no processing: until the camera has moved by the pose error,

@@ -71,15 +71,15 @@ def seat_cells(plan: GroundPlan, points: Float64Array, least_m2: float) -> Place
     longest = int(LONGEST_SEAT * (high - low).max())
     window = np.concatenate([low - longest - 1, high + longest + 1])
     mine, theirs = window_intersection(plan.window, window)
-    known, beside = np.zeros((2, *(window[2:] - window[:2])), np.uint8)
-    known[theirs] = plan.seen[mine] >= MIN_READINGS
-    if np.count_nonzero(known) * CELL_M**2 < least_m2:
+    measured, beside = np.zeros((2, *(window[2:] - window[:2])), np.uint8)
+    measured[theirs] = plan.seen[mine] >= MIN_READINGS
+    if np.count_nonzero(measured) * CELL_M**2 < least_m2:
         return np.zeros((0, 2), np.int64)
     beside[tuple((cells - window[:2]).T)] = 1
-    touching = (cv2.dilate(beside, np.ones((3, 3), np.uint8)) > 0) & (known > 0)
+    touching = (cv2.dilate(beside, np.ones((3, 3), np.uint8)) > 0) & (measured > 0)
     if not touching.any():
         return np.zeros((0, 2), np.int64)
-    _, labels = cv2.connectedComponents(known)
+    _, labels = cv2.connectedComponents(measured)
     pieces = [np.argwhere(labels == k) for k in np.unique(labels[touching]).tolist()]
     pieces = [p for p in pieces if len(p) * CELL_M**2 >= least_m2 and np.ptp(p, axis=0).max() < longest]
     return np.asarray(window[:2] + np.concatenate([np.zeros((0, 2), np.int64), *pieces]))

@@ -121,9 +121,9 @@ class UpVote(Record):
             return self._level(self.measured / norm)
         likely = self._likelihood()
         own = np.zeros(len(likely), bool) if self.up is None else self.seen[:, :3] @ self.up > NOISE_COS
-        known = self.up is not None and self._share(own) >= HELD_FRACTION * ENOUGH
+        confirmed = self.up is not None and self._share(own) >= HELD_FRACTION * ENOUGH
         level = self._level_in_images()
-        if known:
+        if confirmed:
             held = likely[own].max(initial=0.0)
         else:
             held = 0.0 if level is None else ENOUGH * self.votes * float(self._constancy(level))
@@ -131,7 +131,7 @@ class UpVote(Record):
         best = int(np.argmax(likely * enough)) if enough.any() else -1
         if best >= 0 and not own[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
             return np.asarray(self.seen[best, :3])
-        return self.up if known else level
+        return self.up if confirmed else level
 
     def _level_in_images(self) -> Float64Array | None:
         """Return the direction (3,) with most flat area that faces up in the images; None if there is none.

@@ -57,13 +57,13 @@ def bay(rng: np.random.Generator, size: Sequence[float], boards: Sequence[float]
 
 def floor(rng: np.random.Generator, half_m: float) -> Model:
     """Return a floor: planks, tiles or a carpet."""
-    looks = (
+    materials = (
         wood(rng, 0.11),
         Material((0.66, 0.64, 0.60), (0.45, 0.44, 0.42), Texture.TILES, 0.4, 0.15),
         Material((0.47, 0.46, 0.44), (0.56, 0.54, 0.50), Texture.MARBLE, 0.05),
     )
     size = (2 * half_m, 2 * half_m, 0.02)
-    return Model("floor", ((box(size, (0, 0, -0.02)), looks[int(rng.integers(len(looks)))]),))
+    return Model("floor", ((box(size, (0, 0, -0.02)), materials[int(rng.integers(len(materials)))]),))
 
 
 def ceiling(half_m: float) -> Model:

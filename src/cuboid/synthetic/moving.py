@@ -74,7 +74,7 @@ class _Story:
         self._now = dict(self._first)
         # Keys of the hand (frame, position (3), yaw, half the opening), and the objects that it carries.
         self._keys: list[tuple[float, ...]] = [(0.0, *self._aside(), 0.0, 0.03)]
-        self._carries: list[_Carry] = []
+        self._carried: list[_Carry] = []
         self._busy: set[int] = set()
         # Poses of objects that are not carried: object, first frame, pose.
         self._set: list[tuple[int, int, Float64Array]] = []
@@ -134,7 +134,7 @@ class _Story:
         self._go(LIFT_FRAMES + LIFTED_FRAMES * height_m, end, yaw + turned, half)
         rests = int(np.ceil(self._keys[-1][0]))
         self._keys[-1] = (float(rests), *self._keys[-1][1:])
-        self._carries.append(_Carry(body.id, begin, rests))
+        self._carried.append(_Carry(body.id, begin, rests))
         self._now[body.id] = T_end
         self._go(GRIP_FRAMES, end, yaw + turned, wide)
         self._go(LIFT_FRAMES, end + over, yaw + turned, wide)
@@ -279,7 +279,7 @@ class _Story:
         poses, open_m = _hand_path(np.array(self._keys), frames, self._rng)
         paths = {number: np.repeat(T[None], frames, 0) for number, T in self._first.items()}
         steps: list[tuple[int, int, int, _Carry | Float64Array]] = [
-            (one.begin, 1, one.id, one) for one in self._carries
+            (one.begin, 1, one.id, one) for one in self._carried
         ]
         steps += [(frame, 0, number, T) for number, frame, T in self._set]
         for frame, _, number, what in sorted(steps, key=lambda step: step[:3]):
@@ -290,7 +290,7 @@ class _Story:
                 path[what.end :] = path[what.end]
             else:
                 path[frame:] = what
-        moved = {one.id for one in self._carries}
+        moved = {one.id for one in self._carried}
         things = self._draft.objects.objects
         return (
             [replace(o, path=paths[o.id]) if o.id in moved else o for o in things],

@@ -71,15 +71,15 @@ def make_visits(
     scenes = [make_scene(kind, seed, frames=frames, camera=camera, meshes=meshes)]
     if kind not in WAYS:
         raise InputError(f"a scene of the kind '{kind}' cannot be visited again; there are {', '.join(WAYS)}")
-    known = max(body.id for body in scenes[0].objects)
+    last_id = max(body.id for body in scenes[0].objects)
     for visit in range(2, count + 1):
-        scene, known = _next(scenes, kind, seed, visit, known, frames or FRAMES[kind], camera)
+        scene, last_id = _next(scenes, kind, seed, visit, last_id, frames or FRAMES[kind], camera)
         scenes.append(scene)
     return scenes
 
 
 def _next(
-    scenes: Sequence[Scene], kind: str, seed: int, visit: int, known: int, frames: int, camera: str | None
+    scenes: Sequence[Scene], kind: str, seed: int, visit: int, last_id: int, frames: int, camera: str | None
 ) -> tuple[Scene, int]:
     """Return the scene of the next visit, and the last object id in use."""
     before = scenes[-1]
@@ -93,14 +93,14 @@ def _next(
     ghosts += [place.take(number) for number in chosen[MOVED + 1 : MOVED + 2]]
     drawn = tuple(CAMERAS)[int(rng.integers(len(CAMERAS)))]
     draft = Draft(rng, frames, camera or drawn, (), list(before.furniture), place, np.empty((0, 6)))
-    if place.put(draft.models(1)[0], int(rng.integers(len(before.surfaces))), APART_M, 0.85, known + 1) is not None:
-        known += 1
+    if place.put(draft.models(1)[0], int(rng.integers(len(before.surfaces))), APART_M, 0.85, last_id + 1) is not None:
+        last_id += 1
     WAYS[kind](draft)
     focal = float(rng.uniform(525, 600))
     name = f"synthetic {kind} {seed}, visit {visit}"
     scene = finish(draft, name, kind, seed + VISIT_SEED * (visit - 1), before.T_world_room, focal)
     lamp = scenes[0].lamp + rng.uniform(-1, 1, 3) * LAMP_M
-    return replace(scene, lamp=lamp, ghosts=tuple(body for body in ghosts if body is not None)), known
+    return replace(scene, lamp=lamp, ghosts=tuple(body for body in ghosts if body is not None)), last_id
 
 
 def _moved(place: Arrangement, number: int, rng: np.random.Generator) -> SceneObject | None:

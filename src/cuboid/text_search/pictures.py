@@ -25,7 +25,7 @@ PICTURED_VIEWS = 5
 # Readings less than this above the foot of a box, metres, may belong to its support: the noise of depth.
 FOOT_M = 0.005
 # A mask with less than this fraction of the picture shows no shape: the box misses the object, or the object is hidden.
-MIN_OWN = 0.05
+MIN_OBJECT_FRACTION = 0.05
 
 
 def embed_views(model: TextModel, views: Sequence[ObjectView], box: Box) -> Float32Array | None:
@@ -53,15 +53,15 @@ def mean_vector(model: TextModel, pictures: Sequence[UInt8Array]) -> Float32Arra
 def pictures_of(view: ObjectView, box: Box, background: UInt8Array) -> list[UInt8Array]:
     """Return square pictures of an object: the unchanged view, and the object alone on a `background` (3,)."""
     found = [squared(view.color, background)]
-    own = own_pixels(view, box)
-    if own.mean() >= MIN_OWN:
-        rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
-        cut = np.where(own[..., None], view.color, background)
+    shown = object_pixels(view, box)
+    if shown.mean() >= MIN_OBJECT_FRACTION:
+        rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
+        cut = np.where(shown[..., None], view.color, background)
         found.append(squared(cut[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], background))
     return found
 
 
-def own_pixels(view: ObjectView, box: Box) -> npt.NDArray[np.bool_]:
+def object_pixels(view: ObjectView, box: Box) -> npt.NDArray[np.bool_]:
     """Return which pixels (h, w) of a view show the object: within the outline of its box, and not measured outside it.
 
     Pixels without a reading are included, since dark and shiny parts have none.
@@ -78,9 +78,9 @@ def own_pixels(view: ObjectView, box: Box) -> npt.NDArray[np.bool_]:
     within = (points - box.center) @ box.rotation
     half = box.size / 2.0 + MARGIN_M
     other = (np.abs(within) > half).any(axis=1) | (within[:, 2] < FOOT_M - box.size[2] / 2.0)
-    own = outline > 0
-    own[v[other], u[other]] = False
-    return own
+    shown = outline > 0
+    shown[v[other], u[other]] = False
+    return shown
 
 
 def squared(color: UInt8Array, background: UInt8Array) -> UInt8Array:

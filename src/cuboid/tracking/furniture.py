@@ -17,7 +17,7 @@ Labels = dict[int, tuple[int, ...]]
 
 
 def labels_of(
-    pieces: Sequence[Sequence[int]], known: Mapping[int, tuple[int, ...]], new_label: Callable[[], int] | None
+    pieces: Sequence[Sequence[int]], labels_of_plane: Mapping[int, tuple[int, ...]], new_label: Callable[[], int] | None
 ) -> list[tuple[int, ...]]:
     """Return the labels of pieces of furniture, oldest first: those that their planes had, else a new one.
 
@@ -25,15 +25,15 @@ def labels_of(
     ----------
     pieces : sequence of sequence of int
         Identities of the planes that each piece bears.
-    known : mapping of int to tuple of int
+    labels_of_plane : mapping of int to tuple of int
         Labels by identity of the plane. Of pieces whose planes had the same label, the first one keeps it.
     new_label : callable or None
-        Returns a new label; None: a piece without a known one gets none.
+        Returns a new label; None: a piece whose planes had no label gets none.
     """
     taken: set[int] = set()
     found = []
     for identities in pieces:
-        own = sorted({label for k in identities for label in known.get(k, ())} - taken)
+        own = sorted({label for k in identities for label in labels_of_plane.get(k, ())} - taken)
         if not own and new_label is not None:
             own = [new_label()]
         taken.update(own)

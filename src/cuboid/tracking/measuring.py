@@ -126,14 +126,14 @@ class DetectorCost:
             return None
         start = warm_up_of(len(whole))
         whole, own = whole[start:], own[start:]
-        rest, looks = whole - own, own[own > 0.0]
-        if not len(looks) or rest.mean() <= 0.0:
+        rest, detecting = whole - own, own[own > 0.0]
+        if not len(detecting) or rest.mean() <= 0.0:
             return None
         return cls(
-            detector_ms=float(np.median(looks)),
+            detector_ms=float(np.median(detecting)),
             median_ratio=float(np.median(whole) / np.median(rest)),
             mean_ratio=float(whole.mean() / rest.mean()),
-            every=max(1, math.ceil(looks.mean() / ((DETECTOR_BUDGET - 1.0) * rest.mean()))),
+            every=max(1, math.ceil(detecting.mean() / ((DETECTOR_BUDGET - 1.0) * rest.mean()))),
         )
 
 

@@ -283,10 +283,10 @@ class PosedTracker(MapQueries):
         return box.moved(self.T_world_map)
 
     def _box_in_world(self, label: int, box: Box) -> Box:
-        known = self._world_boxes.get(label)
-        if known is None or known[0] is not box:
-            known = self._world_boxes[label] = box, self.in_world(box)
-        return known[1]
+        last = self._world_boxes.get(label)
+        if last is None or last[0] is not box:
+            last = self._world_boxes[label] = box, self.in_world(box)
+        return last[1]
 
     @property
     def _roll(self) -> Roll:
@@ -450,7 +450,7 @@ class PosedTracker(MapQueries):
                 self._map.reset_supports()
         patch = patch_pixels(image.camera)
         patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
-        renew = seen.new_viewpoint or not planes.known
+        renew = seen.new_viewpoint or not planes.well_known
         if renew:
             cells = find_cells(*seen_by)
             if planes.up is not None:
@@ -559,10 +559,10 @@ class PosedTracker(MapQueries):
         """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
         used = [plane for plane in self._planes.planes if plane.in_use]
         place = {plane.identity: k for k, plane in enumerate(used)}
-        known = [self._tracked(entry, place) for entry in self._map.store.confirmed()]
+        items = [self._tracked(entry, place) for entry in self._map.store.confirmed()]
         unread = self.unread_objects()
-        known += unread
-        return ObjectTable(sorted(known, key=lambda item: item.label) if unread else known)
+        items += unread
+        return ObjectTable(sorted(items, key=lambda item: item.label) if unread else items)
 
     def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
         plane = self._planes.find(entry.plane)
@@ -598,19 +598,19 @@ class PosedTracker(MapQueries):
     def furniture_planes(self) -> dict[int, tuple[int, ...]]:
         """Indices of the planes that each piece of furniture with a label bears, by label, ended labels included."""
         found: dict[int, tuple[int, ...]] = {}
-        known = self._known_furniture_labels()
+        labels_of_plane = self._furniture_labels_of_planes()
         for k, identity in enumerate(self.plane_identities):
-            found |= {label: (*found.get(label, ()), k) for label in known.get(identity, ())}
+            found |= {label: (*found.get(label, ()), k) for label in labels_of_plane.get(identity, ())}
         return found
 
-    def _known_furniture_labels(self) -> Labels:
+    def _furniture_labels_of_planes(self) -> Labels:
         """Return the labels of furniture by identity of the planes that there are: some have absorbed others."""
-        known: Labels = {}
+        labels_of_plane: Labels = {}
         for identity, labels in self._furniture_labels.items():
             plane = self._planes.find(identity)
             if plane is not None:
-                known[plane.identity] = tuple(sorted({*known.get(plane.identity, ()), *labels}))
-        return known
+                labels_of_plane[plane.identity] = tuple(sorted({*labels_of_plane.get(plane.identity, ()), *labels}))
+        return labels_of_plane
 
     def find_furniture(self, points: MapPoints, *, labelled: bool = False) -> ObjectTable:
         """Return the furniture that bears the supporting planes, by label.
@@ -629,12 +629,12 @@ class PosedTracker(MapQueries):
         used = [plane for plane in self._planes.planes if plane.in_use]
         pieces = find_furniture(self.planes, points, self.up)
         borne = [[used[k] for k in piece.planes] for piece in pieces]
-        known = self._known_furniture_labels()
+        labels_of_plane = self._furniture_labels_of_planes()
         new_label = None if labelled else self._map.store.next_label
-        found = labels_of([[plane.identity for plane in planes] for planes in borne], known, new_label)
+        found = labels_of([[plane.identity for plane in planes] for planes in borne], labels_of_plane, new_label)
         for planes, labels in zip(borne, found, strict=True):
-            known |= {plane.identity: labels for plane in planes if labels}
-        self._furniture_labels = known
+            labels_of_plane |= {plane.identity: labels for plane in planes if labels}
+        self._furniture_labels = labels_of_plane
         entries = [
             furniture_entry(piece, labels, planes, points)
             for piece, labels, planes in zip(pieces, found, borne, strict=True)
@@ -729,11 +729,11 @@ class PosedTracker(MapQueries):
 def _median_depth_m(depth_m: Float32Array) -> float:
     """Return the median of the readings in a subsample of one in sixteen; 0 if there is none."""
     some = depth_m[::4, ::4]
-    known = some[some > 0]
-    return quantile(known, 0.5) if len(known) else 0.0
+    readings = some[some > 0]
+    return quantile(readings, 0.5) if len(readings) else 0.0
 
 
 def _main_support(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:
     """Return the plane of `rests` beneath most pixels, the older one if equal; None if there is none."""
-    known = [identity for identity in supports if identity in rests]
-    return rests[min(known, key=lambda k: (-supports[k], k))] if known else None
+    candidates = [identity for identity in supports if identity in rests]
+    return rests[min(candidates, key=lambda k: (-supports[k], k))] if candidates else None

@@ -50,7 +50,7 @@ class Guard:
         answer: Awaitable[None] | None = None
         if request.method not in self._methods:
             answer = PlainTextResponse("read-only", 405)(scope, receive, send)
-        elif request.method not in READING and not _is_own(request):
+        elif request.method not in READING and not _is_same_origin(request):
             answer = PlainTextResponse("requests of pages from other sites are refused", 403)(scope, receive, send)
         elif not self._knows(request):
             answer = PlainTextResponse("a token is needed", 401, {"WWW-Authenticate": "Bearer"})(scope, receive, send)
@@ -60,7 +60,7 @@ class Guard:
 
     async def _open_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         connection = HTTPConnection(scope)
-        if _is_own(connection) and self._knows(connection):
+        if _is_same_origin(connection) and self._knows(connection):
             await self._app(scope, receive, send)
         else:
             await WebSocket(scope, receive, send).close(POLICY_VIOLATION)
@@ -81,7 +81,7 @@ class Guard:
         return answer
 
 
-def _is_own(connection: HTTPConnection) -> bool:
+def _is_same_origin(connection: HTTPConnection) -> bool:
     """Return whether the request comes from a page of this server, or from a program that is no page."""
     origin = connection.headers.get("origin")
     return origin is None or origin.partition("://")[2] == connection.headers.get("host", "")

@@ -84,13 +84,13 @@ def depth_picture(depth_m: Float32Array, intrinsics: Intrinsics) -> UInt8Array:
     -------
     (H, W, 3) uint8
     """
-    known = depth_m > 0
-    disparity = np.reciprocal(np.where(known, depth_m, np.float32(FARTHEST_M)))
+    measured = depth_m > 0
+    disparity = np.reciprocal(np.where(measured, depth_m, np.float32(FARTHEST_M)))
     level = np.clip((disparity - 1.0 / FARTHEST_M) / (1.0 / NEAREST_M - 1.0 / FARTHEST_M), 0.0, 1.0)
     light = (1.0 - SHADED_FRACTION) + SHADED_FRACTION * _lit(depth_m, disparity, intrinsics)
     brightness = (DARKEST + (BRIGHTEST - DARKEST) * level) * light
     picture = _colors((255.0 * brightness).astype(np.uint8), cv2.COLORMAP_BONE)
-    picture[~known] = 0
+    picture[~measured] = 0
     return picture
 
 

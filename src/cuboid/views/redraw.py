@@ -44,7 +44,7 @@ def drawer(what: str, results: Path, replay: Replay, *, steady: SteadyNames | No
         return depth_picture(frame.depth_m, K) if what == "depth" else frame.color
 
     def draw(frame: Frame, found: ReplayedFrame) -> UInt8Array:
-        status = Status(found.index, len(found.sightings), found.known)
+        status = Status(found.index, len(found.sightings), found.objects_known)
         if what == "proposals":
             return draw_proposals(frame.color, found.T_world_camera, K, found.proposals, status)
         picture = ground(frame, found)

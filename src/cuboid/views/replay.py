@@ -16,7 +16,7 @@ from cuboid.readers.recording import Recording
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class ReplayedObject:
     """An object that is known in a frame.
 
     Attributes
@@ -41,7 +41,7 @@ class ReplayedFrame:
     T_world_camera : (4, 4) float64
     sightings : tuple of TrackRow
     proposals : tuple of ProposalRow
-    hidden : tuple of Known
+    hidden : tuple of ReplayedObject
         Known objects that the frame does not see.
     """
 
@@ -49,10 +49,10 @@ class ReplayedFrame:
     T_world_camera: Float64Array
     sightings: tuple[TrackRow, ...]
     proposals: tuple[ProposalRow, ...]
-    hidden: tuple[Known, ...]
+    hidden: tuple[ReplayedObject, ...]
 
     @property
-    def known(self) -> int:
+    def objects_known(self) -> int:
         """Objects known in this frame, seen or not."""
         return len(self.sightings) + len(self.hidden)
 
@@ -129,7 +129,7 @@ class Replay:
             boxes.update((row.label, row.box) for row in sightings)
             seen = {row.label for row in sightings}
             hidden = tuple(
-                Known(label, box)
+                ReplayedObject(label, box)
                 for label, box in sorted(boxes.items())
                 if label not in seen and label in self._lasting
             )

@@ -107,10 +107,10 @@ class RerunScene:
 
     def labels(self, labels: Iterable[int]) -> None:
         """Log the colors of labels, if one of the labels is new."""
-        known = self._labels | set(labels)
-        if known != self._labels:
-            self._labels = known
-            context = [(k, tag_of(k, self.names.get(k, "")), color_of(k)) for k in sorted(known)]
+        all_labels = self._labels | set(labels)
+        if all_labels != self._labels:
+            self._labels = all_labels
+            context = [(k, tag_of(k, self.names.get(k, "")), color_of(k)) for k in sorted(all_labels)]
             self.stream.log("/", self._rr.AnnotationContext(context), static=True)
 
     def map(self, points: MapPoints, *, static: bool) -> None:

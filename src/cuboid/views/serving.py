@@ -118,18 +118,18 @@ class PageHandler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.REQUEST_URI_TOO_LONG)
         elif sum(len(name) + len(value) for name, value in self.headers.items()) > LARGEST_HEAD:
             self.send_error(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
-        elif not (self._is_own(f"http://{self.headers.get('Host', '')}") and self._is_own_origin()):
+        elif not (self._is_this_host(f"http://{self.headers.get('Host', '')}") and self._is_same_origin()):
             self.send_error(HTTPStatus.FORBIDDEN)
         else:
             return True
         return False
 
-    def _is_own_origin(self) -> bool:
+    def _is_same_origin(self) -> bool:
         """Return whether the request has no origin, or only the origin of this host and port."""
         own = f"http://{self.headers.get('Host', '')}"
         return all(origin == own for origin in self.headers.get_all("Origin", []))
 
-    def _is_own(self, address: str) -> bool:
+    def _is_this_host(self, address: str) -> bool:
         try:
             name = urlsplit(address).hostname or ""
         except ValueError:

@@ -167,12 +167,12 @@ def is_round(sector, weights, residual, limit):
         readings[k] += weights[i] > 0.0
         sums[k, 0] += weights[i] * residual[i]
         sums[k, 1] += weights[i]
-    known, low, high = 0, np.inf, -np.inf
+    sectors_read, low, high = 0, np.inf, -np.inf
     for k in range(SECTORS + 1):
         if readings[k] >= MIN_READINGS and sums[k, 1] > 0.0:
             mean = sums[k, 0] / sums[k, 1]
-            known, low, high = known + 1, min(low, mean), max(high, mean)
-    return known >= MIN_ARC * SECTORS and not high - low > limit
+            sectors_read, low, high = sectors_read + 1, min(low, mean), max(high, mean)
+    return sectors_read >= MIN_ARC * SECTORS and not high - low > limit
 
 
 @kernel
@@ -200,11 +200,11 @@ def appendage(layer, trust, sector, weights, radius, residual, off, part):
         beyond[k, sector[i]] += trust[i] if part[i] else 0.0
     rim, torn = np.empty(layers, np.bool_), np.zeros(layers)
     for k in range(layers):
-        known = out = 0
+        sectors_seen = out = 0
         for s in range(SECTORS + 1):
-            known += seen[k, s] > 0.0
+            sectors_seen += seen[k, s] > 0.0
             out += beyond[k, s] > TORN_FRACTION * seen[k, s]
-        rim[k] = out > RIM_FRACTION * known
+        rim[k] = out > RIM_FRACTION * sectors_seen
     for i in range(n):
         k = layer[i]
         part[i] = part[i] and not rim[k]

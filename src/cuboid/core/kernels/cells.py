@@ -145,7 +145,7 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
             su, sv = fx * (up[0] - rx * up[2]), fy * (up[1] - ry * up[2])
             longest = max(abs(su), abs(sv))
             su, sv = su / longest, sv / longest
-            n = known = 0
+            n = readings = 0
             x = y = z = 0.0
             for i in range(size):
                 for j in range(size):
@@ -170,14 +170,14 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
                             break
                     if not (0.0 < there <= max_depth):
                         continue
-                    known += 1
+                    readings += 1
                     px, py = (u - cx) / fx, (v - cy) / fy
                     qx, qy = (uu - cx) / fx, (vv - cy) / fy
                     rise = there * (up[0] * qx + up[1] * qy + up[2]) - here * (up[0] * px + up[1] * py + up[2])
                     if abs(rise) <= gate:
                         n += 1
                         x, y, z = x + px * here, y + py * here, z + here
-            if n < MIN_LEVEL or n < FILLED * known:
+            if n < MIN_LEVEL or n < FILLED * readings:
                 continue
             z /= n
             out = patches[found]

@@ -26,16 +26,16 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse):
     inverse : (H, W) float32, in and out
     """
     height, width = kind.shape
-    known = np.empty(kind.shape, np.bool_)
+    valid = np.empty(kind.shape, np.bool_)
     for v in range(height):
         label, what, plane = labels[v], kind[v], on[v]
         # No branches, so that the compiler can vectorise the loop.
         for u in range(width):
             apart = (what[u] == PLANE) | (what[u] == FAR)
             label[u] = BACKGROUND - 1 - plane[u] if apart else (label[u] if what[u] != NONE else 0)
-            known[v, u] = what[u] != NONE
+            valid[v, u] = what[u] != NONE
             inverse[v, u] = inverse[v, u] if what[u] != NONE else np.float32(0.0)
-    holes, source = nearest(known, inverse, color, step, edge, reach, focal)
+    holes, source = nearest(valid, inverse, color, step, edge, reach, focal)
     flat, near = labels.reshape(-1), inverse.reshape(-1)
     for i in range(holes.size):
         if source[i] >= 0:
@@ -55,14 +55,14 @@ def fill_depth(depth, color, edge, reach, focal, out):
     out : (H, W) float32, output
     """
     one = np.float32(1.0)
-    known, inverse = np.empty(depth.shape, np.bool_), np.empty(depth.shape, np.float32)
+    valid, inverse = np.empty(depth.shape, np.bool_), np.empty(depth.shape, np.float32)
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
             z = depth[v, u]
             out[v, u] = z
-            known[v, u] = z > 0.0
+            valid[v, u] = z > 0.0
             inverse[v, u] = one / z if z > 0.0 else np.float32(0.0)
-    holes, source = nearest(known, inverse, color, 1, edge, reach, focal)
+    holes, source = nearest(valid, inverse, color, 1, edge, reach, focal)
     flat, near = out.reshape(-1), inverse.reshape(-1)
     for i in range(holes.size):
         if source[i] >= 0:
@@ -70,8 +70,8 @@ def fill_depth(depth, color, edge, reach, focal, out):
 
 
 @kernel
-def nearest(known, inverse, color, step, edge, reach, focal):
-    """Find the nearest known pixel of each hole pixel, where crossing a color edge counts as a long distance.
+def nearest(valid, inverse, color, step, edge, reach, focal):
+    """Find the nearest valid pixel of each hole pixel, where crossing a color edge counts as a long distance.
 
     A step to a neighbour costs its length (1, or 1.4 diagonally) plus its color difference over `edge`. One forward and
     one backward sweep find the cheapest path to good approximation (two more sweeps changed no recall and doubled the
@@ -79,9 +79,9 @@ def nearest(known, inverse, color, step, edge, reach, focal):
 
     Parameters
     ----------
-    known : (H, W) bool
+    valid : (H, W) bool
     inverse : (H, W) float32
-        1/z of known pixels.
+        1/z of valid pixels.
     color : (step H, step W, 3) uint8
     step : int
     edge : float
@@ -94,9 +94,9 @@ def nearest(known, inverse, color, step, edge, reach, focal):
     Returns
     -------
     holes, source : (N,) int32
-        Flat indices of the pixels that are not known, and of the nearest known pixel of each, -1: none.
+        Flat indices of the pixels that are not valid, and of the nearest valid pixel of each, -1: none.
     """
-    height, width = known.shape
+    height, width = valid.shape
     # A margin of empty pixels surrounds the image, so that neighbours need no bounds check.
     wide = width + 2
     shape, reach_px, none = (height + 2) * wide, np.float32(reach) * np.float32(focal), np.float32(0.0)
@@ -107,7 +107,7 @@ def nearest(known, inverse, color, step, edge, reach, focal):
     # Begin and end of each run of hole pixels in a row; a run has about thirty pixels.
     runs, count = np.empty((height * (width // 2 + 1), 2), np.int32), 0
     for v in range(height):
-        first, read, given, seen = (v + 1) * wide + 1, known[v], inverse[v], color[v * step]
+        first, read, given, seen = (v + 1) * wide + 1, valid[v], inverse[v], color[v * step]
         row = slice(first, first + width)
         costs, limits, sources = cost[row], limit[row], source[row]
         red, green, blue = shade[0, row], shade[1, row], shade[2, row]
@@ -132,7 +132,7 @@ def nearest(known, inverse, color, step, edge, reach, focal):
     per_level, change = np.float32(1.0 / edge), changes(shade, wide)
     for ahead in (-1, 1):
         sweep(runs, ahead, wide, change, per_level, cost, limit, source)
-    holes, sources, count = np.empty(known.size, np.int32), np.empty(known.size, np.int32), 0
+    holes, sources, count = np.empty(valid.size, np.int32), np.empty(valid.size, np.int32), 0
     for begin, end in runs:
         # Offset between flat indices in the image with the margin and in the image without it.
         apart = width + 3 + 2 * (begin // wide - 1)

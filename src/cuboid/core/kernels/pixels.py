@@ -34,8 +34,8 @@ def drop_mixed(depth, jump, out):
 def is_mixed(before, z, after, limit):
     """Return whether a reading lies between a nearer and a farther neighbour, far from both."""
     near, far = before - z, z - after
-    known = (before > 0.0) & (z > 0.0) & (after > 0.0)
-    return known & (near * far > 0.0) & (min(abs(near), abs(far)) > limit)
+    all_measured = (before > 0.0) & (z > 0.0) & (after > 0.0)
+    return all_measured & (near * far > 0.0) & (min(abs(near), abs(far)) > limit)
 
 
 class PlanesInView(NamedTuple):

@@ -59,7 +59,7 @@ def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, 
 
 
 @kernel
-def segment_overlaps(claim, owner, known, place, table, size):
+def segment_overlaps(claim, owner, mapped, place, table, size):
     """Count the pixels that each segment of a frame shares with each object, and the pixels mapped before.
 
     Parameters
@@ -68,13 +68,13 @@ def segment_overlaps(claim, owner, known, place, table, size):
         Segment of each pixel, -1: none.
     owner : (h, w) int32
         Object of each pixel, 0: none.
-    known : (h, w) bool
+    mapped : (h, w) bool
     place : (M,) int64
         Column of each object by number; the last column for 0 and for objects that do not count.
     table : (n + 1, columns) int64, output
         The last row is for pixels outside all segments.
     size : (n + 1,) int64, output
-        Number of known pixels of each segment.
+        Number of mapped pixels of each segment.
     """
     table[:] = 0
     size[:] = 0
@@ -90,7 +90,7 @@ def segment_overlaps(claim, owner, known, place, table, size):
                 size[mine] += seen
                 mine, theirs, run, seen = k, here, 0, 0
             run += 1
-            seen += known[v, u]
+            seen += mapped[v, u]
     table[mine, theirs] += run
     size[mine] += seen
 

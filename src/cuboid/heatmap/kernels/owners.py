@@ -100,7 +100,7 @@ def release(gone, blocks, size, owner, confidence, changed):
 
 
 @kernel
-def owner_of(slots, owner, hits, pixel_owner, known):
+def owner_of(slots, owner, hits, pixel_owner, mapped):
     """Look up the owner of the voxel of each pixel, and whether earlier frames saw the voxel.
 
     Parameters
@@ -112,13 +112,13 @@ def owner_of(slots, owner, hits, pixel_owner, known):
         Number of frames that saw each row, including this one.
     pixel_owner : (h, w) int32, output
         Owner of each pixel, 0: none.
-    known : (h, w) bool, output
+    mapped : (h, w) bool, output
     """
     for v in range(slots.shape[0]):
         for u in range(slots.shape[1]):
             row = slots[v, u]
             pixel_owner[v, u] = owner[row] if row >= 0 else 0
-            known[v, u] = row >= 0 and hits[row] > 1
+            mapped[v, u] = row >= 0 and hits[row] > 1
 
 
 @kernel

@@ -105,15 +105,15 @@ def measure_regions(labels, assigned, depth, readings, sizes, read, total, owner
         end = 0
         while end < columns:
             first, k = end, labels[v, end]
-            known, deep = 0, total[k]
+            measured, deep = 0, total[k]
             while end < columns and labels[v, end] == k:
-                known += readings[v, end] > 0.0
+                measured += readings[v, end] > 0.0
                 deep += depth[v, end]
                 end += 1
             if k > 0:
                 sizes[k], read[k], total[k], owner[k] = (
                     sizes[k] + end - first,
-                    read[k] + known,
+                    read[k] + measured,
                     deep,
                     assigned[v, first],
                 )

@@ -111,18 +111,18 @@ class Ration:
     def __init__(self, every_s: float, fraction: float) -> None:
         self._every_s = every_s
         self._fraction = fraction
-        self._begun_s = self._own_s = -np.inf
+        self._begun_s = self._begun_thread_s = -np.inf
         self._cost_s = 0.0
 
     @property
     def due(self) -> bool:
         """Whether the task is due."""
         waited = time.monotonic() - self._begun_s >= self._every_s
-        return waited and (time.thread_time() - self._own_s) * self._fraction >= self._cost_s
+        return waited and (time.thread_time() - self._begun_thread_s) * self._fraction >= self._cost_s
 
     def begin(self) -> None:
         """Start a new interval: the task is done now."""
-        self._begun_s, self._own_s = time.monotonic(), time.thread_time()
+        self._begun_s, self._begun_thread_s = time.monotonic(), time.thread_time()
         self._cost_s = 0.0
 
     @contextmanager
