@@ -123,7 +123,7 @@ def test_a_call_as_cyclone_dds_of_ros_makes_it_is_answered(
     service, kind = "/cuboid/name", "cuboid_ros/srv/Name"
     transport.serve(service, kind)
     participant, types = DomainParticipant(domain), WireTypes(messages)
-    request, response = (types.carried(part, called=True) for part in (request_of(kind), response_of(kind)))
+    request, response = (types.raw_type(part, called=True) for part in (request_of(kind), response_of(kind)))
     assert request.__idl_typename__ == "cuboid_ros.srv.dds_.Name_Request_"
     writer = DataWriter(participant, Topic(participant, "rq/cuboid/nameRequest", request), qos=RELIABLE)
     reader = DataReader(participant, Topic(participant, "rr/cuboid/nameReply", response), qos=RELIABLE)

@@ -98,5 +98,5 @@ def test_parameters_are_checked_where_they_are_set(ros: FakeRos, transport: Rclp
 
 def test_without_ros_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    with pytest.raises(MissingExtraError, match=r"needs rclpy, which a sourced ROS 2 brings .* --transport dds"):
+    with pytest.raises(MissingExtraError, match=r"needs rclpy, a part of a sourced ROS 2 .* --transport dds"):
         RclpyTransport("cuboid", RosMessages("the tests", "ros2"))

@@ -194,7 +194,7 @@ def check_commands(listener: Listener, output: Path) -> None:
     assert (refused["success"], refused["message"][:20]) == (False, "parameter min_score:")
     for text in ('{"command": "dance"}', "no JSON", '{"command": "name", "label": "x", "name": ""}'):
         listener._commands.send(listener.messages.encode(listener.messages.make("std_msgs/String", data=text)), 0)
-    listener.until(lambda: sum("no command" in one.data for one in listener.came["/cuboid/answer"]) == 3)
+    listener.until(lambda: sum("not a command" in one.data for one in listener.came["/cuboid/answer"]) == 3)
     assert listener.ask(command="reset")["success"]
     assert listener.ask(command="query")["objects"] == []
     deleted = {one.id for one in listener.came["/cuboid/markers"][-1].markers if one.action == 2}
@@ -217,7 +217,7 @@ def call(listener: Listener, name: str, kind: str, fields: dict[str, Any]) -> st
 
     messages, domain = listener.messages, int(listener.transport.name.split()[-1])
     types, participant = WireTypes(messages), DomainParticipant(domain)
-    request, response = (types.carried(part, called=True) for part in (request_of(kind), response_of(kind)))
+    request, response = (types.raw_type(part, called=True) for part in (request_of(kind), response_of(kind)))
     qos = DdsQos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(10))
     writer = DataWriter(participant, Topic(participant, f"rq/cuboid/{name}Request", request), qos=qos)
     reader = DataReader(participant, Topic(participant, f"rr/cuboid/{name}Reply", response), qos=qos)
@@ -276,7 +276,7 @@ def test_a_node_that_waits_for_images_is_ended_by_a_signal(tmp_path: Path) -> No
         (["--pose", "odom"], "--pose is tf, estimated or a topic such as /odom, got 'odom'"),
         (["--param", "speed=1"], "there is no parameter 'speed'"),
         (["--domain", "x"], "domain must be a whole number, got 'x'"),
-        (["--transport", "rclpy"], "needs rclpy, which a sourced ROS 2 brings"),
+        (["--transport", "rclpy"], "needs rclpy, a part of a sourced ROS 2"),
     ],
 )
 def test_a_mistake_is_one_line(words: list[str], part: str, capfd: pytest.CaptureFixture[str]) -> None:

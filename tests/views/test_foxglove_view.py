@@ -126,7 +126,7 @@ def test_without_the_sdk_one_line_names_the_extra(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_port_that_is_taken_is_one_line() -> None:
-    taken = "--foxglove: 127.0.0.1:.* cannot be served"
+    taken = "--foxglove: cannot listen on 127.0.0.1:"
     with FoxgloveView(INTRINSICS, port=0) as first, pytest.raises(InputError, match=taken):
         FoxgloveView(INTRINSICS, port=first.port)
 

@@ -1,4 +1,5 @@
-"""How messages of ROS 2 leave and arrive: by DDS without ROS, by rclpy within ROS, by a WebSocket to Foxglove.
+"""Transports of ROS 2 messages: DDS without ROS, rclpy within ROS, and a WebSocket to Foxglove.
 
-Each carries the same bytes (`cuboid.formats.ros_messages` makes them), so that all that stands above is one code.
+All transports send the same bytes, which `cuboid.formats.ros_messages` encodes, so that the node needs no code for a
+particular transport.
 """

@@ -1,12 +1,12 @@
 """ROS 2 without ROS: topics and services over DDS, by cyclonedds (extra ``ros2``).
 
-A topic ``/a`` of ROS is ``rt/a`` in DDS, a type ``pkg/msg/Name`` is ``pkg::msg::dds_::Name_``. cyclonedds would make
-a list of numbers of an image (25 ms for 640x480): bytes go through it as they are, and the types made here only say on
-the wire what is meant.
+In DDS the ROS topic ``/a`` is ``rt/a``, and the ROS type ``pkg/msg/Name`` is ``pkg::msg::dds_::Name_``. cyclonedds
+would decode an image into a list of numbers (25 ms for 640x480). Therefore messages pass through it as bytes; its types
+only announce the ROS type to other participants.
 
-A service ``/a`` is the topics ``rq/aRequest`` and ``rr/aReply``, whose messages begin with the numbers of the caller
-and of its call, as ROS's Cyclone DDS (rmw_cyclonedds) has it. Fast DDS puts both elsewhere, where cyclonedds for
-Python does not reach: nodes on Fast DDS cannot call these services.
+The ROS service ``/a`` is a pair of topics, ``rq/aRequest`` and ``rr/aReply``. Each message begins with the number of
+the caller and the number of the call, as in ROS with Cyclone DDS (rmw_cyclonedds). Fast DDS sends both numbers
+outside the message, where cyclonedds for Python cannot read them: nodes on Fast DDS cannot call these services.
 """
 
 from __future__ import annotations
@@ -36,16 +36,17 @@ from cuboid.formats.ros_messages import RosMessages, request_of, response_of
 from cuboid.middleware.transport import Inlet, Outlet, Qos, Request
 
 TOPIC, REQUEST, REPLY = "rt", "rq", "rr"
-# Kept for those that listen, and waiting calls of a service.
-KEPT, CALLS_KEPT = 10, 10
-# A writer whose listeners do not keep up waits no longer than this for them, seconds.
+# Number of messages stored for subscribers, and number of calls that wait for a service.
+HISTORY_DEPTH, MAX_WAITING_CALLS = 10, 10
+# Maximum time that a writer waits for slow subscribers, seconds.
 BLOCKED_S = 0.05
-# DDS writes this before a message: its encoding. The number of a caller and of its call follow in services.
+# Size of the header of a message, which holds the encoding; size of the two numbers that follow it in a service.
 ENCODING_BYTES, CALL_BYTES = 4, 16
 DISCOVERED_AT_ONCE = 64
 
-# Settings of Cyclone DDS unless the user has some. An image of 640x480 with its depth has 1.5 MB: a buffer of 8 MB
-# holds those that arrive in 0.15 s at 30 Hz. The kernel limits it to net.core.rmem_max.
+# Default settings of Cyclone DDS; the user's environment variable replaces them. A color image of 640x480 with its
+# depth has 1.5 MB: a buffer of 8 MB holds the images of 0.15 s at 30 Hz. The kernel limits the buffer to
+# net.core.rmem_max.
 SETTINGS, SETTINGS_VARIABLE = '<Internal><SocketReceiveBufferSize max="8MB"/></Internal>', "CYCLONEDDS_URI"
 
 PRIMITIVES: dict[str, Any] = {
@@ -58,16 +59,16 @@ PRIMITIVES: dict[str, Any] = {
 
 
 class WireTypes:
-    """Types of messages as cyclonedds has them, made of what rosbags knows of them."""
+    """Message types of cyclonedds, made from the message definitions of rosbags."""
 
     def __init__(self, messages: RosMessages) -> None:
         self._fields: Mapping[str, Any] = messages.store.fielddefs
         self._made: dict[tuple[str, bool], Any] = {}
 
     def of(self, kind: str, *, called: bool = False) -> Any:
-        """Return the type of a message, with the numbers of a call before it where it is one of a service."""
+        """Return the type of a message; with `called`, the two numbers of a service call are its first fields."""
         if (kind, called) not in self._made:
-            package, group, *_, name = kind.split("/")  # of a service "pkg/srv/msg/Name_Request"
+            package, group, *_, name = kind.split("/")  # a request of a service is "pkg/srv/msg/Name_Request"
             numbers = {"guid": idl.uint64, "seq": idl.int64} if called else {}
             fields = numbers | {field: self._field(*described) for field, described in self._fields[kind][1]}
             namespace = {"__annotations__": fields, "__module__": __name__}
@@ -77,15 +78,15 @@ class WireTypes:
             self._made[kind, called] = autoid("sequential")(final(dataclass(bare)))
         return self._made[kind, called]
 
-    def carried(self, kind: str, *, called: bool = False) -> Any:
-        """Return a type like `of` whose objects hold the bytes of a message in `data` and nothing else."""
-        carried = self.of(kind, called=called)
-        carried.serialize = _bytes_of
-        carried.deserialize = staticmethod(partial(_holding, carried))
-        return carried
+    def raw_type(self, kind: str, *, called: bool = False) -> Any:
+        """Return a type like that of `of` whose instances have one attribute, the encoded message `data`."""
+        raw = self.of(kind, called=called)
+        raw.serialize = _bytes_of
+        raw.deserialize = staticmethod(partial(_with_bytes, raw))
+        return raw
 
     def _field(self, node: int, described: Any) -> Any:
-        """Return a field: rosbags' kinds of nodes are 1 a primitive, 2 a message, 3 an array, 4 a sequence."""
+        """Return the type of a field; `node` of rosbags is 1: primitive, 2: message, 3: array, 4: sequence."""
         if node == 1:
             return PRIMITIVES[described[0]]
         if node == 2:
@@ -100,10 +101,10 @@ def _bytes_of(self: Any, *_: Any, **__: Any) -> bytes:
     return bytes(self.data)
 
 
-def _holding(kind: Any, data: Any, has_header: bool = True, use_version_2: bool | None = None) -> Any:
-    held = kind.__new__(kind)
-    held.data = bytes(data)
-    return held
+def _with_bytes(kind: Any, data: Any, has_header: bool = True, use_version_2: bool | None = None) -> Any:
+    message = kind.__new__(kind)
+    message.data = bytes(data)
+    return message
 
 
 class DdsTransport:
@@ -118,7 +119,7 @@ class DdsTransport:
     Raises
     ------
     InputError
-        There is no such domain, or no network.
+        The domain does not exist, or there is no network.
     """
 
     def __init__(self, domain: int, messages: RosMessages) -> None:
@@ -135,7 +136,7 @@ class DdsTransport:
         self._services: dict[str, tuple[Any, Any, Any]] = {}
 
     def topics(self) -> Mapping[str, str]:
-        """Return the topics of ROS that were found so far, and their types."""
+        """Return the ROS topics found so far, with their types."""
         while found := self._publications.take(N=DISCOVERED_AT_ONCE):
             for one in found:
                 topic, kind = getattr(one, "topic_name", ""), getattr(one, "type_name", "")
@@ -144,25 +145,25 @@ class DdsTransport:
         return self._topics
 
     def outlet(self, topic: str, kind: str, qos: Qos) -> Outlet:
-        """Return a topic to send on."""
-        carried = self._types.carried(kind)
-        return _Writer(self._writer(TOPIC + topic, carried, qos), carried)
+        """Return a topic to send on; see `Outlets.outlet`."""
+        raw_type = self._types.raw_type(kind)
+        return _Writer(self._writer(TOPIC + topic, raw_type, qos), raw_type)
 
     def inlet(self, topic: str, kind: str, qos: Qos, kept: int, *, wakes: bool = True) -> Inlet:
-        """Return a topic to take from."""
-        reader = self._reader(TOPIC + topic, self._types.carried(kind), qos, kept)
+        """Return a topic to receive from; see `Transport.inlet`."""
+        reader = self._reader(TOPIC + topic, self._types.raw_type(kind), qos, kept)
         if wakes:
             self._arrived.attach(ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any))
         return _Reader(reader)
 
     def serve(self, service: str, kind: str) -> None:
         """Offer a service."""
-        request, reply = (self._types.carried(part, called=True) for part in (request_of(kind), response_of(kind)))
-        reader = self._reader(f"{REQUEST}{service}Request", request, Qos.RELIABLE, CALLS_KEPT)
+        request, reply = (self._types.raw_type(part, called=True) for part in (request_of(kind), response_of(kind)))
+        reader = self._reader(f"{REQUEST}{service}Request", request, Qos.RELIABLE, MAX_WAITING_CALLS)
         self._services[service] = reader, self._writer(f"{REPLY}{service}Reply", reply, Qos.RELIABLE), reply
 
     def requests(self) -> Iterator[Request]:
-        """Give the calls of services that have come."""
+        """Iterate over the service calls that have arrived."""
         for service, (reader, writer, reply) in self._services.items():
             while (data := _take(reader)) is not None:
                 if len(data) >= ENCODING_BYTES + CALL_BYTES:
@@ -170,22 +171,24 @@ class DdsTransport:
                     yield Request(service, head + rest, partial(_answer, writer, reply, call))
 
     def declare(self, values: Mapping[str, Any], change: Callable[[str, Any], None]) -> None:
-        """Nothing: ROS asks for parameters by services of its own; here the command `set` changes them."""
+        """Do nothing: bare DDS lacks the parameter services of ROS; the command `set` changes parameters."""
 
     def wait(self, seconds: float) -> None:
-        """Return as soon as a message waits, or the time is over."""
+        """Wait for a message, at most this many seconds."""
         self._arrived.wait(duration(seconds=seconds))
 
     def close(self) -> None:
-        """Leave the domain: what was made in it ends with the participant."""
+        """Leave the domain; the participant closes its topics and services."""
         self._services.clear()
         self._arrived = self._publications = self._participant = None
 
-    def _writer(self, topic: str, carried: Any, qos: Qos) -> Any:
-        return DataWriter(self._participant, Topic(self._participant, topic, carried), qos=_dds_qos(qos, KEPT))
+    def _writer(self, topic: str, raw_type: Any, qos: Qos) -> Any:
+        return DataWriter(
+            self._participant, Topic(self._participant, topic, raw_type), qos=_dds_qos(qos, HISTORY_DEPTH)
+        )
 
-    def _reader(self, topic: str, carried: Any, qos: Qos, kept: int) -> Any:
-        return DataReader(self._participant, Topic(self._participant, topic, carried), qos=_dds_qos(qos, kept))
+    def _reader(self, topic: str, raw_type: Any, qos: Qos, kept: int) -> Any:
+        return DataReader(self._participant, Topic(self._participant, topic, raw_type), qos=_dds_qos(qos, kept))
 
 
 def _dds_qos(qos: Qos, kept: int) -> Any:
@@ -198,48 +201,48 @@ def _dds_qos(qos: Qos, kept: int) -> Any:
 
 
 def _ros_name(kind: str) -> str:
-    """Return "sensor_msgs/msg/Image" of "sensor_msgs::msg::dds_::Image_"."""
+    """Return the ROS name of a DDS type: "sensor_msgs/msg/Image" for "sensor_msgs::msg::dds_::Image_"."""
     return kind.replace("::dds_::", "::").removesuffix("_").replace("::", "/")
 
 
 def _take(reader: Any) -> bytes | None:
-    """Return the oldest message of a reader."""
+    """Return the oldest waiting message of a reader; None without one."""
     while samples := reader.take(N=1):
-        data: bytes | None = getattr(samples[0], "data", None)  # the word that a publisher has gone has none
+        data: bytes | None = getattr(samples[0], "data", None)  # the notice that a publisher has left has no data
         if data is not None:
             return data
     return None
 
 
 def _answer(writer: Any, kind: Any, call: bytes, data: bytes) -> None:
-    writer.write(_holding(kind, data[:ENCODING_BYTES] + call + data[ENCODING_BYTES:]))
+    writer.write(_with_bytes(kind, data[:ENCODING_BYTES] + call + data[ENCODING_BYTES:]))
 
 
 class _Writer:
-    """A topic that is sent on."""
+    """A topic to send on."""
 
     def __init__(self, writer: Any, kind: Any) -> None:
         self._writer, self._kind = writer, kind
 
     def wanted(self) -> bool:
-        """Tell whether somebody listens."""
+        """Return whether there are subscribers."""
         return bool(self._writer.get_matched_subscriptions())
 
     def send(self, data: bytes, time_ns: int) -> None:
-        """Send a message; one that no listener takes in time is lost to it."""
+        """Send a message; a subscriber that is too slow loses it."""
         try:
-            self._writer.write(_holding(self._kind, data))
+            self._writer.write(_with_bytes(self._kind, data))
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
                 raise
 
 
 class _Reader:
-    """A topic that is taken from."""
+    """A topic to receive from."""
 
     def __init__(self, reader: Any) -> None:
         self._reader = reader
 
     def take(self) -> bytes | None:
-        """Return the oldest message that is there; None where there is none."""
+        """Return the oldest waiting message; None without one."""
         return _take(self._reader)

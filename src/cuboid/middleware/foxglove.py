@@ -1,4 +1,4 @@
-"""A WebSocket that Foxglove on any machine connects to, by foxglove-sdk (extra ``foxglove``): no ROS is needed."""
+"""A WebSocket server for Foxglove on any machine, by foxglove-sdk (extra ``foxglove``), without ROS."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from cuboid.middleware.transport import Outlet, PendingCalls, Qos, Request
 
 FEATURE, EXTRA = "--foxglove", "foxglove"
 HOST, PORT = "127.0.0.1", 8765
-# Bytes of messages, and names of their definitions, as ROS 2 has them.
+# Encoding of messages, and language of their definitions, as in ROS 2.
 ENCODING, SCHEMA = "cdr", "ros2msg"
-# Messages that wait for a client which does not keep up; older ones are dropped. A map has 5 MB.
+# Number of messages that wait for a slow client; if there are more, the oldest are dropped. A map has 5 MB.
 BACKLOG = 64
-# A call is answered between two frames: one that takes longer has failed, seconds. Saving takes a few.
+# Maximum time until the answer to a call, seconds: calls are answered between two frames, and saving takes a few.
 ANSWER_S = 30.0
 
 
@@ -28,21 +28,21 @@ class FoxgloveServer:
     ----------
     messages : RosMessages
     host : str
-        Address of this machine that it listens on, 0.0.0.0 for all.
+        Address of this machine on which the server listens; 0.0.0.0: all addresses.
     port : int
-        0 for a free one.
+        0: any free port.
 
     Attributes
     ----------
     port : int
-        Where it listens.
+        Port on which the server listens.
 
     Raises
     ------
     MissingExtraError
         foxglove-sdk is not installed.
     InputError
-        The port is taken, or the address is none of this machine.
+        The port is in use, or the address is not one of this machine.
     """
 
     def __init__(self, messages: RosMessages, host: str = HOST, port: int = PORT) -> None:
@@ -69,12 +69,12 @@ class FoxgloveServer:
                 server_listener=type("Listener", (websocket.ServerListener,), callbacks)(),
                 message_backlog_size=BACKLOG,
             )
-        except Exception as error:  # of a library in Rust, which names no kinds
-            raise InputError(f"{FEATURE}: {host}:{port} cannot be served: {error}") from None
+        except Exception as error:  # foxglove-sdk, written in Rust, names no exception types
+            raise InputError(f"{FEATURE}: cannot listen on {host}:{port}: {error}") from None
         self.port: int = self._server.port
 
     def outlet(self, topic: str, kind: str, qos: Qos) -> Outlet:
-        """Return a topic to send on."""
+        """Return a topic to send on; see `Outlets.outlet`."""
         channel = self._sdk.Channel(topic, message_encoding=ENCODING, schema=self._schema(kind), context=self._context)
         made = _Channel(channel, latched=qos is Qos.LATCHED)
         if made.latched:
@@ -91,11 +91,11 @@ class FoxgloveServer:
         self._server.add_services([self._sdk.Service(service, schema=schema, handler=self._answer)])
 
     def requests(self) -> Iterator[Request]:
-        """Give the calls of services that have come."""
+        """Iterate over the service calls that have arrived."""
         return self._calls.requests()
 
     def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self._server.stop()
 
     def _schema(self, kind: str) -> Any:
@@ -115,12 +115,12 @@ class FoxgloveServer:
         self._server.publish_parameter_values(self._given([]))
 
     def _given(self, names: Sequence[str]) -> list[Any]:
-        """Return parameters, all where none is named."""
+        """Return the named parameters; all parameters if `names` is empty."""
         shown = names or list(self._parameters)
         return [self._sdk.Parameter(name, value=self._parameters[name]) for name in shown if name in self._parameters]
 
     def _changed(self, parameters: Sequence[Any]) -> list[Any]:
-        """Change parameters, and return them as they are then: one that cannot be so stays as it was."""
+        """Change parameters; return their new values. A parameter with an invalid value is not changed."""
         for one in parameters:
             try:
                 self._change(one.name, one.get_value())
@@ -136,14 +136,14 @@ class FoxgloveServer:
 
 
 class _Channel:
-    """A topic that is sent on."""
+    """A topic to send on."""
 
     def __init__(self, channel: Any, *, latched: bool) -> None:
         self._channel, self.latched = channel, latched
         self._last: tuple[bytes, int] | None = None
 
     def wanted(self) -> bool:
-        """Tell whether somebody listens."""
+        """Return whether there are subscribers."""
         return bool(self._channel.has_sinks())
 
     def send(self, data: bytes, time_ns: int) -> None:

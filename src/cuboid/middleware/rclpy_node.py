@@ -1,7 +1,7 @@
-"""ROS 2 within ROS: a node of rclpy, which a sourced ROS environment brings.
+"""ROS 2 within ROS: a node of rclpy, which is part of a sourced ROS environment.
 
-Topics carry bytes here as well (raw subscriptions, publishers of serialized messages), so that rclpy makes no Python
-objects of images. Tested with a stand-in for rclpy that has its names, not within ROS.
+Topics pass bytes (raw subscriptions, publishers of serialized messages), so that rclpy does not decode images into
+Python objects. The tests use a fake with the names of rclpy; the node was not tested within ROS.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from cuboid.core.errors import InputError, MissingExtraError
 from cuboid.formats.ros_messages import RosMessages, request_of, response_of
 from cuboid.middleware.transport import Inlet, Outlet, PendingCalls, Qos, Request
 
-# Kept for those that listen.
-KEPT = 10
-# A call is answered between two frames: one that takes longer has failed, seconds. Saving takes a few.
+# Number of messages stored for subscribers.
+HISTORY_DEPTH = 10
+# Maximum time until the answer to a call, seconds: calls are answered between two frames, and saving takes a few.
 ANSWER_S = 30.0
-THREADS = 2  # one for what arrives, one for a call that waits for its answer
+THREADS = 2  # one receives messages, one waits for the answer to a call
 
 
 class RclpyTransport:
@@ -30,7 +30,7 @@ class RclpyTransport:
     Parameters
     ----------
     node : str
-        Its name.
+        Name of the node.
     messages : RosMessages
 
     Raises
@@ -49,7 +49,7 @@ class RclpyTransport:
         self.name = f"rclpy node {node}"
         self._messages = messages
         if not self._rclpy.ok():
-            # a signal ends the run, which then ends rclpy
+            # Cuboid handles signals: a signal ends the run, and the end of the run shuts rclpy down.
             self._rclpy.init(args=None, signal_handler_options=_ros("rclpy.signals").SignalHandlerOptions.NO)
         self._node: Any = self._rclpy.create_node(node)
         self._group: Any = groups.ReentrantCallbackGroup()
@@ -62,15 +62,15 @@ class RclpyTransport:
         self._thread.start()
 
     def topics(self) -> Mapping[str, str]:
-        """Return the topics that somebody publishes so far, and their types."""
+        """Return the topics found so far, with their types."""
         return {topic: kinds[0] for topic, kinds in self._node.get_topic_names_and_types()}
 
     def outlet(self, topic: str, kind: str, qos: Qos) -> Outlet:
-        """Return a topic to send on."""
-        return _Publisher(self._node.create_publisher(self._message(kind), topic, self._profile(qos, KEPT)))
+        """Return a topic to send on; see `Outlets.outlet`."""
+        return _Publisher(self._node.create_publisher(self._message(kind), topic, self._profile(qos, HISTORY_DEPTH)))
 
     def inlet(self, topic: str, kind: str, qos: Qos, kept: int, *, wakes: bool = True) -> Inlet:
-        """Return a topic to take from."""
+        """Return a topic to receive from; see `Transport.inlet`."""
         inlet = _Subscription(kept, self._wake if wakes else lambda: None)
         profile = self._profile(qos, kept)
         self._node.create_subscription(self._message(kind), topic, inlet.arrived, profile, raw=True)
@@ -95,11 +95,11 @@ class RclpyTransport:
         self._node.create_service(found, service, answer, callback_group=self._group)
 
     def requests(self) -> Iterator[Request]:
-        """Give the calls of services that have come."""
+        """Iterate over the service calls that have arrived."""
         return self._calls.requests()
 
     def declare(self, values: Mapping[str, Any], change: Callable[[str, Any], None]) -> None:
-        """Offer parameters; `change` is called with a new value, and raises InputError if it is invalid."""
+        """Offer parameters; `change` receives each new value, and raises InputError if the value is invalid."""
         result = _ros("rcl_interfaces.msg").SetParametersResult
 
         def changed(parameters: Any) -> Any:
@@ -116,14 +116,14 @@ class RclpyTransport:
         self._node.add_on_set_parameters_callback(changed)
 
     def wait(self, seconds: float) -> None:
-        """Return as soon as a message has come, or the time is over."""
+        """Wait for a message, at most this many seconds."""
         with self._arrived:
             if not self._news:
                 self._arrived.wait(seconds)
             self._news = False
 
     def close(self) -> None:
-        """End the node."""
+        """Shut the node and rclpy down."""
         self._executor.shutdown()
         self._thread.join()
         self._node.destroy_node()
@@ -151,17 +151,17 @@ class RclpyTransport:
         )
 
     def _encoded(self, request: Any, kind: str) -> bytes:
-        """Return the bytes of a request: the messages in it by rclpy, the rest field by field."""
+        """Return the bytes of a request: rclpy encodes its nested messages, the other fields are copied."""
         fields = {}
         for name in self._messages.store.fielddefs[kind][1]:
-            value = getattr(request, name[0], 0)  # the only field of an empty request has no meaning
+            value = getattr(request, name[0], 0)  # an empty request has one placeholder field, which rclpy may lack
             if hasattr(value, "get_fields_and_field_types"):
                 value = self._messages.decode(self._serialization.serialize_message(value), name[1][1])
             fields[name[0]] = value
         return self._messages.encode(self._messages.store.types[kind](**fields))
 
     def _filled(self, response: Any, replied: Any) -> Any:
-        """Return the answer as rclpy has it."""
+        """Copy the fields of an answer into the response of rclpy, and return the response."""
         for name, _ in self._messages.store.fielddefs[replied.__msgtype__][1]:
             value = getattr(replied, name)
             if hasattr(value, "__msgtype__"):
@@ -176,7 +176,7 @@ def _ros(module: str) -> Any:
         return import_module(module)
     except ImportError as error:
         raise MissingExtraError(
-            f"'--transport rclpy' needs {module}, which a sourced ROS 2 brings ({error}); --transport dds needs no ROS"
+            f"'--transport rclpy' needs {module}, a part of a sourced ROS 2 ({error}); --transport dds needs no ROS"
         ) from None
 
 
@@ -186,13 +186,13 @@ def _missing(kind: str, error: Exception) -> MissingExtraError:
 
 
 class _Publisher:
-    """A topic that is sent on."""
+    """A topic to send on."""
 
     def __init__(self, publisher: Any) -> None:
         self._publisher = publisher
 
     def wanted(self) -> bool:
-        """Tell whether somebody listens."""
+        """Return whether there are subscribers."""
         return bool(self._publisher.get_subscription_count())
 
     def send(self, data: bytes, time_ns: int) -> None:
@@ -201,19 +201,19 @@ class _Publisher:
 
 
 class _Subscription:
-    """A topic that is taken from."""
+    """A topic to receive from."""
 
     def __init__(self, kept: int, wake: Callable[[], None]) -> None:
         self._messages: deque[bytes] = deque(maxlen=kept)
         self._wake = wake
 
     def arrived(self, data: bytes) -> None:
-        """Keep what has come; called by the executor."""
+        """Store a message; the executor calls this."""
         self._messages.append(bytes(data))
         self._wake()
 
     def take(self) -> bytes | None:
-        """Return the oldest message that is there; None where there is none."""
+        """Return the oldest waiting message; None without one."""
         try:
             return self._messages.popleft()
         except IndexError:

@@ -13,9 +13,9 @@ from typing import Any, Protocol
 class Qos(Enum):
     """Quality of service of a topic."""
 
-    SENSOR = "sensor"  # best effort, the newest messages: late images are useless, and every publisher is compatible
-    RELIABLE = "reliable"  # nothing is lost while the receiver keeps up
-    LATCHED = "latched"  # a later subscriber gets the last message
+    SENSOR = "sensor"  # best effort, newest messages only: late images are useless, and every publisher is compatible
+    RELIABLE = "reliable"  # no message is lost while the subscriber is fast enough
+    LATCHED = "latched"  # a later subscriber receives the last message
 
 
 class Outlet(Protocol):
@@ -84,7 +84,15 @@ class Services(Protocol):
     """A transport of services and parameters."""
 
     def serve(self, service: str, kind: str) -> None:
-        """Offer a service, by its full name and that of its type ("std_srvs/srv/Trigger")."""
+        """Offer a service.
+
+        Parameters
+        ----------
+        service : str
+            Full name, such as "/cuboid/reset".
+        kind : str
+            Full name of the type, such as "std_srvs/srv/Trigger".
+        """
 
     def requests(self) -> Iterator[Request]:
         """Iterate over the calls that have arrived."""
@@ -95,7 +103,7 @@ class Services(Protocol):
         Parameters
         ----------
         values : mapping
-            Present values by name.
+            Current values by name.
         change : callable
             Called with a name and a new value; raises InputError for an invalid value.
         """
@@ -129,24 +137,24 @@ class Transport(Outlets, Services, Protocol):
         """
 
     def wait(self, seconds: float) -> None:
-        """Wait for a message on an inlet with `wakes`, but not longer than this time."""
+        """Wait for a message on an inlet with `wakes`, at most this many seconds."""
 
 
 @dataclass
 class PendingCalls:
-    """Calls from other threads, for the one thread that answers them.
+    """A queue of calls: other threads add them, one thread answers them.
 
     Attributes
     ----------
     wait_s : float
-        Maximum time until the answer, seconds; later the call fails.
+        Maximum time until the answer, seconds; after it, the call fails.
     """
 
     wait_s: float
     _calls: SimpleQueue[Request] = field(default_factory=SimpleQueue)
 
     def call(self, service: str, data: bytes) -> bytes:
-        """Return the answer, in the calling thread; raises TimeoutError if it takes too long."""
+        """Wait for the answer to a call and return it; raise TimeoutError after `wait_s`."""
         answer: Future[bytes] = Future()
         self._calls.put(Request(service, data, answer.set_result))
         return answer.result(self.wait_s)

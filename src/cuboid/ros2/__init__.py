@@ -1,1 +1,1 @@
-"""The node of ROS 2: frames from its topics to the tracker, what was found to its topics."""
+"""The node of ROS 2: it receives images, tracks, and publishes the objects."""

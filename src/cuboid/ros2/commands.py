@@ -1,4 +1,4 @@
-"""Commands to a running node, and its answers, for every transport."""
+"""Commands to a running node, and their answers; they are the same on every transport."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Name(Command, tag="name"):
 
 
 class Query(Command, tag="query"):
-    """Objects by label, part of the name, or distance from a point in metres; 0 and "" match all objects."""
+    """Find objects by label, part of the name, or distance from a point `near`, metres; 0 and "" match all objects."""
 
     label: int = 0
     name: str = ""
@@ -47,7 +47,7 @@ class Query(Command, tag="query"):
 
 
 class Cloud(Command, tag="cloud"):
-    """The points of an object; with label 0, of the map."""
+    """Return the points of an object; label 0: of the whole map."""
 
     label: int = 0
 
@@ -60,7 +60,7 @@ class Set(Command, tag="set"):
 
 
 class ListParameters(Command, tag="parameters"):
-    """The parameters and their values."""
+    """Return the parameters and their values."""
 
 
 AnyCommand = Save | Reset | Name | Query | Cloud | Set | ListParameters
@@ -74,7 +74,7 @@ class Answer:
     ----------
     success : bool
     message : str
-        The result, or the reason of the failure.
+        The result, or the reason for the failure.
     objects : tuple of TrackedObject or None
         The objects that a query found.
     cloud : PointCloud or None
@@ -89,7 +89,7 @@ class Answer:
 
 
 def answer(command: AnyCommand, session: Session, parameters: Parameters) -> Answer:
-    """Execute a command and return its answer; a mistake of the user is an answer too."""
+    """Execute a command and return its answer; an invalid command has an answer without success."""
     try:
         return _done(command, session, parameters)
     except CuboidError as error:

@@ -1,4 +1,4 @@
-"""The node: it takes images, tracks, and publishes the objects, until a signal or the end."""
+"""The node: it receives images, tracks, and publishes the objects, until a signal or the end of the images."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from cuboid.ros2.session import Session
 from cuboid.views.ros_stream import OK, STALE, WARN, RosStream
 
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
-# Interval of the diagnostics; a camera without an image for longer than SILENT_S is reported as silent, seconds.
+# Interval of the diagnostics, seconds; after SILENT_S seconds without an image, the node is reported as stale.
 DIAGNOSE_EVERY_S, SILENT_S = 1.0, 2.0
-# Number of last frames whose median and 99th percentile of latency are reported.
+# Number of latest frames from which the reported median and 99th percentile of latency are computed.
 FRAMES_KEPT = 300
 # Figures that count losses between the arrival of an image and its detections.
 LOSSES = ("frames skipped", "frames dropped", "images without partner", "images damaged")
 
 
 class NodeClock:
-    """The clock of the node: that of the machine, or of a simulation.
+    """The clock of the node: the clock of the machine, or simulated time.
 
     Parameters
     ----------
     messages : RosMessages
     inlet : Inlet or None
-        The topic /clock, if time is simulated.
+        The topic /clock if time is simulated, else None.
     """
 
     def __init__(self, messages: RosMessages, inlet: Inlet | None) -> None:
@@ -48,7 +48,7 @@ class NodeClock:
         self._simulated_ns = 0
 
     def __call__(self) -> int:
-        """Return the present time, nanoseconds; 0 before the first time of a simulation."""
+        """Return the current time, nanoseconds; 0 before the first message of a simulated clock."""
         if self._inlet is None:
             return time.time_ns()
         while (data := self._inlet.take()) is not None:
@@ -64,7 +64,7 @@ class NodeClock:
 
 
 class RosNode:
-    """A tracker between topics.
+    """A tracker with images from topics and results on topics.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class RosNode:
         self._services = NodeServices(messages, transport, carriers, self._stream, node, self._answered, self._now_ns)
 
     def run(self, limit: int | None = None) -> None:
-        """Track until the camera is closed, or this many frames have come."""
+        """Track until the camera is closed, or until `limit` frames were processed."""
         for count, frame in enumerate(self._live, start=1):
             self._track(frame)
             self.between_frames()
@@ -110,11 +110,11 @@ class RosNode:
             self._stream.diagnose(*self._state(), self._now_ns())
 
     def finish(self) -> Path | None:
-        """Write the results at the end, if there is a folder for them; return it."""
+        """Write the results at the end, see `Session.finish`; return their folder."""
         return self._session.finish()
 
     def figures(self) -> dict[str, Any]:
-        """Return counts and times so far, by name."""
+        """Return the counts and times of the run so far, by name."""
         camera, session = self._camera, self._session
         return {
             "color images": camera.received["color"],

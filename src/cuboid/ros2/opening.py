@@ -1,4 +1,4 @@
-"""Opening a node from its options."""
+"""Opening of a node: transport, camera, session and services, from the options."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class NodeOptions:
     Attributes
     ----------
     color, depth, info : str or None
-        Topics; None: found by their names.
+        Topics; None: the node finds them by their names.
     pose : str
         `TF`, `ESTIMATED`, or a topic of poses.
     world : str or None
@@ -52,7 +52,7 @@ class NodeOptions:
     foxglove : (str, int) or None
         Host and port of a server for Foxglove.
     queue : int
-        Number of images that wait for the tracker; if more arrive, the oldest is dropped.
+        Maximum number of images that wait for the tracker; if more arrive, the oldest is dropped.
     """
 
     color: str | None = None
@@ -76,7 +76,7 @@ class OpenNode:
     ----------
     node : RosNode
     live : LiveCamera
-        Frames of the camera; closing it ends the node.
+        Frames of the camera; `close` ends the node.
     transport, camera : str
         Names of the transport and of the images, for messages to the user.
     foxglove_port : int or None
@@ -93,7 +93,7 @@ class OpenNode:
 def open_node(
     options: NodeOptions, make_session: Callable[[Intrinsics, str], Session], stopped: Callable[[], bool]
 ) -> Iterator[OpenNode]:
-    """Wait for the images that the options name, and yield the node; it leaves the network at the end.
+    """Wait for the images that the options name, and yield the node; the node leaves the network on exit.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def open_node(
     StreamEndedError
         `stopped` ended the wait.
     InputError
-        The images do not fit, or an option names something that does not exist.
+        The images do not fit each other, or an option names something that does not exist.
     MissingExtraError
         A package is not installed.
     """
@@ -128,7 +128,7 @@ def open_node(
             patient=True,
             stopped=stopped,
         )
-        stack.pop_all()  # the camera closes its transport from here on
+        stack.pop_all()  # from here on, the camera closes its transport
         live = stack.enter_context(LiveCamera(camera, silence_s=float("inf"), capacity=options.queue))
         session = make_session(live.intrinsics, ESTIMATED if poses is None else GIVEN)
         foxglove = None

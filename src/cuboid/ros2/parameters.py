@@ -1,4 +1,4 @@
-"""The parameters of the node: settings of its messages, which can be changed during a run."""
+"""The parameters of the node: settings of its messages that users can change during a run."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Parameters:
         self._apply(self._settings)
 
     def set_texts(self, texts: Sequence[str]) -> None:
-        """Change parameters from texts NAME=VALUE with values as JSON; raises InputError as `set`."""
+        """Change parameters from texts NAME=VALUE with values in JSON; raise InputError as `set` does."""
         for text in texts:
             name, equals, value = text.partition("=")
             if not equals:

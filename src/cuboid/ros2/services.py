@@ -1,15 +1,15 @@
-"""The services of the node, and the same as text on two topics.
+"""The services of the node, and the same commands as text on two topics.
 
     /cuboid/save      cuboid_ros/srv/Save       write the results: into --output, or into a folder beside it
-    /cuboid/reset     std_srvs/srv/Trigger      forget the map and begin anew
+    /cuboid/reset     std_srvs/srv/Trigger      delete the map and start again
     /cuboid/name      cuboid_ros/srv/Name       give an object a name
-    /cuboid/query     cuboid_ros/srv/Query      objects by label, name, place
-    /cuboid/cloud     cuboid_ros/srv/Cloud      the points of an object, or of the map; also sent on the topic
-    /cuboid/command   std_msgs/String, in       the same as JSON: {"command": "query", "name": "cup", "id": 7}
+    /cuboid/query     cuboid_ros/srv/Query      find objects by label, name or place
+    /cuboid/cloud     cuboid_ros/srv/Cloud      return the points of an object, or of the map; publish them as well
+    /cuboid/command   std_msgs/String, in       commands in JSON: {"command": "query", "name": "cup", "id": 7}
     /cuboid/answer    std_msgs/String, out      {"id": 7, "success": true, "message": "2 objects", "objects": [...]}
 
-The topics are for nodes that cannot call the services: those on Fast DDS where this one is on bare DDS, and programs
-without the package `cuboid_ros`.
+The topics are for programs that cannot call the services: nodes on Fast DDS while this node is on bare DDS, and
+programs without the package `cuboid_ros`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cuboid.views.ros_stream import RosStream
 TEXT = "std_msgs/msg/String"
 # Maximum number of waiting commands.
 WAITING = 10
-# Type of each service, and the function that makes a command of its request.
+# Type of each service, and the function from its request to a command.
 SERVICES: dict[str, tuple[str, Callable[[Any], AnyCommand]]] = {
     "save": ("cuboid_ros/srv/Save", lambda request: Save(folder=request.folder)),
     "reset": ("std_srvs/srv/Trigger", lambda request: Reset()),
@@ -50,19 +50,19 @@ SERVICES: dict[str, tuple[str, Callable[[Any], AnyCommand]]] = {
 
 
 class NodeServices:
-    """Takes calls of services and commands, and sends the answers.
+    """Executes the service calls and the commands, and sends their answers.
 
     Parameters
     ----------
     messages : RosMessages
     transport : Transport
-        Transport of the topics of commands and answers.
+        Transport of the two topics, commands and answers.
     carriers : sequence of Services
         Transports of the services.
     stream : RosStream
         Makes the messages of objects and points.
     node : str
-        Name of the node, with which all names begin.
+        Name of the node; the names of all services and topics begin with it.
     answer : callable
         Executes a command.
     now_ns : callable
@@ -115,7 +115,7 @@ class NodeServices:
         try:
             command = msgspec.json.decode(text, type=AnyCommand)
         except msgspec.DecodeError as error:
-            return json.dumps({"id": None, "success": False, "message": f"no command: {error}"})
+            return json.dumps({"id": None, "success": False, "message": f"not a command: {error}"})
         answer = self._answer(command)
         shown: dict[str, Any] = {"id": command.id, "success": answer.success, "message": answer.message}
         if answer.objects is not None:
@@ -131,7 +131,7 @@ class NodeServices:
         return object_to_json(renamed_object(item, name) if name else item)
 
     def _cloud(self, answer: Answer, now_ns: int) -> Any:
-        """Return the points of an answer, and also send them on their topic."""
+        """Return the points of an answer as a message, and publish this message as well."""
         if answer.cloud is None:
             return self._stream.empty_cloud(now_ns)
         cloud = self._stream.cloud(answer.cloud.xyz, answer.cloud.rgb, now_ns)

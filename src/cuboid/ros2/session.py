@@ -1,4 +1,4 @@
-"""The tracker of a node: it takes frames; between two frames it can be saved, reset and queried."""
+"""The tracker of a node: it processes frames; between two frames, a command can save, reset or query it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Session:
     make_tracker : callable
         Makes the tracker; `reset` calls it again.
     output : Path or None
-        Folder of the results; None: nothing can be saved.
+        Folder of the results; None: the node cannot save results.
     force : bool
         Whether existing results may be replaced.
 
@@ -37,9 +37,9 @@ class Session:
     ----------
     tracker : Tracker
     names : dict of int to str
-        Names from users, by label.
+        Names that users gave, by label.
     used, skipped : int
-        Frames since the start of the node.
+        Numbers of used and skipped frames since the start of the node.
     """
 
     def __init__(self, make_tracker: Callable[[], Tracker], output: Path | None, *, force: bool = False) -> None:
@@ -69,12 +69,12 @@ class Session:
         self.names.clear()
 
     def save(self, folder: str = "") -> Path:
-        """Write the results so far; return their folder.
+        """Write the results of the frames so far; return their folder.
 
         Parameters
         ----------
         folder : str
-            Name of a folder beside that of the results; if empty, the folder of the results.
+            Name of a folder beside `output`; if empty, `output`.
 
         Raises
         ------
@@ -126,7 +126,7 @@ class Session:
         label : int
             0: all objects.
         name : str
-            Part of the name, in small or capital letters; empty: all objects.
+            Part of the name, in lower or upper case; empty: all objects.
         near : (3,) float
             A point in the world, metres.
         within_m : float
@@ -145,7 +145,7 @@ class Session:
         return [item for item in objects if part in (self.names.get(item.label) or item.name or "").casefold()]
 
     def cloud(self, label: int = 0) -> PointCloud:
-        """Return the points of an object, or of the whole map for label 0; raises InputError for an unknown label."""
+        """Return the points of an object, or of the whole map for label 0; raise InputError for an unknown label."""
         if label:
             return self.tracker.cloud(label)
         points = self.tracker.map_points()

@@ -1,4 +1,4 @@
-"""The mesh of an object from its views: fused, cropped to the object, closed on request, colored."""
+"""The mesh of an object: its views are fused, cropped to the object, closed on request, and colored."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ from cuboid.shapes.views import MARGIN_M, ObjectView
 
 # Maximum distance between the bottom of a box and the plane that it stands on, metres: two voxels of the map.
 MAX_FOOT_M = 0.02
-# Up to this height above the support, metres, readings may belong to the support: noise, and the rim where both meet.
+# Up to this height above the support, metres, readings may belong to the support: depth is noisy, and blurred at the
+# rim where the object meets it.
 SUPPORT_M = 0.005
 # Maximum distance between a surface of the object and the object's map points, metres: two voxels of the map.
 OWN_M = 0.02
-# Minimum fraction of the seen surface for a separate piece of the mesh: smaller ones are correlated errors of a few
-# readings, or are only guessed.
+# Minimum fraction of the seen surface for a separate piece of the mesh: smaller pieces are correlated errors of a few
+# readings, or are entirely guessed.
 MIN_PIECE = 0.02
 
 
@@ -41,7 +42,7 @@ def object_mesh(
     close: bool = False,
     complete: bool = False,
 ) -> ObjectMesh:
-    """Return the surface of an object, from its views.
+    """Return the mesh of an object from its views.
 
     Parameters
     ----------
@@ -50,11 +51,11 @@ def object_mesh(
     planes : sequence of SupportPlane
         `item.plane` is an index into them.
     points : MapPoints
-        Labelled map points: they decide which surfaces belong to the object.
+        Labelled map points; they determine which surfaces belong to the object.
     close : bool
         Extend the walls down to the support, and close the bottom.
     complete : bool
-        Close all holes: space within the box that no view saw empty is solid. This closes the bottom too.
+        Close all holes: space within the box is solid unless a view saw it empty. This also closes the bottom.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def object_mesh(
 
 
 def _foot_m(box: Box, plane: SupportPlane | None) -> float:
-    """Return the height of a box's bottom above its supporting plane, metres; 0 if there is none."""
+    """Return the height of a box's bottom above its supporting plane, metres; 0 without a plane, or far from it."""
     if plane is None:
         return 0.0
     foot_m = box.foot_m(plane.normal, plane.offset)
@@ -90,10 +91,10 @@ def _foot_m(box: Box, plane: SupportPlane | None) -> float:
 
 
 def _solid(volume: Volume, item: TrackedObject, points: MapPoints) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
-    """Return the signed distance (X, Y, Z), negative inside the solid object, and which voxels were seen.
+    """Return the signed distance (X, Y, Z), negative inside the solid object, and a mask (X, Y, Z) of the seen voxels.
 
-    Voxels that no view observed are solid within the object's box. The solid ends at the plane of the support. Layers
-    just above the plane, where depth may show the support, are copies of the layer above them.
+    Unobserved voxels within the object's box are solid. The solid ends at the plane of the support. The layers just
+    above the plane, where depth may show the support, are copies of the layer above them.
     """
     distance, seen, voxel_m = volume.distance.copy(), volume.seen.copy(), volume.voxel_m
     inside = _inside(volume, item.box)
@@ -104,7 +105,7 @@ def _solid(volume: Volume, item: TrackedObject, points: MapPoints) -> tuple[Floa
     distance[:, :, :above], seen[:, :, :above] = distance[:, :, above : above + 1], False
     height_m = (np.arange(distance.shape[2]) - PLANE_LAYER) * voxel_m
     field = np.maximum(distance, (-height_m / (TRUNCATION_VOXELS * voxel_m)).astype(np.float32))
-    # A layer of air around the volume: a solid that reaches the margin ends there.
+    # The border of the volume is air, so that a solid that reaches it has a surface there.
     for axis in range(3):
         for side in (0, -1):
             np.moveaxis(field, axis, 0)[side] = 1.0
@@ -113,7 +114,7 @@ def _solid(volume: Volume, item: TrackedObject, points: MapPoints) -> tuple[Floa
 
 
 def _inside(volume: Volume, box: Box) -> npt.NDArray[np.bool_]:
-    """Return which voxels lie inside or below a box that is aligned with the volume."""
+    """Return a mask (X, Y, Z) of the voxels inside or below a box that is aligned with the volume."""
     T = volume.T_world_grid
     origin = box.rotation.T @ (T[:3, 3] - box.center)
     x, y, z = (origin[axis] + np.arange(n) * volume.voxel_m for axis, n in enumerate(volume.distance.shape))
@@ -125,7 +126,7 @@ def _inside(volume: Volume, box: Box) -> npt.NDArray[np.bool_]:
 def _foreign(
     volume: Volume, band: npt.NDArray[np.bool_], item: TrackedObject, points: MapPoints
 ) -> npt.NDArray[np.bool_]:
-    """Return which voxels near a surface are not the object's: far from its points, or nearer to others."""
+    """Return a mask (X, Y, Z) of the voxels in `band` far from the object's points, or nearer to another object's."""
     reach = replace(item.box, size=item.box.size + 2 * (MARGIN_M + OWN_M))
     around = reach.contains(points.xyz, MARGIN_M)
     own = points.xyz[around & (points.label == item.label)]
@@ -148,7 +149,7 @@ def _at(values: npt.NDArray[np.bool_], grid: Float64Array) -> npt.NDArray[np.boo
 
 
 def _wanted(mesh: ObjectMesh, foot: npt.NDArray[np.bool_], *, close: bool, complete: bool) -> npt.NDArray[np.bool_]:
-    """Return the requested faces: seen ones, with `close` also those at the bottom, with `complete` all."""
+    """Return a mask (F,) of the requested faces: seen faces, with `close` also the bottom, with `complete` all."""
     if complete:
         return np.ones(len(mesh.faces), np.bool_)
     seen = ~mesh.guessed_faces
@@ -159,7 +160,7 @@ def _wanted(mesh: ObjectMesh, foot: npt.NDArray[np.bool_], *, close: bool, compl
 
 
 def _large_pieces(mesh: ObjectMesh, kept: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Return the faces (F,) of sufficiently large pieces."""
+    """Return a mask (F,) of the kept faces that belong to sufficiently large pieces."""
     faces = mesh.faces[kept]
     large = np.zeros(len(mesh.faces), np.bool_)
     if not len(faces):

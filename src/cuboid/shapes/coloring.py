@@ -1,4 +1,4 @@
-"""Colors of a mesh's vertices: weighted means over the views, with most weight on near and frontal ones."""
+"""Colors of a mesh's vertices: means over the views; near and frontal views have the largest weight."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cuboid.geometry import se3
 from cuboid.shapes.mesh import ObjectMesh
 from cuboid.shapes.views import ObjectView, pixels_of
 
-# Exponent of the cosine of the viewing angle in a view's weight: frontal views dominate, grazing ones count little.
+# Exponent of the cosine of the viewing angle in a view's weight: frontal views dominate, grazing views count little.
 SHARPNESS = 4
 
 

@@ -1,7 +1,7 @@
 """Depth fused around an object: a truncated signed distance in voxels along its box.
 
 B. Curless and M. Levoy, "A volumetric method for building complex models from range images" (1996), with the distance
-to the plane of each reading instead of the distance along the ray: it is also correct at slanted surfaces.
+to the tangent plane of each reading instead of the distance along the ray, which is wrong at slanted surfaces.
 """
 
 from __future__ import annotations
@@ -28,22 +28,23 @@ FINEST_M, COARSEST_M = 0.003, 0.005
 TRUNCATION_VOXELS = 3.0
 # Minimum cosine between ray and surface normal for a reading to be used: 80 degrees.
 MIN_COSINE = 0.17
-# Distance of the neighbours from which a normal is computed, pixels to both sides: 2 cm at 1 m with common cameras.
+# A normal is computed from the neighbours at this distance, pixels to both sides: 2 cm at 1 m with common cameras.
 NORMAL_PIXELS = 4
-# Layer coordinate of the support's plane: halfway between the second and third layer from below; the lowest is air.
+# Layer coordinate of the support's plane: halfway between the second and the third layer from below. The lowest layer
+# is air.
 PLANE_LAYER = 1.5
-# Minimum number of views of a seen voxel: a single view may be wrong at an edge.
+# Minimum number of views that observe a seen voxel: a single view may be wrong at an edge.
 MIN_VIEWS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Volume:
-    """Voxels along a box; (X, Y, Z) below.
+    """Voxels along a box, as arrays (X, Y, Z).
 
     Attributes
     ----------
     T_world_grid : (4, 4) float64
-        Transform to the world of the centre of voxel (i, j, k), which is (i, j, k) times the edge; z is the box's up.
+        The centre of voxel (i, j, k) lies at (i, j, k) times `voxel_m` in the grid frame, whose z axis is the box's up.
     voxel_m : float
         Edge of a voxel.
     distance : (X, Y, Z) float32
@@ -122,7 +123,7 @@ def _add(
 def _projected(
     view: ObjectView, T_world_grid: Float64Array, voxel_m: float, shape: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.int64], Float32Array]:
-    """Return for each voxel its pixel in a view, as a flat index, and its depth, metres; 0 outside the view."""
+    """Return the pixel of each voxel in a view, as a flat index, and its depth, metres; both are 0 outside the view."""
     T = se3.inverse(view.T_world_camera) @ T_world_grid
     steps = [(np.arange(n) * voxel_m).astype(np.float32) for n in shape]
     x, y, z = (
@@ -137,9 +138,9 @@ def _projected(
 
 
 def facing(depth_m: Float32Array, view: ObjectView) -> Float32Array:
-    """Return per pixel the cosine between ray and surface normal, times the ray's length at unit depth; 0 if unknown.
+    """Return the factor (h, w) from a difference of depths to the distance along the normal; 0 if unknown.
 
-    Multiplied by a difference of depths, this is the distance along the normal.
+    The factor is the cosine between ray and surface normal, times the length of the ray at unit depth.
     """
     camera, n = view.camera, NORMAL_PIXELS
     smooth = np.asarray(cv2.medianBlur(depth_m, 5), np.float32) if min(depth_m.shape) >= 5 else depth_m

@@ -1,14 +1,14 @@
-"""Views of a run's objects, stored in `views.zip` for their shapes when the frames are gone afterwards.
+"""Views of a run's objects, stored in `views.zip`: meshes need them after the frames are gone.
 
 ::
 
     views.zip
       views.json            [{"label", "frame", "visible", "box": [15 numbers], "at": [x0, y0]}, ...], in order
-      000000.png            depth of that part of the frame, 16 bits, a fifth of a millimetre
-      000000.jpg            its color
+      000000.png            depth of the view, 16 bits, in units of 0.2 mm
+      000000.jpg            color of the view
 
-A view is kept if the camera sees an object from a new side. If an object has too many views, the minimum angle between
-them is increased.
+A view is kept if the camera sees the object from a new side. If an object has more than `MAX_VIEWS` views, the minimum
+angle between them is increased.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack, unpack
 from cuboid.shapes.views import MAX_VIEWS, MIN_VISIBLE, Candidate, ObjectView, chosen, view_of
 
-# Two views of an object differ if the angle between their directions is at least APART_RAD, radians, or if the distance
-# of the new one is less than NEARER times that of the old one.
+# Two views of an object differ if the angle between their directions is at least APART_RAD, radians, or if the camera's
+# distance from the object has become less than NEARER times the earlier one.
 APART_RAD, NEARER = 0.1, 0.7
 # Factor by which the minimum angle grows when an object has more than `MAX_VIEWS` views.
 WIDER = 1.3
-# Maximum size of all views of a run, bytes: enough for a hundred objects of common size.
+# Maximum size of all views of a run, bytes: about a hundred objects of common size.
 MAX_BYTES = 256 << 20
-# Units of depth per metre, up to 13 m; quality of the JPEG.
+# Units of depth per metre (16 bits then reach 13 m); quality of the JPEG.
 DEPTH_UNITS_PER_M, JPEG_QUALITY = 5000, 90
 INDEX = "views.json"
-# Every file of the archive has this date: the same run gives the same bytes.
+# Date of every file in the archive: the same run must give the same bytes.
 DATE = (1980, 1, 1, 0, 0, 0)
 
 
@@ -92,7 +92,7 @@ class ViewKeeper:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One line if views were left out because all views together have a maximum size."""
+        """One line if views were left out because the views of the run reached their maximum size."""
         count, objects = sum(self._left_out.values()), len(self._left_out)
         if not count:
             return ()
@@ -167,7 +167,7 @@ def read_views(
     T_world_camera: Mapping[int, Float64Array],
     most: int | None = None,
 ) -> list[ObjectView]:
-    """Return the views of an object in a file `views.zip`, see `ViewKeeper.views`.
+    """Read the views of an object from a file `views.zip`; see `ViewKeeper.views`.
 
     Raises
     ------
@@ -197,14 +197,14 @@ def opened(
     T_world_camera: Mapping[int, Float64Array],
     most: int | None = None,
 ) -> list[ObjectView]:
-    """Select views as `chosen` does, and return them opened, with the poses of their frames."""
+    """Select views as `chosen` does, decode them, and return them with the poses of their frames."""
     view_of = {view.frame: view for view in sorted(kept, key=lambda view: view.frame) if view.frame in T_world_camera}
     candidates = [Candidate(view.frame, view.box, view.visible, T_world_camera[k]) for k, view in view_of.items()]
     return [view_of[one.frame].opened(camera, one.T_world_camera) for one in chosen(candidates, box, most)]
 
 
 def _is_new(T_world_camera: Float64Array, views: Sequence[KeptView], box: Box, apart_rad: float) -> bool:
-    """Tell whether a camera sees an object from another side than all views, or from much nearer."""
+    """Return whether a camera sees an object from another side than all views do, or from much nearer."""
     if not views:
         return True
     towards = np.array([T_world_camera[:3, 3], *(view.T_world_camera[:3, 3] for view in views)]) - box.center

@@ -1,4 +1,4 @@
-"""The mesh of an object: triangles with colors, and which of them are guessed."""
+"""The mesh of an object: triangles with colors, each measured or guessed."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class ObjectMesh:
         Rows of `vertices`, counter-clockwise seen from outside.
     rgb : (V, 3) uint8
     guessed : (V,) bool
-        Vertices that no camera saw: in a closed bottom, and in filled holes.
+        Whether no camera saw the vertex: it lies in a closed bottom or in a filled hole.
     views : int
-        Views that were fused.
+        Number of fused views.
     """
 
     label: int
@@ -52,7 +52,7 @@ class ObjectMesh:
         return np.asarray(self.guessed[self.faces].any(axis=1))
 
     def moved(self, T: Float64Array) -> ObjectMesh:
-        """Return the mesh after a rigid motion (4, 4)."""
+        """Return the mesh after a rigid motion `T` (4, 4)."""
         return replace(self, vertices=se3.transform(T, self.vertices))
 
     def part(self, faces: npt.NDArray[np.bool_]) -> ObjectMesh:

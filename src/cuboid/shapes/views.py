@@ -1,4 +1,4 @@
-"""A view of an object (the part of a frame that shows it), and the selection of frames."""
+"""A view of an object, which is the part of a frame that shows it, and the selection of frames to fuse."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Pixels = npt.NDArray[np.int64]
 
 # Margin of the fused volume around the box, metres: boxes have errors of a voxel, and a mesh must end in free space.
 MARGIN_M = 0.01
-# Margin of a view, pixels: for the normals at its border.
+# Margin of a view, pixels: the normals at the border of the object need it.
 RIM_PIXELS = 6
-# Minimum visible fraction of the object's near side in a view: with less, it mainly shows the occluder.
+# Minimum visible fraction of the object's near side in a view: a view with less mainly shows the occluder.
 MIN_VISIBLE = 0.3
-# Maximum number of fused views: they reduce the noise to a seventh, and more views only add time.
+# Maximum number of fused views: 48 views reduce the noise to a seventh, and more views only add time.
 MAX_VIEWS = 48
 
 
@@ -39,7 +39,7 @@ class ObjectView:
     color : (h, w, 3) uint8
         RGB.
     camera : Intrinsics
-        Intrinsics of this part.
+        Intrinsics of this part of the image.
     T_world_camera : (4, 4) float64
     """
 
@@ -50,13 +50,13 @@ class ObjectView:
 
 
 def pixels_of(camera: Intrinsics, x: Number, y: Number, z: Number) -> tuple[Pixels, Pixels, npt.NDArray[np.bool_]]:
-    """Return the pixels u and v that are nearest to points in front of a camera, and which points it sees.
+    """Project points; return the nearest pixels u and v, and a mask of the points within the image.
 
     Parameters
     ----------
     camera : Intrinsics
     x, y, z : array of float32 or float64
-        Coordinates in the frame of the camera, metres, all of one shape; the arithmetic has their precision.
+        Coordinates in the camera frame, metres, all of one shape; the computation has their precision.
     """
     number = z.dtype.type
     deep = np.maximum(z, number(NEAREST_M))
@@ -67,7 +67,7 @@ def pixels_of(camera: Intrinsics, x: Number, y: Number, z: Number) -> tuple[Pixe
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A frame that saw an object.
+    """A frame that shows an object.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Candidate:
     box : Box
         The object's box after that frame.
     visible : float
-        Fraction of its near side that is seen, 0..1.
+        Visible fraction of the object's near side, 0..1.
     T_world_camera : (4, 4) float64
     """
 
@@ -96,7 +96,7 @@ def view_of(frame: Frame, camera: Intrinsics, T_world_camera: Float64Array, box:
 
 
 def window(box: Box, camera: Intrinsics, T_world_camera: Float64Array) -> tuple[int, int, int, int] | None:
-    """Return the pixels x0, y0, x1, y1 (ends exclusive) of an image that a box with its margin covers, or None."""
+    """Return the rectangle x0, y0, x1, y1 (ends exclusive) that a box with its margin covers in an image, or None."""
     grown = replace(box, size=box.size + 2 * MARGIN_M)
     corners = se3.transform(se3.inverse(T_world_camera), grown.corners())
     if (corners[:, 2] < NEAREST_M).any():
@@ -110,10 +110,10 @@ def window(box: Box, camera: Intrinsics, T_world_camera: Float64Array) -> tuple[
 
 
 def chosen(candidates: Sequence[Candidate], box: Box, most: int | None = None) -> list[Candidate]:
-    """Return the frames to fuse, in order: those since the object's last move, from many different sides.
+    """Select the frames to fuse, in order: frames after the object's last move, from many different sides.
 
-    The first selected frame is the best view. Each next one has the largest angle to all selected ones, weighted by its
-    quality.
+    The first selected frame is the best view. Each further frame maximises the angle to the selected frames, weighted
+    by its quality.
 
     Parameters
     ----------
