@@ -14,6 +14,7 @@ from cuboid.core.errors import FrameError
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.geometry.box import Box
+from cuboid.outputs.object_table import ObjectTable
 
 INTRINSICS = Intrinsics(500.0, 500.0, 31.5, 23.5, 64, 48)
 
@@ -137,6 +138,9 @@ class FakeTracker:
             np.linspace(0, 1, n, dtype=np.float32),
             np.ones(n, np.int32),
         )
+
+    def find_furniture(self, points: MapPoints) -> ObjectTable:
+        return ObjectTable()
 
 
 def write_recording(path: Path, frames: int, shape: tuple[int, int] = (48, 64), poses: bool = True) -> Path:

@@ -1,4 +1,4 @@
-"""Furniture in results and scenes: found on request, apart from the objects, with labels that last."""
+"""Furniture in results and scenes: found unless refused, apart from the objects, with labels that last."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def plain(recording: Path) -> Path:
-    return tracked(recording, recording.parent / "plain")
+    return tracked(recording, recording.parent / "plain", "--no-furniture")
 
 
 @pytest.fixture(scope="module")
 def furnished(recording: Path) -> Path:
-    return tracked(recording, recording.parent / "furnished", "--furniture", "--relations")
+    return tracked(recording, recording.parent / "furnished", "--relations")
 
 
 def tracked(recording: Path, output: Path, *options: str) -> Path:
@@ -73,10 +73,10 @@ def test_a_table_is_one_piece_of_furniture_and_the_things_on_it_are_the_objects(
     assert table.points > 100
 
 
-def test_without_the_option_nothing_of_it_is_there_and_with_it_nothing_else_changes(
+def test_with_no_furniture_there_is_none_and_nothing_else_changes(
     recording: Path, plain: Path
 ) -> None:
-    furnished = tracked(recording, plain.parent / "only", "--furniture")
+    furnished = tracked(recording, plain.parent / "only")
     assert [one for one in entries(furnished) if one.get("kind") != "support"] == entries(plain)
     assert len(entries(furnished)) == len(entries(plain)) + 1
     for name in SAME_FILES:
@@ -87,9 +87,9 @@ def test_without_the_option_nothing_of_it_is_there_and_with_it_nothing_else_chan
 def test_the_command_counts_furniture_apart(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    tracked(recording, tmp_path / "out", "--furniture")
+    tracked(recording, tmp_path / "out")
     assert "2 objects, 1 piece of furniture:" in capsys.readouterr().out
-    tracked(recording, tmp_path / "out", "--furniture", "--json")
+    tracked(recording, tmp_path / "out", "--json")
     kinds = [one.get("kind") for one in json.loads(capsys.readouterr().out)["objects"]]
     assert kinds == [None, None, "support"], "as in objects.json"
 
@@ -124,7 +124,7 @@ def test_things_on_a_table_are_found_in_a_store(
     recording: Path, furnished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     store = str(tmp_path / "store")
-    options = ["--output", store, "--workers", "1", "--relations", "--furniture"]
+    options = ["--output", store, "--workers", "1", "--relations"]
     assert cli.main(["batch", str(recording), *options]) == 0
     capsys.readouterr()
     (table,) = Results(furnished).furniture
@@ -177,7 +177,7 @@ def test_exports_of_objects_hold_the_objects_alone(furnished: Path, plain: Path,
 
 
 def test_naming_an_object_keeps_the_furniture(recording: Path, tmp_path: Path) -> None:
-    results = tracked(recording, tmp_path / "out", "--furniture")
+    results = tracked(recording, tmp_path / "out")
     before = entries(results)
     found = Results(results)
     assert found.name(1, "box").name == "box"
@@ -233,7 +233,7 @@ def test_a_label_is_kept_while_frames_go_on() -> None:
 
 def test_a_label_is_kept_over_the_recordings_of_a_scene(recording: Path, tmp_path: Path) -> None:
     scene = tmp_path / "place.cuboid"
-    into = ("--furniture", "--same-world", "--scene", str(scene))
+    into = ("--same-world", "--scene", str(scene))
     one = tracked(recording, tmp_path / "one", *into)
     two = tracked(write_table(tmp_path / "again", first_angle=0.2), tmp_path / "two", *into)
     (before,), (after,) = Results(one).furniture, Results(two).furniture
@@ -264,8 +264,8 @@ def test_a_label_is_kept_over_the_recordings_of_a_scene(recording: Path, tmp_pat
         assert [piece.name for piece in opened.furniture] == [None]
 
 
-def test_a_scene_without_the_option_has_no_furniture(recording: Path, tmp_path: Path) -> None:
-    tracked(recording, tmp_path / "out", "--scene", str(tmp_path / "place.cuboid"))
+def test_a_scene_of_runs_with_no_furniture_has_none(recording: Path, tmp_path: Path) -> None:
+    tracked(recording, tmp_path / "out", "--no-furniture", "--scene", str(tmp_path / "place.cuboid"))
     with Scene.open(tmp_path / "place.cuboid") as scene:
         assert scene.furniture == []
         scene.write_results(tmp_path / "from scene")

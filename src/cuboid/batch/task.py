@@ -204,8 +204,8 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     settings = dict(task.settings)
     recording = open_recording(path, **settings.pop("reading"))
     text_model = settings.pop("text_model", None)
-    asked = {name: settings.pop(name, False) for name in ("relations", "furniture")}
-    wanted = ResultOptions(force=True, page=False, **asked)
+    relations, furniture = settings.pop("relations", False), settings.pop("furniture", True)
+    wanted = ResultOptions(force=True, page=False, relations=relations, furniture=furniture)
     options = TrackOptions(config=TrackerConfig.from_dict(settings.pop("tracker")), **settings)
     local = None if task.tables_only else place.local
     folder = scratch if local is None else local / _name(task)

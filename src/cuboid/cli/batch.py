@@ -228,11 +228,11 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
         "every": args.every,
         "limit": args.limit,
         "scale": args.scale,
-        # only if requested: the settings are part of the identity of a run in the store
+        # only if they differ from the defaults: the settings are part of the identity of a run in the store
         **({"detector": args.detector} if args.detector else {}),
         **({"detector_every": args.detector_every} if args.detector_every else {}),
         **({"relations": True} if args.relations else {}),
-        **({"furniture": True} if args.furniture else {}),
+        **({} if args.furniture else {"furniture": False}),
         **({"text_model": args.text_model} if args.text_model else {}),
     }
 

@@ -83,9 +83,9 @@ def add_relations(parser: argparse._ActionsContainer) -> None:
 
 
 def add_furniture(parser: argparse._ActionsContainer) -> None:
-    """Add `--furniture`."""
-    furniture = "also find the tables, shelves and other furniture that bear the planes, at the end (0.1 to 2 s)"
-    parser.add_argument("--furniture", action="store_true", help=furniture)
+    """Add `--no-furniture`."""
+    no_furniture = "do not find the tables, shelves and other furniture that bear the planes (0.1 to 2 s at the end)"
+    parser.add_argument("--no-furniture", action="store_false", dest="furniture", help=no_furniture)
 
 
 def add_reading(

@@ -101,7 +101,7 @@ class ResultOptions:
     video: bool = False
     shapes: bool = False
     relations: bool = False
-    furniture: bool = False
+    furniture: bool = True
 
 
 def never() -> bool:

@@ -326,7 +326,7 @@ class Tracker(KeptMap):
         recording: RecordingLike | None = None,
         force: bool = False,
         relations: bool = False,
-        furniture: bool = False,
+        furniture: bool = True,
     ) -> None:
         """Write the result folder that `cuboid track` writes: objects, sightings, poses, map, report, 3D page.
 
