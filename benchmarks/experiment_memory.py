@@ -65,7 +65,7 @@ class Place:
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = np.stack([right, np.cross(forward, right), forward], 1), eye
         v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
-        ray = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], -1) @ T[:3, :3].T
+        ray = CAMERA.points(u, v, np.ones(u.shape)) @ T[:3, :3].T
         depth, hit = eye[2] / -ray[..., 2], np.zeros(u.shape, np.int64)
         for k, (low, high) in enumerate(zip(self._low, self._high, strict=True)):
             one, two = (low - eye) / ray, (high - eye) / ray

@@ -28,7 +28,6 @@ from cuboid.core.threads import limit_threads
 from cuboid.evaluation.truth import read_truth
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.proposals import Proposals, ProposalSource, make_source
-from cuboid.views.projection import project
 
 FIT = 0.5
 VISIBLE = 0.5
@@ -75,7 +74,7 @@ def scene(folder: Path, every: int) -> Iterator[View]:
         rectangles = []
         for thing, visible in zip(truth.objects, truth.visibility[index], strict=True):
             if visible >= VISIBLE:
-                corners = project(transform(inverse(frame.T_world_camera), thing.box.corners()), camera)[:, :2]
+                corners = camera.pixels(transform(inverse(frame.T_world_camera), thing.box.corners()))
                 rectangles.append(np.clip([*corners.min(0), *corners.max(0)], 0, limits))
         boxes = np.array(rectangles).reshape(-1, 4)
         yield View(frame, camera, boxes, np.ones(len(boxes), bool), np.zeros(len(boxes)), None)

@@ -115,7 +115,7 @@ def _frame(i: int, objects: tuple[TrackedObject, ...]) -> FrameResult:
 
 def _paint(picture: np.ndarray, item: TrackedObject, T: Float64Array) -> None:
     seen = (item.box.corners() - T[:3, 3]) @ T[:3, :3]
-    at = seen[:, :2] / seen[:, 2:] * (CAMERA.fx, CAMERA.fy) + (CAMERA.cx, CAMERA.cy)
+    at = CAMERA.pixels(seen)
     cv2.fillConvexPoly(picture, cv2.convexHull(np.round(at).astype(np.int32)), [int(c) for c in color_of(item.label)])
 
 

@@ -39,7 +39,7 @@ def cast(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Depth (H, W) in metres and the number of the box hit (H, W), -1 none; by the slab method."""
     v, u = np.mgrid[: camera.height, : camera.width]
-    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], -1)
+    rays = camera.points(u, v, np.ones(u.shape))
     world = rays @ T_world_camera[:3, :3].T
     depth, hit = np.full(u.shape, np.inf), np.full(u.shape, -1)
     for k, box in enumerate(boxes):

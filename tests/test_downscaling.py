@@ -79,3 +79,4 @@ def test_a_reading_is_a_point_on_the_ray_of_its_pixel() -> None:
     camera = Intrinsics(100.0, 200.0, 50.0, 40.0, 101, 81)
     points = camera.points(np.array([50, 60, 0]), np.array([40, 40, 80]), np.array([2.0, 1.0, 0.5], np.float32))
     assert points.tolist() == [[0.0, 0.0, 2.0], [0.1, 0.0, 1.0], [-0.25, 0.1, 0.5]]
+    np.testing.assert_allclose(camera.pixels(points), [[50, 40], [60, 40], [0, 80]])

@@ -26,8 +26,7 @@ def points(one: Frame, camera: Intrinsics) -> np.ndarray:
     """World points of all pixels, in a fixed order."""
     assert one.T_world_camera is not None
     v, u = np.mgrid[: camera.height, : camera.width]
-    z = one.depth_m
-    xyz = np.stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z], -1).reshape(-1, 3)
+    xyz = camera.points(u, v, one.depth_m).reshape(-1, 3)
     world = xyz @ one.T_world_camera[:3, :3].T + one.T_world_camera[:3, 3]
     return world[np.lexsort(np.round(world, 6).T)]
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from cuboid.calibration.comparing import PARAMETERS, disagreements, warp
-from cuboid.calibration.views import CELL_PX, Pinhole, View, build_view, factors
+from cuboid.calibration.views import CELL_PX, ScaledPinhole, View, build_view, factors
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.geometry import se3
 
-PINHOLE = Pinhole(130.0, 128.0, 79.0, 61.0)
+PINHOLE = ScaledPinhole(130.0, 128.0, 79.0, 61.0)
 T_OTHER_VIEW = se3.exp([0.05, -0.03, 0.04, 0.05, -0.08, 0.03])
 
 
@@ -28,7 +28,7 @@ def smooth_view(seed: int) -> View:
     )
 
 
-def stepped(pinhole: Pinhole, parameter: int, step: float) -> tuple[Pinhole, float]:
+def stepped(pinhole: ScaledPinhole, parameter: int, step: float) -> tuple[ScaledPinhole, float]:
     """Return the pinhole after a step of a parameter, and the depth scale."""
     grown = np.exp(step)
     if parameter == 0:
@@ -40,7 +40,7 @@ def stepped(pinhole: Pinhole, parameter: int, step: float) -> tuple[Pinhole, flo
     return pinhole, float(grown)
 
 
-def values(view: View, other: View, T: np.ndarray, pinhole: Pinhole, depth_scale: float = 1.0) -> np.ndarray:
+def values(view: View, other: View, T: np.ndarray, pinhole: ScaledPinhole, depth_scale: float = 1.0) -> np.ndarray:
     moved = T.copy()
     moved[:3, 3] /= depth_scale
     found = warp(view, other, moved, pinhole)
@@ -120,5 +120,5 @@ def test_images_of_any_size_are_made_about_equally_small(width: int, expected: t
 def test_a_pinhole_of_smaller_images_is_that_of_the_intrinsics() -> None:
     whole = Intrinsics(500.0, 510.0, 321.0, 241.5, 640, 480)
     small = whole.downscaled(4)
-    assert Pinhole.of(whole).resized(4) == Pinhole(small.fx, small.fy, small.cx, small.cy)
-    assert Pinhole.of(whole).resized(4).resized(1 / 4) == Pinhole.of(whole)
+    assert ScaledPinhole.of(whole).resized(4) == ScaledPinhole(small.fx, small.fy, small.cx, small.cy)
+    assert ScaledPinhole.of(whole).resized(4).resized(1 / 4) == ScaledPinhole.of(whole)

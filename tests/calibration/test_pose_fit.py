@@ -29,7 +29,7 @@ def _read(k: int) -> Frame:
     """Depth of two walls that meet at right angles, z = 2 - |x| / 2 and the like, by the true pose."""
     T = _true_pose(k)
     rows, columns = np.indices((120, 160))
-    rays = np.stack([(columns - K.cx) / K.fx, (rows - K.cy) / K.fy, np.ones((120, 160))], axis=-1) @ T[:3, :3].T
+    rays = K.points(columns, rows, np.ones((120, 160))) @ T[:3, :3].T
     depth = np.full((120, 160), np.inf)
     for normal, offset in (((0.6, 0.0, 0.8), 2.0), ((-0.6, 0.0, 0.8), 2.0), ((0.0, 1.0, 0.0), 0.7)):
         n = np.array(normal)

@@ -28,8 +28,7 @@ def image(boxes: tuple = (FLOOR, THING), T: np.ndarray = POSE) -> WorkingImage:
     """A thing with level stripes, 5 mm of each color."""
     depth, hit = cast(boxes, T, CAMERA)
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
-    rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], -1)
-    height = se3.transform(T, (rays * depth[..., None]).reshape(-1, 3))[:, 2].reshape(u.shape)
+    height = se3.transform(T, CAMERA.points(u, v, depth))[..., 2]
     gray = np.where((hit == 1) & (np.floor(height / 0.005) % 2 == 0), 220, 20)
     return WorkingImage(depth.astype(np.float32), np.repeat(gray[..., None], 3, 2).astype(np.uint8), CAMERA, 1, (0, 0))
 
@@ -69,8 +68,7 @@ def test_small_things_have_their_shape_and_colors_at_half_a_voxel() -> None:
     assert set(whole.tolist()) == set(coarse.tolist()), "all of it was near"
     shown = image()
     v, u = np.nonzero(shown.depth_m > 0)
-    c, z = CAMERA, shown.depth_m[v, u].astype(np.float64)
-    true = se3.transform(POSE, np.column_stack([(u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z]))
+    true = se3.transform(POSE, CAMERA.points(u, v, shown.depth_m[v, u]))
     true = true[true[:, 2] > 0.011]
     reach = [cKDTree(voxels.stored.xyz(rows)).query(true)[0] for rows in (coarse, fine)]
     assert (reach[1] < 0.004).mean() > 0.99

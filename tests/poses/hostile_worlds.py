@@ -90,8 +90,7 @@ def standing(k: int, repeated: bool) -> tuple[np.ndarray, np.ndarray]:
 
 def points_of(depth: np.ndarray, T_world_camera: np.ndarray) -> np.ndarray:
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
-    rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], -1)
-    return se3.transform(T_world_camera, (rays * depth[..., None]).reshape(-1, 3)).reshape(rays.shape)
+    return se3.transform(T_world_camera, CAMERA.points(u, v, depth))
 
 
 def painted(points: np.ndarray, repeated: bool) -> np.ndarray:

@@ -44,8 +44,7 @@ def picture(T_world_camera: np.ndarray, index: int, noise: bool = True, boxes: l
     """A frame with the noise of a structured-light sensor."""
     depth, hit = cast(boxes, T_world_camera, CAMERA)
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
-    rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], -1)
-    world = rays * depth[..., None] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+    world = CAMERA.points(u, v, depth) @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
     gray = texture(world, hit)
     rng = np.random.default_rng(1000 + index)
     if noise:

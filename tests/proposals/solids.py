@@ -19,7 +19,7 @@ Hit = np.ndarray[Any, np.dtype[np.float64]]
 def rays(camera: Intrinsics = CAMERA) -> Hit:
     """Rays (H, W, 3) with z = 1, so that a distance along one is a depth."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    return np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1)
+    return camera.points(u, v, np.ones(u.shape))
 
 
 def on_table(right: float, ahead: float, above: float) -> Hit:

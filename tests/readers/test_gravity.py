@@ -137,9 +137,8 @@ def test_a_real_phone_has_walls_upright_in_its_world(data_dir):
     pytest.importorskip("OpenEXR", reason="depth of Record3D is read with OpenEXR: pip install '.[phone]'")
     recording = open_recording(data_dir / "containers" / "record3d-exr")
     frame = recording.read(0)
-    K, depth_m = recording.intrinsics, frame.depth_m.astype(float)
-    v, u = np.mgrid[: K.height, : K.width]
-    points = np.stack([(u - K.cx) / K.fx * depth_m, (v - K.cy) / K.fy * depth_m, depth_m], -1)[::20, ::20]
+    v, u = np.indices(frame.depth_m.shape)
+    points = recording.intrinsics.points(u, v, frame.depth_m)[::20, ::20]
     normals = np.cross(np.diff(points, axis=0)[:, :-1], np.diff(points, axis=1)[:-1])
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True) + 1e-12
     wall = np.median(normals.reshape(-1, 3), axis=0)  # a door fills the picture

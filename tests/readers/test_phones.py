@@ -25,11 +25,9 @@ def gap_m(recording, a, b):
     """Median difference of the depths of two frames, one carried into the other by their poses."""
     one, other, K = recording.read(a), recording.read(b), recording.intrinsics
     v, u = np.nonzero(one.depth_m)
-    z = one.depth_m[v, u].astype(float)
-    points = np.stack([(u - K.cx) / K.fx * z, (v - K.cy) / K.fy * z, z], axis=1)
+    points = K.points(u, v, one.depth_m[v, u])
     moved = se3.transform(se3.inverse(other.T_world_camera) @ one.T_world_camera, points)
-    x = np.rint(moved[:, 0] / moved[:, 2] * K.fx + K.cx).astype(int)
-    y = np.rint(moved[:, 1] / moved[:, 2] * K.fy + K.cy).astype(int)
+    x, y = np.rint(K.pixels(moved)).astype(int).T
     inside = (x >= 0) & (y >= 0) & (x < K.width) & (y < K.height)
     there = other.depth_m[y[inside], x[inside]]
     return float(np.median(np.abs(there - moved[inside, 2])[there > 0]))

@@ -8,6 +8,7 @@ from made_recordings import CAMERA, Made, color_image, write_frames, write_image
 
 from cuboid.core.errors import FrameError, InputError
 from cuboid.core.frame import Intrinsics
+from cuboid.geometry import se3
 from cuboid.readers import open_recording
 
 
@@ -50,12 +51,11 @@ def test_real_depth_of_one_frame_falls_on_that_of_another(data_dir):
     v, u = np.mgrid[0 : K.height : 6, 0 : K.width : 6]
     z = a.depth_m[v, u]
     near = (z > 0) & (z < 1.5)
-    points = np.stack(((u - K.cx) / K.fx * z, (v - K.cy) / K.fy * z, z, np.ones_like(z)))[:, near]
-    x, y, z_in_b, _ = np.linalg.inv(b.T_world_camera) @ a.T_world_camera @ points
-    column, row = np.rint(K.fx * x / z_in_b + K.cx).astype(int), np.rint(K.fy * y / z_in_b + K.cy).astype(int)
+    in_b = se3.transform(se3.inverse(b.T_world_camera) @ a.T_world_camera, K.points(u, v, z)[near])
+    column, row = np.rint(K.pixels(in_b)).astype(int).T
     inside = (column >= 0) & (column < K.width) & (row >= 0) & (row < K.height)
     measured = b.depth_m[row[inside], column[inside]]
-    apart = np.abs(z_in_b[inside] - measured)[measured > 0]
+    apart = np.abs(in_b[inside, 2] - measured)[measured > 0]
     moved = np.linalg.norm(a.T_world_camera[:3, 3] - b.T_world_camera[:3, 3])
     assert moved > 0.05
     assert len(apart) > 1000

@@ -7,7 +7,7 @@ from cuboid.core.frame import Float64Array, Intrinsics, UInt8Array
 from cuboid.core.palette import UNLABELLED, color_of
 from cuboid.geometry.box import EDGES, Box
 from cuboid.views.drawing import STRIP_PX, Status, dashes, draw_frame, draw_proposals
-from cuboid.views.projection import project, visible_rect
+from cuboid.views.projection import visible_rect
 from cuboid.views.replay import ReplayedObject
 from cuboid.views.tags import SteadyNames, place_tag, place_tags, tag_px, unit_of
 from made_crowd import camera, crowd
@@ -34,7 +34,7 @@ def along_edges(box: Box, picture: UInt8Array) -> Float64Array:
     fractions = np.linspace(0.1, 0.9, 9)[:, None]
     corners = box.corners()
     points = np.array([corners[a] + fractions * (corners[b] - corners[a]) for a, b in EDGES])
-    u, v = np.rint(project(points, INTRINSICS)).astype(int).reshape(-1, 2).T
+    u, v = np.rint(INTRINSICS.pixels(points)).astype(int).reshape(-1, 2).T
     return picture[v, u].astype(float).reshape(12, 9, 3)
 
 
@@ -56,7 +56,7 @@ def test_edges_in_front_have_the_color_of_the_label_and_those_behind_are_dimmer(
 def test_edges_in_front_are_thicker() -> None:
     def width(start: Float64Array, end: Float64Array) -> int:
         """Pixels of the label's hue across the middle of an edge that runs down the image."""
-        u, v = np.rint(project((start + end) / 2, INTRINSICS)).astype(int)
+        u, v = np.rint(INTRINSICS.pixels((start + end) / 2)).astype(int)
         row = picture[v, u - 6 : u + 7].astype(int)
         return int((row[:, 2] - row[:, 0] > 60).sum())
 
@@ -69,7 +69,7 @@ def test_edges_in_front_are_thicker() -> None:
 def test_lines_stand_out_from_any_ground(level: int) -> None:
     ground = np.full((480, 640, 3), level, np.uint8)
     picture = draw([ReplayedObject(5, CORNERED)], ground=ground)  # label 5 is yellow, hard to see on white
-    corners = project(CORNERED.corners(), INTRINSICS)
+    corners = INTRINSICS.pixels(CORNERED.corners())
     u, v = np.rint((corners[0] + corners[2]) / 2).astype(int)
     profile = picture[v, u - 6 : u + 7].astype(int).sum(axis=1)
     assert profile.max() - profile.min() > 250
@@ -77,7 +77,7 @@ def test_lines_stand_out_from_any_ground(level: int) -> None:
 
 def test_a_hidden_object_is_dashed_and_a_seen_one_is_not() -> None:
     def gaps(picture: UInt8Array) -> int:
-        corners = project(CORNERED.corners(), INTRINSICS)
+        corners = INTRINSICS.pixels(CORNERED.corners())
         fractions = np.linspace(0, 1, 400)[:, None]
         u, v = np.rint(corners[0] + fractions * (corners[2] - corners[0])).astype(int).T
         drawn = picture[v, u, 2].astype(int) - picture[v, u, 0] > 40  # label 6 is blue
@@ -99,7 +99,7 @@ def test_the_nearer_of_two_boxes_is_drawn_over_the_farther() -> None:
 
 def test_a_tag_of_the_labels_color_stands_above_its_box() -> None:
     picture = draw([ReplayedObject(2, CORNERED)])
-    corners = project(CORNERED.corners(), INTRINSICS)
+    corners = INTRINSICS.pixels(CORNERED.corners())
     top_px, middle_px = int(corners[:, 1].min()), int((corners[:, 0].min() + corners[:, 0].max()) / 2)
     above = picture[top_px - 24 : top_px - 6, middle_px - 16 : middle_px + 16].reshape(-1, 3).astype(int)
     assert (np.abs(above - color_of(2)).sum(axis=1) < 12).sum() > 200
@@ -200,7 +200,7 @@ def test_a_box_partly_behind_the_camera_is_drawn() -> None:
     long = Box(np.array([0.0, 0.3, 0.5]), np.array([0.3, 0.3, 2.0]), np.eye(3))
     assert long.corners()[:, 2].min() < 0 < long.corners()[:, 2].max()
     picture = draw([ReplayedObject(6, long)])
-    end = project(np.array([0.0, 0.15, 1.5]), INTRINSICS)  # the far end of its upper face
+    end = INTRINSICS.pixels(np.array([0.0, 0.15, 1.5]))  # the far end of its upper face
     u, v = np.rint(end).astype(int)
     assert np.linalg.norm(picture[v - 2 : v + 3, u].astype(float) - color_of(6), axis=1).min() < 60
     assert (picture != GREY).any(axis=2)[-1].sum() > 50  # it runs out of the image below

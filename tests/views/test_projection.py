@@ -16,7 +16,6 @@ from cuboid.views.projection import (
     clip_polygon,
     clip_segments,
     may_be_in_view,
-    project,
     visible_rect,
     wireframes,
 )
@@ -57,7 +56,7 @@ def test_the_edges_behind_are_those_of_the_three_faces_turned_away() -> None:
     # From above, left and in front of it: three faces are seen, three edges meet in the corner behind.
     box = Box(np.array([0.3, 0.3, 1.0]), np.array([0.2, 0.2, 0.2]), FRONTAL)
     wire = wireframe(box, np.eye(4), INTRINSICS)
-    behind = project(np.array([0.4, 0.4, 1.1]), INTRINSICS)
+    behind = INTRINSICS.pixels(np.array([0.4, 0.4, 1.1]))
     assert (len(wire.front), len(wire.back), len(wire.faces)) == (9, 3, 3)
     assert (np.linalg.norm(wire.back - behind, axis=2).min(axis=1) < 1e-9).all()
     assert [face for face, _ in wire.faces] == [0, 2, 4]
@@ -92,7 +91,7 @@ def test_no_visible_part_of_an_edge_is_missing(box: Box) -> None:
     fractions = np.linspace(0, 1, 23)[:, None]
     points = np.concatenate([corners[a] + fractions * (corners[b] - corners[a]) for a, b in EDGES])
     points = points[points[:, 2] > NEAR_M * 1.01]
-    pixels = project(points, INTRINSICS)
+    pixels = INTRINSICS.pixels(points)
     pixels = pixels[((pixels >= 0) & (pixels < (640, 480))).all(axis=1)]
     if len(pixels) == 0:
         return
@@ -158,7 +157,7 @@ def test_the_visible_rectangle_is_around_what_of_a_box_is_in_the_picture(box: Bo
     side = np.linspace(-0.5, 0.5, 24)
     inside = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
     points = box.center + (inside * box.size) @ box.rotation.T
-    seen = project(points[points[:, 2] > NEAR_M], INTRINSICS)
+    seen = INTRINSICS.pixels(points[points[:, 2] > NEAR_M])
     seen = seen[((seen >= 0) & (seen <= (INTRINSICS.width, INTRINSICS.height))).all(axis=1)]
     rect = visible_rect(box, np.eye(4), INTRINSICS)
     if rect is None:
@@ -175,7 +174,7 @@ def test_the_visible_rectangle_is_around_what_of_a_box_is_in_the_picture(box: Bo
 def test_the_visible_rectangle_is_that_of_the_corners_where_all_are_in_view() -> None:
     turn = compose((0.9, 0.1, -0.3, 0.2), (0, 0, 0))[:3, :3]
     box = Box(np.array([0.1, -0.05, 1.5]), np.array([0.3, 0.2, 0.4]), turn)
-    pixels = project(box.corners(), INTRINSICS)
+    pixels = INTRINSICS.pixels(box.corners())
     rect = visible_rect(box, np.eye(4), INTRINSICS)
     assert rect == pytest.approx(np.concatenate((pixels.min(axis=0), pixels.max(axis=0))))
 

@@ -59,11 +59,10 @@ def _propagated(
     if z is None:
         return _whole(rect)
     middle, half = (rect[:2] + rect[2:]) / 2.0, (rect[2:] - rect[:2]) / 2.0
-    x, y = (middle - (K.cx, K.cy)) / (K.fx, K.fy) * z
-    moved = transform(T_target_source, np.array([[x, y, z]]))[0]
+    moved = transform(T_target_source, K.points(middle[0], middle[1], z))
     if moved[2] < NEAR_M:
         return None
-    center = moved[:2] / moved[2] * (K.fx, K.fy) + (K.cx, K.cy)
+    center = K.pixels(moved)
     low, high = center - half * z / moved[2], center + half * z / moved[2]
     inside = np.clip((low, high), 0.0, (K.width, K.height))
     if np.prod(inside[1] - inside[0]) < MIN_LEFT * np.prod(high - low):

@@ -11,7 +11,7 @@ import numpy as np
 from cuboid.calibration.comparing import CENTER_X, CENTER_Y, DEPTH, FOCAL
 from cuboid.calibration.pairs import choose_pairs
 from cuboid.calibration.solving import Problem, Solution
-from cuboid.calibration.views import Pinhole, build_view, factors
+from cuboid.calibration.views import ScaledPinhole, build_view, factors
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
@@ -111,7 +111,7 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
     for frame in frames:  # one at a time: frames take more memory than their views
         coarse_views.append(build_view(frame, coarse_by))
         fine_views.append(build_view(frame, fine_by))
-    begin = Pinhole.of(start)
+    begin = ScaledPinhole.of(start)
     pairs = choose_pairs(coarse_views, begin.resized(coarse_by))
     if len(pairs) < MIN_PAIRS:
         raise InputError(
@@ -151,8 +151,8 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
 
 
 def best_of_tried(
-    problem: Problem, pinhole: Pinhole, focals: Float64Array, depths: Float64Array = ALONE, *, every: int = 1
-) -> Pinhole:
+    problem: Problem, pinhole: ScaledPinhole, focals: Float64Array, depths: Float64Array = ALONE, *, every: int = 1
+) -> ScaledPinhole:
     """Return the best of several pinholes, by the agreement of every n-th pair of views.
 
     `focals` and `depths` are logarithms of focal lengths and depth scales relative to the pinhole's own.
@@ -194,7 +194,7 @@ def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = FRAMES) 
     return [chosen[k] for k in sorted({k for start in starts for k in range(start, start + GROUP)})]
 
 
-def _tried(coarse: Problem, begin: Pinhole, depths: Float64Array = ALONE) -> Pinhole:
+def _tried(coarse: Problem, begin: ScaledPinhole, depths: Float64Array = ALONE) -> ScaledPinhole:
     return best_of_tried(coarse, begin, TRIED, depths, every=3)
 
 

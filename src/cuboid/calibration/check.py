@@ -12,7 +12,7 @@ from cuboid.calibration.calibrate import FOCAL_ONLY, MIN_ERROR, MIN_PAIRS, WITH_
 from cuboid.calibration.comparing import FOCAL
 from cuboid.calibration.pairs import choose_pairs
 from cuboid.calibration.solving import Problem
-from cuboid.calibration.views import Pinhole, build_view, factors
+from cuboid.calibration.views import ScaledPinhole, build_view, factors
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 
@@ -74,7 +74,7 @@ def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: b
     """
     factor, _ = factors(intrinsics.width)
     views = [build_view(frame, factor) for frame in frames]
-    in_use = Pinhole.of(intrinsics)
+    in_use = ScaledPinhole.of(intrinsics)
     pairs = choose_pairs(views, in_use.resized(factor))
     if len(pairs) < MIN_PAIRS:
         return UNKNOWN

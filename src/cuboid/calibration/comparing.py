@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.calibration.views import Pinhole, View
-from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.calibration.views import View
+from cuboid.core.frame import Float32Array, Float64Array, Pinhole
 
 # The fitted parameters, in this order: logarithm of the focal length, optical centre in pixels of the small images, and
 # logarithm of the depth scale.
@@ -80,9 +80,7 @@ def warp(view: View, other: View, T_other_view: Float64Array, pinhole: Pinhole) 
     Depths are used as read: if the depth scale is not 1, the translation of `T_other_view` is divided by it. Scaling
     the depths instead would favour small scales, because a shrunken world has small differences.
     """
-    z = view.xyz[:, 2]
-    x, y = (view.xyz[:, 0] - pinhole.cx) / pinhole.fx, (view.xyz[:, 1] - pinhole.cy) / pinhole.fy
-    p = np.stack([x * z, y * z, z], axis=1)
+    p = pinhole.points(*view.xyz.T)
     q = p @ T_other_view[:3, :3].T + T_other_view[:3, 3]
     ahead = np.maximum(q[:, 2], NEAREST_M)
     column, row = pinhole.fx * q[:, 0] / ahead + pinhole.cx, pinhole.fy * q[:, 1] / ahead + pinhole.cy

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.calibration.views import Pinhole, View
-from cuboid.core.frame import Float64Array
+from cuboid.calibration.views import View
+from cuboid.core.frame import Float64Array, Pinhole
 from cuboid.geometry import se3
 
 # A wrong pinhole shows in pairs with motion in the image, but pose errors grow with the camera's motion. Each view gets
@@ -48,10 +48,7 @@ def relative(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> list[Fl
 def _probes(view: View, pinhole: Pinhole) -> Float64Array:
     """Return some of a view's points (N, 3) in its camera, metres."""
     chosen = view.xyz[:: max(1, len(view.xyz) // PROBES)]
-    depth_m = chosen[:, 2]
-    x = (chosen[:, 0] - pinhole.cx) / pinhole.fx * depth_m
-    y = (chosen[:, 1] - pinhole.cy) / pinhole.fy * depth_m
-    return np.stack([x, y, depth_m], axis=1)
+    return pinhole.points(*chosen.T)
 
 
 def _overlap_motion(points: Float64Array, view: View, other: View, pinhole: Pinhole) -> tuple[float, float]:

@@ -206,17 +206,15 @@ def _median(fractions: list[float | None]) -> float | None:
 def _points(frame: Frame, K: Intrinsics) -> Float64Array:
     """Return points of a frame in its camera, (N, 3) metres."""
     step = max(1, K.width // COLUMNS)
-    z = frame.depth_m[::step, ::step].astype(np.float64)
+    z = frame.depth_m[::step, ::step]
     rows, columns = np.indices(z.shape) * step
-    xyz = np.stack([(columns - K.cx) / K.fx * z, (rows - K.cy) / K.fy * z, z], axis=-1)
-    return np.asarray(xyz[z > 0], np.float64)
+    return K.points(columns, rows, z)[z > 0]
 
 
 def _agreement(points: Float64Array, depth_m: Float32Array, K: Intrinsics) -> float | None:
     """Return the fraction of points, in a depth image's camera, that agree with its readings, or None."""
     ahead = points[points[:, 2] > 0]
-    columns = np.rint(K.fx * ahead[:, 0] / ahead[:, 2] + K.cx)
-    rows = np.rint(K.fy * ahead[:, 1] / ahead[:, 2] + K.cy)
+    columns, rows = np.rint(K.pixels(ahead)).T
     inside = (columns >= 0) & (columns < K.width) & (rows >= 0) & (rows < K.height)
     read_m = depth_m[rows[inside].astype(np.intp), columns[inside].astype(np.intp)]
     z = ahead[inside, 2][read_m > 0]

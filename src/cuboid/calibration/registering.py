@@ -31,7 +31,7 @@ from cuboid.calibration.edge_fit import (
 )
 from cuboid.calibration.pairs import choose_pairs
 from cuboid.calibration.solving import Problem
-from cuboid.calibration.views import Pinhole, build_view, factors
+from cuboid.calibration.views import ScaledPinhole, build_view, factors
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.readers.depth_camera import DepthCamera
@@ -173,7 +173,7 @@ def _disagreement(recording: Recording) -> float:
                 poses[index] = pose
     factor, _ = factors(recording.intrinsics.width)
     views = [build_view(frame, factor) for frame in _read(recording.read, spread_out(poses, VIEWS))]
-    pinhole = Pinhole.of(recording.intrinsics)
+    pinhole = ScaledPinhole.of(recording.intrinsics)
     pairs = choose_pairs(views, pinhole.resized(factor))
     if len(pairs) < MIN_PAIRS:
         return 0.0

@@ -26,7 +26,7 @@ from cuboid.calibration.comparing import (
     warp,
 )
 from cuboid.calibration.pairs import relative
-from cuboid.calibration.views import CELL_PX, Pinhole, View
+from cuboid.calibration.views import CELL_PX, ScaledPinhole, View
 from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 
@@ -59,7 +59,7 @@ class Solution:
 
     Attributes
     ----------
-    pinhole : Pinhole
+    pinhole : ScaledPinhole
         Pinhole of the recording's images.
     error : (4,) float64
         Standard errors in the parameter order of `comparing`; NaN for parameters that were not fitted.
@@ -69,7 +69,7 @@ class Solution:
         As `Problem.disagreement`, but with corrected poses.
     """
 
-    pinhole: Pinhole
+    pinhole: ScaledPinhole
     error: Float64Array
     pose_error: Float64Array
     disagreement: float
@@ -96,23 +96,23 @@ class Problem:
         order = np.argsort(np.argsort([views[i].index + views[j].index for i, j in pairs], kind="stable"))
         self._part = order * PARTS // max(len(pairs), 1)
 
-    def disagreement(self, pinhole: Pinhole, every: int = 1) -> float:
+    def disagreement(self, pinhole: ScaledPinhole, every: int = 1) -> float:
         """Return the mean robust disagreement, 0 to 2, of every n-th pair, with uncorrected poses."""
         small = pinhole.resized(self._factor)
         return _disagreement([self._given(k, small) for k in range(0, len(self._pairs), every)])
 
-    def typical_gap_m(self, pinhole: Pinhole) -> float:
+    def typical_gap_m(self, pinhole: ScaledPinhole) -> float:
         """Return the median absolute difference of depths, metres, with uncorrected poses."""
         small = pinhole.resized(self._factor)
         found = [self._given(k, small) for k in range(len(self._pairs))]
         return float(np.median(np.abs(np.concatenate([item.gap_m for item in found]))))
 
-    def solve(self, start: Pinhole, free: Sequence[int], steps: int, *, trusting: bool = True) -> Solution:
+    def solve(self, start: ScaledPinhole, free: Sequence[int], steps: int, *, trusting: bool = True) -> Solution:
         """Return the pinhole with the best agreement of views, by local search from `start`.
 
         Parameters
         ----------
-        start : Pinhole
+        start : ScaledPinhole
         free : sequence of int
             Parameters to fit.
         steps : int
@@ -149,12 +149,14 @@ class Problem:
         error = self._error(normal, H, g, index) * np.array([1.0, self._factor, self._factor, 1.0])
         return Solution(pinhole.resized(1 / self._factor), error, pose_error, found)
 
-    def _given(self, pair: int, pinhole: Pinhole) -> Warped:
+    def _given(self, pair: int, pinhole: ScaledPinhole) -> Warped:
         """Compare two views with uncorrected poses."""
         i, j = self._pairs[pair]
         return warp(self._views[i], self._views[j], _divided(self._T_given[pair], pinhole.depth_scale), pinhole)
 
-    def _mended(self, pinhole: Pinhole, corrections: Sequence[Float64Array]) -> tuple[list[Float64Array], list[Warped]]:
+    def _mended(
+        self, pinhole: ScaledPinhole, corrections: Sequence[Float64Array]
+    ) -> tuple[list[Float64Array], list[Warped]]:
         """Return the corrected motion of each pair, and the comparison of its views with it."""
         T = [
             correction @ _divided(given, pinhole.depth_scale)
@@ -164,7 +166,7 @@ class Problem:
         return T, [warp(self._views[i], self._views[j], T_pair, pinhole) for (i, j), T_pair in pairs]
 
     def _normal_equations(
-        self, pinhole: Pinhole, corrections: Sequence[Float64Array], moves: Float64Array, pose_error: Float64Array
+        self, pinhole: ScaledPinhole, corrections: Sequence[Float64Array], moves: Float64Array, pose_error: Float64Array
     ) -> _Normal:
         """Return the equations of each pair, with the pair's motion eliminated (Schur complement)."""
         T, found = self._mended(pinhole, corrections)
@@ -234,9 +236,9 @@ def _divided(T: Float64Array, depth_scale: float) -> Float64Array:
     return scaled
 
 
-def _moved(start: Pinhole, theta: Float64Array) -> Pinhole:
+def _moved(start: ScaledPinhole, theta: Float64Array) -> ScaledPinhole:
     grown, scaled = np.exp(theta[FOCAL]), np.exp(theta[DEPTH])
-    return Pinhole(
+    return ScaledPinhole(
         float(start.fx * grown),
         float(start.fy * grown),
         float(start.cx + theta[CENTER_X]),

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.downscaling import downscale
-from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics
+from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, Pinhole
 
 # Brightness is normalised by local mean and contrast, with a Gaussian of this standard deviation, pixels: cameras
 # change exposure, and shiny surfaces change with the angle.
@@ -56,31 +56,25 @@ class View:
 
 
 @dataclass(frozen=True, slots=True)
-class Pinhole:
+class ScaledPinhole(Pinhole):
     """A pinhole, and the true metres per metre of depth.
 
     Attributes
     ----------
-    fx, fy, cx, cy : float
-        Pixels.
     depth_scale : float
     """
 
-    fx: float
-    fy: float
-    cx: float
-    cy: float
     depth_scale: float = 1.0
 
     @classmethod
-    def of(cls, intrinsics: Intrinsics) -> Pinhole:
+    def of(cls, intrinsics: Intrinsics) -> ScaledPinhole:
         """Return the pinhole of intrinsics."""
         return cls(intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
 
-    def resized(self, factor: float) -> Pinhole:
+    def resized(self, factor: float) -> ScaledPinhole:
         """Return the pinhole of images whose pixels are blocks of `factor` x `factor` (1/2, 1/4: parts) of these."""
         shift = (factor - 1) / 2
-        return Pinhole(
+        return ScaledPinhole(
             self.fx / factor, self.fy / factor, (self.cx - shift) / factor, (self.cy - shift) / factor, self.depth_scale
         )
 

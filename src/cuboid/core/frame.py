@@ -16,7 +16,37 @@ UInt8Array = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
-class Intrinsics:
+class Pinhole:
+    """The pinhole model: where a point of the camera frame is in the image.
+
+    Attributes
+    ----------
+    fx, fy : float
+        Focal lengths in pixels.
+    cx, cy : float
+        Principal point in pixels; the centre of the top-left pixel is (0, 0).
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def points(self, u: npt.ArrayLike, v: npt.ArrayLike, depth_m: npt.ArrayLike) -> Float64Array:
+        """Return the points (..., 3) of readings in the camera frame, metres; columns, rows and depths are (...) each.
+
+        With depth 1 these are the rays of the pixels.
+        """
+        u, v, z = (np.asarray(values, np.float64) for values in (u, v, depth_m))
+        return np.stack([(u - self.cx) / self.fx * z, (v - self.cy) / self.fy * z, z], axis=-1)
+
+    def pixels(self, points: npt.NDArray[np.floating]) -> Float64Array:
+        """Return the columns and rows (..., 2) of points (..., 3) in front of the camera, not rounded."""
+        return points[..., :2] / points[..., 2:] * (self.fx, self.fy) + (self.cx, self.cy)
+
+
+@dataclass(frozen=True, slots=True)
+class Intrinsics(Pinhole):
     """A pinhole camera without lens distortion.
 
     Attributes
@@ -29,10 +59,6 @@ class Intrinsics:
         Image size in pixels.
     """
 
-    fx: float
-    fy: float
-    cx: float
-    cy: float
     width: int
     height: int
 
@@ -47,13 +73,6 @@ class Intrinsics:
     def pinhole(self) -> Float64Array:
         """The focal lengths fx, fy and the principal point cx, cy, (4,)."""
         return np.array([self.fx, self.fy, self.cx, self.cy])
-
-    def points(
-        self, u: npt.NDArray[np.integer], v: npt.NDArray[np.integer], depth_m: npt.NDArray[np.floating]
-    ) -> Float64Array:
-        """Return the points (N, 3) of readings in the camera frame, metres; columns, rows and depths are (N,) each."""
-        x, y = (u - self.cx) / self.fx * depth_m, (v - self.cy) / self.fy * depth_m
-        return np.column_stack([x, y, depth_m])
 
     def downscaled(self, factor: int) -> Intrinsics:
         """Return the pinhole of the image whose pixels are blocks of `factor` x `factor` pixels of this one."""

@@ -28,7 +28,7 @@ from cuboid.geometry.overlap import iou
 from cuboid.geometry.se3 import inverse
 from cuboid.outputs import Results, TrackRow
 from cuboid.outputs.text import LENGTH, PIXEL, number, numbers
-from cuboid.views.projection import NEAR_M, project
+from cuboid.views.projection import NEAR_M
 
 TYPE = "Misc"
 UPRIGHT = np.array([0.0, -1.0, 0.0])  # up in a level camera's frame
@@ -140,7 +140,7 @@ def _truncated(box: Box, intrinsics: Intrinsics) -> int:
     corners = box.corners()
     if corners[:, 2].min() < NEAR_M:
         return 2
-    pixels = project(corners, intrinsics)
+    pixels = intrinsics.pixels(corners)
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     last = np.array([intrinsics.width, intrinsics.height]) - 0.5
     inside = np.clip(np.minimum(high, last) - np.maximum(low, -0.5), 0.0, None)

@@ -8,7 +8,9 @@ import numpy as np
 
 from cuboid.core.frame import Float64Array
 from cuboid.core.tolerances import JUMP_M, JUMP_SIGMAS
+from cuboid.geometry.se3 import transform
 from cuboid.poses.alignment import Reference, align
+from cuboid.poses.keyframes import pixels_of
 from cuboid.poses.pyramid import Level
 
 # Finest level of the image pyramid: the motion is found and judged there.
@@ -56,14 +58,11 @@ def _disagreeing(
     earlier: Reference, level: Level, T_view_earlier: Float64Array, shade: Float64Array, noise_per_m: float
 ) -> float:
     """Return the fraction of points in view with a reading of another depth or intensity."""
-    old_level, (fx, fy, cx, cy) = earlier.levels[FINEST], level.camera
-    x, y, z = T_view_earlier[:3, :3] @ old_level.points.T + T_view_earlier[:3, 3:]
-    height, width = level.image.shape[:2]
-    ahead = np.maximum(z, JUMP_M)
-    u, v = np.rint(x / ahead * fx + cx), np.rint(y / ahead * fy + cy)
-    shown = np.flatnonzero((z > JUMP_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height))
-    intensity, _, _, depth_m = level.image[v[shown].astype(np.int64), u[shown].astype(np.int64)].T
-    read, z = depth_m > 0, z[shown]
+    old_level = earlier.levels[FINEST]
+    points = transform(T_view_earlier, old_level.points)
+    shown, u, v = pixels_of(points, level)
+    intensity, _, _, depth_m = level.image[v, u].T
+    read, z = depth_m > 0, points[shown, 2]
     elsewhere = np.abs(depth_m - z) > JUMP_M + JUMP_SIGMAS * noise_per_m * z * z
     unlike = np.abs(intensity - (shade[0] * old_level.intensity[shown] + shade[1])) > ALIKE
     return int(np.count_nonzero(read & (elsewhere | unlike))) / max(1, int(np.count_nonzero(read)))

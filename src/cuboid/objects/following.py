@@ -398,8 +398,8 @@ def _mark_inside(box: Box, beyond_m: float, seen: Observation, marks: UInt8Array
     """Set the marks (h, w) of the readings that lie in a box."""
     c, (height, width) = seen.image.camera, marks.shape
     corners = transform(seen.T_camera_world, box.corners())
-    z = np.maximum(corners[:, 2], DRIFT_M)
-    u, v = corners[:, 0] / z * c.fx + c.cx, corners[:, 1] / z * c.fy + c.cy
+    corners[:, 2] = np.maximum(corners[:, 2], DRIFT_M)
+    u, v = c.pixels(corners).T
     left, right = np.clip([u.min() - 3, u.max() + 4], 0, width).astype(int)
     top, bottom = np.clip([v.min() - 3, v.max() + 4], 0, height).astype(int)
     if right <= left or bottom <= top:

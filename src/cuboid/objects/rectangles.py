@@ -136,5 +136,4 @@ def _ray(rect_xyxy: Float64Array, seen: Observation) -> tuple[Float64Array, floa
     """Return the ray through the centre of a rectangle at depth 1, in the camera, and its angular size, radians."""
     rect, camera = _working(rect_xyxy, seen), seen.image.camera
     middle, sides = (rect[:2] + rect[2:]) / 2.0, rect[2:] - rect[:2]
-    ray = np.array([(middle[0] - camera.cx) / camera.fx, (middle[1] - camera.cy) / camera.fy, 1.0])
-    return ray, float(max(sides[0] / camera.fx, sides[1] / camera.fy))
+    return camera.points(middle[0], middle[1], 1.0), float(max(sides[0] / camera.fx, sides[1] / camera.fy))

@@ -184,7 +184,7 @@ def _rendered(index: int) -> tuple[UInt8Array, Float32Array]:
     """Return color (H, W, 3) and depth (H, W), metres, of a frame without noise."""
     T_world_camera = _pose(index)
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
-    rays = np.stack(((u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)), axis=-1)
+    rays = CAMERA.points(u, v, np.ones(u.shape))
     ways, eye = rays @ T_world_camera[:3, :3].T, T_world_camera[:3, 3]
     hits = np.stack([*(_box_depth(box, eye, ways) for box in BOXES), _can_depth(eye, ways)])
     nearest, depth_m = hits.argmin(axis=0), hits.min(axis=0)

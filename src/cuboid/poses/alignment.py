@@ -139,7 +139,7 @@ def pick(levels: Sequence[Level]) -> Reference:
         points, normals = np.empty((most, 3), np.float32), np.empty((most, 3), np.float32)
         intensity = np.empty(most, np.float32)
         n = kernel.pick_points(
-            level.image, level.camera, CELLS[k], REACHES[k], MAX_DEPTH_M, NOISE[1], points, normals, intensity
+            level.image, level.camera.pinhole, CELLS[k], REACHES[k], MAX_DEPTH_M, NOISE[1], points, normals, intensity
         )
         picked.append(Points(points[:n].copy(), normals[:n].copy(), intensity[:n].copy(), np.zeros(n, np.int32)))
     return Reference(tuple(picked), 1)
@@ -243,7 +243,7 @@ class _Sums:
             p.group,
             shade,
             self._level.image,
-            self._level.camera,
+            self._level.camera.pinhole,
             np.ascontiguousarray(T),
             sigma,
             NOISE,

@@ -200,11 +200,10 @@ class Atlas:
         """Relocalise an image by its appearance among some keyframes; None if it shows no place of theirs."""
         candidates = [self.keyframes[k] for k in among]
         scores = votes(features.appearance, [k.appearance for k in candidates])
-        pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         own: Reference | None = None
         for i in np.argsort(-scores, kind="stable")[:tries]:
             keyframe = candidates[i]
-            T = locate(features.appearance, keyframe.appearance, pinhole)
+            T = locate(features.appearance, keyframe.appearance, camera)
             if T is None:
                 continue
             there = align(keyframe.reference, features.levels, T, coarsest=2)
@@ -228,8 +227,7 @@ class Atlas:
     def _add_loop_edge(self, a: int, b: int) -> None:
         """Add an edge between two keyframes of similar appearance if they show the same place; merge submaps."""
         one, two = self.keyframes[a], self.keyframes[b]
-        camera = two.small.camera
-        T = locate(two.appearance, one.appearance, np.array([camera.fx, camera.fy, camera.cx, camera.cy]))
+        T = locate(two.appearance, one.appearance, two.small.camera)
         if T is None or not self._add_edge(a, b, T, strict=True):
             return
         self.loops += 1

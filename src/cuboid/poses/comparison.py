@@ -74,16 +74,15 @@ def explained(
     T, picked = T_camera_reference.astype(np.float32), reference.levels[COMPARED_LEVEL]
     points, normals = picked.points @ T[:3, :3].T + T[:3, 3], picked.normals @ T[:3, :3].T
     seen, u, v = pixels_of(points, level)
-    points, normals, (fx, fy, cx, cy) = points[seen], normals[seen], level.camera
+    points, normals, camera = points[seen], normals[seen], level.camera
     here, along_u, along_v, depth_m = level.image[v, u].T
     read = (depth_m > 0) & ((normals * points).sum(1) < 0)
-    readings = np.column_stack([(u - cx) / fx * depth_m, (v - cy) / fy * depth_m, depth_m])
-    off_m = np.abs(((readings - points) * normals).sum(1))
+    off_m = np.abs(((camera.points(u, v, depth_m) - points) * normals).sum(1))
     near = read & (off_m < OTHER_SURFACE_M)
     on_surface = near & (off_m < SIGMAS * (NOISE[0] + NOISE[1] * depth_m**2))
     alike = on_surface
     if fit is not None:
-        to_u, to_v = points[:, 0] / points[:, 2] * fx + cx - u, points[:, 1] / points[:, 2] * fy + cy - v
+        to_u, to_v = camera.pixels(points).T - (u, v)
         (gain, bias), deviation = fit.shade[0], max(fit.sigma[0], SIGMA_LOW[0])
         different = gain * (here + along_u * to_u + along_v * to_v) + bias - picked.intensity[seen]
         alike = on_surface & (np.abs(different) < SIGMAS * deviation)

@@ -115,7 +115,7 @@ def pixels_of(
     points: npt.NDArray[np.floating], level: Level
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return which points (N, 3) of the camera frame lie inside an image, and the column and row of each of these."""
-    fx, fy, cx, cy = level.camera
+    fx, fy, cx, cy = level.camera.pinhole
     height, width = level.image.shape[:2]
     z = np.maximum(points[:, 2], NEAREST_M)
     u, v = np.rint(points[:, 0] / z * fx + cx), np.rint(points[:, 1] / z * fy + cy)

@@ -79,7 +79,7 @@ def free_space(levels: Sequence[Level]) -> FreeSpace:
     import cv2
 
     level = levels[SEARCHED_LEVEL]
-    reach = 1 + int(np.ceil(DRIFT_RAD * level.camera[0]))
+    reach = 1 + int(np.ceil(DRIFT_RAD * level.camera.fx))
     around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     depth_m = np.maximum(level.image[..., kernel.DEPTH], 0.0)
     return FreeSpace(np.asarray(cv2.erode(depth_m, around)), np.asarray(cv2.dilate(depth_m, around)))
@@ -105,16 +105,16 @@ def moving_pixels(
     if not keyframes:
         return None
     level = levels[SEARCHED_LEVEL]
-    depth_m = np.ascontiguousarray(level.image[..., kernel.DEPTH])
+    depth_m, pinhole = np.ascontiguousarray(level.image[..., kernel.DEPTH]), level.camera.pinhole
     T = np.array([se3.inverse(T_keyframe) @ T_world_camera for _, T_keyframe in keyframes])
-    nearest_m, cameras = np.array([one.nearest_m for one, _ in keyframes]), np.tile(level.camera, (len(keyframes), 1))
+    nearest_m, cameras = np.array([one.nearest_m for one, _ in keyframes]), np.tile(pinhole, (len(keyframes), 1))
     moving = np.empty(depth_m.shape, np.uint8)
-    mark_freed(depth_m, level.camera, nearest_m, cameras, T, np.full(len(keyframes), DRIFT_M), NOISE_PER_M, moving)
+    mark_freed(depth_m, pinhole, nearest_m, cameras, T, np.full(len(keyframes), DRIFT_M), NOISE_PER_M, moving)
     moving = _large_groups(moving)
     if not moving.any():
         return None
     farthest_m, unseen = np.array([one.farthest_m for one, _ in keyframes]), np.empty_like(moving)
-    mark_unseen(depth_m, level.camera, farthest_m, T, DRIFT_M, NOISE_PER_M, unseen)
+    mark_unseen(depth_m, pinhole, farthest_m, T, DRIFT_M, NOISE_PER_M, unseen)
     spread(depth_m, moving, unseen, BIAS_M, NOISE_PER_M)
     if np.count_nonzero(moving) > MOST_MOVING * np.count_nonzero(depth_m):
         return None

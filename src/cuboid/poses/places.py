@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry import se3
 
 # Largest number of corners of an image: a third of them suffices if two images show the same place.
@@ -49,8 +49,8 @@ class Appearance:
     points: Float32Array
 
 
-def describe(gray: UInt8Array, depth_m: Float32Array, camera: Float64Array) -> Appearance:
-    """Return the appearance of an image (h, w) with depth; camera is fx, fy, cx, cy."""
+def describe(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) -> Appearance:
+    """Return the appearance of an image (h, w) with depth."""
     found, descriptors = _orb().detectAndCompute(gray, None)
     if descriptors is None:
         descriptors = np.empty((0, 32), np.uint8)
@@ -59,8 +59,7 @@ def describe(gray: UInt8Array, depth_m: Float32Array, camera: Float64Array) -> A
     corners = np.array([found[k].pt for k in best_first], np.float32).reshape(-1, 2)
     u, v = np.rint(corners).astype(int).T
     z = np.where(depth_m[v, u] > 0, depth_m[v, u], np.nan)
-    fx, fy, cx, cy = camera
-    points = np.column_stack([(corners[:, 0] - cx) / fx * z, (corners[:, 1] - cy) / fy * z, z]).astype(np.float32)
+    points = camera.points(corners[:, 0], corners[:, 1], z).astype(np.float32)
     return Appearance(thumbnail(gray), corners, descriptors, points)
 
 
@@ -95,15 +94,15 @@ def votes(seen: Appearance, others: Sequence[Appearance]) -> Float64Array:
     return np.asarray(counts)
 
 
-def locate(seen: Appearance, keyframe: Appearance, camera: Float64Array) -> Float64Array | None:
+def locate(seen: Appearance, keyframe: Appearance, camera: Intrinsics) -> Float64Array | None:
     """Find the pose of an image with respect to a keyframe by the corners that both show.
 
     Parameters
     ----------
     seen, keyframe : Appearance
         Appearance of the image and of the keyframe.
-    camera : (4,) float64
-        fx, fy, cx, cy of the image.
+    camera : Intrinsics
+        Of the image.
 
     Returns
     -------
@@ -121,8 +120,7 @@ def locate(seen: Appearance, keyframe: Appearance, camera: Float64Array) -> Floa
         return None
     points = keyframe.points[deep][[m.queryIdx for m in good]].astype(np.float64)
     pixels = seen.corners[[m.trainIdx for m in good]].astype(np.float64)
-    fx, fy, cx, cy = camera
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
     # OpenCV uses the same random seed in each call
     done, turn, shift, inliers = cv2.solvePnPRansac(
         points, pixels, K, None, iterationsCount=RANSAC_ROUNDS, reprojectionError=CORNER_PX, flags=cv2.SOLVEPNP_EPNP

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.downscaling import SAME_SURFACE
-from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.kernels.blocks import halve_depth
 from cuboid.core.working import WorkingImage
 from cuboid.poses.kernels import align as kernel
@@ -31,12 +31,12 @@ class Level:
     ----------
     image : (h, w, 4) float32
         Packed: intensity 0..255, its derivative along u and v per pixel, depth in metres (0 none).
-    camera : (4,) float64
-        fx, fy, cx, cy.
+    camera : Intrinsics
+        Of this size.
     """
 
     image: Float32Array
-    camera: Float64Array
+    camera: Intrinsics
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def build_levels(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) ->
             depth_m = _halved(depth_m)
         image = np.empty((*gray.shape, 4), np.float32)
         kernel.pack(gray, depth_m, image)
-        levels.append(Level(image, np.array([camera.fx, camera.fy, camera.cx, camera.cy])))
+        levels.append(Level(image, camera))
     return tuple(levels)
 
 

@@ -101,8 +101,7 @@ def window(box: Box, camera: Intrinsics, T_world_camera: Float64Array) -> tuple[
     corners = se3.transform(se3.inverse(T_world_camera), grown.corners())
     if (corners[:, 2] < NEAREST_M).any():
         return None
-    u = camera.fx * corners[:, 0] / corners[:, 2] + camera.cx
-    v = camera.fy * corners[:, 1] / corners[:, 2] + camera.cy
+    u, v = camera.pixels(corners).T
     x0, y0 = (max(0, int(np.floor(side.min())) - RIM_PIXELS) for side in (u, v))
     x1 = min(camera.width, int(np.ceil(u.max())) + 1 + RIM_PIXELS)
     y1 = min(camera.height, int(np.ceil(v.max())) + 1 + RIM_PIXELS)

@@ -87,8 +87,7 @@ class RayCaster:
 
 def pixel_rays(intrinsics: Intrinsics, T_room_camera: Float64Array) -> Float32Array:
     """Return each pixel's ray to depth 1, in the room's axes, (H, W, 3)."""
-    rays = np.ones((intrinsics.height, intrinsics.width, 3))
-    rays[..., 0] = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
-    rays[..., 1] = ((np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy)[:, None]
+    v, u = np.indices((intrinsics.height, intrinsics.width))
+    rays = intrinsics.points(u, v, np.ones(u.shape))
     turned: Float32Array = (rays.reshape(-1, 3) @ T_room_camera[:3, :3].T).astype(np.float32)
     return turned.reshape(rays.shape)

@@ -183,8 +183,7 @@ class SceneView:
             return 0.0
         k = self._intrinsics
         front = seen_from[facing & (seen_from[:, 2] > 0.05)]
-        x = np.rint(front[:, 0] / front[:, 2] * k.fx + k.cx)
-        y = np.rint(front[:, 1] / front[:, 2] * k.fy + k.cy)
+        x, y = np.rint(k.pixels(front)).T
         inside = (x >= 0) & (x < k.width) & (y >= 0) & (y < k.height)
         depth = hits.depth_m[y[inside].astype(np.int64), x[inside].astype(np.int64)]
         off = depth - front[inside, 2]

@@ -71,8 +71,7 @@ def object_pixels(view: ObjectView, box: Box) -> npt.NDArray[np.bool_]:
     outline = np.zeros(view.depth_m.shape, np.uint8)
     if (corners[:, 2] < NEAREST_M).any():
         return outline > 0
-    place = corners[:, :2] / corners[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    cv2.fillConvexPoly(outline, cv2.convexHull(np.rint(place).astype(np.int32)), 1)
+    cv2.fillConvexPoly(outline, cv2.convexHull(np.rint(camera.pixels(corners)).astype(np.int32)), 1)
     v, u = np.nonzero((outline > 0) & (view.depth_m > 0))
     points = se3.transform(view.T_world_camera, camera.points(u, v, view.depth_m[v, u]))
     within = (points - box.center) @ box.rotation

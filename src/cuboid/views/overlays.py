@@ -12,7 +12,7 @@ from cuboid.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
 from cuboid.core.palette import color_of
 from cuboid.core.results import MapPoints, SupportPlane
 from cuboid.geometry.se3 import inverse, transform
-from cuboid.views.projection import NEAR_M, project
+from cuboid.views.projection import NEAR_M
 
 # Opacity of the colormap in a pixel of heat 1; colder pixels have less, pixels of heat 0 have none.
 HEAT_FRACTION = 0.80
@@ -130,7 +130,7 @@ def map_heat(
     height, width = depth_m.shape
     xyz = transform(inverse(T_world_camera), points.xyz)
     heat, xyz = points.heat[xyz[:, 2] > NEAR_M], xyz[xyz[:, 2] > NEAR_M]
-    u, v = np.rint(project(xyz, intrinsics)).astype(np.int64).T
+    u, v = np.rint(intrinsics.pixels(xyz)).astype(np.int64).T
     inside = np.flatnonzero((u >= 0) & (u < width) & (v >= 0) & (v < height))
     u, v, z, heat = u[inside], v[inside], xyz[inside, 2], heat[inside]
     surface_m = depth_m[v, u]
@@ -168,7 +168,7 @@ def planes_over(
         seen = seen[seen[:, 2] > NEAR_M]
         if len(seen) < 3:
             continue
-        pixels = np.clip(project(seen, intrinsics), -FARTHEST_PX, FARTHEST_PX).round().astype(np.int32)
+        pixels = np.clip(intrinsics.pixels(seen), -FARTHEST_PX, FARTHEST_PX).round().astype(np.int32)
         layer = picture.copy()
         cv2.fillPoly(layer, [pixels], color_of(number + 1))
         picture = np.asarray(cv2.addWeighted(layer, PLANE_FRACTION, picture, 1.0 - PLANE_FRACTION, 0.0), np.uint8)

@@ -60,14 +60,6 @@ class Wireframe:
         return np.concatenate((low, high)) if (low < high).all() else None
 
 
-def project(points_camera: Float64Array, intrinsics: Intrinsics) -> Float64Array:
-    """Return pixels (..., 2) of points (..., 3) in front of the camera."""
-    z = points_camera[..., 2:]
-    pixels: Float64Array = points_camera[..., :2] / z * (intrinsics.fx, intrinsics.fy)
-    pixels += (intrinsics.cx, intrinsics.cy)
-    return pixels
-
-
 def wireframes(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: Intrinsics) -> list[Wireframe]:
     """Return the wireframes of boxes in the image of a camera.
 
@@ -93,7 +85,7 @@ def wireframes(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: I
     margins = (corners @ planes[:, :3].T + planes[:, 3]).reshape(len(boxes), -1)
     whole = margins.min(axis=1) >= 0
     with np.errstate(divide="ignore", invalid="ignore"):  # only results of boxes entirely in view are used
-        pixels = project(corners, intrinsics).reshape(-1, 8, 2)
+        pixels = intrinsics.pixels(corners).reshape(-1, 8, 2)
     corners = corners.reshape(-1, 8, 3)
     facing = [_facing(box, T_world_camera[:3, 3]) for box in boxes]
     return [
@@ -114,9 +106,9 @@ def _cut(corners: Float64Array, facing: tuple[bool, ...], planes: Float64Array, 
     front, back = (clip_segments(corners[ends], planes) for ends in _edges(facing))
     outlines = [(f, clip_polygon(corners[_FACE_ENDS[f]], planes)) for f in range(6) if facing[f]]
     return Wireframe(
-        front=project(front, intrinsics),
-        back=project(back, intrinsics),
-        faces=tuple((f, project(outline, intrinsics)) for f, outline in outlines if len(outline)),
+        front=intrinsics.pixels(front),
+        back=intrinsics.pixels(back),
+        faces=tuple((f, intrinsics.pixels(outline)) for f, outline in outlines if len(outline)),
         depth_m=float(corners[:, 2].mean()),
     )
 
@@ -145,7 +137,7 @@ def visible_rect(box: Box, T_world_camera: Float64Array, intrinsics: Intrinsics)
     kept = np.concatenate([clip_polygon(corners[face], planes) for face in _FACE_ENDS])
     if len(kept) == 0:
         return None
-    pixels = project(kept, intrinsics)
+    pixels = intrinsics.pixels(kept)
     size = intrinsics.width, intrinsics.height
     rect = np.concatenate((np.clip(pixels.min(axis=0), 0, size), np.clip(pixels.max(axis=0), 0, size)))
     return rect if (rect[2:] > rect[:2]).all() else None
