@@ -7,7 +7,7 @@ import numpy as np
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import PixelVoxels
-from cuboid.objects.association import Association, associate
+from cuboid.objects.association import Association, SegmentedFrame, associate
 from cuboid.objects.entry import MapObject
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments
 from cuboid.surfaces.kernels.outlines import KINDS
@@ -47,9 +47,9 @@ def matched(
     claim: np.ndarray, boxes: list[Box], objects: list[MapObject], owner: np.ndarray, known: np.ndarray | None = None
 ) -> Association:
     known = np.ones(SHAPE, bool) if known is None else known
-    theirs = pack([o.box for o in objects])
     voxels = PixelVoxels(np.zeros(SHAPE, np.int32), owner.astype(np.int32), known)
-    return associate(frame_of(claim), pack(boxes), objects, theirs, voxels)
+    frame = SegmentedFrame(frame_of(claim), boxes, voxels, np.ones(SHAPE, np.uint8))
+    return associate(frame, objects, pack([o.box for o in objects]))
 
 
 FAR = [box(90.0), box(95.0)]  # boxes that tell nothing

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.core.frame import Float64Array
-from cuboid.geometry.overlap import iou_matrix
+from cuboid.core.frame import Float64Array, UInt8Array
+from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import iou_matrix, pack
 from cuboid.heatmap.kernels.claims import proposal_overlaps, segment_overlaps
 from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.heatmap.voxel_map import PixelVoxels
@@ -23,6 +24,27 @@ MIN_MAPPED_FRACTION = 0.2
 PART_FRACTION = 0.5
 # Gate of the association: 3D IoU of the boxes, or IoU of the masks.
 SAME = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentedFrame:
+    """The segments of a frame, and the voxels of its pixels.
+
+    Attributes
+    ----------
+    segments : FrameSegments
+    boxes : sequence of Box
+        Boxes of the segments.
+    voxels : PixelVoxels
+        Voxels of the working pixels.
+    candidate : (h, w) uint8
+        1 for pixels off every supporting plane.
+    """
+
+    segments: FrameSegments
+    boxes: Sequence[Box]
+    voxels: PixelVoxels
+    candidate: UInt8Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +78,7 @@ class Association:
     object_pixels: npt.NDArray[np.int64]
 
 
-def associate(
-    frame: FrameSegments,
-    boxes: Float64Array,
-    objects: Sequence[MapObject],
-    theirs: Float64Array,
-    voxels: PixelVoxels,
-) -> Association:
+def associate(frame: SegmentedFrame, objects: Sequence[MapObject], boxes: Float64Array) -> Association:
     """Match the segments of a frame to objects one to one; an unmatched segment may be a part of an object.
 
     The similarity of a segment and an object is the larger one of the 3D IoU of their boxes and the IoU of their masks.
@@ -71,25 +87,22 @@ def associate(
 
     Parameters
     ----------
-    frame : FrameSegments
-    boxes : (n, 15) float64
-        Boxes of the segments, see `pack`.
+    frame : SegmentedFrame
     objects : sequence of MapObject
         The objects that may be visible.
-    theirs : (m, 15) float64
-        Boxes of the objects.
-    voxels : PixelVoxels
-        Voxels of the working pixels.
+    boxes : (m, 15) float64
+        Boxes of the objects, see `pack`.
     """
-    n, m = len(frame.segments), len(objects)
-    overlap, size = _mask_overlaps(frame, objects, voxels)
+    segments = frame.segments.segments
+    n, m = len(segments), len(objects)
+    overlap, size = _mask_overlaps(frame, objects)
     nobody = np.full(n, -1, np.int64)
     if n == 0 or m == 0:
         return Association(objects, nobody, nobody, np.zeros((n, m)), np.zeros(n), overlap[:n], overlap[-1])
-    iou = iou_matrix(boxes, theirs)
+    iou = iou_matrix(pack(frame.boxes), boxes)
     mine, object_pixels = overlap[:n], overlap.sum(0)
     # A small mapped part of a mostly new segment is no evidence: the size has a lower limit.
-    whole = np.array([len(segment.pixels) for segment in frame.segments])
+    whole = np.array([len(segment.pixels) for segment in segments])
     seen = mine / np.maximum(np.maximum(size, MIN_MAPPED_FRACTION * whole)[:, None] + object_pixels[None] - mine, 1)
     match, part = nobody.copy(), nobody.copy()
     like, similarity = np.maximum(iou, seen), np.zeros(n)
@@ -103,15 +116,13 @@ def associate(
 
 
 def _mask_overlaps(
-    frame: FrameSegments,
-    objects: Sequence[MapObject],
-    voxels: PixelVoxels,
+    frame: SegmentedFrame, objects: Sequence[MapObject]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the pixel counts by segment and object (n + 1, m), last row: no segment, and the mapped pixels (n,)."""
-    n, m = len(frame.segments), len(objects)
+    n, m, voxels = len(frame.segments.segments), len(objects), frame.voxels
     place = index_table([o.number for o in objects], int(voxels.owner.max()))
     table, size = np.empty((n + 1, m + 1), np.int64), np.empty(n + 1, np.int64)
-    segment_overlaps(frame.claim, voxels.owner, voxels.mapped, place, table, size)
+    segment_overlaps(frame.segments.claim, voxels.owner, voxels.mapped, place, table, size)
     return table[:, :m], size[:n]
 
 

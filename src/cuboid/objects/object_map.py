@@ -18,11 +18,10 @@ from cuboid.core.state import Record
 from cuboid.core.tolerances import MIN_READINGS
 from cuboid.core.working import WorkingImage
 from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import transform
-from cuboid.heatmap.voxel_map import PixelVoxels, VoxelMap
+from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.affinity import CERTAIN_LOG_ODDS, MAX_LOG_ODDS
-from cuboid.objects.association import Association, associate
+from cuboid.objects.association import Association, SegmentedFrame, associate
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.confirmation import is_confirmable
 from cuboid.objects.entry import MapObject, State, summed_counts
@@ -117,11 +116,8 @@ class ObjectMap:
     def update(
         self,
         seen: Observation,
-        frame_segments: FrameSegments,
-        boxes: Sequence[Box],
+        frame: SegmentedFrame,
         objects: Sequence[MapObject],
-        voxels: PixelVoxels,
-        candidate: UInt8Array,
         settled: frozenset[int],
     ) -> Association:
         """Update the map of objects with a frame.
@@ -129,14 +125,9 @@ class ObjectMap:
         Parameters
         ----------
         seen : Observation
-        frame_segments : FrameSegments
-        boxes : sequence of Box
-            Boxes of the segments.
+        frame : SegmentedFrame
         objects : sequence of MapObject
             From `objects_in_frustum`.
-        voxels : PixelVoxels
-        candidate : (h, w) uint8
-            1 for pixels off every supporting plane.
         settled : frozenset of int
             Numbers of objects that were set down a short time ago: their new place has few points yet.
 
@@ -146,13 +137,12 @@ class ObjectMap:
         """
         for entry in objects:
             entry.keyframe = -1  # most of its points may be anchored to the keyframe of this frame now
-        found = associate(frame_segments, pack(boxes), objects, self.store.boxes_of(objects), voxels)
+        segments, found = frame.segments, associate(frame, objects, self.store.boxes_of(objects))
         novelty = novelty_of(seen)
-        number_of = self._update_objects(seen, frame_segments, boxes, found)
-        self._voxels.vote_owners(
-            frame_segments.claim, number_of, *self._allowed_transfers(number_of, found), candidate, voxels.slots
-        )
-        self._update_affinity(frame_segments, found, novelty)
+        number_of = self._update_objects(seen, segments, frame.boxes, found)
+        allowed = self._allowed_transfers(number_of, found)
+        self._voxels.vote_owners(segments.claim, number_of, *allowed, frame.candidate, frame.voxels.slots)
+        self._update_affinity(segments, found, novelty)
         self._add_overlaps(objects, novelty)
         self._add_attachments(objects, novelty)
         self._penalise_missed(found)

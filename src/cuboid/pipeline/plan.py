@@ -27,6 +27,7 @@ class Plan:
 
     Attributes
     ----------
+    recording : RecordingLike
     options : TrackOptions
         The options of the user.
     config : TrackerConfig
@@ -39,26 +40,25 @@ class Plan:
         The detector processes each n-th used frame.
     """
 
+    recording: RecordingLike
     options: TrackOptions
     config: TrackerConfig
     proposals: str | ProposalSource | None
     poses: str
     detector_every: int
 
-    def source_of_poses(self, recording: RecordingLike, camera: Intrinsics) -> Poses:
-        """Return the source of the poses.
+    @property
+    def camera(self) -> Intrinsics:
+        """Intrinsics of the scaled frames."""
+        return self.recording.intrinsics.downscaled(self.options.scale)
 
-        Parameters
-        ----------
-        recording : RecordingLike
-        camera : Intrinsics
-            Intrinsics of the frames.
-        """
+    def source_of_poses(self) -> Poses:
+        """Return the source of the poses."""
         if self.options.bridge:
-            return BridgedPoses(camera, recording.pose)
-        return source_of_poses(self.poses, camera, self.config.voxel_m)
+            return BridgedPoses(self.camera, self.recording.pose)
+        return source_of_poses(self.poses, self.camera, self.config.voxel_m)
 
-    def settings(self, recording: RecordingLike) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         """Return all settings on which results depend, besides the recording's files, ready for JSON."""
         from cuboid.detection import detector_name
         from cuboid.proposals import source_name
@@ -70,7 +70,7 @@ class Plan:
             "limit": options.limit,
             "scale": options.scale,
             "bridge": options.bridge,
-            **lens_settings(recording),
+            **lens_settings(self.recording),
             "proposals": source_name(self.proposals),
             **named,
             "tracker": self.config.to_dict(),
@@ -93,7 +93,7 @@ def plan_for(recording: RecordingLike, options: TrackOptions) -> Plan:
     if options.bridge and origin != GIVEN:
         raise InputError(f"{recording.path}: --bridge fills gaps between given poses, and there are none in use")
     config, proposals = _at_scale(options)
-    return Plan(options, config, proposals, origin, options.detector_every or DETECT_EVERY)
+    return Plan(recording, options, config, proposals, origin, options.detector_every or DETECT_EVERY)
 
 
 def _at_scale(options: TrackOptions) -> tuple[TrackerConfig, str | ProposalSource | None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -85,11 +85,12 @@ def track_recording(
     every = plan.options.every
     if into is not None and plan.poses in (AUTO, CORRECTED):
         raise InputError(f"{taken.path}: --poses {plan.poses} cannot go into a scene; use given or estimated")
-    frames = _frames(taken, plan.options)
+    frames = _frames(plan)
     with ExitStack() as opened:
         corrected = plan.poses == ESTIMATED if into is None else into.corrects(plan.poses)
         writer = _writer(opened, taken, output, results.force, corrected)
-        tracker, source, session = _tracking(opened, taken, plan, writer, into, hooks.make_tracker, results.shapes)
+        session = None if into is None else opened.enter_context(_session(plan, into))
+        tracker, source = _tracking(plan, session, writer, hooks.make_tracker, shapes=results.shapes)
         if session is not None:
             frames = session.go_on(frames, writer)
         planned = None if isinstance(taken, Stream) else len(frames)
@@ -106,7 +107,9 @@ def track_recording(
         if complete and not tracker.T_world_camera and plan.poses == ESTIMATED:
             raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
         warnings = tracker.warnings if writer is None else checked_warnings(tracker, bare, every)
-        report = _report(taken, plan, tracker, session, complete=complete, begun_s=begun_s, warnings=warnings)
+        if session is not None:
+            warnings = (*session.warnings(), *warnings)
+        report = _report(plan, tracker, complete=complete, begun_s=begun_s, warnings=warnings)
         points = tracker.map_points()
         found = objects_file(
             tracker, taken.intrinsics, points, relations=results.relations, furniture=results.furniture
@@ -130,8 +133,9 @@ def track_recording(
     )
 
 
-def _frames(recording: RecordingLike, options: TrackOptions) -> range:
+def _frames(plan: Plan) -> range:
     """Return the frames to read; an empty range for a camera, whose frames are not known in advance."""
+    recording, options = plan.recording, plan.options
     if isinstance(recording, Stream):
         return range(0)
     frames = range(0, len(recording), options.every)[: options.limit]
@@ -140,37 +144,34 @@ def _frames(recording: RecordingLike, options: TrackOptions) -> range:
     return frames
 
 
+def _session(plan: Plan, into: IntoScene) -> AbstractContextManager[SceneRun]:
+    """Return the run within a scene."""
+    from cuboid.scene import Source
+
+    recording = plan.recording
+    live = isinstance(recording, Stream)
+    path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
+    visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, plan.settings())
+    return into.session(visit, plan.camera, plan.config, plan.proposals, plan.options.memory_mb)
+
+
 def _tracking(
-    opened: ExitStack,
-    recording: RecordingLike,
-    plan: Plan,
-    writer: ResultWriter | None,
-    into: IntoScene | None,
-    make_tracker: MakeTracker | None,
-    shapes: bool,
-) -> tuple[Tracker, Poses, SceneRun | None]:
-    """Return the tracker, the source of its poses, and the run within a scene, if the recording is added to one."""
-    options = plan.options
-    camera = recording.intrinsics.downscaled(options.scale)
-    source = plan.source_of_poses(recording, camera)
+    plan: Plan, session: SceneRun | None, writer: ResultWriter | None, make_tracker: MakeTracker | None, *, shapes: bool
+) -> tuple[Tracker, Poses]:
+    """Return the tracker, and the source of its poses."""
+    camera, options, source = plan.camera, plan.options, plan.source_of_poses()
     write = None if writer is None else partial(writer.add, pixels=options.scale)
-    if into is None:
+    if session is None:
         make = make_tracker or partial(_tracker, memory_mb=options.memory_mb)
         mapper = make(camera, plan.config, plan.proposals)
         if options.detector is not None:
             _use_detector(mapper, plan)
-        return Tracker.of_parts(camera, plan.config, mapper, source, write, shapes=shapes), source, None
-    from cuboid.scene import Source
-
-    live = isinstance(recording, Stream)
-    path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
-    visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, plan.settings(recording))
-    session = opened.enter_context(into.session(visit, camera, plan.config, plan.proposals, options.memory_mb))
+        return Tracker.of_parts(camera, plan.config, mapper, source, write, shapes=shapes), source
     session.tracker.use_detector(options.detector, plan.detector_every)
     source = session.poses(source)
     tracker = Tracker.of_parts(camera, plan.config, session.tracker, source, write, shapes=shapes)
     tracker.resume(session.begun.T_world_camera, session.begun.times_s, session.begun.skipped)
-    return tracker, source, session
+    return tracker, source
 
 
 def _decode(recording: RecordingLike, frames: range, options: TrackOptions) -> Generator[Decoded, None, None]:
@@ -180,16 +181,8 @@ def _decode(recording: RecordingLike, frames: range, options: TrackOptions) -> G
     return decode(recording, frames, ahead=ahead)
 
 
-def _report(
-    recording: RecordingLike,
-    plan: Plan,
-    tracker: Tracker,
-    session: SceneRun | None,
-    *,
-    complete: bool,
-    begun_s: float,
-    warnings: tuple[str, ...],
-) -> RunReport:
+def _report(plan: Plan, tracker: Tracker, *, complete: bool, begun_s: float, warnings: tuple[str, ...]) -> RunReport:
+    recording = plan.recording
     live = recording.source if isinstance(recording, Stream) else None
     used, skipped = len(tracker.T_world_camera), tuple(tracker.log.skipped)
     return RunReport(
@@ -199,14 +192,14 @@ def _report(
         format=recording.format,
         poses=tracker.poses or GIVEN,
         threads=plan.options.threads,
-        config={**plan.settings(recording), **_vocabulary(tracker), "tracker": tracker.config.to_dict()},
+        config={**plan.settings(), **_vocabulary(tracker), "tracker": tracker.config.to_dict()},
         frames_read=used + len(skipped),
         frames_used=used,
         skipped=skipped,
         milliseconds=tracker.log.timings(),
         seconds=working_s() - begun_s,
         peak_memory_mb=peak_memory_mb(),
-        warnings=(*recording.warnings, *(session.warnings() if session else ()), *warnings),
+        warnings=(*recording.warnings, *warnings),
         frames_dropped=live.dropped if live else 0,
         limits=tracker.log.limits(),
     )

@@ -30,7 +30,7 @@ from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.motion import Motion
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
-from cuboid.objects.association import Association, prior_of
+from cuboid.objects.association import Association, SegmentedFrame, prior_of
 from cuboid.objects.entry import MapObject
 from cuboid.objects.following import Following
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
@@ -44,7 +44,7 @@ from cuboid.proposals.depth import DepthSegmentation
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.relations.furniture import find_furniture
 from cuboid.surfaces.cells import find_cells, patch_pixels, with_level_patches
-from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, PixelPlanes, points_of, segment_frame
+from cuboid.surfaces.frame_segments import FrameSegment, PixelPlanes, points_of, segment_frame
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.surfaces.plane import Plane
@@ -325,7 +325,8 @@ class PosedTracker(MapQueries):
         segments = segment_frame(seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self.config)
         boxes = self._boxes(segments.segments, image, seen.T_world_camera)
         watch.lap("boxes")
-        found = self._map.update(seen, segments, boxes, objects, voxels, candidate, self._following.settled)
+        segmented = SegmentedFrame(segments, boxes, voxels, candidate)
+        found = self._map.update(seen, segmented, objects, self._following.settled)
         in_frustum = self._map.objects_in_frustum(image, T_camera_world)
         if due:
             self._refine(seen, heat, slots, in_frustum)
@@ -334,7 +335,7 @@ class PosedTracker(MapQueries):
         self._following.note_touched([found.objects[j].number for j in at if j >= 0], time_s)
         visible = self._visible(seen, slots, in_frustum, time_s)
         sightings = self._following.sightings(sightings_of(visible, segments, found), seen, slots)
-        own = self._frame_boxes(segments, boxes, found)
+        own = self._frame_boxes(segmented, found)
         watch.lap("matching")
         if self._detecting.is_due(self._count):
             self._detecting.look(given, self._roll, visible, seen)
@@ -539,9 +540,7 @@ class PosedTracker(MapQueries):
         self._following.note_labels(labelled, seen.frame, time_s)
         return visible
 
-    def _frame_boxes(
-        self, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
-    ) -> tuple[Proposal3D, ...]:
+    def _frame_boxes(self, frame: SegmentedFrame, found: Association) -> tuple[Proposal3D, ...]:
         """Return the boxes of this frame's segments, except those too large for an object, with their labels."""
         place = np.where(found.match >= 0, found.match, found.part).tolist()
         now = [found.objects[j].survivor if j >= 0 else None for j in place]
@@ -549,7 +548,7 @@ class PosedTracker(MapQueries):
         return tuple(
             [
                 Proposal3D(label, box, segment.heat, segment.rect_xyxy)
-                for label, box, segment in zip(labels, boxes, frame_segments.segments, strict=True)
+                for label, box, segment in zip(labels, frame.boxes, frame.segments.segments, strict=True)
                 if not too_large(box, self.config)
             ]
         )
