@@ -24,9 +24,15 @@ TIMES, SIZE = 6, 0.005
 # Laps at which poses are corrected.
 LAPS = (2, 7, 20, 60, 180, 600)
 HEADER = (
-    "points of the map", "planes", "objects", "all keyframes ms", "of them the planes", "the newest ms",
-    "the frame after all ms", "another frame ms",
-)  # fmt: skip
+    "points of the map",
+    "planes",
+    "objects",
+    "all keyframes ms",
+    "of them the planes",
+    "the newest ms",
+    "the frame after all ms",
+    "another frame ms",
+)
 
 
 def run(args: argparse.Namespace) -> None:

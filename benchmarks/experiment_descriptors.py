@@ -225,17 +225,31 @@ def run(args: argparse.Namespace) -> None:
         dump(rows)
         return
     header = (
-        "matching by", "objects", "IDF1 .25", "AssA", "purity", "consistency", "switches", "labels given", "re-id",
-        "describe ms", "match ms", "kB an object", "MB of all",
-    )  # fmt: skip
+        "matching by",
+        "objects",
+        "IDF1 .25",
+        "AssA",
+        "purity",
+        "consistency",
+        "switches",
+        "labels given",
+        "re-id",
+        "describe ms",
+        "match ms",
+        "kB an object",
+        "MB of all",
+    )
     lines = [
         [
-            row["method"], row["objects"],
+            row["method"],
+            row["objects"],
             *(row[name] for name in ("idf1_25", "ass_a", "purity", "consistency", "switches", "labels")),
             f"{row['same_label']} of {row['reappearances']}",
-            cell(row["describe_ms"], 2), cell(row["match_ms"], 2), cell(row["kb_object"], 2),
+            cell(row["describe_ms"], 2),
+            cell(row["match_ms"], 2),
+            cell(row["kb_object"], 2),
             None if row["kb_object"] is None else cell(row["kb_object"] * row["objects"] / 1024, 2),
         ]
         for row in rows
-    ]  # fmt: skip
+    ]
     show(f"Labels of the same clusters, over {', '.join(args.scenes)}", header, lines)

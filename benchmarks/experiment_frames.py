@@ -91,9 +91,16 @@ def run(args: argparse.Namespace) -> None:
         return
     names = ", ".join(case.name for case in chosen)
     header = (
-        "frames", "scenes", "objects seen", "recall .25", "recall .5", "precision .5", "mean IoU",
-        "of the same objects", "centre cm",
-    )  # fmt: skip
+        "frames",
+        "scenes",
+        "objects seen",
+        "recall .25",
+        "recall .5",
+        "precision .5",
+        "mean IoU",
+        "of the same objects",
+        "centre cm",
+    )
     keys = ("recall_25", "recall_50", "precision_50", "mean_iou", "mean_iou_same", "center_cm")
     groups = {count: [row for row in after if row["used"] == count] for count in COUNTS}
     lines = [

@@ -122,11 +122,14 @@ def run(args: argparse.Namespace) -> None:
     for title, rows in found.items():
         lines = [
             [
-                row["frames"], row["objects"], row["planes"], row["points"],
+                row["frames"],
+                row["objects"],
+                row["planes"],
+                row["points"],
                 *(cell(row[name], 1) for name in ("frame_ms", "frame_p95_ms", "frame_max_ms")),
                 *(cell(row[f"{stage}_ms"], 1) for stage in STAGES),
                 cell(row["memory_mb"], 0),
             ]
             for row in rows
-        ]  # fmt: skip
+        ]
         show(f"Growth with {title}: median, p95, worst; stages are means", header, lines)

@@ -58,20 +58,27 @@ def run(args: argparse.Namespace) -> None:
         return
     lines = [
         [
-            row["what"], *(cell(row[name], 2) for name in ("doors_ms", "plain_ms")), row["before"],
-            cell(row["then_ms"], 1), cell(row["share_percent"], 2),
+            row["what"],
+            *(cell(row[name], 2) for name in ("doors_ms", "plain_ms")),
+            row["before"],
+            cell(row["then_ms"], 1),
+            cell(row["share_percent"], 2),
         ]
         for row in rows
-    ]  # fmt: skip
+    ]
     show(f"Doors, on {case.name}: median of {TURNS} turns, processor time", HEADER, lines)
 
 
 def _row(what: str, doors_ms: float, plain_ms: float, before: str, then_ms: float) -> dict[str, Any]:
     fraction = 100 * (doors_ms - plain_ms) / (doors_ms + then_ms)
     return {
-        "what": what, "doors_ms": doors_ms, "plain_ms": plain_ms, "before": before, "then_ms": then_ms,
+        "what": what,
+        "doors_ms": doors_ms,
+        "plain_ms": plain_ms,
+        "before": before,
+        "then_ms": then_ms,
         "share_percent": fraction,
-    }  # fmt: skip
+    }
 
 
 def _each(read: Callable[[Path], Any], paths: list[Path]) -> Callable[[], Any]:

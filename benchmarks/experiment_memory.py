@@ -132,10 +132,15 @@ def walk(objects: int, memory_mb: float, checkpoints: list[int]) -> list[dict[st
             median = float(np.median(times[-WINDOW:]))
             rows.append(
                 {
-                    "objects": known, "frames": len(times), "points": tracker.points_known, "frame_ms": median,
-                    "frame_max_ms": worst, "map_mb": tracker.map_bytes / 2**20, "memory_mb": peak_memory_mb(),
+                    "objects": known,
+                    "frames": len(times),
+                    "points": tracker.points_known,
+                    "frame_ms": median,
+                    "frame_max_ms": worst,
+                    "map_mb": tracker.map_bytes / 2**20,
+                    "memory_mb": peak_memory_mb(),
                 }
-            )  # fmt: skip
+            )
             worst = 0.0
             print(rows[-1], file=sys.stderr, flush=True)
             if not waiting:

@@ -43,9 +43,22 @@ NEEDS = {
     "Open3D pipeline": "poses; no GPU, no ROS, no training",
 }
 HEADER = (
-    "system", "recall .5", "precision .5", "mean IoU", "boxes", "objects", "fragments", "HOTA", "DetA", "AssA",
-    "IDF1 .25", "switches", "re-id", "ms a frame", "needs",
-)  # fmt: skip
+    "system",
+    "recall .5",
+    "precision .5",
+    "mean IoU",
+    "boxes",
+    "objects",
+    "fragments",
+    "HOTA",
+    "DetA",
+    "AssA",
+    "IDF1 .25",
+    "switches",
+    "re-id",
+    "ms a frame",
+    "needs",
+)
 
 
 def run(args: argparse.Namespace) -> None:

@@ -31,9 +31,19 @@ from tables import cell, dump, show
 # Multiples of the noise of `cuboid synth --pose-noise`: drift of 1 mm and 0.03 degrees a frame, jumps of 1 to 3.5 cm.
 LEVELS = {"drift": (0.0, 0.5, 1.0, 2.0, 4.0), "jumps": (0.5, 1.0, 2.0)}
 HEADER = (
-    "poses", "error cm", "merging", "fragments", "labels", "boxes", "objects", "IDF1 .25", "HOTA", "switches",
-    "recall .5", "precision .5",
-)  # fmt: skip
+    "poses",
+    "error cm",
+    "merging",
+    "fragments",
+    "labels",
+    "boxes",
+    "objects",
+    "IDF1 .25",
+    "HOTA",
+    "switches",
+    "recall .5",
+    "precision .5",
+)
 
 
 class Shaken:

@@ -19,9 +19,19 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "quarter": {"scale": 4},
 }
 HEADER = (
-    "resolution", "recall .5", "precision .5", "mean IoU", "centre cm", "HOTA", "IDF1 .25", "switches", "fragments",
-    "ms a frame", "p95", "of it tracking",
-)  # fmt: skip
+    "resolution",
+    "recall .5",
+    "precision .5",
+    "mean IoU",
+    "centre cm",
+    "HOTA",
+    "IDF1 .25",
+    "switches",
+    "fragments",
+    "ms a frame",
+    "p95",
+    "of it tracking",
+)
 # Stages that are not the tracker's.
 AROUND = ("decode", "scale", "write")
 

@@ -60,10 +60,11 @@ def reopened(path: Path) -> dict[str, Any]:
         scene.close()
     sides = {"wall_s": wall_s, "processor_s": processor_s}
     return {
-        **found, "file_mb": path.stat().st_size / 2**20,
+        **found,
+        "file_mb": path.stat().st_size / 2**20,
         **{f"{name}_median": float(np.median(times)) for name, times in sides.items()},
         **{f"{name}_least": min(times) for name, times in sides.items()},
-    }  # fmt: skip
+    }
 
 
 def beside(args: argparse.Namespace) -> list[dict[str, Any]]:
@@ -108,9 +109,10 @@ def _times(name: str, ms: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> 
     found: dict[str, Any] = {"scene 01": name}
     for threads, column in zip(("", " of all threads"), ms[WARM:].T, strict=True):
         found |= {
-            f"median{threads}": float(np.median(column)), f"p99{threads}": float(np.percentile(column, 99)),
+            f"median{threads}": float(np.median(column)),
+            f"p99{threads}": float(np.percentile(column, 99)),
             f"mean{threads}": float(column.mean()),
-        }  # fmt: skip
+        }
     return found
 
 

@@ -19,9 +19,19 @@ from tables import cell, dump, show
 
 SOURCES = ("depth", "edgeboxes", "selective-search")
 HEADER = (
-    "source", "3D boxes a frame", "precision .25", "recall .25", "F1 .25", "precision .5", "recall .5", "F1 .5",
-    "map F1 .5", "HOTA", "ms proposals", "ms a frame",
-)  # fmt: skip
+    "source",
+    "3D boxes a frame",
+    "precision .25",
+    "recall .25",
+    "F1 .25",
+    "precision .5",
+    "recall .5",
+    "F1 .5",
+    "map F1 .5",
+    "HOTA",
+    "ms proposals",
+    "ms a frame",
+)
 # Boxes or masks of a frame in a file: MCG writes thousands of boxes, CPMC some hundred masks.
 MCG_BOXES, CPMC_MASKS = 1000, 150
 

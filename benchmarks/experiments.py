@@ -31,9 +31,19 @@ from cuboid.cli.synth import KINDS
 from cuboid.core.threads import limit_threads
 
 NAMES = (
-    "descriptors", "resolution", "sources", "frames", "poses", "growth", "memory", "corrections", "scene", "guards",
-    "proposals", "peers",
-)  # fmt: skip
+    "descriptors",
+    "resolution",
+    "sources",
+    "frames",
+    "poses",
+    "growth",
+    "memory",
+    "corrections",
+    "scene",
+    "guards",
+    "proposals",
+    "peers",
+)
 
 
 def main() -> int:

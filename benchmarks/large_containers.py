@@ -146,9 +146,15 @@ class _Messages:
         data = np.ascontiguousarray(pixels).view(np.uint8).reshape(-1)
         height, width = pixels.shape[:2]
         return self._make(
-            "sensor_msgs/msg/Image", header=self._header("camera", time_ns), height=height, width=width,
-            encoding=encoding, is_bigendian=0, step=data.size // height, data=data,
-        )  # fmt: skip
+            "sensor_msgs/msg/Image",
+            header=self._header("camera", time_ns),
+            height=height,
+            width=width,
+            encoding=encoding,
+            is_bigendian=0,
+            step=data.size // height,
+            data=data,
+        )
 
     def info(self, c: Any, time_ns: int) -> Any:
         K, D, R, P = ("K", "D", "R", "P") if self._is_ros1 else ("k", "d", "r", "p")
@@ -158,18 +164,27 @@ class _Messages:
         )
         arrays = {K: matrix, D: np.zeros(5), R: np.eye(3).ravel(), P: np.zeros(12)}
         return self._make(
-            "sensor_msgs/msg/CameraInfo", header=self._header("camera", time_ns), height=c.height, width=c.width,
-            distortion_model="plumb_bob", binning_x=0, binning_y=0, roi=roi, **arrays,
-        )  # fmt: skip
+            "sensor_msgs/msg/CameraInfo",
+            header=self._header("camera", time_ns),
+            height=c.height,
+            width=c.width,
+            distortion_model="plumb_bob",
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+            **arrays,
+        )
 
     def transform(self, T: np.ndarray, time_ns: int) -> Any:
         w, x, y, z = (float(v) for v in se3.quat_wxyz_from_rotation(T[:3, :3]))
         moved = self._make("geometry_msgs/msg/Vector3", x=float(T[0, 3]), y=float(T[1, 3]), z=float(T[2, 3]))
         turned = self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
         one = self._make(
-            "geometry_msgs/msg/TransformStamped", header=self._header("world", time_ns), child_frame_id="camera",
+            "geometry_msgs/msg/TransformStamped",
+            header=self._header("world", time_ns),
+            child_frame_id="camera",
             transform=self._make("geometry_msgs/msg/Transform", translation=moved, rotation=turned),
-        )  # fmt: skip
+        )
         return self._make("tf2_msgs/msg/TFMessage", transforms=[one])
 
 

@@ -62,9 +62,15 @@ def make(place: Place, days: int, recordings: int, objects: int) -> None:
 def _runs(runs: list[str], names: list[str], day: datetime, objects: int) -> dict[str, Any]:
     n = len(runs)
     return {
-        "run": runs, "recording": names, "source": [f"/data/{name}" for name in names], "state": [DONE] * n,
-        "version": ["1"] * n, "settings": ["{}"] * n, "finished": [day] * n, "objects": [objects] * n,
-    }  # fmt: skip
+        "run": runs,
+        "recording": names,
+        "source": [f"/data/{name}" for name in names],
+        "state": [DONE] * n,
+        "version": ["1"] * n,
+        "settings": ["{}"] * n,
+        "finished": [day] * n,
+        "objects": [objects] * n,
+    }
 
 
 def _objects(
@@ -75,14 +81,18 @@ def _objects(
     center = np.column_stack((rng.uniform(-10, 10, (n, 2)), rng.uniform(0, 2, n))).round(6)
     colors, shape = (rng.gamma(a, 1, (n, bins)) for a, bins in ((0.3, len(COLOR_WORDS)), (1.0, SHAPE_BINS)))
     return {
-        "run": np.repeat(runs, objects), "recording": np.repeat(names, objects),
+        "run": np.repeat(runs, objects),
+        "recording": np.repeat(names, objects),
         "label": np.tile(np.arange(1, objects + 1), len(runs)),
         **{f"center_{axis}_m": center[:, k] for k, axis in enumerate("xyz")},
         **{side: sides[:, k] for k, side in enumerate(("longest_m", "middle_m", "shortest_m"))},
-        "score": rng.uniform(0.5, 1, n), "frames_seen": rng.integers(3, 500, n),
-        "last_seen": pa.array([day] * n, TIME), "color": np.array(COLOR_WORDS)[colors.argmax(1)],
-        "colors": _lists(colors), "shape": _lists(shape),
-    }  # fmt: skip
+        "score": rng.uniform(0.5, 1, n),
+        "frames_seen": rng.integers(3, 500, n),
+        "last_seen": pa.array([day] * n, TIME),
+        "color": np.array(COLOR_WORDS)[colors.argmax(1)],
+        "colors": _lists(colors),
+        "shape": _lists(shape),
+    }
 
 
 def _lists(rows: np.ndarray[Any, Any]) -> pa.Array:

@@ -191,11 +191,19 @@ def main() -> int:
         dump(found)
         return 0
     rows = [
-        [name, by, cell(row["ate_cm"], 2), cell(row["rpe_cm_s"], 2), cell(row["rpe_deg_s"], 2),
-         f"{row['lost']} of {row['frames']}", cell(row["ms_median"], 1), cell(row["ms_p95"], 1)]
+        [
+            name,
+            by,
+            cell(row["ate_cm"], 2),
+            cell(row["rpe_cm_s"], 2),
+            cell(row["rpe_deg_s"], 2),
+            f"{row['lost']} of {row['frames']}",
+            cell(row["ms_median"], 1),
+            cell(row["ms_p95"], 1),
+        ]
         for name, ways in found.items()
         for by, row in ways.items()
-    ]  # fmt: skip
+    ]
     show("Poses from the video", HEADER, rows)
     return 0
 

@@ -173,16 +173,12 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         domain = ["--domain", str(args.domain)]
         count = round(args.seconds * args.hertz)
         listener = subprocess.Popen([*here, "listen", *domain], stdout=subprocess.PIPE, text=True, env=environment)
-        node = subprocess.Popen(
-            [sys.executable, "-m", "cuboid", "ros2", *domain, "--pose", args.pose, "--queue", str(args.queue),
-             "--json"],
-            stdout=subprocess.PIPE, text=True, env=environment,
-        )  # fmt: skip
-        player = subprocess.Popen(
-            [*here, "play", str(bag / "recording"), *domain, "--hertz", str(args.hertz), "--frames", str(count),
-             "--distinct", str(args.distinct), "--wait", "--linger", "1"],
-            stdout=subprocess.PIPE, text=True, env=environment,
-        )  # fmt: skip
+        settings = f"--pose {args.pose} --queue {args.queue} --json".split()
+        track = [sys.executable, "-m", "cuboid", "ros2", *domain, *settings]
+        node = subprocess.Popen(track, stdout=subprocess.PIPE, text=True, env=environment)
+        frames = f"--hertz {args.hertz} --frames {count} --distinct {args.distinct} --wait --linger 1".split()
+        play = [*here, "play", str(bag / "recording"), *domain, *frames]
+        player = subprocess.Popen(play, stdout=subprocess.PIPE, text=True, env=environment)
         assert player.stdout is not None
         assert listener.stdout is not None
         assert node.stdout is not None

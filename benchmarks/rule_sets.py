@@ -124,9 +124,13 @@ def _row(name: str, found: dict[str, Any]) -> dict[str, Any]:
 def _of_keyframes(output: Path, keyframes: Path, recording: Path) -> dict[str, Any]:
     high, low = evaluate_keyframes(output, keyframes, recording).at
     return {
-        "recall_25": low.recall, "precision_25": low.precision, "recall_50": high.recall,
-        "precision_50": high.precision, "idf1_25": low.idf1, "idf1_50": high.idf1,
-    }  # fmt: skip
+        "recall_25": low.recall,
+        "precision_25": low.precision,
+        "recall_50": high.recall,
+        "precision_50": high.precision,
+        "idf1_25": low.idf1,
+        "idf1_50": high.idf1,
+    }
 
 
 def _stills(data: Path, noise: int | None) -> dict[str, Any]:

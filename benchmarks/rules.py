@@ -33,9 +33,7 @@ SOURCE = HERE.parent / "src" / "cuboid"
 BASE = "all rules"
 # Sets that one process tracks one after the other; those first in which the most different things are seen.
 REAL_GROUPS = (("desk", "bin-robot-hand", "dish"), ("office", "hots"), ("fr1-xyz",), ("scene-01",))
-KINDS = (
-    "bin", "counter", "shelf", "clutter", "overhead", "tables", "stacks", "table", "room", "occluders", "leave",
-)  # fmt: skip
+KINDS = ("bin", "counter", "shelf", "clutter", "overhead", "tables", "stacks", "table", "room", "occluders", "leave")
 SEEDS = (1, 2)
 FIGURES = ("HOTA", "IDF1", "recall", "precision")
 

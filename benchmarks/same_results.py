@@ -122,8 +122,11 @@ def call(checkout: Path, *arguments: object) -> str:
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
     done = subprocess.run(
         [sys.executable, "-m", "cuboid", *map(str, arguments)],
-        env={**os.environ, **threads, "PYTHONPATH": str(checkout / "src")}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        env={**os.environ, **threads, "PYTHONPATH": str(checkout / "src")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if done.returncode:
         raise RuntimeError(f"cuboid {' '.join(map(str, arguments))}: {done.stderr.strip()[-1000:]}")
     return done.stdout

@@ -79,10 +79,17 @@ def judge(work: Path, kind: str, seed: int, poses: str) -> list[dict[str, object
                 continue
             far = distances_m(vertices, faces, surface) * 1e3
             rows.append(
-                {"scene": f"{kind}-{seed}", "object": body.model.name, "label": item.label, "maker": maker,
-                 "median_mm": float(np.median(far)), "p95_mm": float(np.percentile(far, 95)),
-                 "complete": completeness(vertices, faces, seen), "_all": far}
-            )  # fmt: skip
+                {
+                    "scene": f"{kind}-{seed}",
+                    "object": body.model.name,
+                    "label": item.label,
+                    "maker": maker,
+                    "median_mm": float(np.median(far)),
+                    "p95_mm": float(np.percentile(far, 95)),
+                    "complete": completeness(vertices, faces, seen),
+                    "_all": far,
+                }
+            )
     return rows
 
 

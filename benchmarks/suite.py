@@ -38,9 +38,25 @@ SEEDS = (1, 2, 3, 4)
 # The short suite: what a continuous integration has half a minute for.
 SHORT_KINDS, SHORT_SEEDS, SHORT_FRAMES, SHORT_SIZE = ("table", "leave"), (1,), 45, (320, 240)
 HEADER = (
-    "kind", "scenes", "objects", "recall .25", "precision .25", "recall .5", "precision .5", "mean IoU", "HOTA",
-    "IDF1 .25", "IDF1 .5", "re-id", "switches", "fragments", "scenes without", "merges", "proposals", "ms/frame",
-)  # fmt: skip
+    "kind",
+    "scenes",
+    "objects",
+    "recall .25",
+    "precision .25",
+    "recall .5",
+    "precision .5",
+    "mean IoU",
+    "HOTA",
+    "IDF1 .25",
+    "IDF1 .5",
+    "re-id",
+    "switches",
+    "fragments",
+    "scenes without",
+    "merges",
+    "proposals",
+    "ms/frame",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,13 +136,19 @@ def summary(name: str, rows: list[dict[str, Any]]) -> list[Any]:
     """Return the line of a table: shares are means over scenes, re-identification is of all reappearances."""
     back = summed_counts(rows, "same_label", "reappearances")
     return [
-        name, len(rows), total(rows, "objects"),
+        name,
+        len(rows),
+        total(rows, "objects"),
         *(mean(rows, key) for key in ("recall_25", "precision_25", "recall_50", "precision_50", "mean_iou")),
         *(mean(rows, key) for key in ("hota", "idf1_25", "idf1_50")),
         f"{cell(back)} of {total(rows, 'reappearances')}",
-        total(rows, "switches"), total(rows, "fragments"), sum(row["fragments"] == 0 for row in rows),
-        total(rows, "merges"), cell(mean(rows, "proposals"), 2), cell(mean(rows, "ms_frame"), 1),
-    ]  # fmt: skip
+        total(rows, "switches"),
+        total(rows, "fragments"),
+        sum(row["fragments"] == 0 for row in rows),
+        total(rows, "merges"),
+        cell(mean(rows, "proposals"), 2),
+        cell(mean(rows, "ms_frame"), 1),
+    ]
 
 
 def table(rows: list[dict[str, Any]]) -> str:

@@ -52,8 +52,16 @@ FRAMES = 120
 # Where scene 01 is cut.
 HALF = 450
 # Rooms of the tries: so many frames, every other one, make the scene; so many, spread over all, are shown to others.
-ROOMS = [("table", 11), ("table", 12), ("tables", 11), ("tables", 12), ("clutter", 11), ("leave", 11), ("room", 11),
-         ("room", 12)]  # fmt: skip
+ROOMS = [
+    ("table", 11),
+    ("table", 12),
+    ("tables", 11),
+    ("tables", 12),
+    ("clutter", 11),
+    ("leave", 11),
+    ("room", 11),
+    ("room", 12),
+]
 REAL = ("rgbd-scenes-v2/imgs/scene_01", "rgbd_dataset_freiburg1_xyz", "desk-realsense")
 ROOM_SIZE, ROOM_FRAMES = (320, 240), 60
 SHOWN = 12
@@ -80,8 +88,12 @@ def changes(args: argparse.Namespace) -> None:
     table = [[row["place"], *(row[name] for name in names)] for row in rows]
     show("Pairs of visits", ("place", *names), [*table, ["all", *total.values()]])
     fractions = {"kept": "unmoved", "recognised": "moved", "right": "changes"}
-    print({**{a: round(total[a] / max(total[b], 1), 3) for a, b in fractions.items()},
-           "precision": round(total["right"] / max(total["told"], 1), 3)})  # fmt: skip
+    print(
+        {
+            **{a: round(total[a] / max(total[b], 1), 3) for a, b in fractions.items()},
+            "precision": round(total["right"] / max(total["told"], 1), 3),
+        }
+    )
 
 
 def _visits(kind: str, seed: int, args: argparse.Namespace) -> Path:

@@ -14,6 +14,7 @@ from cuboid.core.errors import FrameError
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.geometry.box import Box
+from cuboid.outputs import RunReport, Timing
 from cuboid.outputs.object_table import ObjectTable
 
 INTRINSICS = Intrinsics(500.0, 500.0, 31.5, 23.5, 64, 48)
@@ -158,3 +159,10 @@ def write_recording(path: Path, frames: int, shape: tuple[int, int] = (48, 64), 
         lines = [f"{i} {i * 0.01:.3f} 0 0 0 0 0 1" for i in range(frames)]
         (path / "poses.txt").write_text("\n".join(lines) + "\n")
     return path
+
+
+def run_report(recording: Path, frames: int, skipped: tuple[tuple[int, str], ...] = ()) -> RunReport:
+    """The report of a run over a made recording."""
+    config, used, milliseconds = {"every": 1}, frames - len(skipped), {"frame": Timing(25.0, 30.0)}
+    made = "0.1", True, str(recording), "plain", "given", 1, config
+    return RunReport(*made, frames, used, skipped, milliseconds, 1.0, 1.0)

@@ -10,8 +10,8 @@ import numpy as np
 from cuboid.core.frame import Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 from cuboid.geometry.box import Box
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport, Timing
-from fakes import write_recording
+from cuboid.outputs import ObjectsFile, ResultWriter
+from fakes import run_report, write_recording
 
 UP = np.array([0.0, 0.0, 1.0])
 CAMERA = Intrinsics(64.0, 64.0, 32.0, 24.0, 64, 48)
@@ -62,9 +62,5 @@ def write_place(folder: Path, *, begin_s: float = BEGIN_S) -> Path:
             np.zeros(20, np.float32),
             np.repeat([0, 1], 10).astype(np.int32),
         )
-        report = RunReport(
-            "0.1", True, str(recording), "plain", "given", 1, {"every": 1}, FRAMES, FRAMES, (),
-            {"frame": Timing(25.0, 30.0)}, 1.0, 1.0,
-        )  # fmt: skip
-        writer.finish(ObjectsFile(UP, CAMERA, PLANES, OBJECTS), points, report)
+        writer.finish(ObjectsFile(UP, CAMERA, PLANES, OBJECTS), points, run_report(recording, FRAMES))
     return folder / "results"

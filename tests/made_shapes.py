@@ -10,10 +10,10 @@ import numpy as np
 
 from cuboid.core.frame import Frame
 from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
-from cuboid.formats.run_file import Timing
 from cuboid.geometry.box import Box
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
+from cuboid.outputs import ObjectsFile, ResultWriter
 from cuboid.shapes.keeping import ViewKeeper
+from fakes import run_report
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 UNITS = 5000
@@ -76,9 +76,7 @@ def finished(results: Path, recording: Path, *, keep_views: bool = False) -> Pat
             for k, box in BOXES.items()
         )
         table = SupportPlane(UP, 0.0, np.array([[-0.6, -0.6, 0.0], [0.6, -0.6, 0], [0.6, 0.6, 0], [-0.6, 0.6, 0]]))
-        report = RunReport(
-            "0.1", True, str(recording), "plain", "given", 1, {"every": 1}, FRAMES, FRAMES, (),
-            {"frame": Timing(25.0, 30.0)}, 1.0, 1.0,
-        )  # fmt: skip
-        writer.finish(ObjectsFile(UP, CAMERA, (table,), objects), map_points(), report, views=keeper)
+        writer.finish(
+            ObjectsFile(UP, CAMERA, (table,), objects), map_points(), run_report(recording, FRAMES), views=keeper
+        )
     return results

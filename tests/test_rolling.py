@@ -60,11 +60,8 @@ def test_proposals_are_turned_and_results_are_turned_back(turns: int) -> None:
     np.testing.assert_array_equal(np.rot90(picture, -turns)[y0:y1, x0:x1], turned.masks[0])
     rect = turned.boxes_xyxy[0].astype(float)
     sightings, own = (Sighting(1, BOX, None, 1.0, rect),), (Proposal3D(1, BOX, 1.0, rect),)
-    result = FrameResult(
-        3, 0.1, roll.frame(frame()).T_world_camera, sightings, own, 1,
-        np.rot90(picture, -turns).astype(np.float32), {},
-    )  # fmt: skip
-    back = roll.result(result)
+    T_world_camera, heat = roll.frame(frame()).T_world_camera, np.rot90(picture, -turns).astype(np.float32)
+    back = roll.result(FrameResult(3, 0.1, T_world_camera, sightings, own, 1, heat, {}))
     np.testing.assert_array_equal(back.sightings[0].rect_xyxy, [10, 5, 14, 8])
     np.testing.assert_array_equal(back.proposals[0].rect_xyxy, [10, 5, 14, 8])
     np.testing.assert_array_equal(back.heat, picture)

@@ -90,9 +90,12 @@ def clouds(kind: str, rng: np.random.Generator) -> np.ndarray:
 
 @settings(deadline=None)
 @given(
-    st.integers(0, 10_000), st.sampled_from(["carton", "can", "strays"]), st.sampled_from([0.0, 0.01, 0.1]),
-    st.booleans(), st.booleans(),
-)  # fmt: skip
+    st.integers(0, 10_000),
+    st.sampled_from(["carton", "can", "strays"]),
+    st.sampled_from([0.0, 0.01, 0.1]),
+    st.booleans(),
+    st.booleans(),
+)
 def test_the_compiled_fit_gives_the_box_of_the_plain_one(
     seed: int, kind: str, fraction: float, on_plane: bool, weighted: bool
 ) -> None:

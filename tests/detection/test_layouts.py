@@ -127,9 +127,13 @@ def test_rt_detr_and_d_fine_of_their_authors(tmp_path: Path) -> None:
     boxes = np.array([[[50, 40, 70, 280 / 3], [0, 0, 5, 5]]], np.float32)
     scores = np.array([[0.8, 0.01]], np.float32)
     path = made_model(
-        tmp_path / "m.onnx", labels, boxes, scores, names=["labels", "boxes", "scores"],
+        tmp_path / "m.onnx",
+        labels,
+        boxes,
+        scores,
+        names=["labels", "boxes", "scores"],
         others={"orig_target_sizes": (TensorProto.INT64, (1, 2))},
-    )  # fmt: skip
+    )
     found = look(path)
     assert_book(found)
     assert len(found) == 1

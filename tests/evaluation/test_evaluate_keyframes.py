@@ -246,14 +246,11 @@ def made_desk_run(recording: Recording, rects: dict[int, dict[int, list[float]]]
         assert T is not None
         box = plate(rects[184][9], T, recording.intrinsics)
         thing = TrackedObject(9, box, 1.0, 1.0, 184, 209, 2, 10, np.zeros(3), None, ())
-        report = RunReport(
-            version="1", complete=True, recording=str(recording.path), format="plain", poses="given", threads=1,
-            config={"every": 1, "limit": None, "scale": 2, "proposals": "depth:160"}, frames_read=len(recording),
-            frames_used=len(recording), skipped=(), milliseconds={}, seconds=1.0, peak_memory_mb=1.0,
-        )  # fmt: skip
-        points = MapPoints(*(np.zeros(shape, kind) for shape, kind in (
-            ((0, 3), np.float32), ((0, 3), np.uint8), ((0,), np.float32), ((0,), np.int32)
-        )))  # fmt: skip
+        config, count = {"every": 1, "limit": None, "scale": 2, "proposals": "depth:160"}, len(recording)
+        report = RunReport("1", True, str(recording.path), "plain", "given", 1, config, count, count, (), {}, 1.0, 1.0)
+        points = MapPoints(
+            np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32), np.zeros(0, np.int32)
+        )
         writer.finish(ObjectsFile(None, recording.intrinsics, (), (thing,)), points, report)
     return folder
 

@@ -8,7 +8,8 @@ from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport, Timing
+from cuboid.outputs import ObjectsFile, ResultWriter
+from fakes import run_report
 
 FRAMES = 5
 SKIPPED = 2
@@ -57,9 +58,7 @@ def finished(folder: Path, recording: Path, down_deg: float) -> Path:
             rng.random(100).astype(np.float32),
             label,
         )
-        report = RunReport(
-            "0.1", True, str(recording), "plain", "given", 1, {"every": 1}, FRAMES, len(SEEN),
-            ((SKIPPED, "bad"),), {"frame": Timing(25.0, 30.0)}, 1.0, 1.0,
-        )  # fmt: skip
-        writer.finish(ObjectsFile(UP, CAMERA, (table,), objects), points, report)
+        writer.finish(
+            ObjectsFile(UP, CAMERA, (table,), objects), points, run_report(recording, FRAMES, ((SKIPPED, "bad"),))
+        )
     return folder

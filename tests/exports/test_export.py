@@ -255,9 +255,14 @@ def test_mcap_has_pictures_and_transforms_as_ros_has_them(run: Results, tmp_path
     found = messages(tmp_path / "r.mcap")
     color_topic, depth = "/camera/color/image_raw/compressed", "/camera/aligned_depth_to_color"
     per_frame = (
-        "/tf", "/objects/markers", "/objects/detections", "/camera/color/camera_info", f"{depth}/camera_info",
-        color_topic, f"{depth}/image_raw/compressedDepth",
-    )  # fmt: skip
+        "/tf",
+        "/objects/markers",
+        "/objects/detections",
+        "/camera/color/camera_info",
+        f"{depth}/camera_info",
+        color_topic,
+        f"{depth}/image_raw/compressedDepth",
+    )
     assert {topic: len(several) for topic, several in found.items()} == {**dict.fromkeys(per_frame, 4), "/map": 1}
     assert [time_ns for time_ns, _ in found["/tf"]] == [round(k / 30 * 1e6) * 1000 for k in (0, 1, 3, 4)]
     color, deep = found[color_topic][0][1], found[f"{depth}/image_raw/compressedDepth"][0][1]

@@ -13,9 +13,8 @@ from cuboid.outputs import Results
 
 def printed(path: Path, *options: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-m", "rerun", "rrd", "print", *options, str(path)],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        [sys.executable, "-m", "rerun", "rrd", "print", *options, str(path)], capture_output=True, text=True, check=True
+    )
     return done.stdout
 
 
@@ -34,9 +33,17 @@ def test_the_recording_has_the_tree_of_frames(run: Results, tmp_path: Path) -> N
     assert not list(tmp_path.glob("*partial*"))
     text = printed(tmp_path / "a.rrd")
     for entity in (
-        "world", "world/map", "world/planes/0", "world/objects/1", "world/objects/2", "world/objects/3",
-        "world/camera", "world/camera_path", "world/camera/image", "world/camera/image/objects",
-    ):  # fmt: skip
+        "world",
+        "world/map",
+        "world/planes/0",
+        "world/objects/1",
+        "world/objects/2",
+        "world/objects/3",
+        "world/camera",
+        "world/camera_path",
+        "world/camera/image",
+        "world/camera/image/objects",
+    ):
         assert f" /{entity} " in text, entity
 
 

@@ -31,10 +31,16 @@ def test_only_regular_files_are_opened_and_none_is_waited_for(tmp_path: Path, mo
         monkeypatch.chdir(tmp_path)
         made.bind("socket")
         for name, says in (
-            ("fifo", "is a FIFO"), ("device", "is a device"), ("socket", "is a socket"), (".", "is a folder"),
-            ("circle", "Too many levels"), ("none", "No such file"), ("none/a", "No such file"),
-            ("a\0b", "no file can"), ("x" * 300, "too long"),
-        ):  # fmt: skip
+            ("fifo", "is a FIFO"),
+            ("device", "is a device"),
+            ("socket", "is a socket"),
+            (".", "is a folder"),
+            ("circle", "Too many levels"),
+            ("none", "No such file"),
+            ("none/a", "No such file"),
+            ("a\0b", "no file can"),
+            ("x" * 300, "too long"),
+        ):
             with pytest.raises(UnreadableError, match=says) as caught, opened(tmp_path / name, 100):
                 pass
             assert str(caught.value).isprintable()
@@ -74,7 +80,7 @@ def test_lines_come_as_they_are_however_they_end(tmp_path: Path) -> None:
         ('{"format": "cuboid-objects", "version": 1,\n\n"up": nope}', "line 3: invalid character"),
         ('{"format": "cuboid-objects", "version": 1' + "0" * 5000 + "}", "version: integer value out of range"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_said_in_one_short_line(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "objects.json"
     path.write_text(text)

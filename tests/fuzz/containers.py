@@ -82,9 +82,14 @@ def _bag_with_imu(folder: Path) -> None:
 
 # Packages that the making of a target needs, and that need not be installed.
 NEEDS = {
-    "record3d-file": "liblzfse", "ros1": "rosbags", "mcap": "rosbags", "db3": "rosbags", "realsense": "rosbags",
-    "gravity": "rosbags", "stores": "duckdb",
-}  # fmt: skip
+    "record3d-file": "liblzfse",
+    "ros1": "rosbags",
+    "mcap": "rosbags",
+    "db3": "rosbags",
+    "realsense": "rosbags",
+    "gravity": "rosbags",
+    "stores": "duckdb",
+}
 
 CONTAINERS: dict[str, Target] = {
     "replica": Target(folders.make_replica, files_of, {"read": read_all}),

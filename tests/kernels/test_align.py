@@ -36,10 +36,8 @@ def summed(points, normals, intensity, image, T, shade):
     system, sums = np.empty((7, 6)), np.empty(align.SUMS)
     shades = np.empty((len(shade), align.GROUP_SUMS))
     group = (np.arange(len(points)) % len(shade)).astype(np.int32)
-    align.accumulate(
-        points, normals, intensity, group, shade, image, CAMERA, np.ascontiguousarray(T), SIGMA, NOISE, GATE, system,
-        sums, shades,
-    )  # fmt: skip
+    picked = points, normals, intensity, group, shade
+    align.accumulate(*picked, image, CAMERA, np.ascontiguousarray(T), SIGMA, NOISE, GATE, system, sums, shades)
     return system, sums, shades, group
 
 

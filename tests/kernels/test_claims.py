@@ -301,9 +301,14 @@ MAX_CONFIDENCE = 8
 
 
 def slow_vote(
-    held: dict[int, tuple[int, int]], claim: np.ndarray, slots: np.ndarray, speaks: dict[int, int],
-    candidate: np.ndarray, may: dict[tuple[int, int], bool], hits: np.ndarray,
-) -> dict[int, tuple[int, int]]:  # fmt: skip
+    held: dict[int, tuple[int, int]],
+    claim: np.ndarray,
+    slots: np.ndarray,
+    speaks: dict[int, int],
+    candidate: np.ndarray,
+    may: dict[tuple[int, int], bool],
+    hits: np.ndarray,
+) -> dict[int, tuple[int, int]]:
     """Each voxel hears the first pixel that has something to say: for an object, or, on a plane, for no one."""
     after = dict(held)
     done = set()
@@ -361,10 +366,8 @@ def test_so_many_frames_as_there_are_votes_change_an_owner() -> None:
     place, hits = np.array([0, 1, 2]), np.full(1, 9, np.int32)
     history = []
     for number in [1] * 12 + [2] * 10:
-        vote_owners(
-            claim, np.array([number], np.int32), place, yes, np.ones((1, 1), np.uint8), slots, hits, MAX_CONFIDENCE,
-            owner, confidence, voted,
-        )  # fmt: skip
+        votes = claim, np.array([number], np.int32), place, yes, np.ones((1, 1), np.uint8)
+        vote_owners(*votes, slots, hits, MAX_CONFIDENCE, owner, confidence, voted)
         history.append((int(owner[0]), int(confidence[0])))
     assert history[11] == (1, MAX_CONFIDENCE)
     assert history[18] == (1, 1)

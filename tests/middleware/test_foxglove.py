@@ -30,8 +30,9 @@ def server(messages: RosMessages) -> Iterator[FoxgloveServer]:
 
 
 def test_who_comes_later_gets_the_last_latched_message(server: FoxgloveServer, messages: RosMessages) -> None:
-    latched, passing = (server.outlet(name, "std_msgs/msg/String", qos) for name, qos in
-                        (("/map", Qos.LATCHED), ("/now", Qos.RELIABLE)))  # fmt: skip
+    latched, passing = (
+        server.outlet(name, "std_msgs/msg/String", qos) for name, qos in (("/map", Qos.LATCHED), ("/now", Qos.RELIABLE))
+    )
     for outlet in (latched, passing):
         for text in ("one", "two"):
             outlet.send(messages.encode(messages.make("std_msgs/String", data=text)), 5)

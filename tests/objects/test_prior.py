@@ -30,9 +30,8 @@ def weighed(*boxes: tuple[int, int, int, int]) -> WeighedProposals:
 def test_a_proposal_gains_by_how_much_it_is_a_sure_object() -> None:
     objects = [entry(2, 3.0), entry(6, 0.0)]
     exact, half, other, nothing, both = prior_of(
-        objects, OWNER,
-        weighed((0, 5, 10, 15), (0, 5, 5, 15), (15, 5, 25, 15), (10, 0, 15, 5), (0, 5, 25, 15)),
-    )  # fmt: skip
+        objects, OWNER, weighed((0, 5, 10, 15), (0, 5, 5, 15), (15, 5, 25, 15), (10, 0, 15, 5), (0, 5, 25, 15))
+    )
     sure = 1 / (1 + np.exp(-3.0))
     assert exact == pytest.approx(1 + sure)
     assert half == pytest.approx(1 + 0.5 * sure)

@@ -78,9 +78,7 @@ def test_objects_json_is_what_the_contract_says(results: Path) -> None:
     document = json.loads((results / "objects.json").read_text())
     assert list(document) == ["format", "version", "up", "intrinsics", "planes", "objects"]
     assert (document["format"], document["version"], document["up"]) == ("cuboid-objects", 1, [0.0, 0.0, 1.0])
-    assert document["intrinsics"] == {
-        "fx": 500.0, "fy": 500.0, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48
-    }  # fmt: skip
+    assert document["intrinsics"] == {"fx": 500.0, "fy": 500.0, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
     assert list(document["planes"][0]) == ["normal", "offset", "extent"]
     assert document["objects"] == [
         {
@@ -104,9 +102,20 @@ def test_objects_json_is_what_the_contract_says(results: Path) -> None:
 def test_run_json_is_what_the_contract_says(results: Path) -> None:
     document = json.loads((results / "run.json").read_text())
     assert list(document) == [
-        "version", "complete", "recording", "format", "poses", "threads", "config", "frames", "milliseconds",
-        "seconds", "peak_memory_mb", "warnings", "limits",
-    ]  # fmt: skip
+        "version",
+        "complete",
+        "recording",
+        "format",
+        "poses",
+        "threads",
+        "config",
+        "frames",
+        "milliseconds",
+        "seconds",
+        "peak_memory_mb",
+        "warnings",
+        "limits",
+    ]
     assert document["frames"] == {"read": 4, "used": 4, "skipped": []}
     assert list(document["milliseconds"]["frame"]) == ["median", "p95"]
     assert document["config"]["tracker"]["voxel_m"] == 0.01
@@ -237,8 +246,12 @@ def test_an_empty_map_is_a_map(tmp_path: Path) -> None:
 
 
 def test_points_are_counted_in_the_map_that_is_written() -> None:
-    points = MapPoints(np.zeros((6, 3), np.float32), np.zeros((6, 3), np.uint8), np.zeros(6, np.float32),
-                       np.array([0, 2, 2, 1, 0, 2], np.int32))  # fmt: skip
+    points = MapPoints(
+        np.zeros((6, 3), np.float32),
+        np.zeros((6, 3), np.uint8),
+        np.zeros(6, np.float32),
+        np.array([0, 2, 2, 1, 0, 2], np.int32),
+    )
     thing = TrackedObject(1, box(), 0.9, 0.8, 0, 2, 3, 1234, np.zeros(3), None)
     known = [replace(thing, label=label) for label in (1, 2, 3)]
     assert [(item.label, item.points) for item in points.counted(known)] == [(1, 1), (2, 3), (3, 0)]

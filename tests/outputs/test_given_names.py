@@ -15,9 +15,7 @@ def test_a_given_name_wins_and_can_be_taken_away(tmp_path: Path) -> None:
     folder = write_results(tmp_path)
     found = read_objects(folder / "objects.json")
     cup = dataclasses.replace(found.objects[0], name="cup", name_score=0.9, names=(("bowl", 0.05),))
-    write_objects(
-        folder / "objects.json", dataclasses.replace(found, objects=(cup, *found.objects[1:]))
-    )  # fmt: skip
+    write_objects(folder / "objects.json", dataclasses.replace(found, objects=(cup, *found.objects[1:])))
     name_object(folder, cup.label, "Anna's")
     named = open_results(folder).found.objects[0]
     assert (named.name, named.name_score, named.names) == ("Anna's", None, (("cup", 0.9), ("bowl", 0.05)))

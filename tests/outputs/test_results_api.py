@@ -136,13 +136,23 @@ def test_records_are_shown_in_a_line(results: cuboid.Results) -> None:
     said = "#1 my cup: 20.0 x 10.0 x 30.0 cm at -0.30, 0.00, 0.15 m; score 0.60, seen in 29 frames"
     assert repr(item) == f"TrackedObject({said})"
     records = [
-        item, item.box, results.planes[0], results.cloud(1), results.map_points(), results.frames[0],
-        results.frames[7], results.sightings()[0], results, results.report, results.poses[2],
+        item,
+        item.box,
+        results.planes[0],
+        results.cloud(1),
+        results.map_points(),
+        results.frames[0],
+        results.frames[7],
+        results.sightings()[0],
+        results,
+        results.report,
+        results.poses[2],
         cuboid.RunOutcome(results.report, (), (), None, {}, 1.0, 0, 0),
         cuboid.Proposals(np.zeros((0, 4), np.int32), np.zeros(0, np.float32)),
         cuboid.DepthCamera(500.0, 500.0, 320.0, 240.0, (640, 480), np.eye(4)),
-        cuboid.Proposal3D(0, item.box, 0.5, np.zeros(4)), cuboid.Sighting(1, item.box, None, 1.0, np.zeros(4)),
-    ]  # fmt: skip
+        cuboid.Proposal3D(0, item.box, 0.5, np.zeros(4)),
+        cuboid.Sighting(1, item.box, None, 1.0, np.zeros(4)),
+    ]
     for one in records:
         assert len(repr(one).splitlines()) == 1, repr(one)
         assert "array(" not in repr(one)
@@ -191,8 +201,11 @@ def test_the_answers_are_those_of_the_tracker(asked: dict[str, MapQueries], kind
     assert labels(one.objects) == labels(other.objects) == [1, 2]
     for a, b in zip(one.objects, other.objects, strict=True):
         assert (a.plane, a.first_frame, a.last_frame, a.frames_seen) == (
-            b.plane, b.first_frame, b.last_frame, b.frames_seen,
-        )  # fmt: skip
+            b.plane,
+            b.first_frame,
+            b.last_frame,
+            b.frames_seen,
+        )
         assert np.allclose(a.box.center, b.box.center, atol=1e-5)
         assert np.allclose(a.box.size, b.box.size, atol=1e-5)
         assert np.array_equal(rows(one.cloud(a.label)), rows(other.cloud(a.label)))

@@ -24,8 +24,11 @@ def test_each_kind_of_change() -> None:
     stop = log.listen(heard.extend)
     log.update([moved(one, 2 * MOVED_M), replace(two, name="tin"), replace(four, merged_labels=(3,))])
     assert [(one.number, one.change, one.label) for one in heard] == [
-        (1, "moved", 1), (2, "renamed", 2), (3, "confirmed", 4), (4, "merged", 3),
-    ]  # fmt: skip
+        (1, "moved", 1),
+        (2, "renamed", 2),
+        (3, "confirmed", 4),
+        (4, "merged", 3),
+    ]
     assert heard[0].from_m == (-0.5, 0.0, 0.56)
     assert heard[3].into == 4
     log.update([replace(two, name="tin")])

@@ -46,8 +46,14 @@ class Messages:
         header = self.header(frame, time_ns)
         return self(
             "sensor_msgs/msg/Image",
-            header=header, height=height, width=width, encoding=encoding, is_bigendian=0, step=step, data=data,
-        )  # fmt: skip
+            header=header,
+            height=height,
+            width=width,
+            encoding=encoding,
+            is_bigendian=0,
+            step=step,
+            data=data,
+        )
 
     def compressed(self, data: bytes, words: str, frame: str, time_ns: int) -> Any:
         header = self.header(frame, time_ns)
@@ -61,31 +67,41 @@ class Messages:
         fields = {K: matrix, D: np.array(distortion, np.float64), R: np.eye(3).ravel(), P: projection}
         return self(
             "sensor_msgs/msg/CameraInfo",
-            header=self.header(frame, time_ns), height=int(c["height"]), width=int(c["width"]),
-            distortion_model="plumb_bob", binning_x=0, binning_y=0, roi=roi, **fields,
-        )  # fmt: skip
+            header=self.header(frame, time_ns),
+            height=int(c["height"]),
+            width=int(c["width"]),
+            distortion_model="plumb_bob",
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+            **fields,
+        )
 
     def transform(self, parent: str, child: str, time_ns: int, move: tuple[float, ...], turn: tuple[float, ...]) -> Any:
         vector = self("geometry_msgs/msg/Vector3", x=move[0], y=move[1], z=move[2])
         quaternion = self("geometry_msgs/msg/Quaternion", x=turn[0], y=turn[1], z=turn[2], w=turn[3])
         one = self(
             "geometry_msgs/msg/TransformStamped",
-            header=self.header(parent, time_ns), child_frame_id=child,
+            header=self.header(parent, time_ns),
+            child_frame_id=child,
             transform=self("geometry_msgs/msg/Transform", translation=vector, rotation=quaternion),
-        )  # fmt: skip
+        )
         return self("tf2_msgs/msg/TFMessage", transforms=[one])
 
     def imu(self, frame: str, time_ns: int, acceleration: tuple[float, ...]) -> Any:
         zero, level = self("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0), np.zeros(9)
         return self(
             "sensor_msgs/msg/Imu",
-            header=self.header(frame, time_ns), orientation=self("geometry_msgs/msg/Quaternion", x=0, y=0, z=0, w=1),
-            orientation_covariance=level, angular_velocity=zero, angular_velocity_covariance=level,
+            header=self.header(frame, time_ns),
+            orientation=self("geometry_msgs/msg/Quaternion", x=0, y=0, z=0, w=1),
+            orientation_covariance=level,
+            angular_velocity=zero,
+            angular_velocity_covariance=level,
             linear_acceleration=self(
                 "geometry_msgs/msg/Vector3", x=acceleration[0], y=acceleration[1], z=acceleration[2]
             ),
             linear_acceleration_covariance=level,
-        )  # fmt: skip
+        )
 
     def odometry(self, frame: str, time_ns: int, move: tuple[float, ...]) -> Any:
         point = self("geometry_msgs/msg/Point", x=move[0], y=move[1], z=move[2])

@@ -393,12 +393,31 @@ def tarred(frames: Frames, root: Path) -> Path:
 
 # The containers that keep color and depth as they are, and those whose color is a JPEG's or a video's.
 LOSSLESS: dict[str, Callable[[Frames, Path], Path]] = {
-    "tum": tum, "icl-nuim": icl_nuim, "7-scenes": seven_scenes, "uw-rgbd-scenes-v2": uw, "open3d": open3d,
-    "replica": replica, "scannet": scannet, "scannet-sens": sens, "bop": bop, "nerfstudio": nerfstudio, "sun3d": sun3d,
-    "3rscan": three_rscan, "arkitscenes": arkitscenes, "infinitam": infinitam, "record3d": record3d,
-    "polycam": polycam, "ros-bag bag": ros("bag"), "ros-bag db3": ros("db3"), "ros-bag mcap": ros("mcap"),
-    "realsense-bag": realsense, "plain zip": zipped, "plain tar": tarred,
-}  # fmt: skip
+    "tum": tum,
+    "icl-nuim": icl_nuim,
+    "7-scenes": seven_scenes,
+    "uw-rgbd-scenes-v2": uw,
+    "open3d": open3d,
+    "replica": replica,
+    "scannet": scannet,
+    "scannet-sens": sens,
+    "bop": bop,
+    "nerfstudio": nerfstudio,
+    "sun3d": sun3d,
+    "3rscan": three_rscan,
+    "arkitscenes": arkitscenes,
+    "infinitam": infinitam,
+    "record3d": record3d,
+    "polycam": polycam,
+    "ros-bag bag": ros("bag"),
+    "ros-bag db3": ros("db3"),
+    "ros-bag mcap": ros("mcap"),
+    "realsense-bag": realsense,
+    "plain zip": zipped,
+    "plain tar": tarred,
+}
 LOSSY: dict[str, Callable[[Frames, Path], Path]] = {
-    "record3d-file": record3d_file, "stray-scanner": stray_scanner, "azure-kinect": azure_kinect,
-}  # fmt: skip
+    "record3d-file": record3d_file,
+    "stray-scanner": stray_scanner,
+    "azure-kinect": azure_kinect,
+}

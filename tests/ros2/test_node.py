@@ -102,15 +102,12 @@ def running(bag: Path, domain: int, *options: str) -> Iterator[tuple[Listener, s
     """Run the player and the node; the listener is here."""
     environment = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     listener = Listener(domain)
-    node = subprocess.Popen(
-        [sys.executable, "-m", "cuboid", "ros2", "--domain", str(domain), "--transport", "dds", *options],
-        stderr=subprocess.PIPE, text=True, env=environment,
-    )  # fmt: skip
-    player = subprocess.Popen(
-        [sys.executable, str(LOOP), "play", str(bag), "--domain", str(domain), "--frames", str(FRAMES), "--distinct",
-         str(FRAMES), "--hertz", str(HERTZ), "--first-ns", str(FIRST_NS), "--clock", "--wait", "--linger", "60"],
-        stdout=subprocess.PIPE, text=True, env=environment,
-    )  # fmt: skip
+    node_command = [sys.executable, "-m", "cuboid", "ros2", "--domain", str(domain), "--transport", "dds", *options]
+    node = subprocess.Popen(node_command, stderr=subprocess.PIPE, text=True, env=environment)
+    frames = f"--frames {FRAMES} --distinct {FRAMES} --hertz {HERTZ} --first-ns {FIRST_NS}".split()
+    player_command = [sys.executable, str(LOOP), "play", str(bag), "--domain", str(domain), *frames]
+    player_command += ["--clock", "--wait", "--linger", "60"]
+    player = subprocess.Popen(player_command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         yield listener, node
     finally:
@@ -260,10 +257,9 @@ def test_poses_are_estimated_and_published(bag: Path) -> None:
 
 
 def test_a_node_that_waits_for_images_is_ended_by_a_signal(tmp_path: Path) -> None:
-    node = subprocess.Popen(
-        [sys.executable, "-m", "cuboid", "ros2", "--domain", str(22 + os.getpid() % 200), "--transport", "dds"],
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    domain = str(22 + os.getpid() % 200)
+    command = [sys.executable, "-m", "cuboid", "ros2", "--domain", domain, "--transport", "dds"]
+    node = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     assert node.stderr is not None
     assert node.stderr.readline() == "cuboid: waiting for images\n"
     said = ended(node)

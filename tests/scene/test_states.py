@@ -63,9 +63,20 @@ def unsaved(item: Any) -> set[str]:
 def test_each_attribute_is_saved_or_said_not_to_be() -> None:
     found = [item for root in scene() for item in stateful(root) if not isinstance(item, Record)]
     assert {type(item).__name__ for item in found} == {
-        "PosedTracker", "PlaneTracker", "VoxelMap", "StoredPoints", "Levels", "RowBlocks", "Anchors",
-        "ObjectMap", "ObjectStore", "Affinity", "ScenePoses", "PoseEstimator", "Atlas",
-    }  # fmt: skip
+        "PosedTracker",
+        "PlaneTracker",
+        "VoxelMap",
+        "StoredPoints",
+        "Levels",
+        "RowBlocks",
+        "Anchors",
+        "ObjectMap",
+        "ObjectStore",
+        "Affinity",
+        "ScenePoses",
+        "PoseEstimator",
+        "Atlas",
+    }
     for item in found:
         assert unsaved(item) == set(), type(item).__name__
         assert vars(item).keys() >= type(item).NOT_SAVED, f"{type(item).__name__} has no such attribute"
@@ -81,8 +92,14 @@ def test_records_are_saved_whole() -> None:
     """Dataclasses that are their own state have no attribute but their fields; those not saved have a default."""
     records = [cls for cls in record_classes(SceneState) if not cls.__name__.endswith("State")]
     assert {cls.__name__ for cls in records} == {
-        "UpVote", "Windows", "Plane", "GroundPlan", "Anchor", "MapObject", "Keyframe"
-    }  # fmt: skip
+        "UpVote",
+        "Windows",
+        "Plane",
+        "GroundPlan",
+        "Anchor",
+        "MapObject",
+        "Keyframe",
+    }
     for cls in records:
         fields: Any = dataclasses.fields(cls)  # type: ignore[arg-type]
         assert "__dict__" not in dir(cls), f"{cls.__name__} may have attributes that are no fields"

@@ -134,9 +134,7 @@ def test_what_is_looked_at_and_not_there_ends() -> None:
 
 def test_the_label_stays_when_depth_comes() -> None:
     shown = Shown(frames=60)
-    tracker, results = run(
-        shown, dark(shown, range(20)), detector=detector_of(shown), proposals=shown.proposals
-    )  # fmt: skip
+    tracker, results = run(shown, dark(shown, range(20)), detector=detector_of(shown), proposals=shown.proposals)
     before = {one.label for one in results[19].sightings}
     near = [item for item in tracker.objects if np.linalg.norm(item.box.center - PLACE) < 0.1]
     assert [item.kind for item in near] == ["volume"]

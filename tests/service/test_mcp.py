@@ -41,9 +41,15 @@ async def all_tools(client: Client, results: Path) -> None:
     place = open_place(str(results))
     tools = {tool.name: tool for tool in (await client.list_tools()).tools}
     assert set(tools) == {
-        "describe_place", "find_objects", "last_seen", "recent_changes", "describe_object", "picture_of_object",
-        "history_of_object", "free_place",
-    }  # fmt: skip
+        "describe_place",
+        "find_objects",
+        "last_seen",
+        "recent_changes",
+        "describe_object",
+        "picture_of_object",
+        "history_of_object",
+        "free_place",
+    }
     typed = set(tools) - {"picture_of_object"}
     assert all(tools[name].output_schema for name in typed)
     assert all(tool.description and tool.annotations.read_only_hint for tool in tools.values())

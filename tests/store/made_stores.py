@@ -29,10 +29,18 @@ def thing(label: int, **columns: Any) -> dict[str, Any]:
         "label": label,
         **{f"center_{axis}_m": 0.0 for axis in "xyz"},
         **dict.fromkeys(("longest_m", "middle_m", "shortest_m", "length_m", "width_m", "height_m"), 0.1),
-        "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "score": 0.9, "frames_seen": 10, "last_seen": BEGIN,
-        "color": color, "colors": colors_of(color), "shape": [1.0 / SHAPE_BINS] * SHAPE_BINS,
+        "qw": 1.0,
+        "qx": 0.0,
+        "qy": 0.0,
+        "qz": 0.0,
+        "score": 0.9,
+        "frames_seen": 10,
+        "last_seen": BEGIN,
+        "color": color,
+        "colors": colors_of(color),
+        "shape": [1.0 / SHAPE_BINS] * SHAPE_BINS,
         **columns,
-    }  # fmt: skip
+    }
 
 
 def put_run(

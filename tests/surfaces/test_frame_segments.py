@@ -21,9 +21,14 @@ SIDES = np.array([BOTTOM, TOP, RIGHT, LEFT])
 
 
 def found(
-    depth: np.ndarray, support: np.ndarray, heights: np.ndarray, boxes: list[tuple[int, int, int, int]],
-    weights: list[float], prior: list[float] | None = None, filled: np.ndarray | None = None,
-) -> FrameSegments:  # fmt: skip
+    depth: np.ndarray,
+    support: np.ndarray,
+    heights: np.ndarray,
+    boxes: list[tuple[int, int, int, int]],
+    weights: list[float],
+    prior: list[float] | None = None,
+    filled: np.ndarray | None = None,
+) -> FrameSegments:
     """The things of a frame whose proposals are whole boxes; `filled` are holes that were given their depth."""
     image = WorkingImage(depth.astype(np.float32), np.zeros((*depth.shape, 3), np.uint8), CAMERA, 1, (0, 0))
     read = image if filled is None else replace(image, depth_m=np.where(filled, np.float32(0), image.depth_m))

@@ -173,9 +173,13 @@ def test_no_plane_outlives_a_change_of_up() -> None:
     old = planes.planes[0].identity
     assert planes.find(old) is not None
     turned = Cells(
-        cells.places, np.tile([0.0, -1.0, 0.0], (len(cells.normal), 1)), cells.center[:, [0, 2, 1]], cells.area_m2,
-        cells.sigma_m, cells.image_shape,
-    )  # fmt: skip
+        cells.places,
+        np.tile([0.0, -1.0, 0.0], (len(cells.normal), 1)),
+        cells.center[:, [0, 2, 1]],
+        cells.area_m2,
+        cells.sigma_m,
+        cells.image_shape,
+    )
     assert any(planes.vote_up(facing(0, -1, 0), LEVEL) for _ in range(30)), "as much stands on what faces -y"
     assert planes.planes == []
     assert planes.find(old) is None

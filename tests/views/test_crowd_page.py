@@ -154,9 +154,11 @@ def test_no_tag_covers_another_or_a_toolbar(page: Page, size: tuple[int, int]) -
             assert canvas["left"] <= tag["left"] < tag["right"] <= canvas["right"]
             for other in [*tags[:i], *bars]:
                 apart = (
-                    tag["right"] <= other["left"] or other["right"] <= tag["left"]
-                    or tag["bottom"] <= other["top"] or other["bottom"] <= tag["top"]
-                )  # fmt: skip
+                    tag["right"] <= other["left"]
+                    or other["right"] <= tag["left"]
+                    or tag["bottom"] <= other["top"]
+                    or other["bottom"] <= tag["top"]
+                )
                 assert apart, (tag, other)
 
 

@@ -31,9 +31,16 @@ def test_a_run_is_written_while_it_goes(tmp_path: Path, monkeypatch: pytest.Monk
         [sys.executable, "-m", "rerun", "rrd", "print", str(file)], capture_output=True, text=True, check=True
     )
     for entity in (
-        "world", "world/map", "world/planes/0", "world/objects/1", "world/camera", "world/camera_path",
-        "world/camera/image", "world/camera/image/objects", "world/camera/depth",
-    ):  # fmt: skip
+        "world",
+        "world/map",
+        "world/planes/0",
+        "world/objects/1",
+        "world/camera",
+        "world/camera_path",
+        "world/camera/image",
+        "world/camera/image/objects",
+        "world/camera/depth",
+    ):
         assert f" /{entity} " in done.stdout, entity
     assert (
         sum(int(n) for n in re.findall(r"(\d+) rows?.* /world/camera/depth ", done.stdout)) == 7

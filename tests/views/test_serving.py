@@ -91,10 +91,18 @@ def test_long_and_strange_requests_are_refused(port: int, capfd: pytest.CaptureF
         assert status(port, path) == 404, path
     assert status(port, "/frame/0.jpg?" + "what=a&" * 200) == 404
     for content in (
-        b"", b"\n", b"\0" * 100, b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"GET / HTTP/1.1\r\nHost\r\n\r\n",
-        b"\x16\x03\x01\x02\x00\x01", b"GET /" + b"x" * 100_000, b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 5000 + b"\r\n",
-        b"GET / HTTP/1.1\r\nA: " + b"b" * 70_000 + b"\r\n\r\n", b"GET /\xff\xfe HTTP/1.1\r\nHost: localhost\r\n\r\n",
-    ):  # fmt: skip
+        b"",
+        b"\n",
+        b"\0" * 100,
+        b"GET\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost\r\n\r\n",
+        b"\x16\x03\x01\x02\x00\x01",
+        b"GET /" + b"x" * 100_000,
+        b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 5000 + b"\r\n",
+        b"GET / HTTP/1.1\r\nA: " + b"b" * 70_000 + b"\r\n\r\n",
+        b"GET /\xff\xfe HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    ):
         assert b" 200 " not in said(port, content)[:20], content[:40]
     assert status(port) == 200
     assert "Traceback" not in capfd.readouterr().err
