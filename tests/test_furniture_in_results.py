@@ -73,9 +73,7 @@ def test_a_table_is_one_piece_of_furniture_and_the_things_on_it_are_the_objects(
     assert table.points > 100
 
 
-def test_with_no_furniture_there_is_none_and_nothing_else_changes(
-    recording: Path, plain: Path
-) -> None:
+def test_with_no_furniture_there_is_none_and_nothing_else_changes(recording: Path, plain: Path) -> None:
     furnished = tracked(recording, plain.parent / "only")
     assert [one for one in entries(furnished) if one.get("kind") != "support"] == entries(plain)
     assert len(entries(furnished)) == len(entries(plain)) + 1
