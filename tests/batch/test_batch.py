@@ -102,8 +102,7 @@ def test_a_batch_ends_when_no_worker_can_be_started(tmp_path: Path, monkeypatch:
         monkeypatch.setenv(name, value)
     monkeypatch.setenv("CUBOID_TEST_NO_WORKER", str(no_worker))
     monkeypatch.setattr(cluster, "STARTS", 2)
-    # The client looks for its ended scheduler for so long.
-    settings = {"distributed.worker.preload": ["dying_workers"], "distributed.comm.timeouts.connect": "1s"}
+    settings = {"distributed.worker.preload": ["dying_workers"]}
 
     def last_task() -> None:
         no_worker.touch()

@@ -7,6 +7,7 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from cuboid.core.frame import Float64Array
 from cuboid.core.results import FrameResult, ObjectEvent
 from cuboid.geometry.box import Box
 from cuboid.tracking.posed_tracker import PosedTracker
@@ -15,16 +16,17 @@ from made_scenes import CAMERA, frame_of, look_at, upright
 FLOOR = upright((0.0, 0.0), (6.0, 6.0, 0.02), z=-0.72)
 TABLE = upright((0.0, 0.0), (1.2, 0.8, 0.7), z=-0.7)
 STANDING = look_at((0.0, -1.1, 0.8), (0.0, 0.0, 0.0))
+ASIDE = look_at((0.0, -1.1, 0.8), (2.0, -1.5, -0.7))
 SIZES = ((0.12, 0.12, 0.15), (0.2, 0.12, 0.08), (0.09, 0.09, 0.2))
 FREE_X, AWAY = (-0.42, -0.21, 0.0, 0.21, 0.42), (0.0, 0.0, -5.0)
 
 
 class Stage:
-    """A table with things before a camera that stands."""
+    """A table with things before a camera that stands, or turns away."""
 
     def __init__(self, places: list[int]) -> None:
         self.tracker, self.index, self.events = PosedTracker(CAMERA), 0, list[ObjectEvent]()
-        self.claimed = STANDING
+        self.camera = self.claimed = STANDING
         self.at: list[tuple[float, float, float]] = [(FREE_X[place], 0.0, 0.0) for place in places]
 
     def things(self) -> list[Box]:
@@ -32,11 +34,17 @@ class Stage:
 
     def show(self, *others: Box, frames: int = 1) -> FrameResult:
         for _ in range(frames):
-            frame = frame_of([FLOOR, TABLE, *self.things(), *others], STANDING, self.index, T_shown=self.claimed)
+            frame = frame_of([FLOOR, TABLE, *self.things(), *others], self.camera, self.index, T_shown=self.claimed)
             result = self.tracker.update(frame)
             self.events += result.events
             self.index += 1
         return result
+
+    def look(self, T_world_camera: Float64Array, frames: int = 0) -> None:
+        """Turn the camera, and show frames from there."""
+        self.camera = self.claimed = T_world_camera
+        for _ in range(frames):
+            self.show()
 
     def carry(self, which: int, to: tuple[float, float, float]) -> None:
         """Lift a thing, carry it to a place and put it there, 3 cm a frame."""
@@ -129,6 +137,22 @@ def test_a_thing_that_is_brought_appears_and_what_never_rests_gets_no_label() ->
     (event,) = stage.events
     assert event.event == "appeared"
     assert event.label == stage.label_of(2)
+
+
+def test_what_came_while_the_camera_looked_away_gets_a_label_after_two_seconds() -> None:
+    stage = Stage([0, 2])
+    stage.show(frames=15)
+    before = {o.label for o in stage.tracker.objects}
+    assert len(before) == 2
+    stage.look(ASIDE, frames=75)
+    stage.look(STANDING)
+    hand = upright((FREE_X[4], 0.0), (0.09, 0.18, 0.08), z=0.0)
+    stage.show(hand, frames=45)
+    assert {o.label for o in stage.tracker.objects} == before, "a hand that leaves before"
+    stage.show(frames=15)
+    stage.at.append((FREE_X[4], 0.0, 0.0))
+    stage.show(frames=130)
+    assert stage.label_of(2) not in (None, *before)
 
 
 class Stages(RuleBasedStateMachine):

@@ -28,6 +28,7 @@ def found(
     weights: list[float],
     prior: list[float] | None = None,
     filled: np.ndarray | None = None,
+    moving: np.ndarray | None = None,
 ) -> FrameSegments:
     """The things of a frame whose proposals are whole boxes; `filled` are holes that were given their depth."""
     image = WorkingImage(depth.astype(np.float32), np.zeros((*depth.shape, 3), np.uint8), CAMERA, 1, (0, 0))
@@ -42,7 +43,7 @@ def found(
     )
     on_plane = np.where(heights == 0, support, -1).astype(np.int32)
     return segment_frame(
-        Observation(0, read, image, T_WORLD_CAMERA, None, 0, True, 0.0),
+        Observation(0, read, image, T_WORLD_CAMERA, None, 0, True, 0.0, moving),
         PixelPlanes(on_plane, support.astype(np.int32), PLANES),
         np.full(depth.shape, 0.5, np.float32),
         weighed,
@@ -83,6 +84,19 @@ def test_surfaces_of_one_proposal_that_are_about_as_large_and_near_are_one_thing
     (thing,) = found(depth, support, heights, [(15, 10, 45, 30)], [0.8]).segments
     assert thing.rect_xyxy.tolist() == [15, 10, 45, 30]
     assert len(found(depth, support, heights, [(15, 10, 30, 30), (30, 10, 45, 30)], [0.8, 0.7]).segments) == 2
+
+
+def test_a_part_of_a_body_that_moves_elsewhere_is_touched_and_a_thing_behind_it_is_not() -> None:
+    # A hand on the left is joined to an arm, whose far end moves; the wall behind begins at a jump of depth.
+    depth, support, heights = scene()
+    depth[10:30, 30:45] = 1.005
+    depth[10:30, 50:58], heights[10:30, 50:58], support[10:30, 50:58] = 1.2, 0.1, 1
+    moving = np.zeros((40, 60), np.uint8)
+    moving[10:30, 40:44] = 1
+    boxes = [(15, 10, 25, 30), (25, 10, 45, 30), (50, 10, 58, 30)]
+    things = found(depth, support, heights, boxes, [0.8, 0.7, 0.6], moving=moving)
+    assert things.touched.tolist() == [True, True, False]
+    assert not found(depth, support, heights, boxes, [0.8, 0.7, 0.6]).touched.any()
 
 
 def test_a_thing_knows_how_much_of_it_was_read() -> None:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import dask
-from distributed import CancelledError, Client, KilledWorker, LocalCluster, Nanny, Status
+from distributed import CancelledError, Client, KilledWorker, LocalCluster, Nanny, SchedulerPlugin, Status
 
 from cuboid import __version__
 from cuboid.core.errors import InputError
@@ -23,16 +23,22 @@ ATTEMPTS = 3
 # Number of retries of a task after a random failure, for example of the network.
 RETRIES = 2
 
-# Maximum number of starts of a worker whose process is killed during start-up.
+# A worker may be started this many times more than one task may kill it, if no task ends between.
 STARTS = 20
 
 CONNECT_S = 20
 
+# States of a nanny that starts no worker anymore.
+ENDING = (Status.closing, Status.closed, Status.closing_gracefully, Status.failed)
+
+# Dask's setting with the time for a connection.
+CONNECT_SETTING = "distributed.comm.timeouts.connect"
+
+# Dask's setting with the largest number of starts of a worker between two ends of tasks.
+STARTS_SETTING = "cuboid.worker-starts"
+
 # Module that keeps a local worker from writing to the terminal. Only workers may load it.
 SILENT = "cuboid.batch.silent"
-
-# States of a nanny that starts no worker any more.
-ENDING = (Status.closing, Status.closed, Status.closing_gracefully, Status.failed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +102,7 @@ class Workers:
 
     def _local(self) -> LocalCluster:
         try:
-            return LocalCluster(
+            cluster = LocalCluster(
                 n_workers=self.count or cores(),
                 worker_class=RetryingNanny,
                 threads_per_worker=1,
@@ -107,6 +113,10 @@ class Workers:
             )
         except (RuntimeError, OSError) as error:  # no free port, no process, or no space for the workers' files
             raise InputError(f"workers cannot be started: {error.__cause__ or error}") from error
+        scheduler = cluster.scheduler
+        assert scheduler is not None
+        scheduler.add_plugin(_Restarts(cluster))
+        return cluster
 
     def _settings(self) -> dict[str, object]:
         """Return Dask's settings: one core and one task per worker, no stored data, and a hard memory limit."""
@@ -124,6 +134,8 @@ class Workers:
             "distributed.admin.system-monitor.interval": "5s",
             "distributed.scheduler.active-memory-manager.start": False,
             "distributed.scheduler.work-stealing-interval": "1s",
+            CONNECT_SETTING: dask.config.get(CONNECT_SETTING),  # restored at the end
+            STARTS_SETTING: STARTS + self.attempts,
             # The nanny of a lost worker is restarting it; by default Dask would give up both after 15 s.
             "distributed.deploy.lost-worker-timeout": "1000 days",
             "distributed.worker.preload": [SILENT, *dask.config.get("distributed.worker.preload")],
@@ -134,18 +146,52 @@ class Workers:
 class RetryingNanny(Nanny):
     """A nanny that restarts a killed worker, also one that is killed during start-up.
 
-    After `STARTS` failures in a row, it ends the scheduler: without workers, its client would wait for ever.
+    Dask would begin the next start of such a worker before the last one has ended, and could then wait for ever. After
+    too many starts without the end of any task, the nanny ends the scheduler: no client waits for a worker.
+
+    Attributes
+    ----------
+    starts : int
+        Number of starts since a task ended.
     """
+
+    starts = 0
+    _starting = False
 
     async def instantiate(self) -> Status:
         """Start the worker's process."""
-        for _ in range(STARTS):
-            status = await super().instantiate()
-            if status == Status.running or self.status in ENDING:
-                return status
-        if self.status == Status.running:
+        most = dask.config.get(STARTS_SETTING)
+        self._starting = True
+        try:
+            while True:
+                self.starts += 1
+                status = await super().instantiate()
+                if status == Status.running or self.starts >= most or self.status in ENDING:
+                    break
+        finally:
+            self._starting = False
+        if self.starts >= most and self.status == Status.running:
+            # The end of the cluster looks for the ended scheduler for this time.
+            dask.config.set({CONNECT_SETTING: "1s"})
             await self.scheduler.terminate()
         return status
+
+    async def _on_worker_exit(self, exitcode: int) -> None:
+        if not self._starting:
+            await super()._on_worker_exit(exitcode)
+
+
+class _Restarts(SchedulerPlugin):
+    """Resets the number of starts of all nannies when a task ends."""
+
+    def __init__(self, cluster: LocalCluster) -> None:
+        self._cluster = cluster
+
+    def transition(self, key: object, start: str, finish: str, *_: object, **__: object) -> None:
+        """Note the end of a task."""
+        if finish in ("memory", "erred"):
+            for nanny in self._cluster.workers.values():
+                nanny.starts = 0
 
 
 def _refuse_other_versions(client: Client) -> None:

@@ -4,6 +4,7 @@ An object leaves when frames see through most of it while something moves near i
 found from frame to frame, it is followed as a rigid cluster. It rests when it has stood on a surface for a while. A
 lost object waits with its label: a new object of similar size and colors gets this label, as between two visits. An
 object that waits for too long is gone. If it leaves less than two seconds after it got its label, the label ends.
+What was not there before gets a new label when it has rested for two seconds: hands and people hardly do.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from cuboid.heatmap.motion import REST_S, groups_of
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.arrivals import IN_PLACE_M, Arrivals
 from cuboid.objects.cluster import Cluster, Fit
-from cuboid.objects.entry import MapObject
+from cuboid.objects.entry import MapObject, State
 from cuboid.objects.kernels.leaving import count_passed
 from cuboid.objects.similarity import ColorProfile, color_profile_of, most_similar, similarity
 from cuboid.objects.store import ObjectStore
@@ -71,6 +72,28 @@ class _Gone:
     from_box: Box
     since_s: float
     reported: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Newcomer:
+    """A candidate at the time at which it first met all other criteria of an object.
+
+    Attributes
+    ----------
+    since_s : float
+        Time of its first frame, seconds; of one two seconds ago if that was earlier.
+    complete_s : float
+        Time at which it met the criteria, seconds.
+    was_absent : bool
+        Whether an earlier view shows that it was not there.
+    has_come : bool
+        Whether something moved at its place, which was empty.
+    """
+
+    since_s: float
+    complete_s: float
+    was_absent: bool
+    has_come: bool
 
 
 @dataclass(slots=True)
@@ -119,6 +142,10 @@ class Following:
         self._settled: list[tuple[MapObject, float]] = []
         # Time of the last frame with motion at each candidate, by number.
         self._touched_s: dict[int, float] = {}
+        # Times of the frames of the last two seconds, by frame, seconds.
+        self._time_s: dict[int, float] = {}
+        # Candidates that meet all other criteria, and new objects, by number.
+        self._newcomers: dict[int, _Newcomer] = {}
         # Times at which objects got a new label, by number; the new objects that came while the camera watched.
         self._labelled_s: dict[int, float] = {}
         self._came: list[MapObject] = []
@@ -137,6 +164,9 @@ class Following:
     def begin_frame(self, seen: Observation, time_s: float) -> Observation:
         """Follow moving objects; return the frame with followed objects marked as moving, and settled ones as still."""
         self._levels = None
+        self._time_s = {frame: at_s for frame, at_s in self._time_s.items() if time_s - at_s <= REST_S}
+        self._time_s[seen.frame] = time_s
+        self._touched_s = {number: at_s for number, at_s in self._touched_s.items() if time_s - at_s < SET_DOWN_S}
         self._settled = [(entry, until_s) for entry, until_s in self._settled if time_s < until_s]
         self._arrivals.note_view(seen, time_s)
         if seen.moving is not None:
@@ -311,27 +341,35 @@ class Following:
         An object that is none of these has appeared. That is reported when the object is seen a second later: a hand
         has left its place by then.
         """
+        self._forget_newcomers(entries)
         self._labelled_s |= {entry.number: time_s for entry in entries}
         self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < REST_S}
         came = [
             *self._came,
-            *(entry for entry in entries if self._arrivals.has_come(entry) or self._is_in_old_place(entry)),
+            *(entry for entry in entries if self._newcomers[entry.number].has_come or self._is_in_old_place(entry)),
         ]
         self._came = []
         for entry in came:
             if not entry.confirmed or self._recognize(entry):
                 continue
-            young = time_s - self._labelled_s.get(entry.number, -COMPARED_S) < COMPARED_S
+            young = time_s - self._newcomers[entry.number].complete_s < COMPARED_S
             if young or entry.last_frame < frame:
                 self._came.append(entry)
-            elif self._arrivals.has_come(entry):
+            elif self._newcomers[entry.number].has_come:
                 self._report("appeared", entry, None, entry.box, entry.score)
+
+    def _forget_newcomers(self, entries: Sequence[MapObject]) -> None:
+        """Forget candidates that were retired or got their label, except for these objects and those that came."""
+        kept = {entry.number for entry in (*entries, *self._came)}
+        self._newcomers = {
+            number: one
+            for number, one in self._newcomers.items()
+            if number in kept or (number in self._store and self._store[number].state is State.CANDIDATE)
+        }
 
     def _recognize(self, entry: MapObject) -> bool:
         """Give a new object the label of a waiting one, if it is similar to that one and to no other."""
-        profile = color_profile_of(entry)
-        scores = [similarity(profile, entry.box, one.profile, one.from_box) for one in self._gone]
-        best = most_similar(scores)
+        best, scores = self._waiting_like(entry)
         if best is None:
             return False
         one = self._gone.pop(best)
@@ -341,6 +379,14 @@ class Following:
         elif np.linalg.norm(entry.box.center - one.from_box.center) > MOVED_M:
             self._report("moved", entry, one.from_box, entry.box, scores[best])
         return True
+
+    def _waiting_like(self, entry: MapObject) -> tuple[int | None, list[float]]:
+        """Return the index of the one waiting object that a new one is similar to, None: none, and all similarities."""
+        if not self._gone:
+            return None, []
+        profile = color_profile_of(entry)
+        scores = [similarity(profile, entry.box, one.profile, one.from_box) for one in self._gone]
+        return most_similar(scores), scores
 
     def _is_in_old_place(self, entry: MapObject) -> bool:
         """Return whether an object is where one was that seemed to leave."""
@@ -357,10 +403,20 @@ class Following:
         for number in numbers:
             self._touched_s[number] = time_s
 
-    def restless(self, time_s: float) -> frozenset[int]:
-        """Return the objects, by number, at which something moves or moved a short time ago."""
-        self._touched_s = {number: at_s for number, at_s in self._touched_s.items() if time_s - at_s < SET_DOWN_S}
-        return frozenset(self._touched_s)
+    def has_rested(self, entry: MapObject, time_s: float) -> bool:
+        """Return whether a complete candidate may get a label.
+
+        Nothing moves at it or moved a short time ago. If it was not there before, it has rested for two seconds, or
+        is similar to an object that left.
+        """
+        if entry.number in self._touched_s:
+            return False
+        if entry.number not in self._newcomers:
+            since_s = self._time_s.get(entry.first_frame, min(self._time_s.values()))
+            absent, come = self._arrivals.was_absent(entry), self._arrivals.has_come(entry)
+            self._newcomers[entry.number] = _Newcomer(since_s, time_s, absent, come)
+        one = self._newcomers[entry.number]
+        return not one.was_absent or time_s - one.since_s >= REST_S or self._waiting_like(entry)[0] is not None
 
     # --- results ---------------------------------------------------------------------------------------------------
 

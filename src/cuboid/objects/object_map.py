@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import ceil
@@ -349,15 +349,17 @@ class ObjectMap:
             [o for o in entries if -o.log_odds >= (CERTAIN_LOG_ODDS if o.confirmed else CERTAIN_LOG_ODDS / 2.0)]
         )
 
-    def record_seen(self, frame: int, seen: Sequence[MapObject], restless: frozenset[int]) -> list[MapObject]:
+    def record_seen(
+        self, frame: int, seen: Sequence[MapObject], has_rested: Callable[[MapObject], bool]
+    ) -> list[MapObject]:
         """Record that a frame shows these objects; confirm the candidates among them that meet all criteria.
 
         Parameters
         ----------
         frame : int
         seen : sequence of MapObject
-        restless : frozenset of int
-            Numbers of objects that have not been at rest long enough to get a label.
+        has_rested : callable
+            Returns whether a candidate that meets all other criteria has been at rest long enough to get a label.
 
         Returns
         -------
@@ -368,9 +370,9 @@ class ObjectMap:
         for entry in seen:
             if (
                 entry.state is State.CANDIDATE
-                and entry.number not in restless
                 and entry.log_odds >= CERTAIN_LOG_ODDS
                 and is_confirmable(entry, self.store, self._planes, self._config)
+                and has_rested(entry)
             ):
                 self.store.confirm(entry)
                 confirmed.append(entry)

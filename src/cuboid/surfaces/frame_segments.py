@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.config import TrackerConfig
-from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.kernels.pixels import back_project
 from cuboid.core.limits import MAX_SEGMENTS
 from cuboid.core.observation import Observation
@@ -80,7 +80,7 @@ class FrameSegments:
     proposal : (n,) int64
         The proposal of each segment.
     touched : (n,) bool
-        Segments at which something moves: their outlines are no evidence.
+        Segments at which something moves, or of a body that moves elsewhere: their outlines are no evidence.
     left_out : int
         Number of segments dropped because of the limit per frame.
     """
@@ -177,15 +177,28 @@ def segment_frame(
     for k, (begin, end) in enumerate(first[:kept].tolist()):
         supports = {name: count for name, count in zip(names, above[k], strict=True) if count}
         segments.append(FrameSegment(pixels[begin:end], supports, warm[k], scores[k], rects[k], outline[k], read[k]))
-    return FrameSegments(segments, segment_of, contact, proposal_of, _touched(segment_of, kept, seen.moving), left_out)
+    touched = _touched(segment_of, kept, seen, planes, config.depth_noise_per_m)
+    return FrameSegments(segments, segment_of, contact, proposal_of, touched, left_out)
 
 
-def _touched(segment_of: npt.NDArray[np.int32], count: int, moving: UInt8Array | None) -> npt.NDArray[np.bool_]:
-    """Return which segments (n,) touch moving pixels (h, w); `segment_of` (h, w) is the segment of each pixel."""
+def _touched(
+    segment_of: npt.NDArray[np.int32], count: int, seen: Observation, planes: PixelPlanes, noise_per_m: float
+) -> npt.NDArray[np.bool_]:
+    """Return which segments (n,) touch moving pixels or belong to a body that moves elsewhere.
+
+    A body is a connected region off the planes: a hand that rests is a part of the arm that moves.
+    """
     touched = np.zeros(count, bool)
-    if moving is not None:
-        around = cv2.dilate(moving, np.ones((TOUCHING_PX, TOUCHING_PX), np.uint8))
-        touched[np.unique(segment_of[(around > 0) & (segment_of >= 0)])] = True
+    if seen.moving is None:
+        return touched
+    depth_m = seen.solid.depth_m
+    off_planes = np.where((planes.on_plane < 0) & (depth_m > 0), np.int32(0), np.int32(-1))
+    body, parent = np.empty(depth_m.shape, np.int32), np.empty(depth_m.size, np.int32)
+    moves = np.zeros(1 + label_regions(depth_m, off_planes, noise_per_m, JUMP_M, parent, body), bool)
+    moves[body[seen.moving > 0]] = True
+    moves[0] = False
+    around = cv2.dilate(seen.moving, np.ones((TOUCHING_PX, TOUCHING_PX), np.uint8))
+    touched[np.unique(segment_of[((around > 0) | moves[body]) & (segment_of >= 0)])] = True
     return touched
 
 

@@ -535,8 +535,9 @@ class PosedTracker(MapQueries):
         boxes, owner = self._map.store.boxes_of(objects), self._voxels.stored.owner
         visibilities = measure_visibility(objects, boxes, seen, slots, owner, self.config.depth_noise_per_m)
         visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
-        restless = self._following.restless(time_s)
-        labelled = self._map.record_seen(seen.frame, [entry for entry, _ in visible], restless)
+        labelled = self._map.record_seen(
+            seen.frame, [entry for entry, _ in visible], lambda entry: self._following.has_rested(entry, time_s)
+        )
         self._following.note_labels(labelled, seen.frame, time_s)
         return visible
 
