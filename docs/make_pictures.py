@@ -28,6 +28,7 @@ import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 import cuboid.surfaces.frame_segments as frame_segments
+import cuboid.surfaces.kernels.outlines as kernels
 import cuboid.tracking.posed_tracker
 from cuboid import Frame, FrameResult, Tracker, open_recording
 from cuboid.annotation import Annotator, KeyframesFile, make_server
@@ -127,7 +128,7 @@ def watching(owner: Any, name: str) -> Iterator[dict[str, Any]]:
     whole, noted = getattr(owner, name), {}
 
     def noting(*values: Any) -> Any:
-        noted.update(function=whole, values=values, result=whole(*values))
+        noted.update(values=values, result=whole(*values))
         return noted["result"]
 
     with mock.patch.object(owner, name, noting):
@@ -174,13 +175,14 @@ class Kinds:
 
 def shares_picture(frame: Frame, shared: dict[str, Any], outlined: dict[str, Any]) -> np.ndarray:
     """Return a darkened frame with the segments of its pixels, bounded by what bounds them."""
-    image, (depth, claim, *others) = shared["values"][0].image, outlined["values"]
-    numbered, kinds = np.empty(claim.shape, dtype=object), Kinds()
-    for place, number in np.ndenumerate(claim):
+    image, (segmented, *others) = shared["values"][0].image, outlined["values"]
+    numbered, kinds = np.empty(segmented.claim.shape, dtype=object), Kinds()
+    for place, number in np.ndenumerate(segmented.claim):
         numbered[place] = Pixel.at((place[0], place[1]), int(number))
-    # The same function as in the run, as plain Python: it counts into `kinds`.
-    outlined_plainly = getattr(outlined["function"], "py_func", outlined["function"])
-    outlined_plainly(depth, numbered, *others[:-2], kinds, others[-1].copy())
+    # The same functions as in the run, as plain Python: they count into `kinds`.
+    plain = {name: value.py_func for name, value in vars(kernels).items() if hasattr(value, "py_func")}
+    with mock.patch.multiple(kernels, **plain):
+        kernels.outlines(segmented._replace(claim=numbered), *others[:-2], kinds, others[-1].copy())
     picture = np.asarray(frame.color * 0.35, np.uint8)
     step, (x, y) = image.step, image.phase
     for k in range(len(shared["result"].segments)):
