@@ -77,6 +77,15 @@ class Association:
     overlap: npt.NDArray[np.int64]
     object_pixels: npt.NDArray[np.int64]
 
+    @property
+    def object_of(self) -> npt.NDArray[np.int64]:
+        """Index in `objects` of the object that matches or contains each segment, (n,), -1: none."""
+        return np.where(self.match >= 0, self.match, self.part)
+
+    def numbers_of(self, chosen: npt.NDArray[np.bool_]) -> list[int]:
+        """Return the numbers of the objects that match or contain the chosen segments (n,)."""
+        return [self.objects[j].number for j in self.object_of[chosen].tolist() if j >= 0]
+
 
 def associate(frame: SegmentedFrame, objects: Sequence[MapObject], boxes: Float64Array) -> Association:
     """Match the segments of a frame to objects one to one; an unmatched segment may be a part of an object.

@@ -303,8 +303,7 @@ class Following:
         return bool(np.linalg.norm(np.array(late) - late[-1], axis=1).max() < STILL_M)
 
     def _stands(self, box: Box) -> bool:
-        in_use = [self._planes.in_world(plane) for plane in self._planes.planes if plane.in_use]
-        return any(abs(box.foot_m(*plane)) < DRIFT_M for plane in in_use)
+        return any(abs(box.foot_m(*self._planes.in_world(plane))) < DRIFT_M for plane in self._planes.in_use)
 
     def _settle(self, one: _Followed, time_s: float) -> None:
         """End the motion of a followed object at its present place."""

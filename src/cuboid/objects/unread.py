@@ -122,7 +122,7 @@ class UnreadMap:
         self._join_map(thing, entry)
         return entry.label
 
-    def look(self, found: Detections, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation) -> None:
+    def update(self, found: Detections, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation) -> None:
         """Update the objects with the detections in a frame.
 
         Parameters

@@ -400,6 +400,11 @@ class PlaneTracker:
         return plane if plane is not None and plane.in_use else None
 
     @property
+    def in_use(self) -> list[Plane]:
+        """The planes on which objects may stand, by index."""
+        return [plane for plane in self.planes if plane.in_use]
+
+    @property
     def up(self) -> Float64Array | None:
         """Up in the world, (3,): the normal of the plane with most evidence; None while unknown."""
         if self.T_plan_world is None:

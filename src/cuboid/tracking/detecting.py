@@ -73,7 +73,7 @@ class Detecting:
         """Return whether the detector processes a frame with `count` earlier frames."""
         return self._detect is not None and count % self._every == 0
 
-    def look(
+    def detect(
         self, given: Frame, roll: Roll, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation
     ) -> None:
         """Run the detector on an unrotated frame, and add its detections to the evidence.
@@ -101,7 +101,7 @@ class Detecting:
         name_objects(turned, [(entry, view.visible, view.rect_xyxy) for entry, view in visible], seen.eye)
         # The detections stand for all frames up to the next ones: segments vote in each of them.
         add_votes(turned, visible, self._store, min(1.0, self._every * novelty_of(seen)))
-        self._unread.look(turned, visible, seen)
+        self._unread.update(turned, visible, seen)
 
     def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
         """Return the sightings of a frame, including those of objects without depth readings."""
@@ -115,18 +115,18 @@ class Detecting:
     def objects(self, planes: Planes, T_world_map: Float64Array) -> list[TrackedObject]:
         """Return the labelled objects without depth readings, by label, in the world."""
         found = []
-        for one in self._unread.confirmed():
-            box, kind = box_of(one, planes)
+        for entry in self._unread.confirmed():
+            box, kind = box_of(entry, planes)
             found.append(
                 TrackedObject(
-                    **same_fields(one),
+                    **same_fields(entry),
                     box=box.moved(T_world_map),
                     heat=0.0,
                     points=0,
                     mean_color=np.zeros(3),
                     plane=None,
                     kind=kind,
-                    size_sigma_m=tuple(size_sigma_of(one, planes, kind).tolist()),
+                    size_sigma_m=tuple(size_sigma_of(entry, planes, kind).tolist()),
                 )
             )
         return found

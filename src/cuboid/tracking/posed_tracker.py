@@ -1,4 +1,4 @@
-"""The tracker of posed frames: a frame in, its sightings out."""
+"""The tracker of posed frames: from a frame to its sightings, one call per stage."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UIn
 from cuboid.core.kernels.pixels import PlanesInView, assign_planes
 from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.core.observation import Observation
-from cuboid.core.results import FrameResult, MapPoints, Proposal3D, SupportPlane, TrackedObject
+from cuboid.core.results import FrameResult, Proposal3D, Sighting
 from cuboid.core.state import ADDED, Record
 from cuboid.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
 from cuboid.detection.types import Detector
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import inverse, moved_beyond, transform
+from cuboid.geometry.se3 import inverse, moved_beyond
 from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.motion import Motion
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
@@ -34,26 +34,21 @@ from cuboid.objects.association import Association, SegmentedFrame, prior_of
 from cuboid.objects.entry import MapObject
 from cuboid.objects.following import Following
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
-from cuboid.objects.unread_object import Planes, UnreadObject
+from cuboid.objects.unread_object import UnreadObject
 from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import Visibility, measure_visibility, sightings_of
-from cuboid.outputs.object_table import ObjectTable
-from cuboid.outputs.queries import MapQueries
 from cuboid.proposals import make_source
 from cuboid.proposals.depth import DepthSegmentation
 from cuboid.proposals.types import Proposals, ProposalSource
-from cuboid.relations.furniture import find_furniture
 from cuboid.surfaces.cells import find_cells, patch_pixels, with_level_patches
 from cuboid.surfaces.frame_segments import FrameSegment, PixelPlanes, points_of, segment_frame
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
-from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker, PlaneTrackerState
 from cuboid.surfaces.standing import find_flat_areas
-from cuboid.tracking.detecting import Detecting, same_fields
-from cuboid.tracking.furniture import Labels, furniture_entry, labels_of
 from cuboid.tracking.measuring import FrameClock
 from cuboid.tracking.rolling import Roll, farther_up
+from cuboid.tracking.tracked_map import TrackedMap
 
 # Poses in the map are rounded to this many decimals, metres: this removes rounding errors that depend on the world.
 POSE_DECIMALS = 9
@@ -102,7 +97,7 @@ class PosedTrackerState(Record):
     furniture_labels: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict, metadata=ADDED)
 
 
-class PosedTracker(MapQueries):
+class PosedTracker(TrackedMap):
     """Finds the objects of a static scene in a stream of posed RGB-D frames, and keeps their labels.
 
     The map is stored in the frame of the first camera, rotated like the images: voxels, ground plans and the order of
@@ -145,18 +140,11 @@ class PosedTracker(MapQueries):
         *,
         memory_mb: float = MEMORY_MB,
     ) -> None:
+        super().__init__(config or TrackerConfig(), memory_mb)
         self.intrinsics = intrinsics
         # Number of quarter turns of the images; unknown, and taken as 0, until the first frame with depth.
         self._turns: int | None = None
-        self._T_world_map: Float64Array | None = None
-        # Boxes of each object in the map and in the world: the world box is reused while the map box is the same.
-        self._world_boxes: dict[int, tuple[Box, Box]] = {}
-        self.config = config or TrackerConfig()
-        self._memory_mb = memory_mb
         self._propose = make_source(proposals, self.config)
-        self._detecting = Detecting()
-        self._furniture_labels: Labels = {}
-        self._begin()
         self._count = 0
         self._position: Float64Array | None = None
         self._viewpoint: Float64Array | None = None
@@ -186,12 +174,8 @@ class PosedTracker(MapQueries):
         return self._detecting.vocabulary
 
     def _begin(self) -> None:
-        c = self.config
-        self._planes = PlaneTracker(c)
-        self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
-        self._map = ObjectMap(c, self._voxels, self._planes)
+        super()._begin()
         self._begin_motion()
-        self._detecting.begin(self._map.store, c.max_depth_m)
 
     def _begin_motion(self) -> None:
         """Reset the detection and tracking of motion."""
@@ -266,27 +250,12 @@ class PosedTracker(MapQueries):
             result,
             T_world_camera=T_world_camera,
             sightings=tuple(
-                [dataclasses.replace(one, box=self._box_in_world(one.label, one.box)) for one in result.sightings]
+                [dataclasses.replace(item, box=self._box_in_world(item.label, item.box)) for item in result.sightings]
             ),
-            proposals=tuple([dataclasses.replace(one, box=self.in_world(one.box)) for one in result.proposals]),
-            events=tuple([one.moved(self.T_world_map) for one in result.events]),
+            proposals=tuple([dataclasses.replace(item, box=self.in_world(item.box)) for item in result.proposals]),
+            events=tuple([event.moved(self.T_world_map) for event in result.events]),
             agents=tuple([self.in_world(box) for box in result.agents]),
         )
-
-    @property
-    def T_world_map(self) -> Float64Array:
-        """Pose of the map in the world, (4, 4): `ever_labelled`, `voxels` and `support` are in the frame of the map."""
-        return np.eye(4) if self._T_world_map is None else self._T_world_map
-
-    def in_world(self, box: Box) -> Box:
-        """Transform a box from the map to the world."""
-        return box.moved(self.T_world_map)
-
-    def _box_in_world(self, label: int, box: Box) -> Box:
-        last = self._world_boxes.get(label)
-        if last is None or last[0] is not box:
-            last = self._world_boxes[label] = box, self.in_world(box)
-        return last[1]
 
     @property
     def _roll(self) -> Roll:
@@ -294,74 +263,88 @@ class PosedTracker(MapQueries):
 
     def _update(self, frame: Frame, given: Frame, anchor: int) -> FrameResult:
         """Process a frame rotated by `_roll`; see `update`."""
-        watch, camera = FrameClock(), self._roll.camera
-        seen = self._observe(frame, camera, anchor if anchor <= LAST_KEYFRAME else 0)
-        image, solid, T_camera_world = seen.image, seen.solid, seen.T_camera_world
-        every = self._proposals(frame, given)
-        proposals = every.best(MAX_PROPOSALS)
-        watch.lap("proposals")
-        time_s = frame.timestamp_s
+        clock, time_s = FrameClock(), frame.timestamp_s
+        seen = self._observe(frame, self._roll.camera, anchor if anchor <= LAST_KEYFRAME else 0)
+        proposed = self._proposals(frame, given)
+        proposals = proposed.best(MAX_PROPOSALS)
+        clock.lap("proposals")
         seen = self._find_motion(seen, time_s)
-        watch.lap("motion")
+        clock.lap("motion")
         planes = self._find_planes(seen)
-        watch.lap("planes")
+        clock.lap("planes")
         candidate = self._candidates(seen, planes)
-        weighed = weigh(solid, candidate, proposals, self.config)
-        heat = pixel_heat(solid, weighed)
-        watch.lap("heat")
+        weighed = weigh(seen.solid, candidate, proposals, self.config)
+        heat = pixel_heat(seen.solid, weighed)
+        clock.lap("heat")
         # The map is refreshed one frame later: a frame from a new viewpoint already updates planes and boxes.
         due, self._due = self._due, seen.new_viewpoint
-        # On a later visit any frame may show a change: nothing is deferred.
-        refresh_map = due or self._voxels.stored.revisited or seen.moving is not None
-        slots = self._voxels.fuse(seen.still, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
-        self._voxels.carve_free_space(image, T_camera_world, refresh_map)
-        self._following.claim(slots, seen)
+        slots = self._fuse(seen, heat, due)
         voxels = self._voxels.look_up(slots)
-        watch.lap("fuse")
-        in_frustum = self._map.objects_in_frustum(image, T_camera_world)
+        clock.lap("fuse")
+        in_frustum = self._map.objects_in_frustum(seen.image, seen.T_camera_world)
         objects = self._map.prune_candidates(in_frustum)
-        left_out = len(in_frustum) - len(objects)
         prior = prior_of(objects, voxels.owner, weighed)
         segments = segment_frame(seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self.config)
-        boxes = self._boxes(segments.segments, image, seen.T_world_camera)
-        watch.lap("boxes")
+        boxes = self._boxes(segments.segments, seen.image, seen.T_world_camera)
+        clock.lap("boxes")
+        left_out = {
+            "proposals": len(proposed) - len(proposals),
+            "clusters": segments.left_out,
+            "candidates": len(in_frustum) - len(objects),
+        }
         segmented = SegmentedFrame(segments, boxes, voxels, candidate)
         found = self._map.update(seen, segmented, objects, self._following.settled)
-        in_frustum = self._map.objects_in_frustum(image, T_camera_world)
+        in_frustum = self._map.objects_in_frustum(seen.image, seen.T_camera_world)
         if due:
             self._refine(seen, heat, slots, in_frustum)
-        watch.lap("map")
-        at = np.where(found.match >= 0, found.match, found.part)[segments.touched].tolist()
-        self._following.note_touched([found.objects[j].number for j in at if j >= 0], time_s)
+        clock.lap("map")
+        self._following.note_touched(found.numbers_of(segments.touched), time_s)
         visible = self._visible(seen, slots, in_frustum, time_s)
         sightings = self._following.sightings(sightings_of(visible, segments, found), seen, slots)
-        own = self._frame_boxes(segmented, found)
-        watch.lap("matching")
-        if self._detecting.is_due(self._count):
-            self._detecting.look(given, self._roll, visible, seen)
-            watch.lap("detector")
-        if self._detecting.is_used:
-            sightings = self._detecting.sightings(sightings, seen, self._support_planes())
-            watch.lap("unread")
+        frame_boxes = self._frame_boxes(segmented, found)
+        clock.lap("matching")
+        sightings = self._detect(given, visible, seen, sightings, clock)
         self._count += 1
         return FrameResult(
             index=frame.index,
-            timestamp_s=frame.timestamp_s,
+            timestamp_s=time_s,
             T_world_camera=seen.T_world_camera,
             sightings=sightings,
-            proposals=own,
+            proposals=frame_boxes,
             objects_known=self._map.store.labelled + self._detecting.labelled,
             heat=heat,
-            milliseconds=watch.milliseconds,
-            left_out={
-                "proposals": len(every) - len(proposals),
-                "clusters": segments.left_out,
-                "candidates": left_out,
-            },
-            size=(camera.width, camera.height),
+            milliseconds=clock.milliseconds,
+            left_out=left_out,
+            size=(self._roll.camera.width, self._roll.camera.height),
             events=tuple(self._following.take_events()),
             agents=tuple(self._following.agents),
         )
+
+    def _fuse(self, seen: Observation, heat: Float32Array, due: bool) -> npt.NDArray[np.int32]:
+        """Fuse a frame into the map and carve free space; return the row (h, w) of the map of each working pixel."""
+        # On a later visit any frame may show a change: nothing is deferred.
+        refresh_map = due or self._voxels.stored.revisited or seen.moving is not None
+        slots = self._voxels.fuse(seen.still, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
+        self._voxels.carve_free_space(seen.image, seen.T_camera_world, refresh_map)
+        self._following.claim(slots, seen)
+        return slots
+
+    def _detect(
+        self,
+        given: Frame,
+        visible: Sequence[tuple[MapObject, Visibility]],
+        seen: Observation,
+        sightings: tuple[Sighting, ...],
+        clock: FrameClock,
+    ) -> tuple[Sighting, ...]:
+        """Run the detector, if it is due; return the sightings with those of objects without depth readings."""
+        if self._detecting.is_due(self._count):
+            self._detecting.detect(given, self._roll, visible, seen)
+            clock.lap("detector")
+        if self._detecting.is_used:
+            sightings = self._detecting.sightings(sightings, seen, self._support_planes())
+            clock.lap("unread")
+        return sightings
 
     def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:
         """Prepare a frame for all stages; the first frame also gives the noise of the sensor."""
@@ -444,7 +427,7 @@ class PosedTracker(MapQueries):
     def _find_planes(self, seen: Observation) -> PixelPlanes:
         """Track the supporting planes; return the planes on and beneath which pixels lie."""
         c, planes, image, T_world_camera = self.config, self._planes, seen.still, seen.T_world_camera
-        seen_by = image.depth, T_world_camera, c.depth_noise_per_m, c.max_depth_m
+        source = image.depth, T_world_camera, c.depth_noise_per_m, c.max_depth_m
         if planes.vote_is_due():
             areas = find_flat_areas(image.depth, c)
             if planes.vote_up(areas, T_world_camera, seen.up_camera):
@@ -453,9 +436,9 @@ class PosedTracker(MapQueries):
         patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
         renew = seen.new_viewpoint or not planes.well_known
         if renew:
-            cells = find_cells(*seen_by)
+            cells = find_cells(*source)
             if planes.up is not None:
-                cells = with_level_patches(cells, planes.up, *seen_by)
+                cells = with_level_patches(cells, planes.up, *source)
             patches = planes.update(self._count, cells, seen.keyframe)
         if planes.T_plan_world is None or not planes.planes:
             return PixelPlanes.none(image.depth_m.shape)
@@ -463,9 +446,9 @@ class PosedTracker(MapQueries):
         view = planes.planes_in_frustum(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
         in_camera = planes.in_camera(view, T_world_camera)
         in_view = PlanesInView(in_camera, view.numbers, view.ground, view.origin, CELL_M, patches, patch)
-        place = k.pinhole, planes.T_plan_world @ T_world_camera
+        T_plan_camera = planes.T_plan_world @ T_world_camera
         limits = c.depth_noise_per_m, c.min_height_m, BIAS_M, c.max_depth_m
-        assign_planes(seen.solid.depth_m, *place, in_view, *limits, on_plane, support, view.seen)
+        assign_planes(seen.solid.depth_m, k.pinhole, T_plan_camera, in_view, *limits, on_plane, support, view.seen)
         if renew:
             planes.add_readings(view, seen.keyframe)
         return PixelPlanes(on_plane, support, view.identities)
@@ -504,20 +487,21 @@ class PosedTracker(MapQueries):
         return math.inf if last is None or distance_m == 0.0 else math.dist(self._position, last) / distance_m
 
     def _boxes(self, segments: Sequence[FrameSegment], image: WorkingImage, T_world_camera: Float64Array) -> list[Box]:
+        """Return the boxes of a frame's segments, from a sample of their points, on the plane beneath each."""
         if not segments:
             return []
-        some = [c.pixels[:: 1 + len(c.pixels) // (SAMPLE_POINTS // 2)] for c in segments]
-        points = points_of(np.concatenate(some), image, T_world_camera)
-        found = {identity: self._planes.find(identity) for identity in {k for c in segments for k in c.supports}}
+        sampled = [s.pixels[:: 1 + len(s.pixels) // (SAMPLE_POINTS // 2)] for s in segments]
+        points = points_of(np.concatenate(sampled), image, T_world_camera)
+        found = {identity: self._planes.find(identity) for s in segments for identity in s.supports}
         rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
         unknown = self._planes.likely_up, None
-        planes = [_main_support(c.supports, rests) or unknown for c in segments]
-        return fit_boxes(points, [len(pixels) for pixels in some], planes, OUTLIER_FRACTION)
+        planes = [_main_support(s.supports, rests) or unknown for s in segments]
+        return fit_boxes(points, [len(pixels) for pixels in sampled], planes, OUTLIER_FRACTION)
 
     def _refine(
         self, seen: Observation, heat: Float32Array, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
     ) -> None:
-        """Also fuse small labelled objects at the fine resolution, within the range in which the sensor resolves it."""
+        """Fuse small labelled objects at the fine resolution too, within the range in which the sensor resolves it."""
         voxels, step, fx = self._voxels, seen.image.step, seen.image.camera.fx
         small = [o.number for o in in_frustum if o.confirmed and max(o.box.size.tolist()) <= voxels.fine.small_m]
         if small:
@@ -543,9 +527,8 @@ class PosedTracker(MapQueries):
 
     def _frame_boxes(self, frame: SegmentedFrame, found: Association) -> tuple[Proposal3D, ...]:
         """Return the boxes of this frame's segments, except those too large for an object, with their labels."""
-        place = np.where(found.match >= 0, found.match, found.part).tolist()
-        now = [found.objects[j].survivor if j >= 0 else None for j in place]
-        labels = [o.label if o is not None and o.confirmed else 0 for o in now]
+        survivors = [found.objects[j].survivor if j >= 0 else None for j in found.object_of.tolist()]
+        labels = [o.label if o is not None and o.confirmed else 0 for o in survivors]
         return tuple(
             [
                 Proposal3D(label, box, segment.heat, segment.rect_xyxy)
@@ -554,124 +537,6 @@ class PosedTracker(MapQueries):
             ]
         )
 
-    @property
-    def objects(self) -> ObjectTable:
-        """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
-        used = [plane for plane in self._planes.planes if plane.in_use]
-        place = {plane.identity: k for k, plane in enumerate(used)}
-        items = [self._tracked(entry, place) for entry in self._map.store.confirmed()]
-        unread = self.unread_objects()
-        items += unread
-        return ObjectTable(sorted(items, key=lambda item: item.label) if unread else items)
-
-    def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
-        plane = self._planes.find(entry.plane)
-        return TrackedObject(
-            **same_fields(entry),
-            box=self._box_in_world(entry.label, entry.box),
-            heat=entry.heat,
-            points=len(self._voxels.stored.rows_of(entry.number)),
-            mean_color=entry.mean_color,
-            plane=None if plane is None else place[plane.identity],
-        )
-
-    def _support_planes(self) -> Planes:
-        used = [self._planes.in_world(plane) for plane in self._planes.planes if plane.in_use]
-        return Planes(self._planes.likely_up, used)
-
-    @property
-    def planes(self) -> list[SupportPlane]:
-        """The supporting planes in use."""
-        return [self._plane_in_world(plane) for plane in self._planes.planes if plane.in_use]
-
-    def _plane_in_world(self, plane: Plane) -> SupportPlane:
-        T, (normal, offset) = self.T_world_map, self._planes.in_world(plane)
-        up = T[:3, :3] @ normal
-        return SupportPlane(up, offset - float(up @ T[:3, 3]), transform(T, self._planes.outline_in_world(plane)))
-
-    @property
-    def plane_identities(self) -> list[int]:
-        """Identities of `planes`, as in `MapObject.plane`."""
-        return [plane.identity for plane in self._planes.planes if plane.in_use]
-
-    @property
-    def furniture_planes(self) -> dict[int, tuple[int, ...]]:
-        """Indices of the planes that each piece of furniture with a label bears, by label, ended labels included."""
-        found: dict[int, tuple[int, ...]] = {}
-        labels_of_plane = self._furniture_labels_of_planes()
-        for k, identity in enumerate(self.plane_identities):
-            found |= {label: (*found.get(label, ()), k) for label in labels_of_plane.get(identity, ())}
-        return found
-
-    def _furniture_labels_of_planes(self) -> Labels:
-        """Return the labels of furniture by identity of the planes that there are: some have absorbed others."""
-        labels_of_plane: Labels = {}
-        for identity, labels in self._furniture_labels.items():
-            plane = self._planes.find(identity)
-            if plane is not None:
-                labels_of_plane[plane.identity] = tuple(sorted({*labels_of_plane.get(plane.identity, ()), *labels}))
-        return labels_of_plane
-
-    def find_furniture(self, points: MapPoints, *, labelled: bool = False) -> ObjectTable:
-        """Return the furniture that bears the supporting planes, by label.
-
-        A piece keeps the label that the furniture beneath its planes had before; otherwise it gets a new one.
-
-        Parameters
-        ----------
-        points : MapPoints
-            The global point map of now.
-        labelled : bool
-            Only pieces that have a label.
-        """
-        if labelled and not self._furniture_labels:
-            return ObjectTable()
-        used = [plane for plane in self._planes.planes if plane.in_use]
-        pieces = find_furniture(self.planes, points, self.up)
-        borne = [[used[k] for k in piece.planes] for piece in pieces]
-        labels_of_plane = self._furniture_labels_of_planes()
-        new_label = None if labelled else self._map.store.next_label
-        found = labels_of([[plane.identity for plane in planes] for planes in borne], labels_of_plane, new_label)
-        for planes, labels in zip(borne, found, strict=True):
-            labels_of_plane |= {plane.identity: labels for plane in planes if labels}
-        self._furniture_labels = labels_of_plane
-        entries = [
-            furniture_entry(piece, labels, planes, points)
-            for piece, labels, planes in zip(pieces, found, borne, strict=True)
-            if labels
-        ]
-        return ObjectTable(sorted(entries, key=lambda item: item.label))
-
-    @property
-    def up(self) -> Float64Array | None:
-        """Up in the world, (3,); None while unknown."""
-        up = self._planes.up
-        return None if up is None else np.asarray(self.T_world_map[:3, :3] @ up)
-
-    def ever_labelled(self) -> list[MapObject]:
-        """Return all objects with a label, including retired ones, by label."""
-        return self._map.store.ever_labelled()
-
-    def merge(self, one: MapObject, two: MapObject) -> MapObject:
-        """Merge two objects because a user says that they are one; return the result, under the older label."""
-        return self._map.merge(one, two)
-
-    def retire(self, entry: MapObject) -> None:
-        """Retire an object because a user asks for it, or because it was taken away. Its label is never reused."""
-        self._map.store.retire(entry)
-
-    def unread_objects(self) -> list[TrackedObject]:
-        """Return the labelled objects without depth readings, by label."""
-        return self._detecting.objects(self._support_planes(), self.T_world_map)
-
-    def merge_unread(self, label: int, other: int) -> int:
-        """Merge two objects of which one or both have no depth readings; return the older label, which stays."""
-        return self._detecting.unread.merge(label, other, self._support_planes())
-
-    def forget_unread(self, label: int) -> bool:
-        """Remove an object without depth readings because a user asks for it; return whether one had the label."""
-        return self._detecting.unread.forget(label)
-
     def begin_visit(self) -> None:
         """Begin a later visit to the place: objects may have been moved, taken away or added."""
         self._map.begin_visit()
@@ -679,57 +544,11 @@ class PosedTracker(MapQueries):
         self._begin_motion()
         self._due = True
 
-    def adopt(self, entry: MapObject, old: MapObject) -> None:
-        """Merge a retired object into a labelled one, because it was moved there; its older label stays."""
-        self._map.store.adopt(entry, old)
-
-    @property
-    def support(self) -> PlaneTracker:
-        """The supporting planes and their ground plans."""
-        return self._planes
-
-    def begin_labels(self, first: int) -> None:
-        """Set the smallest label for new objects."""
-        self._map.store.begin_labels(first)
-
-    @property
-    def voxels(self) -> VoxelMap:
-        """The global voxel map."""
-        return self._voxels
-
-    @property
-    def points_known(self) -> int:
-        """Number of points in the global point map."""
-        return self._voxels.stored.alive
-
-    @property
-    def map_bytes(self) -> int:
-        """Memory of the points and tables of the global point map that are loaded, bytes."""
-        return self._voxels.stored.nbytes
-
-    def map_points(self) -> MapPoints:
-        """Return the global point map; points of small objects are replaced by their fine points, if there are any."""
-        stored = self._voxels.stored
-        rows = stored.living()
-        label_of = np.zeros(max((o.number for o in self._map.store.living()), default=0) + 1, np.int32)
-        for entry in self._map.store.confirmed():
-            label_of[entry.number] = entry.label
-        xyz, of = stored.spread(rows)
-        owner = stored.owner[rows[of]]
-        label = label_of[np.where(owner < len(label_of), owner, 0)]
-        fine, whole = self._voxels.fine.fine_replacements(xyz, label > 0)
-        kept = np.ones(len(xyz), bool)
-        kept[whole] = False
-        every, places = np.concatenate([rows[of][kept], fine]), np.concatenate([xyz[kept], stored.xyz(fine)])
-        in_world = transform(self.T_world_map, places).astype(np.float32)
-        labels = np.concatenate([label[kept], label[whole]])
-        return MapPoints(in_world, stored.rgb(every), stored.heat(every), labels)
-
 
 def _median_depth_m(depth_m: Float32Array) -> float:
-    """Return the median of the readings in a subsample of one in sixteen; 0 if there is none."""
-    some = depth_m[::4, ::4]
-    readings = some[some > 0]
+    """Return the median of the readings in a subsample of one in sixteen, metres; 0 if there is none."""
+    sampled = depth_m[::4, ::4]
+    readings = sampled[sampled > 0]
     return quantile(readings, 0.5) if len(readings) else 0.0
 
 
