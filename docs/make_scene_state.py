@@ -47,9 +47,9 @@ def attributes_of(cls: type[Record]) -> dict[str, tuple[str, str]]:
     found: dict[str, tuple[str, str]] = {}
     _, _, section = (inspect.getdoc(cls) or "").partition("Attributes\n----------\n")
     for entry in re.split(r"\n(?=\S)", section):
-        head, _, what = entry.partition("\n")
+        head, _, meaning = entry.partition("\n")
         names, _, kind = head.partition(" : ")
-        found |= {name: (kind, " ".join(what.split())) for name in names.split(", ")}
+        found |= {name: (kind, " ".join(meaning.split())) for name in names.split(", ")}
     return found
 
 
@@ -59,14 +59,14 @@ def markdown() -> str:
     for key, cls in records(SceneState):
         layout, described, hints = layout_of(cls), attributes_of(cls), get_type_hints(cls)
         lines = [f"## `{key}`", "", (inspect.getdoc(cls) or "").partition("\n\n")[0].replace("\n", " "), ""]
-        lines += ["| field | type | what |", "|---|---|---|"]
+        lines += ["| field | type | meaning |", "|---|---|---|"]
         for name in layout.names:
-            kind, what = described.get(name, (getattr(hints[name], "__name__", str(hints[name])), ""))
+            kind, meaning = described.get(name, (getattr(hints[name], "__name__", str(hints[name])), ""))
             if name in layout.one:
                 kind = f"row `{key}/{name}`"
             elif name in layout.many:
                 kind = f"numbers of the rows `{key}/{name}/N`"
-            lines.append(f"| `{name}` | {kind.replace('|', 'or')} | {what} |")
+            lines.append(f"| `{name}` | {kind.replace('|', 'or')} | {meaning} |")
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
 

@@ -1,4 +1,4 @@
-"""Make the tables in docs/store.md and docs/exports.md from what they describe: ``python docs/make_tables.py``."""
+"""Make the tables in docs/store.md and docs/exports.md from the declarations: ``python docs/make_tables.py``."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ TABLES = {"store.md": ("tables", schema.markdown), "exports.md": ("exports", reg
 def files() -> dict[Path, str]:
     """Return the content of each page that has such tables."""
     made = {}
-    for name, (what, markdown) in TABLES.items():
-        begin, end = f"<!-- {what}: made by docs/make_tables.py -->\n", f"<!-- end of {what} -->\n"
+    for name, (subject, markdown) in TABLES.items():
+        begin, end = f"<!-- {subject}: made by docs/make_tables.py -->\n", f"<!-- end of {subject} -->\n"
         tables, old = f"{begin}\n{markdown()}\n{end}", (HERE / name).read_text(encoding="utf-8")
         made[HERE / name] = re.sub(f"{begin}.*?{end}", lambda _, tables=tables: tables, old, flags=re.DOTALL)
     return made

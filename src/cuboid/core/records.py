@@ -38,8 +38,7 @@ class Column:
         Type of the values with their range, as in `core.values`; for an array, type of each element.
     type : type
         Plain Python type of the values: float, int, str or tuple.
-    what : str
-        Meaning.
+    meaning : str
     digits : int or None
         Digits after the point of floating-point values; None if there are none.
     parts : tuple of str
@@ -55,7 +54,7 @@ class Column:
     name: str
     kind: Any
     type: type
-    what: str
+    meaning: str
     digits: int | None
     parts: tuple[str, ...]
     default: Any
@@ -103,7 +102,7 @@ class Column:
 
 
 def column(
-    what: str,
+    meaning: str,
     *,
     kind: Any = None,
     digits: int = LENGTH,
@@ -115,7 +114,7 @@ def column(
 
     The kind is the annotation of the field unless given.
     """
-    return {"column": (what, kind, digits, parts, tables, stored)}
+    return {"column": (meaning, kind, digits, parts, tables, stored)}
 
 
 def columns_of(record: type) -> tuple[Column, ...]:
@@ -125,7 +124,7 @@ def columns_of(record: type) -> tuple[Column, ...]:
 
 def table_columns_of(record: type) -> tuple[Column, ...]:
     """Return the columns of those described fields of a dataclass that tables contain, in order."""
-    return tuple(one for one in columns_of(record) if one.tables)
+    return tuple(item for item in columns_of(record) if item.tables)
 
 
 @cache
@@ -133,26 +132,26 @@ def _columns(record: type) -> tuple[Column, ...]:
     hints, found = get_type_hints(record, include_extras=True), []
     for field in fields(record):
         if "column" in field.metadata:
-            what, kind, digits, parts, tables, stored = field.metadata["column"]
+            meaning, kind, digits, parts, tables, stored = field.metadata["column"]
             kind = kind or hints[field.name]
             if field.default is None:  # files omit the field instead of storing null
-                kind = Union[tuple(one for one in get_args(kind) if one is not NoneType)]  # noqa: UP007
-            type_ = next(one for one in (tuple, float, int, str) if one in _types(kind))
+                kind = Union[tuple(item for item in get_args(kind) if item is not NoneType)]  # noqa: UP007
+            type_ = next(item for item in (tuple, float, int, str) if item in _types(kind))
             digits = digits if float in _types(kind) else None
-            found.append(Column(field.name, kind, type_, what, digits, parts, field.default, tables, stored))
+            found.append(Column(field.name, kind, type_, meaning, digits, parts, field.default, tables, stored))
     return tuple(found)
 
 
 def names_in(columns: Iterable[Column]) -> tuple[str, ...]:
     """Return the names of the table columns of these fields."""
-    return tuple(name for one in columns for name in one.names)
+    return tuple(name for item in columns for name in item.names)
 
 
 def plain_fields(record: Any, columns: Iterable[Column] | None = None) -> dict[str, Any]:
     """Return fields of a record as JSON stores them; by default all described fields."""
     chosen = columns_of(type(record)) if columns is None else columns
-    given = (one for one in chosen if not one.optional or getattr(record, one.name) not in (one.default, ""))
-    return {one.name: one.plain(record) for one in given}
+    given = (item for item in chosen if not item.optional or getattr(record, item.name) not in (item.default, ""))
+    return {item.name: item.plain(record) for item in given}
 
 
 def box_numbers(box: Box) -> list[float]:
@@ -167,9 +166,9 @@ def _types(kind: Any) -> Iterator[Any]:
         inside = tuple(get_type_hints(kind, include_extras=True).values())
     if get_origin(kind) is None:
         yield str if isinstance(kind, str) else kind  # a text of a Literal
-    for one in inside:
-        if one is not None and one is not kind:
-            yield from _types(one)
+    for part in inside:
+        if part is not None and part is not kind:
+            yield from _types(part)
 
 
 def _plain(value: Any, digits: int | None) -> Any:
@@ -177,7 +176,7 @@ def _plain(value: Any, digits: int | None) -> Any:
         names = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
         return {written: _plain(getattr(value, name), digits) for written, name in names}
     if isinstance(value, tuple | np.ndarray):
-        return [_plain(one, digits) for one in value]
+        return [_plain(item, digits) for item in value]
     if digits is None or value is None or isinstance(value, int | str):
         return value
     return round(float(value), digits) + 0.0

@@ -16,14 +16,14 @@ class Registry(Generic[T]):
 
     Parameters
     ----------
-    what : str
+    kind : str
         Kind of the registered items, for messages ("reader", "proposal source").
     group : str
         Entry point group in which other packages declare theirs, e.g. ``cuboid.readers``.
     """
 
-    def __init__(self, what: str, group: str) -> None:
-        self._what = what
+    def __init__(self, kind: str, group: str) -> None:
+        self._kind = kind
         self._group = group
         self._items: dict[str, T] = {}
         self._scanned = False
@@ -64,5 +64,5 @@ class Registry(Generic[T]):
         """
         self._scan()
         if name not in self._items:
-            raise InputError(f"unknown {self._what} '{name}'; there are: {', '.join(self.names())}")
+            raise InputError(f"unknown {self._kind} '{name}'; there are: {', '.join(self.names())}")
         return self._items[name]

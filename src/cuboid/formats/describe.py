@@ -54,7 +54,7 @@ def markdown() -> str:
     for name, row in TABLES.items():
         found = msgspec.json.schema(row)["$defs"][row.__name__]
         separator = " " if name.endswith(".txt") else ","
-        lines = ["| column | what |", "|---|---|"]
+        lines = ["| column | meaning |", "|---|---|"]
         for column, item in zip(row.__struct_fields__, found["prefixItems"], strict=True):
             lines.append(f"| `{column}` | {_what(item)} |")
         title, table = name if name.endswith(")") else f"`{name}`", "\n".join(lines)
@@ -100,7 +100,7 @@ def _parts_of(schema: dict[str, Any], name: str) -> Iterator[str]:
 
 def _fields(schema: dict[str, Any], name: str) -> str:
     part = schema["$defs"][name]
-    lines = ["| field | what |", "|---|---|"]
+    lines = ["| field | meaning |", "|---|---|"]
     for field, item in part["properties"].items():
         optional = "" if field in part.get("required", ()) else "; may be left out"
         lines.append(f"| `{field}` | {_what(item)}{optional} |")

@@ -55,7 +55,7 @@ class PlaneEntry(Entry, frozen=True):
 def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
     """Iterate over the fields of an object: those of `TrackedObject`, and those of its box after the label."""
     label, *others = (
-        (one.name, Annotated[one.plain_kind, Meta(description=one.what)], one) for one in columns_of(TrackedObject)
+        (one.name, Annotated[one.plain_kind, Meta(description=one.meaning)], one) for one in columns_of(TrackedObject)
     )
     yield label[:2]
     yield "center", Annotated[Point, Meta(description="centre of its box in the world, metres")]

@@ -29,7 +29,7 @@ class Column:
 
     name: str
     type: pa.DataType
-    what: str
+    meaning: str
     added: bool = False  # missing in files of earlier versions: null there
 
 
@@ -49,7 +49,7 @@ class TableKind:
     @property
     def schema(self) -> pa.Schema:
         """The Arrow schema; the metadata of a column is its meaning."""
-        return pa.schema([pa.field(c.name, c.type, metadata={"what": c.what}) for c in self.columns])
+        return pa.schema([pa.field(c.name, c.type, metadata={"what": c.meaning}) for c in self.columns])
 
     @property
     def has_added(self) -> bool:
@@ -94,8 +94,8 @@ def _described(record: type) -> Iterator[Column]:
     """Iterate over the columns of a record's fields, the label first, without the box."""
     for one in columns_of(record):
         if one.stored:
-            for name, what in zip_longest(_stored_names(one), (one.what,), fillvalue=""):
-                yield Column(name, _TYPES[one.type], what, added=one.optional)
+            for name, meaning in zip_longest(_stored_names(one), (one.meaning,), fillvalue=""):
+                yield Column(name, _TYPES[one.type], meaning, added=one.optional)
 
 
 def _stored_names(column: RecordColumn) -> tuple[str, ...]:
@@ -236,8 +236,8 @@ def markdown() -> str:
     """Return the tables as documentation."""
     parts = []
     for kind in TABLES.values():
-        lines = [f"### `{kind.name}`", "", f"A row: {kind.row}.", "", "| column | type | what |", "|---|---|---|"]
-        lines += [f"| `{c.name}` | {_plain(c.type)} | {c.what} |" for c in (*kind.columns, DAY)]
+        lines = [f"### `{kind.name}`", "", f"A row: {kind.row}.", "", "| column | type | meaning |", "|---|---|---|"]
+        lines += [f"| `{c.name}` | {_plain(c.type)} | {c.meaning} |" for c in (*kind.columns, DAY)]
         parts.append("\n".join(lines))
     return "\n\n".join(parts) + "\n"
 
