@@ -55,7 +55,7 @@ class Kernel:
 def _size(function: FunctionType) -> int:
     """Return the bytecode size of a function and of the kernels that are inlined into it, bytes."""
     used: list[Any] = [function.__globals__.get(name) for name in function.__code__.co_names]
-    inlined = [one.py_func for one in used if getattr(one, "targetoptions", {}).get("inline") == "always"]
+    inlined = [item.py_func for item in used if getattr(item, "targetoptions", {}).get("inline") == "always"]
     return len(function.__code__.co_code) + sum(map(_size, inlined))
 
 

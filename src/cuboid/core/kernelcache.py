@@ -59,11 +59,11 @@ def _make_private(folder: Path) -> bool:
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError:
         return False
-    mine = not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & 0o022)
-    return stat.S_ISDIR(found.st_mode) and mine and os.access(folder, os.W_OK | os.X_OK)
+    is_private = not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & 0o022)
+    return stat.S_ISDIR(status.st_mode) and is_private and os.access(folder, os.W_OK | os.X_OK)
 
 
 class _Location:
@@ -158,7 +158,7 @@ class KernelCache(FunctionCache):
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Return numba's key plus the field names of named tuples in the arguments: the code depends on their order."""
         arguments = getattr(sig, "args", sig)
-        fields = tuple(getattr(getattr(one, "instance_class", None), "_fields", ()) for one in arguments)
+        fields = tuple(getattr(getattr(argument, "instance_class", None), "_fields", ()) for argument in arguments)
         return super()._index_key(sig, codegen), fields
 
 

@@ -49,8 +49,12 @@ def _collect(function: FunctionType, options: Mapping[str, Any], found: dict[str
         return name
     found[name] = ""  # a function may call itself
     cells = [_described(cell.cell_contents, name, found) for cell in function.__closure__ or ()]
-    used = sorted({one for code in _codes(function.__code__) for one in code.co_names} & set(function.__globals__))
-    values = [(one, _described(function.__globals__[one], f"{name}: {one}", found)) for one in used]
+    used = sorted(
+        {name_used for code in _codes(function.__code__) for name_used in code.co_names} & set(function.__globals__)
+    )
+    values = [
+        (name_used, _described(function.__globals__[name_used], f"{name}: {name_used}", found)) for name_used in used
+    ]
     codes = [_code(code, function.__doc__, name, found) for code in _codes(function.__code__)]
     defaults = _described(function.__defaults__, name, found)
     found[name] = repr((sorted(options.items()), defaults, cells, values, codes))
@@ -67,12 +71,12 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 def _code(code: CodeType, doc: str | None, name: str, found: dict[str, str]) -> tuple[Any, ...]:
     """Return the content of a code object without line numbers, docstring and file name."""
-    constants = [one for one in code.co_consts if not isinstance(one, CodeType)]
+    constants = [constant for constant in code.co_consts if not isinstance(constant, CodeType)]
     if doc is not None and constants[:1] == [doc]:
         constants[0] = None
     arguments = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
-    return code.co_code.hex(), [_described(one, name, found) for one in constants], arguments, names
+    return code.co_code.hex(), [_described(constant, name, found) for constant in constants], arguments, names
 
 
 def _described(value: Any, where: str, found: dict[str, str]) -> str:

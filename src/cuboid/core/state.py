@@ -54,13 +54,13 @@ class WatchedRecord(Record):
 @cache
 def saved_fields(cls: Any) -> tuple[str, ...]:
     """Return the names of the fields of a record that are saved, in order."""
-    return tuple(one.name for one in fields(cls) if not one.metadata.get("transient"))
+    return tuple(item.name for item in fields(cls) if not item.metadata.get("transient"))
 
 
 @cache
 def added_fields(cls: Any) -> dict[str, Callable[[], Any]]:
     """Return the factories of the fields of a record that states of earlier versions lack, by name."""
-    found: dict[str, Any] = {one.name: one.default_factory for one in fields(cls) if one.metadata.get("added")}
+    found: dict[str, Any] = {item.name: item.default_factory for item in fields(cls) if item.metadata.get("added")}
     return found
 
 

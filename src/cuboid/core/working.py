@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.depth import DepthImage, without_mixed
-from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
+from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.kernels.blocks import take_one
 from cuboid.core.kernels.holes import fill_depth
 
@@ -45,6 +46,15 @@ class WorkingImage:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "depth", DepthImage(self.depth_m, self.camera))
+
+    def full_rectangles(self, corners: Float64Array | npt.NDArray[np.int64]) -> Float64Array:
+        """Return rectangles (N, 4) in pixels of the full image, end exclusive, clipped to it.
+
+        `corners` (N, 4) are the smallest and largest column and row of each in this image: left, top, right, bottom.
+        """
+        full = np.array([self.camera.width, self.camera.height] * 2) * self.step
+        first, end = np.array([*self.phase, *self.phase]), np.array([0, 0, self.step, self.step])
+        return np.asarray(np.clip(corners * self.step + first + end, 0, full), dtype=np.float64)
 
 
 def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> WorkingImage:

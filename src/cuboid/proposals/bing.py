@@ -70,7 +70,7 @@ FILES = tuple(f"ObjNessB2W8{space}.{part}.yml.gz" for space in ("MAXBGR", "HSV",
 # OpenCV gives each box a rank, not a score: about 300 for the best and 20,000 for the last. This rank scores 0.5.
 HALF_RANK = 3000.0
 # BING gives thousands of boxes; only the best of them are used.
-LOOKED_AT = 1000
+BEST_BOXES = 1000
 # Boxes that overlap more are duplicates; BING's sizes are powers of two, so that neighbours overlap by half and more.
 OVERLAP = 0.75
 
@@ -111,7 +111,7 @@ class Bing:
         if not found:
             raise InputError(f"the BING model in {self._model} cannot be used: OpenCV found no boxes with it")
         # The boxes are sorted, best first. Corners count from 1, and the last corner is inclusive.
-        corners = np.asarray(boxes, dtype=np.float64).reshape(-1, 4)[:LOOKED_AT]
+        corners = np.asarray(boxes, dtype=np.float64).reshape(-1, 4)[:BEST_BOXES]
         corners[:, :2] -= 1.0
         scores = 1.0 / (1.0 + ranks[: len(corners)] / HALF_RANK)
         kept = thin_out(corners, scores, OVERLAP)

@@ -121,23 +121,25 @@ def _regions(depth: DepthImage, color: UInt8Array, step: int, config: TrackerCon
     segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, smooth, marks)
     last = segments.label_surfaces(kind, marks, MIN_PIXELS, SEGMENTS, labels, queue)
     fill_holes(kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse)
-    table = np.empty((last + 1, regions.COLUMNS))
+    segment_measures = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
     weight, level = np.empty_like(contact), np.empty_like(contact)
-    whole = np.empty((planes, regions.COLUMNS))
-    sure_m = 2.0 * config.min_size_m
-    regions.measure(kind, labels, inverse, marks, noise, JUMP_M, sure_m, table, contact, weight, level, whole)
-    _weaken(labels, color, step, level, table, weight)
-    room = 2 * last + 1 + NEIGHBOURS * last
-    members = np.zeros((room + planes, last + 1 + planes), np.uint8)
-    measures = np.empty((room + planes, regions.COLUMNS))
-    parts = np.full((room + planes, 2), -1, np.int32)
+    plane_measures = np.empty((planes, regions.COLUMNS))
+    certain_m = 2.0 * config.min_size_m
+    regions.measure(
+        kind, labels, inverse, marks, noise, JUMP_M, certain_m, segment_measures, contact, weight, level, plane_measures
+    )
+    _weaken(labels, color, step, level, segment_measures, weight)
+    capacity = 2 * last + 1 + NEIGHBOURS * last
+    members = np.zeros((capacity + planes, last + 1 + planes), np.uint8)
+    measures = np.empty((capacity + planes, regions.COLUMNS))
+    parts = np.full((capacity + planes, 2), -1, np.int32)
     neighbours = contact, weight, last, camera.fx, config.max_size_m
-    n = unions.join(table.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
-    n = unions.pair(table, *neighbours, n, members[:room], measures, parts)
+    n = unions.join(segment_measures.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
+    n = unions.pair(segment_measures, *neighbours, n, members[:capacity], measures, parts)
     # Planes are appended after the segments: they bound these, and each is a proposal by itself.
     members[n + np.arange(planes), -1 - np.arange(planes)] = 1
-    measures[n : n + planes] = whole
+    measures[n : n + planes] = plane_measures
     n += planes
     return _Regions(labels, members[:n], measures[:n], parts[:n])
 
@@ -147,7 +149,7 @@ def _weaken(
     color: UInt8Array,
     step: int,
     level: Float32Array,
-    table: Float64Array,
+    measures: Float64Array,
     weight: Float32Array,
 ) -> None:
     """Weaken the borders between segments of similar color, where depth does not jump.
@@ -161,15 +163,15 @@ def _weaken(
     step : int
     level : (S, S) float32
         See `regions.measure`.
-    table : (S, COLUMNS) float64, in and out
+    measures : (S, COLUMNS) float64, in and out
     weight : (S, S) float32, in and out
     """
-    means = np.empty((len(table), 3))
+    means = np.empty((len(measures), 3))
     regions.mean_colors(labels, np.ascontiguousarray(color), step, means)
-    apart = np.linalg.norm(means[:, None] - means, axis=2) / SAME_COLOR_LEVELS
-    lost = np.exp(-(apart**2)) * level
-    weight -= lost.astype(np.float32)
-    table[:, regions.STRENGTH] -= lost.sum(1)
+    color_distance = np.linalg.norm(means[:, None] - means, axis=2) / SAME_COLOR_LEVELS
+    weakened = np.exp(-(color_distance**2)) * level
+    weight -= weakened.astype(np.float32)
+    measures[:, regions.STRENGTH] -= weakened.sum(1)
 
 
 def _segment_planes(
@@ -200,10 +202,10 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     high = m[regions.BOTTOM] - m[regions.TOP] + 1.0
     metres_per_pixel = m[regions.READINGS] / np.maximum(m[regions.INVERSE], 1e-9) / focal_px
     long_m = np.maximum(wide, high) * metres_per_pixel
-    least_m = MIN_SIZE * config.min_size_m
-    fits = (long_m >= least_m) & (long_m <= config.max_size_m) & (m[regions.READINGS] > 0)
+    min_m = MIN_SIZE * config.min_size_m
+    fits = (long_m >= min_m) & (long_m <= config.max_size_m) & (m[regions.READINGS] > 0)
     # Regions with few readings, or near the smallest size, are often caused by noise.
-    solid = np.clip(m[regions.READINGS] / SOLID_PIXELS, 0.0, 1.0) * np.clip(long_m / (2.0 * least_m), 0.0, 1.0)
+    solid = np.clip(m[regions.READINGS] / SOLID_PIXELS, 0.0, 1.0) * np.clip(long_m / (2.0 * min_m), 0.0, 1.0)
     score = closure**CLOSURE_POWER * np.minimum(roundness, 1.0) ** ROUNDNESS_POWER * np.sqrt(solid)
     return np.where(fits, np.clip(score, 0.0, 1.0), 0.0).astype(np.float32)
 

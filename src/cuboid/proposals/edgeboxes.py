@@ -62,11 +62,11 @@ class EdgeBoxes:
 def _strongest(strength: Float32Array) -> Float32Array:
     """Return the strongest edges (H, W), at most `MAX_EDGES` of the pixels; ties are sampled all over the image."""
     places = np.flatnonzero(strength >= MIN_EDGE)
-    most = int(MAX_EDGES * strength.size)
-    if len(places) <= most:
+    max_edges = int(MAX_EDGES * strength.size)
+    if len(places) <= max_edges:
         return strength
     scattered = places * 2_654_435_761 % 2**32
-    kept = places[np.lexsort((scattered, -strength.ravel()[places]))[:most]]
+    kept = places[np.lexsort((scattered, -strength.ravel()[places]))[:max_edges]]
     result = np.zeros_like(strength)
     result.ravel()[kept] = strength.ravel()[kept]
     return result

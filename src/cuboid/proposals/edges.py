@@ -17,7 +17,7 @@ FULL_COLOR = 60.0
 # Steepest gradient of 1/z of a plane, 1/metre per pixel: a plane that passes the camera at 0.4 m.
 STEEPEST = 0.01
 # Weaker edges are noise.
-LEAST = 0.15
+MIN_STRENGTH = 0.15
 
 
 class Edges(NamedTuple):
@@ -69,10 +69,10 @@ def _gradient_of_color(color: UInt8Array) -> tuple[Float32Array, Float32Array]:
 
     smooth = cv2.GaussianBlur(color, (3, 3), 0)
     gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 4.0, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 4.0
-    most = np.argmax(gx * gx + gy * gy, axis=2)[..., None]
+    strongest = np.argmax(gx * gx + gy * gy, axis=2)[..., None]
     return (
-        np.take_along_axis(gx, most, axis=2)[..., 0].astype(np.float32),
-        np.take_along_axis(gy, most, axis=2)[..., 0].astype(np.float32),
+        np.take_along_axis(gx, strongest, axis=2)[..., 0].astype(np.float32),
+        np.take_along_axis(gy, strongest, axis=2)[..., 0].astype(np.float32),
     )
 
 
@@ -86,23 +86,23 @@ def _gradient_of_depth(depth_m: Float32Array, noise_per_m: float) -> tuple[Float
     filled = _filled(depth_m)
     smooth = cv2.medianBlur(filled, 5)
     gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 8.0, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 8.0
-    around = [cv2.blur(np.clip(g, -STEEPEST, STEEPEST), (25, 25)) for g in (gx, gy)]
+    mean = [cv2.blur(np.clip(g, -STEEPEST, STEEPEST), (25, 25)) for g in (gx, gy)]
     full = FULL_JUMP_M * smooth * smooth + 4.0 * noise_per_m
-    return ((gx - around[0]) / full).astype(np.float32), ((gy - around[1]) / full).astype(np.float32)
+    return ((gx - mean[0]) / full).astype(np.float32), ((gy - mean[1]) / full).astype(np.float32)
 
 
 def _filled(depth_m: Float32Array) -> Float32Array:
     """Return inverse depth with holes filled by the nearest reading; 0 everywhere if there is no reading."""
     import cv2
 
-    has = depth_m > 0
-    if not has.any():
+    valid = depth_m > 0
+    if not valid.any():
         return np.zeros(depth_m.shape, np.float32)
     _, nearest = cv2.distanceTransformWithLabels(
-        (~has).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_3, labelType=cv2.DIST_LABEL_PIXEL
+        (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_3, labelType=cv2.DIST_LABEL_PIXEL
     )
     value = np.zeros(int(nearest.max()) + 1, np.float32)
-    value[nearest[has]] = 1.0 / depth_m[has]
+    value[nearest[valid]] = 1.0 / depth_m[valid]
     return np.asarray(value[nearest], dtype=np.float32)
 
 
@@ -115,6 +115,6 @@ def _thin(strength: Float32Array, angle: Float32Array) -> Float32Array:
     for k, (dv, du) in enumerate(((0, 1), (1, 1), (1, 0), (1, -1))):
         ahead = strength[1 + dv : h - 1 + dv, 1 + du : w - 1 + du]
         behind = strength[1 - dv : h - 1 - dv, 1 - du : w - 1 - du]
-        peak = (sector[1:-1, 1:-1] == k) & (inner > ahead) & (inner >= behind) & (inner >= LEAST)
+        peak = (sector[1:-1, 1:-1] == k) & (inner > ahead) & (inner >= behind) & (inner >= MIN_STRENGTH)
         kept[1:-1, 1:-1][peak] = inner[peak]
     return kept

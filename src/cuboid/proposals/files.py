@@ -139,8 +139,8 @@ def _table(path: Path, boxes: Any) -> Float64Array:
 
 def _masks(path: Path, masks: npt.NDArray[Any], scores: npt.ArrayLike, width: int, height: int) -> Proposals:
     if masks.ndim != 3 or masks.shape[1:] != (height, width):
-        got = " x ".join(str(n) for n in reversed(masks.shape[1:]))
-        raise InputError(f"{path}: masks of {got} pixels, expected {width} x {height} as the images that are tracked")
+        size = " x ".join(str(n) for n in reversed(masks.shape[1:]))
+        raise InputError(f"{path}: masks of {size} pixels, expected {width} x {height} as the images that are tracked")
     return masks_as_proposals(masks, _scores(path, scores, len(masks)))
 
 

@@ -46,16 +46,16 @@ class MatlabReader:
             pass  # checks that it is a regular file of an accepted size
         with self._lock:
             process = self._started()
-            late = threading.Timer(LIMIT_S, process.kill)
-            late.start()
+            timer = threading.Timer(LIMIT_S, process.kill)
+            timer.start()
             try:
-                answer, arrays = _asked(process, path)
+                answer, arrays = _read_by(process, path)
             except (OSError, ValueError, EOFError):
                 self.close()
-                why = "took too long" if late.finished.is_set() else "crashed"
+                why = "took too long" if timer.finished.is_set() else "crashed"
                 raise InputError(f"{path} cannot be read: its reader {why}; is it a whole MATLAB file?") from None
             finally:
-                late.cancel()
+                timer.cancel()
         if "error" in answer:
             raise InputError(f"{path} cannot be read: {answer['error']}")
         return arrays, [str(name) for name in answer["names"]]
@@ -86,7 +86,7 @@ class MatlabReader:
                     pipe.close()
 
 
-def _asked(process: subprocess.Popen[bytes], path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+def _read_by(process: subprocess.Popen[bytes], path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     """Let the process read a file; raise OSError, ValueError or EOFError if it no longer answers."""
     assert process.stdin is not None
     assert process.stdout is not None

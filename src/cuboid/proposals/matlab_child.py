@@ -34,10 +34,10 @@ def main() -> None:
             answer, arrays = {"error": f"it takes more than {MAX_MEMORY >> 20} MB of memory"}, []
         except Exception as error:  # files may come from any program: every error is reported as an error of the file
             answer, arrays = {"error": (str(error) or type(error).__name__).splitlines()[0]}, []
-        say(sys.stdout.buffer, answer, arrays)
+        write_answer(sys.stdout.buffer, answer, arrays)
 
 
-def say(out: BinaryIO, answer: dict[str, Any], arrays: list[np.ndarray[Any, Any]]) -> None:
+def write_answer(out: BinaryIO, answer: dict[str, Any], arrays: list[np.ndarray[Any, Any]]) -> None:
     """Write an answer."""
     out.write(json.dumps(answer).encode() + b"\n")
     for array in arrays:

@@ -34,11 +34,11 @@ def checked_warnings(tracker: Tracker, recording: RecordingLike, every: int) -> 
     if not estimated:  # poses as given: drift correction would adapt them to a wrong depth scale
         given = ((frame, recording.pose(frame)) for frame in poses if _has_pose(recording, frame))
         fit = pose_fit(recording.read, recording.intrinsics, {k: T for k, T in given if T is not None})
-    found = None
+    intrinsics_line = None
     if fit is None or explains(fit):
-        found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
-    beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
-    checked = (one for one in (found, beside) if one is not None)
+        intrinsics_line = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
+    registration_line = registration_warning(recording.read, recording.intrinsics, sorted(poses))
+    checked = (line for line in (intrinsics_line, registration_line) if line is not None)
     return (
         *diagnose(run_facts(tracker, recording, every, fit)),
         *tracker.pose_warnings,

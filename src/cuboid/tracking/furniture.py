@@ -12,7 +12,7 @@ from cuboid.surfaces.plane import Plane
 
 # Score of furniture: the confidence that it is an object.
 SCORE = 0.0
-# Labels of the furniture that bears a plane, by identity of the plane: its own, then younger ones that ended in it.
+# Labels of the furniture that bears a plane, by identity of the plane: its label, then younger ones merged into it.
 Labels = dict[int, tuple[int, ...]]
 
 
@@ -31,14 +31,14 @@ def labels_of(
         Returns a new label; None: a piece whose planes had no label gets none.
     """
     taken: set[int] = set()
-    found = []
+    labels_of_pieces = []
     for identities in pieces:
-        own = sorted({label for k in identities for label in labels_of_plane.get(k, ())} - taken)
-        if not own and new_label is not None:
-            own = [new_label()]
-        taken.update(own)
-        found.append(tuple(own))
-    return found
+        labels = sorted({label for k in identities for label in labels_of_plane.get(k, ())} - taken)
+        if not labels and new_label is not None:
+            labels = [new_label()]
+        taken.update(labels)
+        labels_of_pieces.append(tuple(labels))
+    return labels_of_pieces
 
 
 def furniture_entry(
@@ -50,11 +50,11 @@ def furniture_entry(
     ----------
     piece : Furniture
     labels : tuple of int
-        Its own label, then those that ended in it.
+        Its label, then those that were merged into it.
     planes : sequence of Plane
-        The planes that it bears: it was seen in the frames that saw these.
+        The planes that it bears; the frames that saw them count as those that saw it.
     points : MapPoints
-        Of the map in which it was found.
+        The point map in which it was found.
     """
     return TrackedObject(
         label=labels[0],

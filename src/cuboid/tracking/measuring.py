@@ -19,7 +19,7 @@ from cuboid.outputs import LimitReached, Timing
 # The first used frames include the loading of kernels and the filling of caches: stage times exclude them, unless the
 # run is so short that few frames would remain.
 WARM_UP_FRAMES = 10
-# With a detector a frame takes at most so many times as long as without, on average.
+# Largest ratio of the mean time of a frame with a detector to the time without.
 DETECTOR_BUDGET = 1.5
 
 
@@ -45,7 +45,7 @@ class FrameLog:
         self.skipped: list[tuple[int, str]] = []
         self.milliseconds: dict[str, array[float]] = {"frame": array("d")}
         self._finished_s = array("d")
-        self._left_out: dict[str, list[int]] = {what: [] for what in LIMITS}
+        self._left_out: dict[str, list[int]] = {limit: [] for limit in LIMITS}
 
     @property
     def read(self) -> int:
@@ -58,9 +58,9 @@ class FrameLog:
 
     def use(self, milliseconds: Mapping[str, float], left_out: Mapping[str, int] | None = None) -> None:
         """Count a used frame with its times, and with the numbers of items beyond its limits."""
-        for what, count in (left_out or {}).items():
+        for limit, count in (left_out or {}).items():
             if count:
-                self._left_out[what].append(count)
+                self._left_out[limit].append(count)
         self.used += 1
         self._finished_s.append(working_s())
         for stage, time_ms in milliseconds.items():
@@ -73,8 +73,8 @@ class FrameLog:
     def limits(self) -> dict[str, LimitReached]:
         """Return the limits that frames have reached."""
         return {
-            what: LimitReached(LIMITS[what], len(counts), sum(counts))
-            for what, counts in self._left_out.items()
+            limit: LimitReached(LIMITS[limit], len(counts), sum(counts))
+            for limit, counts in self._left_out.items()
             if counts
         }
 
@@ -100,11 +100,11 @@ class DetectorCost:
     Attributes
     ----------
     detector_ms : float
-        Median time of the detector in a frame that it looks at.
+        Median time of the detector in a frame that it processes.
     median_ratio, mean_ratio : float
         Median and mean time of a frame with the detector, over those without.
     every : int
-        The least n for which the detector, on every n-th frame, keeps the mean ratio within `DETECTOR_BUDGET`.
+        Smallest n for which a detector on each n-th frame keeps the mean ratio within `DETECTOR_BUDGET`.
     """
 
     detector_ms: float
@@ -114,26 +114,26 @@ class DetectorCost:
 
     @classmethod
     def of(cls, frame_ms: npt.ArrayLike, detector_ms: npt.ArrayLike) -> DetectorCost | None:
-        """Return the cost of a run; None where the detector looked at no frame after warm-up.
+        """Return the cost of a run; None if the detector processed no frame after warm-up.
 
         Parameters
         ----------
         frame_ms, detector_ms : (N,) array_like
-            Time of each used frame, and of the detector in it: 0 where it did not look.
+            Time of each used frame, and of the detector in it: 0 if it did not process the frame.
         """
-        whole, own = (np.asarray(values, np.float64) for values in (frame_ms, detector_ms))
-        if not len(own):
+        total_ms, part_ms = (np.asarray(values, np.float64) for values in (frame_ms, detector_ms))
+        if not len(part_ms):
             return None
-        start = warm_up_of(len(whole))
-        whole, own = whole[start:], own[start:]
-        rest, detecting = whole - own, own[own > 0.0]
-        if not len(detecting) or rest.mean() <= 0.0:
+        start = warm_up_of(len(total_ms))
+        total_ms, part_ms = total_ms[start:], part_ms[start:]
+        rest_ms, detecting_ms = total_ms - part_ms, part_ms[part_ms > 0.0]
+        if not len(detecting_ms) or rest_ms.mean() <= 0.0:
             return None
         return cls(
-            detector_ms=float(np.median(detecting)),
-            median_ratio=float(np.median(whole) / np.median(rest)),
-            mean_ratio=float(whole.mean() / rest.mean()),
-            every=max(1, math.ceil(detecting.mean() / ((DETECTOR_BUDGET - 1.0) * rest.mean()))),
+            detector_ms=float(np.median(detecting_ms)),
+            median_ratio=float(np.median(total_ms) / np.median(rest_ms)),
+            mean_ratio=float(total_ms.mean() / rest_ms.mean()),
+            every=max(1, math.ceil(detecting_ms.mean() / ((DETECTOR_BUDGET - 1.0) * rest_ms.mean()))),
         )
 
 

@@ -1,4 +1,4 @@
-"""The tracker: frames with or without camera poses in, their sightings out, a result folder at the end."""
+"""The tracker: from frames with or without camera poses to their sightings, and to a result folder at the end."""
 
 from __future__ import annotations
 
@@ -341,7 +341,7 @@ class Tracker(KeptMap):
         relations : bool
             Find the relations of the objects and include them in the results; this takes 0.1 to 2 s.
         furniture : bool
-            Find the furniture that bears the supporting planes and keep it in the results, as of `find_furniture`.
+            Include the furniture that bears the supporting planes, see `find_furniture`.
 
         Raises
         ------
@@ -376,10 +376,10 @@ class Tracker(KeptMap):
 
 def refuse_other_units(frame: Frame) -> None:
     """Raise FrameError if the depth of a frame is not in metres."""
-    some = frame.depth_m[::8, ::8]
-    some = some[some > 0]
-    if len(some) and float(np.median(some)) > MAX_MEDIAN_DEPTH_M:
+    readings_m = frame.depth_m[::8, ::8]
+    readings_m = readings_m[readings_m > 0]
+    if len(readings_m) and float(np.median(readings_m)) > MAX_MEDIAN_DEPTH_M:
         raise FrameError(
-            f"frame {frame.index}: the median depth is {shown(round(float(np.median(some)), 1))} m; "
+            f"frame {frame.index}: the median depth is {shown(round(float(np.median(readings_m)), 1))} m; "
             "depth_m must be in metres, not in millimetres"
         )

@@ -147,19 +147,19 @@ class KeptMap(MapQueries):
         return self._mapper.map_points()
 
     def find_furniture(self, points: MapPoints | None = None) -> ObjectTable:
-        """Find the furniture that bears the supporting planes, such as a table or a shelf: .1 to 2 s.
+        """Find the furniture that bears the supporting planes, such as a table or a shelf; this takes 0.1 to 2 s.
 
-        A piece gets a label when it is found for the first time, and keeps it.
+        A piece gets a label when it is first found, and keeps it.
 
         Parameters
         ----------
         points : MapPoints, optional
-            The global point map of now, where it is at hand.
+            The present global point map, if the caller has it.
 
         Returns
         -------
         ObjectTable
-            Of the kind "support", by label; `planes` are the planes that it bears.
+            Objects of the kind "support", by label; `planes` are the planes that each bears.
         """
         return self._mapper.find_furniture(self.map_points() if points is None else points)
 

@@ -150,33 +150,35 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
             for i in range(size):
                 for j in range(size):
                     v, u = r * size + i, c * size + j
-                    here = depth[v, u]
-                    if not (min_depth <= here <= max_depth):
+                    depth_here = depth[v, u]
+                    if not (min_depth <= depth_here <= max_depth):
                         continue
-                    gate = SIGMAS * 1.42 * noise * here * here * steep + MIN_SIGMA_M
+                    gate = SIGMAS * 1.42 * noise * depth_here * depth_here * steep + MIN_SIGMA_M
                     # After k pixels, at most two patches, an upright surface has risen by twice the gate. The first
                     # reading from there on, within one patch length, decides: surfaces at grazing angles have gaps.
-                    k = int(np.ceil(2.0 * gate * longest / here))
+                    k = int(np.ceil(2.0 * gate * longest / depth_here))
                     if k > 2 * size:
                         continue
-                    there = 0.0
+                    depth_beyond = 0.0
                     vv = uu = 0
                     for step in range(k, k + size):
                         vv, uu = int(np.rint(v + step * sv)), int(np.rint(u + step * su))
                         if vv < 0 or uu < 0 or vv >= height or uu >= width:
                             break
-                        there = depth[vv, uu]
-                        if there > 0.0:
+                        depth_beyond = depth[vv, uu]
+                        if depth_beyond > 0.0:
                             break
-                    if not (0.0 < there <= max_depth):
+                    if not (0.0 < depth_beyond <= max_depth):
                         continue
                     readings += 1
                     px, py = (u - cx) / fx, (v - cy) / fy
                     qx, qy = (uu - cx) / fx, (vv - cy) / fy
-                    rise = there * (up[0] * qx + up[1] * qy + up[2]) - here * (up[0] * px + up[1] * py + up[2])
+                    rise = depth_beyond * (up[0] * qx + up[1] * qy + up[2]) - depth_here * (
+                        up[0] * px + up[1] * py + up[2]
+                    )
                     if abs(rise) <= gate:
                         n += 1
-                        x, y, z = x + px * here, y + py * here, z + here
+                        x, y, z = x + px * depth_here, y + py * depth_here, z + depth_here
             if n < MIN_LEVEL or n < FILLED * readings:
                 continue
             z /= n

@@ -28,13 +28,13 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse):
     height, width = kind.shape
     valid = np.empty(kind.shape, np.bool_)
     for v in range(height):
-        label, what, plane = labels[v], kind[v], on[v]
+        label, kinds, plane = labels[v], kind[v], on[v]
         # No branches, so that the compiler can vectorise the loop.
         for u in range(width):
-            apart = (what[u] == PLANE) | (what[u] == FAR)
-            label[u] = BACKGROUND - 1 - plane[u] if apart else (label[u] if what[u] != NONE else 0)
-            valid[v, u] = what[u] != NONE
-            inverse[v, u] = inverse[v, u] if what[u] != NONE else np.float32(0.0)
+            is_background = (kinds[u] == PLANE) | (kinds[u] == FAR)
+            label[u] = BACKGROUND - 1 - plane[u] if is_background else (label[u] if kinds[u] != NONE else 0)
+            valid[v, u] = kinds[u] != NONE
+            inverse[v, u] = inverse[v, u] if kinds[u] != NONE else np.float32(0.0)
     holes, source = nearest(valid, inverse, color, step, edge, reach, focal)
     flat, near = labels.reshape(-1), inverse.reshape(-1)
     for i in range(holes.size):
@@ -107,24 +107,24 @@ def nearest(valid, inverse, color, step, edge, reach, focal):
     # Begin and end of each run of hole pixels in a row; a run has about thirty pixels.
     runs, count = np.empty((height * (width // 2 + 1), 2), np.int32), 0
     for v in range(height):
-        first, read, given, seen = (v + 1) * wide + 1, valid[v], inverse[v], color[v * step]
+        first, valid_row, inverse_row, color_row = (v + 1) * wide + 1, valid[v], inverse[v], color[v * step]
         row = slice(first, first + width)
         costs, limits, sources = cost[row], limit[row], source[row]
         red, green, blue = shade[0, row], shade[1, row], shade[2, row]
         for u in range(width):
-            costs[u] = none if read[u] else np.float32(np.inf)
-            limits[u] = reach_px * given[u] if read[u] else none
+            costs[u] = none if valid_row[u] else np.float32(np.inf)
+            limits[u] = reach_px * inverse_row[u] if valid_row[u] else none
         for u in range(width):
-            sources[u] = v * width + u if read[u] else -1
+            sources[u] = v * width + u if valid_row[u] else -1
         for u in range(width):
-            red[u], green[u], blue[u] = seen[u * step, 0], seen[u * step, 1], seen[u * step, 2]
+            red[u], green[u], blue[u] = color_row[u * step, 0], color_row[u * step, 1], color_row[u * step, 2]
         u = 0
         while u < width:
-            if read[u]:
+            if valid_row[u]:
                 u += 1
                 continue
             runs[count, 0] = first + u
-            while u < width and not read[u]:
+            while u < width and not valid_row[u]:
                 u += 1
             runs[count, 1] = first + u
             count += 1
@@ -135,9 +135,9 @@ def nearest(valid, inverse, color, step, edge, reach, focal):
     holes, sources, count = np.empty(valid.size, np.int32), np.empty(valid.size, np.int32), 0
     for begin, end in runs:
         # Offset between flat indices in the image with the margin and in the image without it.
-        apart = width + 3 + 2 * (begin // wide - 1)
+        margin_offset = width + 3 + 2 * (begin // wide - 1)
         for place in range(begin, end):
-            holes[count], sources[count] = place - apart, source[place]
+            holes[count], sources[count] = place - margin_offset, source[place]
             count += 1
     return holes[:count], sources[:count]
 
@@ -184,34 +184,38 @@ def sweep(runs, ahead, wide, change, per_level, cost, limit, source):
     `ahead` is -1 for the forward sweep, where these neighbours have lower indices, and 1 for the backward sweep. See
     `nearest`.
     """
-    beside, back, up, forth = change[0], change[1], change[2], change[3]
+    change_across, change_back, change_up, change_forth = change[0], change[1], change[2], change[3]
     for i in range(len(runs)):
         begin, end = runs[i if ahead < 0 else len(runs) - 1 - i]
         start = np.int64(begin if ahead < 0 else end - 1)
         left = np.uintp(start + ahead)
-        least, most, origin = cost[left], limit[left], source[left]
+        last_cost, last_limit, last_source = cost[left], limit[left], source[left]
         for j in range(end - begin):
             place = start - ahead * j
             # Unsigned: numba then skips the handling of negative indices.
             here, over = np.uintp(place), np.uintp(place + ahead * wide)
-            one, other = np.uintp(place + ahead * wide - 1), np.uintp(place + ahead * wide + 1)
-            own = cost[here]
+            over_before, over_after = np.uintp(place + ahead * wide - 1), np.uintp(place + ahead * wide + 1)
+            old_cost = cost[here]
             # A color difference is stored at the pixel with the lower index.
-            a, b, c = (forth[one], up[over], back[other]) if ahead < 0 else (back[here], up[here], forth[here])
-            side = beside[np.uintp(place - 1)] if ahead < 0 else beside[here]
-            best, found = own, here
-            total = by_way_of(cost[one], np.float32(1.4), a, per_level, limit[one])
-            best, found = (total, one) if total < best else (best, found)
+            a, b, c = (
+                (change_forth[over_before], change_up[over], change_back[over_after])
+                if ahead < 0
+                else (change_back[here], change_up[here], change_forth[here])
+            )
+            side = change_across[np.uintp(place - 1)] if ahead < 0 else change_across[here]
+            best, via = old_cost, here
+            total = by_way_of(cost[over_before], np.float32(1.4), a, per_level, limit[over_before])
+            best, via = (total, over_before) if total < best else (best, via)
             total = by_way_of(cost[over], np.float32(1.0), b, per_level, limit[over])
-            best, found = (total, over) if total < best else (best, found)
-            total = by_way_of(cost[other], np.float32(1.4), c, per_level, limit[other])
-            best, found = (total, other) if total < best else (best, found)
+            best, via = (total, over) if total < best else (best, via)
+            total = by_way_of(cost[over_after], np.float32(1.4), c, per_level, limit[over_after])
+            best, via = (total, over_after) if total < best else (best, via)
             # The neighbour in the row is compared last, because its cost is known last, but it wins a tie.
-            total = by_way_of(least, np.float32(1.0), side, per_level, most)
-            closer = (total < own) & (total <= best)
-            least = total if closer else best
-            most, origin = most if closer else limit[found], origin if closer else source[found]
-            cost[here], limit[here], source[here] = least, most, origin
+            total = by_way_of(last_cost, np.float32(1.0), side, per_level, last_limit)
+            closer = (total < old_cost) & (total <= best)
+            last_cost = total if closer else best
+            last_limit, last_source = last_limit if closer else limit[via], last_source if closer else source[via]
+            cost[here], limit[here], source[here] = last_cost, last_limit, last_source
 
 
 @kernel(inline="always")

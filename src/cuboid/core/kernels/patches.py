@@ -118,11 +118,14 @@ def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
             r, q = here // columns + (k == 0) - (k == 1), here % columns + (k == 2) - (k == 3)
             if r < 0 or q < 0 or r >= rows or q >= columns or member[r, q] >= 0 or tried[r, q] == attempt:
                 continue
-            other = cells[r * columns + q]
-            if other[AREA] <= 0.0 or other[RMS] > flat:
+            neighbour = cells[r * columns + q]
+            if neighbour[AREA] <= 0.0 or neighbour[RMS] > flat:
                 continue
-            u, v, w = seen_at(other, camera)
-            if abs(a * u + b * v + c - w) > off or nx * other[NX] + ny * other[NY] + nz * other[NZ] < ALIKE_COS:
+            u, v, w = seen_at(neighbour, camera)
+            if (
+                abs(a * u + b * v + c - w) > off
+                or nx * neighbour[NX] + ny * neighbour[NY] + nz * neighbour[NZ] < ALIKE_COS
+            ):
                 continue
             tried[r, q] = attempt
             queue[tail] = r * columns + q
@@ -262,10 +265,10 @@ def classify(depth, grown, camera, size, reach, noise, floor, bias, max_depth, i
                     facing = abs(nx * across_x[u] + facing_along)
                     # dz = z^2 dw; the distance at right angles to the plane is dz times n.ray
                     across = abs(a * columns_x[u] + along + bowed[u] - inverse[v, u]) * z * z * facing
-                    own = across < max(floor, bias + per_depth * z * z * facing)
-                    own &= kind[v, u] == SURFACE
-                    kind[v, u] = PLANE if own else kind[v, u]
-                    on[v, u] = p if own else on[v, u]
+                    on_plane = across < max(floor, bias + per_depth * z * z * facing)
+                    on_plane &= kind[v, u] == SURFACE
+                    kind[v, u] = PLANE if on_plane else kind[v, u]
+                    on[v, u] = p if on_plane else on[v, u]
 
 
 @kernel(inline="always")

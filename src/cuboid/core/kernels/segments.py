@@ -51,7 +51,7 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
     wide[LONGEST:-LONGEST, LONGEST:-LONGEST] = smooth
     # The ends of the arms lie within three arm lengths of the crease in depth: no jump lies between.
     lengths = np.arange(LONGEST + 1)
-    reaches, leasts = 3.0 * lengths / focal, 2.0 * bend * lengths / focal
+    reaches, sags = 3.0 * lengths / focal, 2.0 * bend * lengths / focal
     flat, long = wide.reshape(-1), wide.shape[1]
     for v in range(height):
         for u in range(width):
@@ -62,23 +62,27 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
             length = max(arm, 1.5 * noise / (w * w * bend))
             k = min(max(int(length * focal * w + 0.5), 2), LONGEST)
             slant = (k * 3 + 2) // 4
-            reach, least = reaches[k] * w, leasts[k] * w
+            reach, min_sag = reaches[k] * w, sags[k] * w
             here = (v + LONGEST) * long + u + LONGEST
             # All four directions without a branch: the branch predictor cannot predict which one is a crease.
-            creased = is_crease(flat, here, k, w, reach, least)
-            creased |= is_crease(flat, here, k * long, w, reach, least)
-            creased |= is_crease(flat, here, slant * (long + 1), w, reach, least)
-            creased |= is_crease(flat, here, slant * (long - 1), w, reach, least)
+            creased = is_crease(flat, here, k, w, reach, min_sag)
+            creased |= is_crease(flat, here, k * long, w, reach, min_sag)
+            creased |= is_crease(flat, here, slant * (long + 1), w, reach, min_sag)
+            creased |= is_crease(flat, here, slant * (long - 1), w, reach, min_sag)
             marks[v, u] |= CREASE if creased else 0
 
 
 @kernel(inline="always")
-def is_crease(smooth, here, away, w, reach, least):
-    """Return whether the surface lies behind the chord between the pixels `away` flat indices before and after it."""
+def is_crease(smooth, here, away, w, reach, min_sag):
+    """Return whether the surface lies behind the chord between the pixels `away` flat indices before and after it.
+
+    `reach` and `min_sag` are in 1/z: the largest difference from either end of the chord, and the smallest (doubled)
+    depth of the surface behind the chord.
+    """
     # Unsigned: numba then skips the handling of negative indices.
     p, q = smooth[np.uintp(here - away)], smooth[np.uintp(here + away)]
     near = (p > 0.0) & (q > 0.0) & (abs(p - w) <= reach) & (abs(q - w) <= reach)
-    return near & (p + q - 2.0 * w > least)
+    return near & (p + q - 2.0 * w > min_sag)
 
 
 @kernel(inline="always")
@@ -93,7 +97,7 @@ def mark_jumps(inverse, kind, noise, jump, smooth, marks):
     """Mark depth jumps between neighbours, and write the smoothed 1/z of surfaces; see `mark`."""
     height, width = inverse.shape
     # Same float type as the readings, so that the compiler can vectorise with twice the width.
-    jump, least, none = np.float32(jump), np.float32(JUMP_SIGMAS * noise), np.float32(0.0)
+    jump, noise_limit, none = np.float32(jump), np.float32(JUMP_SIGMAS * noise), np.float32(0.0)
     # A margin without readings surrounds the image, so that neighbours need no bounds check.
     wide = np.zeros((height + 3, width + 3), np.float32)
     wide[1:-2, 1:-2] = inverse
@@ -103,7 +107,7 @@ def mark_jumps(inverse, kind, noise, jump, smooth, marks):
         for u in range(width):
             w = row[u + 1]
             # A depth jump dz is a jump dw = dz w^2 in inverse depth.
-            limit = jump * w * w + least
+            limit = jump * w * w + noise_limit
             total = n = none
             for k in range(3):
                 total, n = with_near(above[u + k], w, limit, total, n)
@@ -113,7 +117,7 @@ def mark_jumps(inverse, kind, noise, jump, smooth, marks):
                 total, n = with_near(below[u + k], w, limit, total, n)
             smooth[v, u] = total / n if (w > none) & (kind[v, u] == SURFACE) else none
         for u in range(width):
-            limit = jump * row[u + 1] * row[u + 1] + least
+            limit = jump * row[u + 1] * row[u + 1] + noise_limit
             right = jumps(row[u], row[u + 1], row[u + 2], row[u + 3], limit)
             down = jumps(above[u + 1], row[u + 1], below[u + 1], next_[u + 1], limit)
             marks[v, u] = (RIGHT if right else 0) | (DOWN if down else 0)
@@ -141,7 +145,7 @@ def linked(kind, marks, v, u, vv, uu):
 
 
 @kernel
-def label_surfaces(kind, marks, least, most, labels, queue):
+def label_surfaces(kind, marks, min_pixels, max_labels, labels, queue):
     """Number the segments: surface patches between jumps and creases.
 
     The cores, at least one pixel away from any jump or crease, are numbered first. They then grow back, nearest pixels
@@ -150,9 +154,9 @@ def label_surfaces(kind, marks, least, most, labels, queue):
     Parameters
     ----------
     kind, marks : see `mark`
-        The kind of pixels in patches smaller than `least` becomes NONE.
-    least : int
-    most : int
+        The kind of pixels in patches smaller than `min_pixels` becomes NONE.
+    min_pixels : int
+    max_labels : int
         Largest number of patches; further ones are dropped.
     labels : (H, W) int16, output
         From 1; 0 elsewhere.
@@ -166,14 +170,14 @@ def label_surfaces(kind, marks, least, most, labels, queue):
     height, width = kind.shape
     labels[:] = 0
     core = cores(kind, marks)
-    last = label_cores(kind, marks, core, least, labels, queue, most)
+    last = label_cores(kind, marks, core, min_pixels, labels, queue, max_labels)
     grow_back(kind, marks, labels, queue)
     for v in range(height):
         for u in range(width):
             if kind[v, u] != SURFACE or labels[v, u] != 0:
                 continue
             n = flood(kind, marks, core, False, v, u, last + 1, labels, queue)
-            if n >= least and last < most:
+            if n >= min_pixels and last < max_labels:
                 last += 1
             else:
                 for i in range(n):
@@ -190,25 +194,25 @@ def cores(kind, marks):
     for v in range(1, height - 1):
         # No branches, so that the compiler can vectorise the loop.
         for u in range(1, width - 1):
-            own = (marks[v, u] | (marks[v, u - 1] & RIGHT) | (marks[v - 1, u] & DOWN)) == 0
+            unmarked = (marks[v, u] | (marks[v, u - 1] & RIGHT) | (marks[v - 1, u] & DOWN)) == 0
             creased = marks[v - 1, u] | marks[v + 1, u] | marks[v, u - 1] | marks[v, u + 1]
-            around = (kind[v - 1, u] == SURFACE) & (kind[v + 1, u] == SURFACE)
-            around &= (kind[v, u - 1] == SURFACE) & (kind[v, u + 1] == SURFACE)
-            core[v, u] = own & around & (kind[v, u] == SURFACE) & ((creased & CREASE) == 0)
+            surrounded = (kind[v - 1, u] == SURFACE) & (kind[v + 1, u] == SURFACE)
+            surrounded &= (kind[v, u - 1] == SURFACE) & (kind[v, u + 1] == SURFACE)
+            core[v, u] = unmarked & surrounded & (kind[v, u] == SURFACE) & ((creased & CREASE) == 0)
     return core
 
 
 @kernel
-def label_cores(kind, marks, core, least, labels, queue, limit):
-    """Number the cores of surfaces, at most `limit`; return the last number. Cores below `least` // 2 are dropped."""
+def label_cores(kind, marks, core, min_pixels, labels, queue, max_labels):
+    """Number the cores of surfaces of at least `min_pixels` // 2, at most `max_labels`; return the last number."""
     height, width = kind.shape
     last = 0
     for v in range(height):
         for u in range(width):
-            if core[v, u] == 0 or labels[v, u] != 0 or last == limit:
+            if core[v, u] == 0 or labels[v, u] != 0 or last == max_labels:
                 continue
             n = flood(kind, marks, core, True, v, u, last + 1, labels, queue)
-            if n >= least // 2:
+            if n >= min_pixels // 2:
                 last += 1
             else:
                 for i in range(n):

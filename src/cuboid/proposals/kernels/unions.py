@@ -73,8 +73,8 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
                     best, i, j = boundary, a, b
         if best == np.inf:
             return n
-        one, other = segments[i], segments[j]
-        unite(one, other, contact[i, j], weight[i, j] + weight[j, i], one)
+        first, second = segments[i], segments[j]
+        unite(first, second, contact[i, j], weight[i, j] + weight[j, i], first)
         alive[j] = 0
         for k in range(1, count + 1):
             if alive[k] and k != i:
@@ -84,7 +84,7 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
                 weight[k, i] += weight[k, j]
         for k in range(1, count + 1):
             members[n, k] = members[current[i], k] | members[current[j], k]
-        found[n] = one
+        found[n] = first
         parts[n, 0], parts[n, 1] = current[i], current[j]
         current[i] = n
         n += 1
@@ -120,8 +120,8 @@ def pair(segments, contact, weight, count, focal, largest, n, members, found, pa
     made = np.zeros((count + 1, count + 1), np.uint8)
     for i in range(n):
         if parts[i, 0] >= 0:
-            one, other = single[parts[i, 0]], single[parts[i, 1]]
-            made[one, other] = made[other, one] = 1
+            first, second = single[parts[i, 0]], single[parts[i, 1]]
+            made[first, second] = made[second, first] = 1
     for a in range(1, count + 1):
         for b in range(a + 1, count + 1):
             if contact[a, b] == 0 or made[a, b] or n == len(members):
@@ -181,27 +181,27 @@ def distinct(order, members, pixels, weight, same, kept):
 
 
 @kernel(inline="always")
-def unite(one, other, shared, strength, union):
+def unite(first, second, shared, strength, union):
     """Compute the measures of the union of two segments; the output may be one of them.
 
     Parameters
     ----------
-    one, other : (COLUMNS,) float64
+    first, second : (COLUMNS,) float64
     shared : float
         Length of the shared outline, pixels.
     strength : float
         Sum of the strengths of the shared outline, in both directions.
     union : (COLUMNS,) float64, output
     """
-    union[PIXELS] = one[PIXELS] + other[PIXELS]
-    union[READINGS] = one[READINGS] + other[READINGS]
-    union[INVERSE] = one[INVERSE] + other[INVERSE]
-    union[LEFT], union[TOP] = min(one[LEFT], other[LEFT]), min(one[TOP], other[TOP])
-    union[RIGHTMOST] = max(one[RIGHTMOST], other[RIGHTMOST])
-    union[BOTTOM] = max(one[BOTTOM], other[BOTTOM])
-    union[OUTLINE] = one[OUTLINE] + other[OUTLINE] - 2.0 * shared
-    union[STRENGTH] = one[STRENGTH] + other[STRENGTH] - strength
-    union[BORDER] = one[BORDER] + other[BORDER]
+    union[PIXELS] = first[PIXELS] + second[PIXELS]
+    union[READINGS] = first[READINGS] + second[READINGS]
+    union[INVERSE] = first[INVERSE] + second[INVERSE]
+    union[LEFT], union[TOP] = min(first[LEFT], second[LEFT]), min(first[TOP], second[TOP])
+    union[RIGHTMOST] = max(first[RIGHTMOST], second[RIGHTMOST])
+    union[BOTTOM] = max(first[BOTTOM], second[BOTTOM])
+    union[OUTLINE] = first[OUTLINE] + second[OUTLINE] - 2.0 * shared
+    union[STRENGTH] = first[STRENGTH] + second[STRENGTH] - strength
+    union[BORDER] = first[BORDER] + second[BORDER]
 
 
 @kernel(inline="always")
@@ -212,13 +212,13 @@ def extent(row, focal):
 
 
 @kernel(inline="always")
-def can_join(one, other, focal, largest):
+def can_join(first, second, focal, largest):
     """Return whether a union would be no larger than an object, in the image and in depth."""
-    z1, z2 = one[READINGS] / one[INVERSE], other[READINGS] / other[INVERSE]
+    z1, z2 = first[READINGS] / first[INVERSE], second[READINGS] / second[INVERSE]
     if abs(z1 - z2) > 0.5 * largest:
         return False
-    across = max(one[RIGHTMOST], other[RIGHTMOST]) - min(one[LEFT], other[LEFT])
-    down = max(one[BOTTOM], other[BOTTOM]) - min(one[TOP], other[TOP])
+    across = max(first[RIGHTMOST], second[RIGHTMOST]) - min(first[LEFT], second[LEFT])
+    down = max(first[BOTTOM], second[BOTTOM]) - min(first[TOP], second[TOP])
     return (max(across, down) + 1.0) * 0.5 * (z1 + z2) / focal <= largest
 
 
