@@ -76,7 +76,7 @@ class Anchors:
         The pending motions.
     """
 
-    NOT_SAVED = frozenset({"pending", "motions", "_keyframes", "_of", "_pairs"})
+    NOT_SAVED = frozenset({"pending", "motions", "_keyframes", "_of_keyframe", "_pairs"})
 
     def __init__(self) -> None:
         self._all: dict[int, Anchor] = {}
@@ -86,7 +86,8 @@ class Anchors:
         self.pending: npt.NDArray[np.bool_] = np.zeros(ANCHORS, bool)
         self.motions: Float64Array = np.zeros((ANCHORS, 3, 4))
         self._keyframes: npt.NDArray[np.uint16] = np.arange(ANCHORS, dtype=np.uint16)
-        self._of: dict[int, set[int]] = {}
+        # Numbers of the anchors of each keyframe.
+        self._of_keyframe: dict[int, set[int]] = {}
         self._pairs: tuple[CubeNumbers, CubeNumbers] | None = None
 
     def state(self) -> AnchorsState:
@@ -103,22 +104,22 @@ class Anchors:
 
     def _remake(self) -> None:
         """Recompute the tables that follow from the anchors."""
-        self.pending[:], self._keyframes[:], self._of, self._pairs = False, np.arange(ANCHORS), {}, None
-        for one in self._all.values():
-            self._note(one)
+        self.pending[:], self._keyframes[:], self._of_keyframe, self._pairs = False, np.arange(ANCHORS), {}, None
+        for anchor in self._all.values():
+            self._register(anchor)
 
-    def _note(self, one: Anchor) -> None:
-        self._of.setdefault(one.keyframe, set()).add(one.number)
-        self._keyframes[one.number] = one.keyframe
-        self.pending[one.number] = one.T_new_old is not None
-        if one.T_new_old is not None:
-            self.motions[one.number] = one.T_new_old[:3]
+    def _register(self, anchor: Anchor) -> None:
+        self._of_keyframe.setdefault(anchor.keyframe, set()).add(anchor.number)
+        self._keyframes[anchor.number] = anchor.keyframe
+        self.pending[anchor.number] = anchor.T_new_old is not None
+        if anchor.T_new_old is not None:
+            self.motions[anchor.number] = anchor.T_new_old[:3]
             self._pairs = None
 
     @property
     def cubes(self) -> int:
         """One more than the highest number of a cube that may contain points."""
-        return max((int(one.cubes.max(initial=-1)) + 1 for one in self._all.values()), default=0)
+        return max((int(anchor.cubes.max(initial=-1)) + 1 for anchor in self._all.values()), default=0)
 
     def keyframes(self, anchors: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
         """Return the keyframes of anchors (N,)."""
@@ -131,7 +132,7 @@ class Anchors:
             number = keyframe if keyframe not in self._all else self._free()
             self._now[keyframe] = number
             self._all[number] = Anchor(number, keyframe)
-            self._note(self._all[number])
+            self._register(self._all[number])
         return number
 
     def _free(self) -> int:
@@ -144,26 +145,26 @@ class Anchors:
     def crowded(self) -> bool:
         """Whether anchor numbers may run out if all keyframes move and are used again."""
         others = sum(number > LAST_KEYFRAME for number in self._all)
-        return others + len(self._of) > ANCHORS - 1 - LAST_KEYFRAME
+        return others + len(self._of_keyframe) > ANCHORS - 1 - LAST_KEYFRAME
 
     def has_points_in(self, number: int, cubes: Numbers) -> None:
         """Record that cubes, each listed once, contain points of an anchor."""
-        one = self._all[number]
+        anchor = self._all[number]
         # The known cubes are sorted; `np.isin` would sort them again.
-        new = cubes[np.searchsorted(one.cubes, cubes, "left") == np.searchsorted(one.cubes, cubes, "right")]
+        new = cubes[np.searchsorted(anchor.cubes, cubes, "left") == np.searchsorted(anchor.cubes, cubes, "right")]
         if len(new):
-            one.cubes = np.sort(np.concatenate([one.cubes, new.astype(np.int32)]))
+            anchor.cubes = np.sort(np.concatenate([anchor.cubes, new.astype(np.int32)]))
 
     def add_pending(self, moved: Mapping[int, Float64Array]) -> CubeNumbers:
         """Add motions (T_new_old) to the pending ones of keyframes; return the cubes that may contain their points."""
         cubes = [np.zeros(0, np.int32)]
         for keyframe, T_new_old in moved.items():
-            for number in sorted(self._of.get(keyframe, ())):
-                one = self._all[number]
-                if len(one.cubes):
-                    one.T_new_old = T_new_old if one.T_new_old is None else T_new_old @ one.T_new_old
-                    cubes.append(one.cubes)
-                    self._note(one)
+            for number in sorted(self._of_keyframe.get(keyframe, ())):
+                anchor = self._all[number]
+                if len(anchor.cubes):
+                    anchor.T_new_old = T_new_old if anchor.T_new_old is None else T_new_old @ anchor.T_new_old
+                    cubes.append(anchor.cubes)
+                    self._register(anchor)
                     if self._now.get(keyframe) == number:
                         del self._now[keyframe]
         return np.concatenate(cubes)
@@ -172,47 +173,47 @@ class Anchors:
     def pending_cubes(self) -> tuple[CubeNumbers, CubeNumbers]:
         """Cubes with points whose motion is pending, (N,), and the anchor of each such pair, (N,)."""
         if self._pairs is None:
-            those = [one for one in self._all.values() if one.T_new_old is not None]
-            cubes = np.concatenate([np.zeros(0, np.int32), *(one.cubes for one in those)])
-            numbers = np.array([one.number for one in those], np.int32)
-            self._pairs = cubes, np.repeat(numbers, [len(one.cubes) for one in those])
+            moved = [anchor for anchor in self._all.values() if anchor.T_new_old is not None]
+            cubes = np.concatenate([np.zeros(0, np.int32), *(anchor.cubes for anchor in moved)])
+            numbers = np.array([anchor.number for anchor in moved], np.int32)
+            self._pairs = cubes, np.repeat(numbers, [len(anchor.cubes) for anchor in moved])
         return self._pairs
 
     def clear_pending(self, cubes: Numbers) -> None:
         """Record that no motion is pending in some cubes any more."""
-        of, numbers = self.pending_cubes
-        gone = np.isin(of, cubes)
-        touched = np.unique(numbers[gone]).tolist()
-        self._pairs = of[~gone], numbers[~gone]
+        pending_cubes, pending_numbers = self.pending_cubes
+        cleared = np.isin(pending_cubes, cubes)
+        touched = np.unique(pending_numbers[cleared]).tolist()
+        self._pairs = pending_cubes[~cleared], pending_numbers[~cleared]
         for number in touched:
-            one = self._all[number]
-            one.cubes = one.cubes[~np.isin(one.cubes, cubes)]
-            if not len(one.cubes):
-                self._forget(one)
+            anchor = self._all[number]
+            anchor.cubes = anchor.cubes[~np.isin(anchor.cubes, cubes)]
+            if not len(anchor.cubes):
+                self._forget(anchor)
 
-    def _forget(self, one: Anchor) -> None:
-        del self._all[one.number]
-        self._of[one.keyframe].discard(one.number)
-        self.pending[one.number], self._keyframes[one.number] = False, one.number
+    def _forget(self, anchor: Anchor) -> None:
+        del self._all[anchor.number]
+        self._of_keyframe[anchor.keyframe].discard(anchor.number)
+        self.pending[anchor.number], self._keyframes[anchor.number] = False, anchor.number
 
-    def now(self, anchors: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
-        """Return for each anchor (ANCHORS,) that of its points once pending motions of `anchors` (N,) are applied."""
-        to = np.arange(ANCHORS, dtype=np.uint16)
+    def anchors_after_motion(self, anchors: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
+        """Return for each anchor (ANCHORS,) the anchor of its points after pending motions of `anchors` (N,)."""
+        current = np.arange(ANCHORS, dtype=np.uint16)
         used = np.flatnonzero(np.bincount(anchors, minlength=1))
         for number in used[self.pending[used]].tolist():
-            to[number] = self.current_anchor(self._all[number].keyframe)
-        return to
+            current[number] = self.current_anchor(self._all[number].keyframe)
+        return current
 
     def begin_anew(self, anchors: npt.NDArray[np.uint16], cubes: Numbers) -> None:
         """Replace all points by these, with anchors (N,) and cubes (N,); unknown anchors have no pending motion."""
-        for one in self._all.values():
-            one.cubes = np.zeros(0, np.int32)
-        for number, some in of_each(anchors, cubes):
+        for anchor in self._all.values():
+            anchor.cubes = np.zeros(0, np.int32)
+        for number, cubes_of_anchor in of_each(anchors, cubes):
             if number not in self._all:
                 self._all[number] = Anchor(number, number)
                 self._now.setdefault(number, number)
-            self._all[number].cubes = some.astype(np.int32)
-        self._all = {number: one for number, one in self._all.items() if len(one.cubes)}
+            self._all[number].cubes = cubes_of_anchor.astype(np.int32)
+        self._all = {number: anchor for number, anchor in self._all.items() if len(anchor.cubes)}
         self._now = {keyframe: number for keyframe, number in self._now.items() if number in self._all}
         self._remake()
 

@@ -70,12 +70,12 @@ class FinePoints:
         if bottom <= top:
             return
         inside, c = (slice(top, bottom), slice(left, right)), image.camera
-        depth_m, warm = (np.ascontiguousarray(a[inside]) for a in (chosen, heat))
+        depth_m, heat = (np.ascontiguousarray(image_part[inside]) for image_part in (chosen, heat))
         color = np.ascontiguousarray(image.color[inside])
         pinhole = np.array([c.fx, c.fy, c.cx - left, c.cy - top])
-        pixels = kernel.Pixels(depth_m, color, warm, pinhole, np.ascontiguousarray(seen.T_world_camera))
+        pixels = kernel.Pixels(depth_m, color, heat, pinhole, np.ascontiguousarray(seen.T_world_camera))
         rows = np.empty(depth_m.shape, np.int32)
-        fused_in = stored.fuse(pixels, self.fine_m, far_m, seen.frame, seen.frame, seen.keyframe, rows, FINE)
+        fused_in = stored.fuse(pixels, far_m, seen.frame, seen.frame, seen.keyframe, rows, FINE)
         stored.last_viewed[fused_in] = stored.carving_passes
 
     def fine_replacements(self, xyz: Float32Array, which: npt.NDArray[np.bool_]) -> tuple[Rows, Rows]:
@@ -88,13 +88,13 @@ class FinePoints:
         which : (N,) bool
             The points to replace.
         """
-        fine, own = self._stored.living(fine=True), np.flatnonzero(which)
-        keys, asked = self._voxels_of(xyz[own]), self._voxels_of(self._stored.xyz(fine))
+        fine, indices = self._stored.living(fine=True), np.flatnonzero(which)
+        keys, wanted = self._voxels_of(xyz[indices]), self._voxels_of(self._stored.xyz(fine))
         order = np.argsort(keys, kind="stable")
-        at = np.searchsorted(keys, asked, sorter=order)
-        there = at < len(keys)
-        there[there] = keys[order[at[there]]] == asked[there]
-        return fine[there], own[order[at[there]]]
+        at = np.searchsorted(keys, wanted, sorter=order)
+        found = at < len(keys)
+        found[found] = keys[order[at[found]]] == wanted[found]
+        return fine[found], indices[order[at[found]]]
 
     def _voxels_of(self, points: Float32Array) -> npt.NDArray[np.int64]:
         """Return a unique number of the map's voxel that contains each point (N, 3)."""

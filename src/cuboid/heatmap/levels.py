@@ -131,9 +131,9 @@ class Levels:
         if due:
             cubes = self.parted[:due, 0]
             rows = np.cumsum(self._stored.cubes.rows[cubes])
-            some = 1 + int(np.searchsorted(rows, max(THINNED_ROWS_PER_FRAME, rows[-1] // MAX_UNVIEWED_MOMENTS)))
-            self.parted = self.parted[some:] if some < due else self.parted[due:]
-            self._thin(cubes[:some])
+            count = 1 + int(np.searchsorted(rows, max(THINNED_ROWS_PER_FRAME, rows[-1] // MAX_UNVIEWED_MOMENTS)))
+            self.parted = self.parted[count:] if count < due else self.parted[due:]
+            self._thin(cubes[:count])
 
     def _thin(self, cubes: Rows) -> None:
         if not len(cubes):
@@ -155,11 +155,11 @@ class Levels:
 def split_rows(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return rows (N,) of type ROW of one cube expanded to one row (M,) for each voxel that they represent."""
     bits = np.unpackbits(np.where(rows["mark"] > 0, rows["mark"], 1)[:, None], axis=1, bitorder="little")
-    of, eighth = np.nonzero(bits)
-    every, shared = rows[of], rows["mark"][of] > 0
+    index, eighth = np.nonzero(bits)
+    split, shared = rows[index], rows["mark"][index] > 0
     # The same layout as in `kernels.levels`.
     layer = (eighth[shared, None] >> np.array([2, 1, 0])) & 1
-    every["place"][shared] = (((every["place"][shared] >> (8 * layer)) & 255) << 8) | 128
-    every["voxel"][shared] |= (layer << np.array([2 * CUBE_BITS, CUBE_BITS, 0])).sum(1).astype(np.uint16)
-    every["mark"] = 0
-    return every
+    split["place"][shared] = (((split["place"][shared] >> (8 * layer)) & 255) << 8) | 128
+    split["voxel"][shared] |= (layer << np.array([2 * CUBE_BITS, CUBE_BITS, 0])).sum(1).astype(np.uint16)
+    split["mark"] = 0
+    return split

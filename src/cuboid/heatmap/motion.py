@@ -123,13 +123,19 @@ class Motion:
 
     def _freed(self, view: _View, references: Sequence[_Reference]) -> UInt8Array:
         """Return which readings (h, w) lie where earlier frames saw free space: bit k stands for the k-th frame."""
-        T = np.array([one.T_camera_world @ view.T_world_camera for one in references])
+        T = np.array([reference.T_camera_world @ view.T_world_camera for reference in references])
         shift_m, turn_rad = _size(T)
         stands = (shift_m < STANDS_M) & (turn_rad < STANDS_RAD)
         near_m = np.array(
-            [one.near_m if still else one.nearest_m for one, still in zip(references, stands, strict=True)]
+            [
+                reference.near_m if still else reference.nearest_m
+                for reference, still in zip(references, stands, strict=True)
+            ]
         )
-        freed, cameras = np.empty(view.depth_m.shape, np.uint8), np.array([one.view.pinhole for one in references])
+        freed, cameras = (
+            np.empty(view.depth_m.shape, np.uint8),
+            np.array([reference.view.pinhole for reference in references]),
+        )
         mark_freed(view.depth_m, view.pinhole, near_m, cameras, T, _error_m(T), self._noise_per_m, freed)
         return freed
 
@@ -144,8 +150,8 @@ class Motion:
             moved = self._moved(view, references[k])
             if moved is not None:
                 # All frames before it were shifted as much, or more.
-                for one in references[: k + 1]:
-                    one.T_camera_world = one.T_camera_world @ inverse(moved)
+                for reference in references[: k + 1]:
+                    reference.T_camera_world = reference.T_camera_world @ inverse(moved)
                 freed, mended = self._freed(view, references), True
             elif mended:
                 # The poses of these frames are not known anymore.
@@ -183,8 +189,8 @@ def _reference(view: _View, time_s: float) -> _Reference:
 
 def _nearest_around(depth_m: Float32Array, reach: int) -> Float32Array:
     """Return the nearest reading around every other pixel; 0 if a reading around it is missing."""
-    around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    return np.ascontiguousarray(cv2.erode(depth_m, around)[::STEP, ::STEP], dtype=np.float32)
+    window = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return np.ascontiguousarray(cv2.erode(depth_m, window)[::STEP, ::STEP], dtype=np.float32)
 
 
 def _without_small(marked: UInt8Array) -> UInt8Array | None:
@@ -193,10 +199,10 @@ def _without_small(marked: UInt8Array) -> UInt8Array | None:
     return np.any(groups, axis=0).astype(np.uint8) if groups else None
 
 
-def groups_of(marked: UInt8Array, least: int = MIN_GROUP * STEP**2) -> list[npt.NDArray[np.bool_]]:
+def groups_of(marked: UInt8Array, min_pixels: int = MIN_GROUP * STEP**2) -> list[npt.NDArray[np.bool_]]:
     """Return the groups (h, w) of adjacent marked pixels that have at least this number of pixels."""
-    if np.count_nonzero(marked) < least:
+    if np.count_nonzero(marked) < min_pixels:
         return []
     _, group, table, _ = cv2.connectedComponentsWithStats(marked, connectivity=8)
-    large = np.flatnonzero(table[1:, cv2.CC_STAT_AREA] >= least) + 1
+    large = np.flatnonzero(table[1:, cv2.CC_STAT_AREA] >= min_pixels) + 1
     return [group == k for k in large]

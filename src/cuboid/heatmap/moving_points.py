@@ -13,7 +13,7 @@ from cuboid.heatmap.anchors import of_each
 from cuboid.heatmap.kernels import corrections as kernel
 from cuboid.heatmap.kernels import cubes as kernel_cubes
 from cuboid.heatmap.kernels import lookup
-from cuboid.heatmap.kernels.cubes import BLOCK_BITS, columns_of
+from cuboid.heatmap.kernels.cubes import BLOCK_BITS, Points, columns_of
 from cuboid.heatmap.levels import Levels
 from cuboid.heatmap.stored_points import Rows, StoredPoints
 
@@ -67,10 +67,10 @@ class MovingPoints:
         if meets.any():
             self._relocate(np.unique(cube[meets]).astype(np.int64))
 
-    def relocate_around(self, points: Float64Array, beside_m: float) -> None:
+    def relocate_around(self, points: Float64Array, margin_m: float) -> None:
         """Apply all pending motions around points (N, 3) of the world, within a distance."""
         if len(points) and len(self._anchors.pending_cubes[0]):
-            low, high = points.min(0) - beside_m, points.max(0) + beside_m
+            low, high = points.min(0) - margin_m, points.max(0) + margin_m
             self.relocate_in(np.column_stack([np.concatenate([np.eye(3), -np.eye(3)]), np.concatenate([-low, high])]))
 
     def _relocate(self, cubes: Rows) -> None:
@@ -78,48 +78,51 @@ class MovingPoints:
         self._levels.load(cubes)
         rows = np.empty(int(self._stored.cubes.rows[cubes].sum()), np.int64)
         rows = rows[: kernel.pending_rows(cubes, self._stored.cubes, self._stored.points, rows)]
-        taken, keys = (
-            self._stored.memory.rows[rows],
-            self._stored.cubes.key[self._stored.cubes.cube_of[rows >> BLOCK_BITS]],
-        )
+        taken, keys = self._copied(rows)
         kernel.remove_pending(cubes, self._stored.cubes, self._stored.points)
         self._stored.pack_all(cubes)
-        to = np.empty(len(keys), np.int64)
-        count = kernel.apply_motions(
-            keys, columns_of(taken), self._anchors.pending, self._anchors.motions, self._stored.voxel_m, to
-        )
-        found = np.empty(count, np.int64)
-        kernel_cubes.cubes_at(to[:count], self._stored.cubes, found)
-        found = np.unique(found[found >= 0])
-        self._levels.load(found)
-        for cube in found[self._stored.cubes.index_stale[found]]:
+        new_keys = self._apply_motions(keys, columns_of(taken))
+        new_cubes = np.empty(len(new_keys), np.int64)
+        kernel_cubes.cubes_at(new_keys, self._stored.cubes, new_cubes)
+        new_cubes = np.unique(new_cubes[new_cubes >= 0])
+        self._levels.load(new_cubes)
+        for cube in new_cubes[self._stored.cubes.index_stale[new_cubes]]:
             kernel_cubes.fill_index(cube, self._stored.cubes, self._stored.points)
         self._enter(keys, taken)
         self._anchors.clear_pending(cubes)
 
+    def _copied(self, rows: Rows) -> tuple[npt.NDArray[Any], npt.NDArray[np.int64]]:
+        """Return copies of rows (N,) of the map, and the keys (N,) of their cubes."""
+        cubes = self._stored.cubes
+        return self._stored.memory.rows[rows], cubes.key[cubes.cube_of[rows >> BLOCK_BITS]]
+
+    def _apply_motions(self, keys: npt.NDArray[np.int64], columns: Points) -> npt.NDArray[np.int64]:
+        """Move points with their keys, in place; return the keys of their new cubes. See `kernel.apply_motions`."""
+        anchors, new_keys = self._anchors, np.empty(len(keys), np.int64)
+        motions = anchors.pending, anchors.motions
+        return new_keys[: kernel.apply_motions(keys, columns, *motions, self._stored.voxel_m, new_keys)]
+
     def _enter(self, keys: npt.NDArray[np.int64], taken: npt.NDArray[Any]) -> None:
         """Insert moved points into the cubes with these keys."""
         columns = columns_of(taken)
-        now, begun, rows = self._anchors.now(columns.anchor), self._stored.blocks, np.empty(len(keys), np.int64)
-        kernel.insert_points(keys, columns, now, self._stored.cubes, self._stored.points, rows)
+        current, begun = self._anchors.anchors_after_motion(columns.anchor), self._stored.blocks
+        rows = np.empty(len(keys), np.int64)
+        kernel.insert_points(keys, columns, current, self._stored.cubes, self._stored.points, rows)
         self._stored.note_new_blocks(begun)
         rows = rows[rows >= 0]
         cubes = self._stored.cubes.cube_of[rows >> BLOCK_BITS]
         self._stored.owned_blocks.add_rows(self._stored.owner[rows], rows >> BLOCK_BITS)
-        for number, some in of_each(self._stored.points.anchor[rows], cubes):
-            self._anchors.has_points_in(number, some)
+        for number, cubes_of_anchor in of_each(self._stored.points.anchor[rows], cubes):
+            self._anchors.has_points_in(number, cubes_of_anchor)
         self._levels.mark_viewed(np.unique(cubes).astype(np.int64))
 
     def relocate_all(self) -> None:
         """Apply all pending motions, and rebuild the map without empty cubes."""
         self._levels.load(np.arange(self._stored.cubes.used[0]))
         rows = self._stored.all_living()
-        taken, keys = (
-            self._stored.memory.rows[rows],
-            self._stored.cubes.key[self._stored.cubes.cube_of[rows >> BLOCK_BITS]],
-        )
-        columns, to = columns_of(taken), np.empty(len(keys), np.int64)
-        kernel.apply_motions(keys, columns, self._anchors.pending, self._anchors.motions, self._stored.voxel_m, to)
+        taken, keys = self._copied(rows)
+        columns = columns_of(taken)
+        self._apply_motions(keys, columns)
         columns.anchor[:] = self._anchors.keyframes(columns.anchor)
         self._anchors.begin_anew(columns.anchor[:0], rows[:0])
         self._levels.forget()

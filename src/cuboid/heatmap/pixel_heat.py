@@ -97,7 +97,7 @@ def pixel_heat(image: WorkingImage, weighed: WeighedProposals) -> Float32Array:
     if len(weighed.weights) == 0:
         return heat
     kernel.accumulate_heat(weighed.rectangles, weighed.starts, weighed.covered, weighed.weights, heat)
-    sure = max(MIN_STRENGTH, float(np.sort(weighed.weights)[::-1][:STRONGEST].mean()))
-    heat /= -np.float32(sure)
+    strength = max(MIN_STRENGTH, float(np.sort(weighed.weights)[::-1][:STRONGEST].mean()))
+    heat /= -np.float32(strength)
     np.exp(heat, out=heat)
     return np.subtract(np.float32(1.0), heat, out=heat)

@@ -43,7 +43,7 @@ class RowBlocks:
     def from_state(cls, state: RowBlocksState) -> RowBlocks:
         """Return the blocks of a state."""
         blocks = cls()
-        blocks._of = {number: set(some) for number, some in state.of.items()}
+        blocks._of = {number: set(numbers) for number, numbers in state.of.items()}
         return blocks
 
     def add(self, numbers: npt.NDArray[np.int64], blocks: Blocks) -> None:

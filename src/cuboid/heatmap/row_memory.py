@@ -89,8 +89,8 @@ class RowMemory:
 
     def bytes_of(self, cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Return the memory of cubes (N,) when they are loaded, bytes: pages of rows, and tables."""
-        held = self.cubes.rows[cubes].astype(np.int64)
-        whole, rest = held // BLOCK_ROWS, held % BLOCK_ROWS
+        used = self.cubes.rows[cubes].astype(np.int64)
+        whole, rest = used // BLOCK_ROWS, used % BLOCK_ROWS
         rows = whole * BLOCK_BYTES + -(-rest * ROW.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
         bits = self.cubes.bits[cubes].astype(np.int64)
         return np.asarray(rows + np.where(bits > 0, 2 << bits, 0))

@@ -16,7 +16,17 @@ from cuboid.heatmap.anchors import Anchors
 from cuboid.heatmap.kernels import cubes as kernel_cubes
 from cuboid.heatmap.kernels import lookup, owners
 from cuboid.heatmap.kernels import voxels as kernel
-from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, HEATS, LEVELS, MAX_BLOCKS, ROW, Points, columns_of
+from cuboid.heatmap.kernels.cubes import (
+    BLOCK_BITS,
+    BLOCK_ROWS,
+    FINE,
+    HEATS,
+    LEVELS,
+    MAX_BLOCKS,
+    ROW,
+    Points,
+    columns_of,
+)
 from cuboid.heatmap.row_blocks import RowBlocks, RowBlocksState
 from cuboid.heatmap.row_memory import BlockStore, RowMemory, TemporaryBlockStore, resident_mb
 
@@ -159,7 +169,6 @@ class StoredPoints:
     def fuse(
         self,
         pixels: kernel.Pixels,
-        voxel_m: float,
         far_m: float,
         frame: int,
         turn: int,
@@ -169,6 +178,7 @@ class StoredPoints:
     ) -> Rows:
         """Fuse the pixels of a frame; return the cubes that contain its points. See `kernels.voxels.fuse`."""
         begun, anchor = self.blocks, self.anchors.current_anchor(keyframe)
+        voxel_m = self.voxel_m / 2 if level == FINE else self.voxel_m
         kernel.fuse(pixels, voxel_m, far_m, frame, turn, anchor, level, self.cubes, self.points, slots)
         self.note_new_blocks(begun)
         touched = self.seen[: lookup.touched(slots, self.cubes.cube_of, self.marks, self.seen)]
@@ -241,13 +251,13 @@ class StoredPoints:
             One row per voxel.
         """
         self.begin_anew()
-        place = np.empty(len(keys), np.int64)
-        kernel_cubes.allocate_rows(keys, rows["voxel"], rows["anchor"], self.cubes, self.points, place)
-        there = place >= 0
-        self.memory.rows[place[there]] = rows[there]
+        places = np.empty(len(keys), np.int64)
+        kernel_cubes.allocate_rows(keys, rows["voxel"], rows["anchor"], self.cubes, self.points, places)
+        placed = places >= 0
+        self.memory.rows[places[placed]] = rows[placed]
         self.cubes.changed[1 : self.blocks] = True
         self.ready[:] = self.visit
-        self.owned_blocks.add_rows(rows["owner"][there], place[there] >> BLOCK_BITS)
+        self.owned_blocks.add_rows(rows["owner"][placed], places[placed] >> BLOCK_BITS)
         self._find_anchors()
         self.cubes.index_stale[self.anchors.pending_cubes[0]] = True
 
@@ -258,14 +268,14 @@ class StoredPoints:
         """
         self.most_hits = most_hits
         self.visit += 1
-        self._ready_for_visit(np.flatnonzero(self.in_memory()))
+        self._prepare_for_visit(np.flatnonzero(self.in_memory()))
 
-    def _ready_for_visit(self, cubes: Rows) -> None:
-        all_of = (block for cube in cubes.tolist() for block in self.memory.blocks_of(cube))
-        blocks = [block for block in all_of if self.ready[block] != self.visit]
+    def _prepare_for_visit(self, cubes: Rows) -> None:
+        held = (block for cube in cubes.tolist() for block in self.memory.blocks_of(cube))
+        blocks = [block for block in held if self.ready[block] != self.visit]
         if blocks and self.before_visit is not None:
-            some = np.array(blocks)[~self.is_fine(self.cubes.cube_of[blocks])]
-            rows = (some[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
+            coarse = np.array(blocks)[~self.is_fine(self.cubes.cube_of[blocks])]
+            rows = (coarse[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
             self.before_visit(rows[self.points.weight[rows] > 0])
         for block in blocks:
             part = self.memory.block(block)
@@ -302,33 +312,33 @@ class StoredPoints:
 
     def load(self, cubes: Rows) -> None:
         """Load the rows of cubes (N,) as stored: a row may represent several voxels."""
-        away = cubes[(self.cubes.bits[cubes] == 0) & ~self.unindexed[cubes]]
-        if not len(away):
+        missing = cubes[(self.cubes.bits[cubes] == 0) & ~self.unindexed[cubes]]
+        if not len(missing):
             return
-        away = np.unique(away)
-        blocks = [(block, self.memory.rows_in(block)) for cube in away for block in self.memory.blocks_of(cube)]
+        missing = np.unique(missing)
+        blocks = [(block, self.memory.rows_in(block)) for cube in missing for block in self.memory.blocks_of(cube)]
         blocks = [(block, count) for block, count in blocks if count]
-        found = self.block_store.get([block for block, _ in blocks], [count for _, count in blocks])
-        for (block, _), rows in zip(blocks, found, strict=True):
+        loaded = self.block_store.get([block for block, _ in blocks], [count for _, count in blocks])
+        for (block, _), rows in zip(blocks, loaded, strict=True):
             self.memory.block(block)[:] = rows
-        self.unindexed[away] = True
-        self._ready_for_visit(away)
+        self.unindexed[missing] = True
+        self._prepare_for_visit(missing)
 
     def evict(self, keep: Rows | None = None) -> None:
         """Evict cubes if memory is short, those out of view for longest first; `keep` are never evicted."""
-        held = resident_mb() if self.memory_mb < float("inf") else None
-        if held is None or held <= self.memory_mb:
+        used_mb = resident_mb() if self.memory_mb < float("inf") else None
+        if used_mb is None or used_mb <= self.memory_mb:
             return
-        cubes, there = self.cubes, self.in_memory()
+        cubes, evictable = self.cubes, self.in_memory()
         if keep is not None:
-            there[keep] = False
-        waiting = np.flatnonzero(there)
-        waiting = waiting[np.argsort(self.last_viewed[waiting], kind="stable")]
-        blocks = cubes.blocks[waiting].astype(np.int64)
-        stays = (blocks > 0) & ~self.block_store.takes(blocks.ravel()).reshape(blocks.shape)
-        waiting = waiting[~stays.any(1)]
-        freed = np.cumsum(self.memory.bytes_of(waiting)) / 2**20
-        for cube in waiting[: 1 + int(np.searchsorted(freed, held - self.memory_mb + SPARE_MB))].tolist():
+            evictable[keep] = False
+        candidates = np.flatnonzero(evictable)
+        candidates = candidates[np.argsort(self.last_viewed[candidates], kind="stable")]
+        blocks = cubes.blocks[candidates].astype(np.int64)
+        is_kept = (blocks > 0) & ~self.block_store.takes(blocks.ravel()).reshape(blocks.shape)
+        candidates = candidates[~is_kept.any(1)]
+        freed = np.cumsum(self.memory.bytes_of(candidates)) / 2**20
+        for cube in candidates[: 1 + int(np.searchsorted(freed, used_mb - self.memory_mb + SPARE_MB))].tolist():
             for block in self.memory.blocks_of(cube):
                 self.block_store.put(block, self.memory.block(block))
             self.memory.free(cube)
@@ -348,7 +358,7 @@ class StoredPoints:
             kernel.pack(cube, self.cubes, plain, self.points)
         blocks = np.array([block for cube in cubes.tolist() for block in self.memory.blocks_of(cube)])
         owners = [self.memory.block(block)["owner"] for block in blocks.tolist()]
-        self.owned_blocks.add_rows(np.concatenate(owners), np.repeat(blocks, [len(some) for some in owners]))
+        self.owned_blocks.add_rows(np.concatenate(owners), np.repeat(blocks, [len(rows) for rows in owners]))
 
     def _find_anchors(self) -> None:
         rows = np.flatnonzero(self.points.weight[BLOCK_ROWS : self.blocks * BLOCK_ROWS] > 0) + BLOCK_ROWS
@@ -368,9 +378,9 @@ class StoredPoints:
     def nbytes(self) -> int:
         """Memory of the loaded points and of the tables that find them, bytes."""
         used = int(self.cubes.used[0])
-        held = np.flatnonzero(self.in_memory())
-        places = sum(column[:1].nbytes for column in self.cubes if column.ndim == 2 or column is self.cubes.key)
-        return int(self.memory.bytes_of(held).sum()) + used * places
+        loaded = np.flatnonzero(self.in_memory())
+        table_bytes = sum(column[:1].nbytes for column in self.cubes if column.ndim == 2 or column is self.cubes.key)
+        return int(self.memory.bytes_of(loaded).sum()) + used * table_bytes
 
     def living(self, *, fine: bool = False) -> Rows:
         """Return the rows of all points in the map's voxels (a row may represent several), or in fine voxels."""
@@ -387,8 +397,8 @@ class StoredPoints:
         """Return the world points (M, 3) of all voxels that rows (N,) represent, and the index of the row of each."""
         marks = self.points.mark[rows]
         bits = np.unpackbits(np.where(marks > 0, marks, 1)[:, None], axis=1, bitorder="little")
-        of, eighth = np.nonzero(bits)
-        return self._places(rows[of], eighth.astype(np.uint8)), of
+        index, eighth = np.nonzero(bits)
+        return self._places(rows[index], eighth.astype(np.uint8)), index
 
     def xyz(self, rows: Rows) -> Float32Array:
         """Return the world points (N, 3) of these rows, which represent one voxel each."""
@@ -429,10 +439,10 @@ class StoredPoints:
         rows = self._all_of(number)
         return np.asarray(rows[self.points.weight[rows] > 0], dtype=np.int64)
 
-    def has_rows(self, number: int, least: int) -> bool:
+    def has_rows(self, number: int, min_rows: int) -> bool:
         """Return whether an object has at least this many rows: faster than `rows_of`."""
         blocks = self.blocks_of(number)
-        return bool(owners.has_rows(number, blocks, BLOCK_ROWS, self.owner, self.points.weight, least))
+        return bool(owners.has_rows(number, blocks, BLOCK_ROWS, self.owner, self.points.weight, min_rows))
 
     def blocks_of(self, number: int) -> Rows:
         """Load the blocks that may contain rows of an object, and return them, ascending."""

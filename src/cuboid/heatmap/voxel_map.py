@@ -143,8 +143,8 @@ class VoxelMap:
         """Return the cubes in the camera's frustum."""
         T, pinhole, camera = np.ascontiguousarray(T_camera_world), image.camera.pinhole, image.camera
         far_m, stored = float(image.depth_m.max(initial=0.0)), self.stored
-        asked = T, pinhole, camera.width, camera.height, far_m, self.voxel_m, stored.cubes, stored.seen
-        return np.array(stored.seen[: lookup.cubes_in_frustum(*asked)])
+        view = T, pinhole, camera.width, camera.height, far_m, self.voxel_m, stored.cubes, stored.seen
+        return np.array(stored.seen[: lookup.cubes_in_frustum(*view)])
 
     def relocate_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
         """Apply the pending motions of points that lie in the camera's frustum, or move into it."""
@@ -155,8 +155,8 @@ class VoxelMap:
         sides = [(c.fx, 0, c.cx + 1), (-c.fx, 0, c.width - c.cx), (0, c.fy, c.cy + 1), (0, -c.fy, c.height - c.cy)]
         normals = np.array([*sides, (0, 0, 1), (0, 0, -1)], np.float64)
         normals /= np.linalg.norm(normals, axis=1)[:, None]
-        beyond = np.array([0, 0, 0, 0, 0, float(image.depth_m.max(initial=0.0))])
-        self.moving.relocate_in(np.column_stack([normals @ R, normals @ t + beyond]))
+        far_m = np.array([0, 0, 0, 0, 0, float(image.depth_m.max(initial=0.0))])
+        self.moving.relocate_in(np.column_stack([normals @ R, normals @ t + far_m]))
 
     def fuse(
         self,
@@ -199,7 +199,7 @@ class VoxelMap:
         pixels = kernel.Pixels(
             image.depth_m, image.color, heat, image.camera.pinhole, np.ascontiguousarray(T_world_camera)
         )
-        stored.fuse(pixels, self.voxel_m, self._max_depth_m, frame, turn if new_viewpoint else -1, anchor, slots)
+        stored.fuse(pixels, self._max_depth_m, frame, turn if new_viewpoint else -1, anchor, slots)
         self.levels.moments += new_viewpoint
         self.levels.schedule_thinning(np.concatenate([seen, np.arange(used, stored.cubes.used[0])]))
         return slots
@@ -222,16 +222,16 @@ class VoxelMap:
         self._waiting = 0
 
     def _carve_in_turn(self, seen: Rows, first: int, image: WorkingImage, T_camera_world: Float64Array) -> int:
-        """Carve the points of cubes (N,) within the limit of a pass, starting at cube `first`; return the next cube."""
+        """Carve the points of cubes (N,) within the limit of a pass, from cube `first` on; return the next cube."""
         in_turn = np.concatenate([seen[seen >= first], seen[seen < first]])
         stored = self.stored
         count = np.cumsum(stored.cubes.rows[in_turn])
-        now = in_turn[: 1 + int(np.searchsorted(count, MAX_CARVED_POINTS))]
+        chosen = in_turn[: 1 + int(np.searchsorted(count, MAX_CARVED_POINTS))]
         turns = max(1, -(-int(count[-1]) // MAX_CARVED_POINTS)) if len(count) else 1
         T, noise, cubes, points = np.ascontiguousarray(T_camera_world), self.noise_per_m, stored.cubes, stored.points
-        margin_m, step, seen_by = 2 * self.voxel_m, turns * self._waiting, (image.depth_m, image.camera.pinhole, T)
-        kernel.carve_free_space(now, *seen_by, noise, margin_m, step, self.voxel_m, cubes, points)
-        return int(now[-1]) + 1 if len(now) < len(in_turn) else 0
+        margin_m, step, view = 2 * self.voxel_m, turns * self._waiting, (image.depth_m, image.camera.pinhole, T)
+        kernel.carve_free_space(chosen, *view, noise, margin_m, step, self.voxel_m, cubes, points)
+        return int(chosen[-1]) + 1 if len(chosen) < len(in_turn) else 0
 
     def solid_rows_of(self, number: int, hot: float, votes: int) -> Rows:
         """Return the rows of an object, ascending, that are hot and have enough votes.
@@ -272,7 +272,7 @@ class VoxelMap:
         self.stored.owned_blocks.add_rows(self.stored.owner[rows], rows >> BLOCK_BITS)
 
     def look_up(self, slots: npt.NDArray[np.int32]) -> PixelVoxels:
-        """Return the owner of the voxel (h, w) of each pixel, -1: no voxel, and whether it was mapped before."""
+        """Return the voxel of each pixel, given its row (h, w), with its owner and whether it was mapped before."""
         owner, mapped = np.empty(slots.shape, np.int32), np.empty(slots.shape, np.bool_)
         owners.owner_of(slots, self.stored.owner, self.stored.hits, owner, mapped)
         return PixelVoxels(slots, owner, mapped)
@@ -282,25 +282,26 @@ class VoxelMap:
         points = np.ascontiguousarray(points)
         self.moving.relocate_around(points, self.voxel_m)
         rows, missing = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
-        asked = self.voxel_m, self.stored.cubes, self.stored.points.voxel, self.stored.points.weight, rows, missing
-        while absent := lookup.rows_at(points, *asked):
-            self.levels.load(missing[:absent])
+        tables = self.voxel_m, self.stored.cubes, self.stored.points.voxel, self.stored.points.weight, rows, missing
+        while count := lookup.rows_at(points, *tables):
+            self.levels.load(missing[:count])
         return rows
 
-    def is_occupied_around(self, ground: Float64Array, axes: Float64Array, least: int) -> npt.NDArray[np.bool_]:
-        """Return where on a plane, of places (N, 3), `least` of the nine voxels around, one up or down, are occupied.
+    def is_occupied_around(self, ground: Float64Array, axes: Float64Array, min_columns: int) -> npt.NDArray[np.bool_]:
+        """Return around which places (N, 3) on a plane at least `min_columns` of nine columns hold a point.
 
-        The rows of `axes` (3, 3) are two axes of the plane and its normal.
+        A column is three voxels high along the normal. The rows of `axes` (3, 3) are two axes of the plane and its
+        normal.
         """
         ground, missing = np.ascontiguousarray(ground), np.empty(27 * len(ground), np.int64)
         self.moving.relocate_around(ground, 2 * self.voxel_m)
-        seen = np.empty(len(ground), np.bool_)
-        asked = self.voxel_m, self.stored.cubes, self.stored.points.voxel, self.stored.points.weight, seen, missing
-        while absent := lookup.seen_around(ground, axes, self.voxel_m, least, *asked):
-            self.levels.load(missing[:absent])
-        return seen
+        occupied = np.empty(len(ground), np.bool_)
+        tables = self.voxel_m, self.stored.cubes, self.stored.points.voxel, self.stored.points.weight, occupied, missing
+        while count := lookup.seen_around(ground, axes, self.voxel_m, min_columns, *tables):
+            self.levels.load(missing[:count])
+        return occupied
 
     def owner_at(self, points: Float64Array) -> npt.NDArray[np.int32]:
-        """Return the owner of what was seen more than once at world points (N, 3); 0: no owner, -1: no such point."""
+        """Return the owners at world points (N, 3), from points that two frames or more saw; 0: none, -1: no point."""
         rows = self.rows_at(points)
         return np.where((rows >= 0) & (self.stored.hits[rows] > 1), self.stored.owner[rows], -1).astype(np.int32)

@@ -33,29 +33,29 @@ def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, 
     table[:] = 0
     object_pixels[:] = 0
     # Pixels of one object form runs: a sum in a register is faster than one in memory.
-    last, run = 0, 0
+    last_column, run = 0, 0
     for v in range(owner.shape[0]):
         for u in range(owner.shape[1]):
             here = place[owner[v, u]]
             column[v, u] = here
-            if here != last:
-                object_pixels[last] += run
-                last, run = here, 0
+            if here != last_column:
+                object_pixels[last_column] += run
+                last_column, run = here, 0
             run += 1
-    object_pixels[last] += run
+    object_pixels[last_column] += run
     for k in range(rectangles.shape[0]):
         x0, y0, x1, y1 = rectangles[k]
-        at, last, run = starts[k], 0, 0
+        at, last_column, run = starts[k], 0, 0
         for v in range(y0, y1):
-            mine, theirs = covered[at : at + x1 - x0], column[v, x0:x1]
-            at += mine.size
-            for u in range(mine.size):
-                if mine[u]:
-                    if theirs[u] != last:
-                        table[k, last] += run
-                        last, run = theirs[u], 0
+            covers, columns = covered[at : at + x1 - x0], column[v, x0:x1]
+            at += covers.size
+            for u in range(covers.size):
+                if covers[u]:
+                    if columns[u] != last_column:
+                        table[k, last_column] += run
+                        last_column, run = columns[u], 0
                     run += 1
-        table[k, last] += run
+        table[k, last_column] += run
 
 
 @kernel
@@ -78,21 +78,21 @@ def segment_overlaps(claim, owner, mapped, place, table, size):
     """
     table[:] = 0
     size[:] = 0
-    nobody = table.shape[0] - 1
+    no_segment = table.shape[0] - 1
     # Equal pixels form runs, as in `proposal_overlaps`.
-    mine, theirs, run, seen = nobody, 0, 0, 0
+    last_segment, last_column, run, seen = no_segment, 0, 0, 0
     for v in range(claim.shape[0]):
         for u in range(claim.shape[1]):
-            k = claim[v, u] if claim[v, u] >= 0 else nobody
+            k = claim[v, u] if claim[v, u] >= 0 else no_segment
             here = place[owner[v, u]]
-            if k != mine or here != theirs:
-                table[mine, theirs] += run
-                size[mine] += seen
-                mine, theirs, run, seen = k, here, 0, 0
+            if k != last_segment or here != last_column:
+                table[last_segment, last_column] += run
+                size[last_segment] += seen
+                last_segment, last_column, run, seen = k, here, 0, 0
             run += 1
             seen += mapped[v, u]
-    table[mine, theirs] += run
-    size[mine] += seen
+    table[last_segment, last_column] += run
+    size[last_segment] += seen
 
 
 @kernel
@@ -121,18 +121,18 @@ def assign_pixels(order, rectangles, starts, covered, least, free_fraction, clai
         # No branches, row by row, so that the compiler can vectorise the loop.
         at, total, free = starts[k], 0, 0
         for v in range(y0, y1):
-            mine, row = covered[at : at + x1 - x0], claim[v, x0:x1]
-            for u in range(mine.size):
-                total += mine[u]
-                free += mine[u] if row[u] < 0 else 0
+            covers, row = covered[at : at + x1 - x0], claim[v, x0:x1]
+            for u in range(covers.size):
+                total += covers[u]
+                free += covers[u] if row[u] < 0 else 0
             at += x1 - x0
         if free < least or free < free_fraction * total:
             continue
         at = starts[k]
         for v in range(y0, y1):
-            mine, row = covered[at : at + x1 - x0], claim[v, x0:x1]
-            for u in range(mine.size):
-                row[u] = i if (mine[u] != 0) & (row[u] < 0) else row[u]
+            covers, row = covered[at : at + x1 - x0], claim[v, x0:x1]
+            for u in range(covers.size):
+                row[u] = i if (covers[u] != 0) & (row[u] < 0) else row[u]
             at += x1 - x0
 
 
@@ -173,7 +173,7 @@ def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, 
         Object << 32 | block for the rows that voted and have an owner; a pair may occur more than once.
     """
     height, width = claim.shape
-    those, count = np.empty(claim.size, np.int32), 0
+    voters, count = np.empty(claim.size, np.int32), 0
     for v in range(height):
         for u in range(width):
             row = slots[v, u]
@@ -191,8 +191,8 @@ def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, 
                 number = 0
             else:
                 continue
-            held = owner[row]
-            if held == number:
+            present = owner[row]
+            if present == number:
                 if number > 0 and confidence[row] < most:
                     confidence[row] += 1
             elif confidence[row] <= 1:
@@ -201,15 +201,15 @@ def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, 
             else:
                 confidence[row] -= 1
             voted[row] = 1
-            those[count] = row
+            voters[count] = row
             count += 1
-    pairs, found, last = np.empty(count, np.int64), 0, np.full(REMEMBERED, -1, np.int64)
-    for row in those[:count]:
+    pairs, found, recent = np.empty(count, np.int64), 0, np.full(REMEMBERED, -1, np.int64)
+    for row in voters[:count]:
         voted[row] = 0
         pair = (np.int64(owner[row]) << 32) | (np.int64(row) >> BLOCK_BITS)
-        place_in = (pair ^ (pair >> 32)) & (REMEMBERED - 1)
-        if owner[row] > 0 and last[place_in] != pair:
-            last[place_in] = pair
+        slot = (pair ^ (pair >> 32)) & (REMEMBERED - 1)
+        if owner[row] > 0 and recent[slot] != pair:
+            recent[slot] = pair
             pairs[found] = pair
             found += 1
     return pairs[:found]

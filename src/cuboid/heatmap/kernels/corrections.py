@@ -63,7 +63,7 @@ def remove_pending(which, cubes, points):
 
 
 @kernel
-def apply_motions(keys, taken, pending, motions, voxel_m, to):
+def apply_motions(keys, taken, pending, motions, voxel_m, new_keys):
     """Apply pending motions to points that were removed from their cubes.
 
     Parameters
@@ -76,7 +76,7 @@ def apply_motions(keys, taken, pending, motions, voxel_m, to):
     motions : (ANCHORS, 3, 4) float64
         The motion of each anchor.
     voxel_m : float
-    to : (N,) int64, output
+    new_keys : (N,) int64, output
         Its first entries are the keys of the new cubes; a key may occur more than once.
 
     Returns
@@ -101,8 +101,8 @@ def apply_motions(keys, taken, pending, motions, voxel_m, to):
             place[0], place[1], place[2] = quantised(qx - x), quantised(qy - y), quantised(qz - z)
             keys[i] = pack_key(x >> CUBE_BITS, y >> CUBE_BITS, z >> CUBE_BITS) | (keys[i] & FINE)
             taken.voxel[i] = voxel_in(x, y, z)
-        if count == 0 or to[count - 1] != keys[i]:
-            to[count] = keys[i]
+        if count == 0 or new_keys[count - 1] != keys[i]:
+            new_keys[count] = keys[i]
             count += 1
     return count
 
@@ -181,14 +181,14 @@ def merge_point(row, i, anchor, taken, points):
     points.heat[row] = weighted_mean(points.heat[row], taken.heat[i], fraction)
     points.hits[row] = min(np.int64(points.hits[row]) + taken.hits[i], MAX_HITS)
     points.passes[row] = min(np.int64(points.passes[row]) + taken.passes[i], MAX_HITS)
-    one, other = points.owner[row], taken.owner[i]
-    points.owner[row] = min(one, other) if min(one, other) > 0 else max(one, other)
+    present, new = points.owner[row], taken.owner[i]
+    points.owner[row] = min(present, new) if min(present, new) > 0 else max(present, new)
     if taken.last_frame[i] >= points.last_frame[row]:
         points.last_frame[row], points.anchor[row] = taken.last_frame[i], anchor
     points.confidence[row] = max(points.confidence[row], taken.confidence[i])
 
 
 @kernel(inline="always")
-def weighted_mean(one, other, fraction):
+def weighted_mean(first, second, fraction):
     """Return the rounded mean of two integers, where the second has the weight `fraction`."""
-    return np.int64(one + fraction * (np.int64(other) - np.int64(one)) + 0.5)
+    return np.int64(first + fraction * (np.int64(second) - np.int64(first)) + 0.5)

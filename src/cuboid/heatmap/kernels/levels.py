@@ -79,14 +79,14 @@ def thin(which, since, cubes, words, points, made_words, made, moved):
     int
         Number of these entries.
     """
-    others = np.int64(0)
+    moved_count = np.int64(0)
     for cube in which:
-        others = thin_one(cube, since, cubes, words, points, made_words, made, moved, others)
-    return others
+        moved_count = thin_one(cube, since, cubes, words, points, made_words, made, moved, moved_count)
+    return moved_count
 
 
 @kernel
-def thin_one(cube, since, cubes, words, points, made_words, made, moved, others):
+def thin_one(cube, since, cubes, words, points, made_words, made, moved, moved_count):
     """Thin one cube; see `thin`."""
     count = np.int64(cubes.rows[cube])
     # A group of rows to merge is identified by its first row; each cell lists its groups, last one first.
@@ -123,8 +123,8 @@ def thin_one(cube, since, cubes, words, points, made_words, made, moved, others)
             if to != row:
                 copy(words, row, words, to)
             if points.owner[to] > 0 and to >> BLOCK_BITS != row >> BLOCK_BITS:
-                moved[others] = to
-                others += 1
+                moved[moved_count] = to
+                moved_count += 1
             kept += 1
     for k in range(cells):
         copy(made_words, k, words, row_of(cube, kept + k, cubes.blocks))
@@ -135,7 +135,7 @@ def thin_one(cube, since, cubes, words, points, made_words, made, moved, others)
             cubes.changed[cubes.blocks[cube, k >> BLOCK_BITS]] = True
     cubes.rows[cube] = kept + cells
     cubes.dead[cube] = 0
-    return others
+    return moved_count
 
 
 @kernel

@@ -48,8 +48,8 @@ def rows_at(points, voxel_m, cubes, voxels, weights, rows, missing):
 
 
 @kernel
-def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, seen, missing):
-    """Find the places (N, 3) on a plane at which enough of the nine voxels around, one up or down, are occupied.
+def seen_around(ground, axes, reach, min_columns, voxel_m, cubes, voxels, weights, seen, missing):
+    """Find the places on a plane around which enough of nine columns, each three voxels high, hold a point.
 
     Parameters
     ----------
@@ -58,8 +58,8 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
         Row by row: two axes of the plane, and its normal.
     reach : float
         Distance between neighbouring sample places, metres.
-    least : int
-        Smallest number of occupied voxels among the nine.
+    min_columns : int
+        Smallest number of such columns among the nine.
     voxel_m, cubes, voxels, weights, missing
         See `rows_at`; `missing` has room for 27 N.
     seen : (N,) bool, output
@@ -72,18 +72,18 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
     steps = np.array([-reach, 0.0, reach])
     column, rows, absent = np.empty((3, 3)), np.empty(3, np.int64), 0
     for i in range(ground.shape[0]):
-        held = 0
+        occupied = 0
         for a in range(3):
             for b in range(3):
-                if held >= least:
+                if occupied >= min_columns:
                     continue
                 for c in range(3):
                     for k in range(3):
                         off = steps[a] * axes[0, k] + steps[b] * axes[1, k] + steps[c] * axes[2, k]
                         column[c, k] = ground[i, k] + off
                 absent += rows_at(column, voxel_m, cubes, voxels, weights, rows, missing[absent:])
-                held += max(rows[0], rows[1], rows[2]) >= 0
-        seen[i] = held >= least
+                occupied += max(rows[0], rows[1], rows[2]) >= 0
+        seen[i] = occupied >= min_columns
     return absent
 
 
@@ -206,10 +206,10 @@ def cubes_in_frustum(T_camera_world, camera, width, height, far_m, voxel_m, cube
     used = cubes.used[0]
     for batch in range((used + BATCH - 1) // BATCH):
         # First the sphere around a batch of cubes, then each cube.
-        for one in range(-1, min(BATCH, used - batch * BATCH)):
-            cube = batch * BATCH + one
+        for k in range(-1, min(BATCH, used - batch * BATCH)):
+            cube = batch * BATCH + k
             half = 0.5 * CUBE_SIDE * voxel_m
-            if one < 0:
+            if k < 0:
                 b = cubes.bounds[batch]
                 dx, dy, dz = np.float64(b[3] - b[0]), np.float64(b[4] - b[1]), np.float64(b[5] - b[2])
                 radius = 1.74 * half + 0.501 * voxel_m * np.sqrt(dx * dx + dy * dy + dz * dz)
@@ -225,9 +225,9 @@ def cubes_in_frustum(T_camera_world, camera, width, height, far_m, voxel_m, cube
             outside = z < -radius or z > far_m + radius
             outside |= fx * x + left * z < -radius * along_left or right * z - fx * x < -radius * along_right
             outside |= fy * y + top * z < -radius * along_top or bottom * z - fy * y < -radius * along_bottom
-            if one < 0 and outside:
+            if k < 0 and outside:
                 break
-            if one >= 0 and not outside:
+            if k >= 0 and not outside:
                 seen[count] = cube
                 count += 1
     return count

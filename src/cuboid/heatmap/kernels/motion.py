@@ -25,8 +25,8 @@ def grow(depth, marked, step_m, noise, out):
             z = depth[v, u]
             if marked[v, u] or z <= 0.0:
                 continue
-            most = step_m + JUMP_SIGMAS * noise * z * z
+            limit = step_m + JUMP_SIGMAS * noise * z * z
             for dv, du in ((-1, 0), (1, 0), (0, -1), (0, 1)):
                 i, j = v + dv, u + du
-                if 0 <= i < height and 0 <= j < width and marked[i, j] and abs(depth[i, j] - z) < most:
+                if 0 <= i < height and 0 <= j < width and marked[i, j] and abs(depth[i, j] - z) < limit:
                     out[v, u] = 1

@@ -74,16 +74,16 @@ def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, h
 
 
 @kernel
-def has_rows(number, blocks, size, owner, weight, least):
-    """Return whether an object has at least `least` living rows in the blocks that may contain some; see `rows_of`."""
+def has_rows(number, blocks, size, owner, weight, min_rows):
+    """Return whether an object has at least `min_rows` living rows in these blocks; see `rows_of`."""
     n = 0
     for block in blocks:
         for row in range(block * size, min((block + 1) * size, owner.size)):
             if owner[row] == number and weight[row] > 0.0:
                 n += 1
-        if n >= least:
+        if n >= min_rows:
             return True
-    return n >= least
+    return n >= min_rows
 
 
 @kernel

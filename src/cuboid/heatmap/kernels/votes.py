@@ -116,7 +116,7 @@ def accumulate_heat(rectangles, starts, covered, weights, heat):
         x0, y0, x1, y1 = rectangles[k]
         at = starts[k]
         for v in range(y0, y1):
-            mine, row = covered[at : at + x1 - x0], heat[v, x0:x1]
-            for u in range(mine.size):
-                row[u] += weights[k] * np.float32(mine[u])
+            covers, row = covered[at : at + x1 - x0], heat[v, x0:x1]
+            for u in range(covers.size):
+                row[u] += weights[k] * np.float32(covers[u])
             at += x1 - x0
