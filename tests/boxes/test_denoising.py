@@ -34,7 +34,7 @@ def jar(noise_m: float, seed: int = 0) -> np.ndarray:
 def jar_box(points: np.ndarray, noise_m: float) -> Box:
     trust = np.ones(len(points))
     box = fit_box(points, UP, 0.0, 0.008, trust)
-    return revolved(box, points, trust, UP, 0.0, noise_m, VOXEL_M, 0.008) or box
+    return revolved(box, points, trust, (UP, 0.0), noise_m, VOXEL_M, 0.008) or box
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -37,7 +37,7 @@ def side(profile: list[tuple[float, float]], seen_deg: float, towards: float, no
 
 def around(cloud: np.ndarray, noise_m: float = NOISE_M) -> Box | None:
     trust = np.ones(len(cloud))
-    return revolved(fit_box(cloud, UP, 0.0, 0.008, trust), cloud, trust, UP, 0.0, noise_m, 0.01, 0.008)
+    return revolved(fit_box(cloud, UP, 0.0, 0.008, trust), cloud, trust, (UP, 0.0), noise_m, 0.01, 0.008)
 
 
 @settings(deadline=None, max_examples=20)

@@ -36,8 +36,8 @@ def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float
     band = JUMP_SIGMAS * max(noise_m, MIN_SIGMA_M)
     side_layers(points, trust, box.center, np.ascontiguousarray(box.rotation), half, band, layers)
     outer, depth, inner = layers.T
-    some = np.maximum(outer, 1e-12)
-    moved = depth / some * np.maximum(0.0, 1.0 - inner / some)
+    weight = np.maximum(outer, 1e-12)
+    moved = depth / weight * np.maximum(0.0, 1.0 - inner / weight)
     if top_alone:
         moved[:4] = 0.0
     moved = np.minimum(moved, MAX_MOVE_FRACTION * box.size[[0, 0, 1, 1, 2]])

@@ -112,8 +112,8 @@ def box_within(
     quarter = len(DIRECTIONS) // 2
     length, width = np.split(high - low, 2)
     area = length * width
-    least = int(area.argmin())
-    alike = area <= area[least] + 2.0 * MIN_SIGMA_M * (length[least] + width[least])
+    smallest = int(area.argmin())
+    alike = area <= area[smallest] + 2.0 * MIN_SIGMA_M * (length[smallest] + width[smallest])
     turn = (_ANGLES[:quarter] - towards) % (math.pi / 2)
     off = np.minimum(turn, math.pi / 2 - turn)
     kernel.turned(low, high, int(np.where(alike, off, np.inf).argmin()), bottom, top, _axes(normal), DIRECTIONS, row)

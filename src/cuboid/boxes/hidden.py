@@ -18,8 +18,8 @@ from cuboid.heatmap.voxel_map import VoxelMap
 
 # A box rests on its plane if the gap is at most this, metres.
 MIN_GAP_M = 1e-6
-# A place on the ground counts as seen if at least this many of the nine voxels around it were seen.
-SOME_OF_NINE = 2
+# A place on the ground counts as seen if at least this many of the nine columns of voxels around it hold a point.
+MIN_OF_NINE = 2
 # Boxes side by side overlap by at most this fraction of the smaller one.
 BESIDE_FRACTION = 0.2
 # Thickness of the top layer of an object, as a fraction of its height; its middle is above the middle of the foot.
@@ -157,8 +157,8 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
 
 
 def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
-    """Return which places (N, 3) on a plane were seen: enough of the nine voxels around them are occupied."""
-    return voxels.is_occupied_around(ground, np.array([*plane_axes(normal), normal]), SOME_OF_NINE)
+    """Return which places (N, 3) on a plane were seen: enough of nine columns of voxels around them hold a point."""
+    return voxels.is_occupied_around(ground, np.array([*plane_axes(normal), normal]), MIN_OF_NINE)
 
 
 def _beyond(points: Float64Array, box: Box) -> Float64Array:

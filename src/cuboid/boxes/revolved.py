@@ -30,8 +30,7 @@ def revolved(
     box: Box,
     points: Float64Array,
     trust: Float64Array,
-    normal: Float64Array,
-    offset: float,
+    plane: tuple[Float64Array, float],
     noise_m: float,
     layer_m: float,
     fraction: float,
@@ -45,10 +44,8 @@ def revolved(
     points : (N, 3) float64
         World, metres.
     trust : (N,) float64
-    normal : (3,) float64
-        Normal of its supporting plane, unit.
-    offset : float
-        The plane is normal.p + offset = 0.
+    plane : ((3,) float64, float)
+        Unit normal and offset of its supporting plane: normal.p + offset = 0.
     noise_m : float
         Standard deviation of the points of a surface, metres.
     layer_m : float
@@ -56,6 +53,7 @@ def revolved(
     fraction : float
         Fraction of the trust that are outliers, at each side.
     """
+    normal, offset = plane
     height = points @ normal + offset
     first, second = plane_axes(normal)
     plan = points @ np.array([first, second]).T
@@ -84,8 +82,8 @@ def revolved(
     beyond = distance > radius + off_m
     strays = fraction * weight / max(float(trust[beyond].sum()), 1e-12)
     if strays < MAX_STRAYS:
-        least, most = reach_of(plan[beyond], trust[beyond], DIRECTIONS, strays)
-        low, high = np.minimum(low, least), np.maximum(high, most)
+        part_low, part_high = reach_of(plan[beyond], trust[beyond], DIRECTIONS, strays)
+        low, high = np.minimum(low, part_low), np.maximum(high, part_high)
         towards = _lengthwise(plan[beyond] - center, trust[beyond])
     middle = float(normal @ box.center)
     return box_within(low, high, middle - box.size[2] / 2.0, middle + box.size[2] / 2.0, normal, towards)

@@ -152,13 +152,13 @@ def segment_frame(
     become, sizes, owner = (np.empty(number + 1, kind) for kind in (np.int32, np.int64, np.int64))
     judged_by = MIN_READINGS, image.camera.fx, MAJOR_FRACTION, DEEP_FRACTION
     judge_regions(labels, claim, solid.depth_m, image.depth_m, *judged_by, become, sizes, owner)
-    left_out = _leave_out(sizes, owner)
+    left_out = _drop_excess(sizes, owner)
     first, pixels = np.empty((number + 1, 2), np.int64), np.empty(claim.size, np.int64)
     segment_of = np.empty_like(claim)
     corners, warmth = np.empty((number, 4), np.int64), np.empty(number)
     beneath = np.empty((number, len(identities)), np.int64)
-    gathered = first, pixels, corners, segment_of, warmth, beneath
-    kept = gather_regions(labels, become, sizes, MIN_PIXELS, image.depth_m, heat, planes.support, *gathered)
+    outputs = first, pixels, corners, segment_of, warmth, beneath
+    kept = gather_regions(labels, become, sizes, MIN_PIXELS, image.depth_m, heat, planes.support, *outputs)
     corners, beneath, large = corners[:kept], beneath[:kept], sizes >= MIN_PIXELS
     proposal_of, sizes, c = owner[large], sizes[large], image.camera
     # The plane beneath most pixels; of equal ones the oldest.
@@ -169,13 +169,12 @@ def segment_frame(
         config.depth_noise_per_m,
     )
     outlines(picture, corners, plane_of, side_of, c.fx, noise, JUMP_M, GAP_M, outline, contact)
-    rects = (corners + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
-    rects = np.minimum(rects, np.array([c.width, c.height] * 2) * image.step)
+    rects = image.full_rectangles(corners)
     scores, warm = weighed.weights[order[proposal_of]].tolist(), (warmth[:kept] / sizes).tolist()
-    above, names, read = beneath.tolist(), identities.tolist(), (np.diff(first[:kept])[:, 0] / sizes).tolist()
+    beneath_lists, names, read = beneath.tolist(), identities.tolist(), (np.diff(first[:kept])[:, 0] / sizes).tolist()
     segments = []
     for k, (begin, end) in enumerate(first[:kept].tolist()):
-        supports = {name: count for name, count in zip(names, above[k], strict=True) if count}
+        supports = {name: count for name, count in zip(names, beneath_lists[k], strict=True) if count}
         segments.append(FrameSegment(pixels[begin:end], supports, warm[k], scores[k], rects[k], outline[k], read[k]))
     touched = _touched(segment_of, kept, seen, planes, config.depth_noise_per_m)
     return FrameSegments(segments, segment_of, contact, proposal_of, touched, left_out)
@@ -197,8 +196,8 @@ def _touched(
     moves = np.zeros(1 + label_regions(depth_m, off_planes, noise_per_m, JUMP_M, parent, body), bool)
     moves[body[seen.moving > 0]] = True
     moves[0] = False
-    around = cv2.dilate(seen.moving, np.ones((TOUCHING_PX, TOUCHING_PX), np.uint8))
-    touched[np.unique(segment_of[((around > 0) | moves[body]) & (segment_of >= 0)])] = True
+    near_motion = cv2.dilate(seen.moving, np.ones((TOUCHING_PX, TOUCHING_PX), np.uint8))
+    touched[np.unique(segment_of[((near_motion > 0) | moves[body]) & (segment_of >= 0)])] = True
     return touched
 
 
@@ -209,8 +208,8 @@ def points_of(pixels: npt.NDArray[np.int64], image: WorkingImage, T_world_camera
     return places
 
 
-def _leave_out(sizes: npt.NDArray[np.int64], owner: npt.NDArray[np.int64]) -> int:
-    """Keep at most `MAX_SEGMENTS` regions: those of the strongest proposals, and of one proposal the largest.
+def _drop_excess(sizes: npt.NDArray[np.int64], owner: npt.NDArray[np.int64]) -> int:
+    """Keep at most `MAX_SEGMENTS` regions: those of the strongest proposals, and of one proposal the largest ones.
 
     Return the number of dropped regions that were large enough for a segment. `sizes` (N,) are the pixels of each
     region, 0 afterwards for dropped ones; `owner` (N,) is its proposal.

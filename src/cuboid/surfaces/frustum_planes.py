@@ -53,8 +53,8 @@ def crop_planes(planes: list[Plane], window: Places) -> FrustumPlanes:
     for layer, plane in zip(ground, planes, strict=True):
         if plane.in_use:
             plane.plan.refresh_if_late()
-            theirs, mine = window_intersection(plane.plan.window, window)
-            layer[mine] = plane.plan.covered[theirs]
+            plan_part, layer_part = window_intersection(plane.plan.window, window)
+            layer[layer_part] = plane.plan.covered[plan_part]
     numbers = np.array([plane.index for plane in planes], np.int32)
     return FrustumPlanes(planes, numbers, window, ground, np.zeros(shape, np.int32))
 

@@ -120,9 +120,9 @@ class GroundPlan(WatchedRecord):
         window = self._grown(low, high)
         pads = np.abs(window - self.window)
         if pads.any():
-            around = ((pads[0], pads[2]), (pads[1], pads[3]))
-            self.seen, self.keyframes = np.pad(self.seen, around), np.pad(self.keyframes, around)
-            self.covered, self.nearby = np.pad(self.covered, around), np.pad(self.nearby, around)
+            padding = ((pads[0], pads[2]), (pads[1], pads[3]))
+            self.seen, self.keyframes = np.pad(self.seen, padding), np.pad(self.keyframes, padding)
+            self.covered, self.nearby = np.pad(self.covered, padding), np.pad(self.nearby, padding)
             self.corner = window[:2]
 
     def _grown(self, low: Places, high: Places) -> Places:
@@ -151,26 +151,26 @@ class GroundPlan(WatchedRecord):
         if len(i) == 0:
             return
         j = np.flatnonzero(readings[i[0] : i[-1] + 1].any(0))
-        last_update = np.concatenate([corner, corner + readings.shape])
+        update_window = np.concatenate([corner, corner + readings.shape])
         # Crop to the cells with readings.
-        some = slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1)
-        readings, corner = readings[some], corner + np.array([i[0], j[0]])
-        keyframe = keyframe if isinstance(keyframe, int) else keyframe[some]
+        cropped = slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1)
+        readings, corner = readings[cropped], corner + np.array([i[0], j[0]])
+        keyframe = keyframe if isinstance(keyframe, int) else keyframe[cropped]
         self.grow_to(corner, corner + readings.shape - 1)
         window = np.concatenate([corner, corner + readings.shape])
-        mine, theirs = window_intersection(self.window, window)
-        before = int(np.count_nonzero(self.seen[mine] >= MIN_READINGS))
-        new, held = readings[theirs], readings[theirs] > 0
-        first = np.argwhere(held & (self.seen[mine] == 0))
+        plan_part, new_part = window_intersection(self.window, window)
+        before = int(np.count_nonzero(self.seen[plan_part] >= MIN_READINGS))
+        new, is_read = readings[new_part], readings[new_part] > 0
+        first = np.argwhere(is_read & (self.seen[plan_part] == 0))
         if len(first):
-            self._are_new(first + np.maximum(self.window[:2], window[:2]))
-        self.keyframes[mine][held] = keyframe if isinstance(keyframe, int) else keyframe[theirs][held]
-        self.seen[mine] += new
+            self._add_places(first + np.maximum(self.window[:2], window[:2]))
+        self.keyframes[plan_part][is_read] = keyframe if isinstance(keyframe, int) else keyframe[new_part][is_read]
+        self.seen[plan_part] += new
         self.note_change()
-        grown = int(np.count_nonzero(self.seen[mine] >= MIN_READINGS)) - before
+        grown = int(np.count_nonzero(self.seen[plan_part] >= MIN_READINGS)) - before
         if grown:
             self.known += grown
-            self.changed = _around(self.changed, last_update) if self.stale else last_update
+            self.changed = _union(self.changed, update_window) if self.stale else update_window
             self.stale = True
 
     def absorb(self, other: GroundPlan) -> None:
@@ -213,10 +213,10 @@ class GroundPlan(WatchedRecord):
         i, j = (old - self.corner).T
         self.seen[i, j] = 0
         if (window != self.window).any():
-            mine, theirs = window_intersection(window, self.window)
+            new_part, old_part = window_intersection(window, self.window)
             for name in ("covered", "nearby"):
                 layer = np.zeros(window[2:] - window[:2], np.uint8)
-                layer[mine] = getattr(self, name)[theirs]
+                layer[new_part] = getattr(self, name)[old_part]
                 setattr(self, name, layer)
             self.seen, self.keyframes = np.zeros(layer.shape, np.int32), np.zeros(layer.shape, np.uint16)
             self.corner = window[:2]
@@ -239,23 +239,23 @@ class GroundPlan(WatchedRecord):
         found = [cells]
         for step in (np.array([1, 0]), np.array([0, 1])):
             inside = (cells + 2 * step - self.corner < self.seen.shape).all(1)
-            one = (cells[inside] - self.corner).T
-            gap, other = one + step[:, None], one + 2 * step[:, None]
-            empty = (self.seen[*gap] == 0) & (self.seen[*other] > 0)
-            one, gap, other = one[:, empty], gap[:, empty], other[:, empty]
-            self.seen[*gap] = np.minimum(self.seen[*one], self.seen[*other])
-            self.keyframes[*gap] = self.keyframes[*one]
+            first = (cells[inside] - self.corner).T
+            gap, second = first + step[:, None], first + 2 * step[:, None]
+            empty = (self.seen[*gap] == 0) & (self.seen[*second] > 0)
+            first, gap, second = first[:, empty], gap[:, empty], second[:, empty]
+            self.seen[*gap] = np.minimum(self.seen[*first], self.seen[*second])
+            self.keyframes[*gap] = self.keyframes[*first]
             found.append(gap.T + self.corner)
-            self._are_new(found[-1])
+            self._add_places(found[-1])
         return np.concatenate(found)
 
-    def _are_new(self, cells: Places) -> None:
+    def _add_places(self, cells: Places) -> None:
         """Add the centres of cells (N, 2) that have readings now."""
         self.places = np.concatenate([self.places, ((cells + 0.5) * CELL_M).astype(np.float32)])
 
     def _all_changed(self) -> None:
         self.places = self.places[:0]
-        self._are_new(np.argwhere(self.seen > 0) + self.corner)
+        self._add_places(np.argwhere(self.seen > 0) + self.corner)
         self.known = int(np.count_nonzero(self.seen >= MIN_READINGS))
         self.changed = self.window
         self.stale = True
@@ -272,13 +272,13 @@ class GroundPlan(WatchedRecord):
             part = np.concatenate([np.maximum(part[:2], wide[:2]), np.minimum(part[2:], wide[2:])])
             if (part[2:] <= part[:2]).any():  # the window has its maximum width and the change lies outside it
                 return
-        here, _ = window_intersection(self.window, part)
-        covered = _covered(self.seen[here])
+        window_part, _ = window_intersection(self.window, part)
+        covered = _covered(self.seen[window_part])
         nearby = cv2.dilate(covered, _NEARBY)
         # Near an inner border of the part, the surroundings are not complete: keep the old values there.
         inner = part + np.where(part == self.window, 0, _UNSURE * np.array([1, 1, -1, -1]))
-        here, there = window_intersection(self.window, inner)[0], window_intersection(part, inner)[0]
-        self.covered[here], self.nearby[here] = covered[there], nearby[there]
+        window_part, update_part = window_intersection(self.window, inner)[0], window_intersection(part, inner)[0]
+        self.covered[window_part], self.nearby[window_part] = covered[update_part], nearby[update_part]
 
     def area_m2(self) -> float:
         """Return the area of the cells with enough readings, square metres."""
@@ -298,14 +298,14 @@ class GroundPlan(WatchedRecord):
         """Return whether two planes cover a common cell."""
         self.refresh_if_late()
         other.refresh_if_late()
-        mine, theirs = window_intersection(self.window, other.window)
-        return bool((self.covered[mine] & other.covered[theirs]).any())
+        part, other_part = window_intersection(self.window, other.window)
+        return bool((self.covered[part] & other.covered[other_part]).any())
 
     def fraction_over(self, other: GroundPlan) -> float:
         """Return the fraction of this plane's known cells that another plane covers."""
         other.refresh_if_late()
-        mine, theirs = window_intersection(self.window, other.window)
-        over = np.count_nonzero((self.seen[mine] >= MIN_READINGS) & (other.covered[theirs] > 0))
+        part, other_part = window_intersection(self.window, other.window)
+        over = np.count_nonzero((self.seen[part] >= MIN_READINGS) & (other.covered[other_part] > 0))
         return over / max(1, self.known)
 
     def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
@@ -335,7 +335,7 @@ def _covered(seen: npt.NDArray[np.int32]) -> UInt8Array:
     return np.ascontiguousarray(cv2.dilate(filled, _RIM)[n:-n, n:-n], np.uint8)
 
 
-def _around(a: Places, b: Places) -> Places:
+def _union(a: Places, b: Places) -> Places:
     """Return the smallest window (4,) that contains two windows."""
     return np.concatenate([np.minimum(a[:2], b[:2]), np.maximum(a[2:], b[2:])])
 
@@ -346,5 +346,5 @@ def window_intersection(a: Places, b: Places) -> tuple[tuple[slice, slice], tupl
     (ax, ay, ax_end, ay_end), (bx, by, bx_end, by_end) = a.tolist(), b.tolist()
     x, y = max(ax, bx), max(ay, by)
     x_end, y_end = max(x, min(ax_end, bx_end)), max(y, min(ay_end, by_end))
-    one = slice(x - ax, x_end - ax), slice(y - ay, y_end - ay)
-    return one, (slice(x - bx, x_end - bx), slice(y - by, y_end - by))
+    in_a = slice(x - ax, x_end - ax), slice(y - ay, y_end - ay)
+    return in_a, (slice(x - bx, x_end - bx), slice(y - by, y_end - by))

@@ -88,9 +88,9 @@ class Plane(WatchedRecord):
         centred = points - mean
         step = mean - self.mean
         total = self.weight + w
-        own = (centred * weights[:, None]).T @ centred
-        self._add_moments(np.array([keyframe]), np.concatenate([[w], mean, own.ravel()])[None])
-        self.scatter += own + np.outer(step, step) * (self.weight * w / total)
+        scatter = (centred * weights[:, None]).T @ centred
+        self._add_moments(np.array([keyframe]), np.concatenate([[w], mean, scatter.ravel()])[None])
+        self.scatter += scatter + np.outer(step, step) * (self.weight * w / total)
         self.mean = self.mean + step * (w / total)
         self.weight = total
 
@@ -125,9 +125,9 @@ class Plane(WatchedRecord):
     def _add_moments(self, keyframes: Keyframes, moments: Float64Array) -> None:
         """Add the moments (N, 13) of points that keyframes (N,) saw."""
         for keyframe, row in zip(keyframes, moments, strict=True):
-            at = np.flatnonzero(self.keyframes == keyframe)
-            if len(at):
-                self.keyframe_moments[at[0]] = _combined(np.stack([self.keyframe_moments[at[0]], row]))
+            index = np.flatnonzero(self.keyframes == keyframe)
+            if len(index):
+                self.keyframe_moments[index[0]] = _combined(np.stack([self.keyframe_moments[index[0]], row]))
             else:
                 self.keyframes = np.append(self.keyframes, keyframe)
                 self.keyframe_moments = np.concatenate([self.keyframe_moments, row[None]])
@@ -140,16 +140,16 @@ class Plane(WatchedRecord):
         moved : mapping of int to (4, 4) float64
             T_new_old in the plan frame for each keyframe that moved.
         """
-        going = np.array([k for k, keyframe in enumerate(self.keyframes.tolist()) if keyframe in moved], np.int64)
-        if not len(going):
+        moving = np.array([k for k, keyframe in enumerate(self.keyframes.tolist()) if keyframe in moved], np.int64)
+        if not len(moving):
             return False
-        mine = {keyframe: moved[keyframe] for keyframe in self.keyframes[going].tolist()}
-        self.plan.apply_correction(mine, self.normal, self.offset)
-        T = np.array(list(mine.values()))
-        R, moments = T[:, :3, :3], self.keyframe_moments[going]
+        motions = {keyframe: moved[keyframe] for keyframe in self.keyframes[moving].tolist()}
+        self.plan.apply_correction(motions, self.normal, self.offset)
+        T = np.array(list(motions.values()))
+        R, moments = T[:, :3, :3], self.keyframe_moments[moving]
         moments[:, 1:4] = np.einsum("kij,kj->ki", R, moments[:, 1:4]) + T[:, :3, 3]
         moments[:, 4:] = (R @ moments[:, 4:].reshape(-1, 3, 3) @ R.transpose(0, 2, 1)).reshape(-1, 9)
-        self.keyframe_moments[going] = moments
+        self.keyframe_moments[moving] = moments
         whole = _combined(self.keyframe_moments)
         self.mean, self.scatter = whole[1:4], whole[4:].reshape(3, 3)
         self.fit()

@@ -101,16 +101,16 @@ def merge_duplicates(planes: list[Plane], windows: Windows, changed: set[Plane])
     grown: set[Plane] = set()
     while queue:
         k, j = heappop(queue)
-        one, two = planes[k], planes[j]
-        if k in gone or j in gone or not _are_duplicates(one, two):
+        first, second = planes[k], planes[j]
+        if k in gone or j in gone or not _are_duplicates(first, second):
             continue
-        one.absorb(two)
-        windows.update(one)
-        grown.add(one)
+        first.absorb(second)
+        windows.update(first)
+        grown.add(first)
         gone.append(j)
-        for more in _level_with(one, windows):
-            if more > j and (k, more) not in queue:
-                heappush(queue, (k, more))
+        for other in _level_with(first, windows):
+            if other > j and (k, other) not in queue:
+                heappush(queue, (k, other))
     return gone, grown
 
 
@@ -118,7 +118,7 @@ def _level_with(plane: Plane, windows: Windows) -> list[int]:
     return windows.level_with(plane, DRIFT_M + 1e-6)
 
 
-def _are_duplicates(one: Plane, two: Plane) -> bool:
+def _are_duplicates(first: Plane, second: Plane) -> bool:
     """Return whether two planes overlap in plan and differ in height at their means by no more than pose drift."""
-    distance = max(abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0])))
-    return distance <= DRIFT_M and one.plan.overlaps(two.plan)
+    distance = max(abs(float(first.height(second.mean[None])[0])), abs(float(second.height(first.mean[None])[0])))
+    return distance <= DRIFT_M and first.plan.overlaps(second.plan)

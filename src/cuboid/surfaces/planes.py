@@ -248,8 +248,8 @@ class PlaneTracker:
         assert self.T_plan_world is not None
         T, planes = self.T_plan_world @ T_world_camera, np.empty((len(view.planes), 4))
         for row, plane in zip(planes, view.planes, strict=True):
-            own = self._as_seen.get(plane.identity)
-            normal, offset = (plane.normal, plane.offset) if own is None else (own[:3], own[3])
+            adapted = self._as_seen.get(plane.identity)
+            normal, offset = (plane.normal, plane.offset) if adapted is None else (adapted[:3], adapted[3])
             row[:3], row[3] = normal @ T[:3, :3], normal @ T[:3, 3] + offset
         return planes
 
@@ -321,8 +321,8 @@ class PlaneTracker:
     def _refit(self, cells: LevelCells, matched: npt.NDArray[np.int32]) -> None:
         """Refit the planes of which the frame shows enough cells."""
         for k in np.flatnonzero(np.bincount(matched[matched >= 0]) >= 3).tolist():
-            plane, mine = self.planes[k], matched == k
-            plane.add(cells.centers[mine], cells.weights[mine], cells.keyframe)
+            plane, members = self.planes[k], matched == k
+            plane.add(cells.centers[members], cells.weights[members], cells.keyframe)
             plane.fit()
             plane.frames += 1
             plane.last_frame = cells.frame
@@ -351,20 +351,20 @@ class PlaneTracker:
 
     def _maintain(self, frame: int, centers: Float64Array) -> bool:
         """Activate planes in view, remove noise, merge duplicates; return True if any plane was removed."""
-        least = self._config.min_plane_area_m2
+        min_area_m2 = self._config.min_plane_area_m2
         near = {self.planes[k] for k in self._windows.at(centers)} | self._stale
         for plane in sorted(near, key=lambda p: p.index):
             # The ground plan is updated before objects are found on it; wide plans are updated in turn.
             if not plane.plan.wide or self._is_scheduled(frame, plane.index):
                 plane.plan.refresh()
                 self._stale.discard(plane)
-            area = plane.plan.area_m2()
-            if plane.in_use or area >= least:
+            area_m2 = plane.plan.area_m2()
+            if plane.in_use or area_m2 >= min_area_m2:
                 if is_lid(plane, self._config.max_size_m**2, partial(self._at, plane.mean[None])):
                     plane.in_use = False
                 elif not plane.in_use:
                     # Seen in enough frames, or large enough at once.
-                    plane.in_use = plane.frames >= FRAMES_IN_USE or area >= FRAMES_IN_USE * least
+                    plane.in_use = plane.frames >= FRAMES_IN_USE or area_m2 >= FRAMES_IN_USE * min_area_m2
             self._windows.update(plane)
         self._changed |= near
         gone = self._windows.expired(frame)

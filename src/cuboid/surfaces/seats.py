@@ -70,13 +70,13 @@ def seat_cells(plan: GroundPlan, points: Float64Array, least_m2: float) -> Place
     low, high = cells.min(0), cells.max(0) + 1
     longest = int(LONGEST_SEAT * (high - low).max())
     window = np.concatenate([low - longest - 1, high + longest + 1])
-    mine, theirs = window_intersection(plan.window, window)
-    measured, beside = np.zeros((2, *(window[2:] - window[:2])), np.uint8)
-    measured[theirs] = plan.seen[mine] >= MIN_READINGS
+    plan_part, window_part = window_intersection(plan.window, window)
+    measured, occupied = np.zeros((2, *(window[2:] - window[:2])), np.uint8)
+    measured[window_part] = plan.seen[plan_part] >= MIN_READINGS
     if np.count_nonzero(measured) * CELL_M**2 < least_m2:
         return np.zeros((0, 2), np.int64)
-    beside[tuple((cells - window[:2]).T)] = 1
-    touching = (cv2.dilate(beside, np.ones((3, 3), np.uint8)) > 0) & (measured > 0)
+    occupied[tuple((cells - window[:2]).T)] = 1
+    touching = (cv2.dilate(occupied, np.ones((3, 3), np.uint8)) > 0) & (measured > 0)
     if not touching.any():
         return np.zeros((0, 2), np.int64)
     _, labels = cv2.connectedComponents(measured)

@@ -79,12 +79,12 @@ def find_flat_areas(image: DepthImage, config: TrackerConfig) -> FlatAreas:
     faces = area_m2 <= FACE_FRACTION * area_m2[:, None]
     for small in np.unique(faces, axis=0):
         supports = np.flatnonzero((faces == small).all(1))
-        evidence[supports] = _things(depth_m, camera, planes, on, small, config)[supports]
+        evidence[supports] = _standing_readings(depth_m, camera, planes, on, small, config)[supports]
     off = max(ENOUGH * depth_m.size, float(np.count_nonzero(on == kernel.SURFACE)))
     return FlatAreas(normal, area_m2, np.minimum(1.0, evidence / off))
 
 
-def _things(
+def _standing_readings(
     depth_m: Float32Array,
     camera: Intrinsics,
     planes: Float64Array,
@@ -105,8 +105,8 @@ def _things(
         Areas that are treated as faces of objects.
     """
     noise, found = config.depth_noise_per_m, np.zeros(len(planes))
-    become = np.append(np.where(small, kernel.SURFACE, np.arange(len(planes))), [kernel.NOTHING, kernel.SURFACE])
-    on, labels = become.astype(np.int8)[on], np.empty(depth_m.shape, np.int32)
+    code = np.append(np.where(small, kernel.SURFACE, np.arange(len(planes))), [kernel.NOTHING, kernel.SURFACE])
+    on, labels = code.astype(np.int8)[on], np.empty(depth_m.shape, np.int32)
     pixels = np.empty((depth_m.size, 2), np.int32)
     count = kernel.label_pieces(depth_m, on, noise, JUMP_M, labels, pixels)
     touches, others = np.empty((count, len(planes)), np.int64), np.empty((count, kernel.KINDS), np.int64)
@@ -133,20 +133,20 @@ def _grow(image: DepthImage, config: TrackerConfig) -> tuple[Float64Array, Float
     a, b, c = inverse[:count].T
     planes = np.column_stack([a * camera.fx, b * camera.fy, a * camera.cx + b * camera.cy + c, -np.ones(count)])
     planes /= -np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
-    own = member.ravel()
-    planes = np.vstack([planes, _areas_in_parts(cells, own, limit, config)])
+    member_of = member.ravel()
+    planes = np.vstack([planes, _areas_in_parts(cells, member_of, limit, config)])
     count = len(planes)
-    area_m2 = np.bincount(own[own >= 0], cells[own >= 0, cell_kernel.AREA], count).astype(np.float64)
+    area_m2 = np.bincount(member_of[member_of >= 0], cells[member_of >= 0, cell_kernel.AREA], count).astype(np.float64)
     # Normals of cells with twice the edge are four times as accurate; cells at a border may include another surface.
     wide = image.cells(config.max_depth_m, 2).reshape(-1, cell_kernel.CELL_COLUMNS)
     flat = (wide[:, cell_kernel.AREA] > 0) & (wide[:, cell_kernel.RMS] < limit)
     facing = wide[:, cell_kernel.NX : cell_kernel.NZ + 1]
-    on = member[: shape[0] // 2 * 2 : 2, : shape[1] // 2 * 2 : 2].ravel()
+    member_of_wide = member[: shape[0] // 2 * 2 : 2, : shape[1] // 2 * 2 : 2].ravel()
     normal = planes[:, :3].copy()
     for p in range(count):
-        mine = flat & (on == p) & (facing @ planes[p, :3] > SAME_COS)
-        mean = wide[mine, cell_kernel.AREA] @ facing[mine]
-        if mine.any():
+        cells_of_area = flat & (member_of_wide == p) & (facing @ planes[p, :3] > SAME_COS)
+        mean = wide[cells_of_area, cell_kernel.AREA] @ facing[cells_of_area]
+        if cells_of_area.any():
             normal[p] = mean / np.linalg.norm(mean)
     return planes, normal, area_m2
 
@@ -175,17 +175,17 @@ def _areas_in_parts(
     normals, centers = cells[:, cell_kernel.NX : cell_kernel.NZ + 1], cells[:, cell_kernel.CX : cell_kernel.CZ + 1]
     while len(free) >= MIN_CELLS and area_m2[free].sum() >= least_m2:
         alike = normals[free] @ normals[free].T > SAME_COS
-        most = int(np.argmax(alike @ area_m2[free]))
-        same = free[alike[most]]
+        most_common = int(np.argmax(alike @ area_m2[free]))
+        same = free[alike[most_common]]
         if area_m2[same].sum() < least_m2:
             break
-        free = free[~alike[most]]
+        free = free[~alike[most_common]]
         normal = area_m2[same] @ normals[same]
         R = level_rotation(normal / np.linalg.norm(normal))
-        own = same[largest_level(centers[same] @ R.T, area_m2[same], np.arange(len(same)), config.max_size_m)]
-        if len(own) >= MIN_CELLS and area_m2[own].sum() >= least_m2:
-            member[own] = count + len(found)
-            found.append(np.append(R[2], -float(np.average(centers[own] @ R[2], weights=area_m2[own]))))
+        area_cells = same[largest_level(centers[same] @ R.T, area_m2[same], np.arange(len(same)), config.max_size_m)]
+        if len(area_cells) >= MIN_CELLS and area_m2[area_cells].sum() >= least_m2:
+            member[area_cells] = count + len(found)
+            found.append(np.append(R[2], -float(np.average(centers[area_cells] @ R[2], weights=area_m2[area_cells]))))
     return np.array(found).reshape(-1, 4)
 
 

@@ -101,11 +101,11 @@ class UpVote(Record):
         """Return whether up is so well known that a few frames will not change it."""
         if self.up is None or self.measured.any():
             return self.up is not None
-        likely, own = self._likelihood(), self.seen[:, :3] @ self.up > NOISE_COS
-        clear = likely[own].max(initial=0.0) >= MIN_LIKELIHOOD_RATIO * likely[~own].max(initial=0.0)
-        return bool(self.votes >= MIN_READINGS and clear and self._share(own) >= ENOUGH)
+        likely, near_up = self._likelihood(), self.seen[:, :3] @ self.up > NOISE_COS
+        clear = likely[near_up].max(initial=0.0) >= MIN_LIKELIHOOD_RATIO * likely[~near_up].max(initial=0.0)
+        return bool(self.votes >= MIN_READINGS and clear and self._mean_evidence(near_up) >= ENOUGH)
 
-    def _share(self, directions: npt.NDArray[np.bool_]) -> float:
+    def _mean_evidence(self, directions: npt.NDArray[np.bool_]) -> float:
         """Return the largest evidence among some directions (N,), as a mean over all frames."""
         return float(self.seen[directions, 4].max(initial=0.0)) / max(1, self.votes)
 
@@ -120,16 +120,16 @@ class UpVote(Record):
         if (norm := float(np.linalg.norm(self.measured))) > 0.0:
             return self._level(self.measured / norm)
         likely = self._likelihood()
-        own = np.zeros(len(likely), bool) if self.up is None else self.seen[:, :3] @ self.up > NOISE_COS
-        confirmed = self.up is not None and self._share(own) >= HELD_FRACTION * ENOUGH
+        near_up = np.zeros(len(likely), bool) if self.up is None else self.seen[:, :3] @ self.up > NOISE_COS
+        confirmed = self.up is not None and self._mean_evidence(near_up) >= HELD_FRACTION * ENOUGH
         level = self._level_in_images()
         if confirmed:
-            held = likely[own].max(initial=0.0)
+            held = likely[near_up].max(initial=0.0)
         else:
             held = 0.0 if level is None else ENOUGH * self.votes * float(self._constancy(level))
         enough = self.seen[:, 4] >= ENOUGH * self.votes
         best = int(np.argmax(likely * enough)) if enough.any() else -1
-        if best >= 0 and not own[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
+        if best >= 0 and not near_up[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
             return np.asarray(self.seen[best, :3])
         return self.up if confirmed else level
 

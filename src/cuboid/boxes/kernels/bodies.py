@@ -60,14 +60,14 @@ def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
     residual, weights = np.empty(n), trust.copy()
     if not fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weights):
         return 0.0
-    whole = all_of = round_of = square = 0.0
+    whole = total = weighted_radius = square = 0.0
     for i in range(n):
-        whole, all_of = whole + weights[i], all_of + trust[i]
-        round_of += weights[i] * radius[layer[i]]
+        whole, total = whole + weights[i], total + trust[i]
+        weighted_radius += weights[i] * radius[layer[i]]
         square += weights[i] * min(abs(residual[i]), DRIFT_M) ** 2
-    if not whole > 0.0 or whole < MIN_BODY * all_of:
+    if not whole > 0.0 or whole < MIN_BODY * total:
         return 0.0
-    usual, spread = round_of / whole, np.sqrt(square / whole)
+    usual, spread = weighted_radius / whole, np.sqrt(square / whole)
     # A nearly straight side has a distant axis.
     if usual > ROUND_RADIUS * max(rectangle[4], rectangle[5]) + JUMP_M:
         return 0.0
@@ -92,20 +92,20 @@ def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weigh
     if not fit_axis(plan, layer, trust, STEPS, center, radius, residual):
         return False
     n, layers = len(layer), len(radius)
-    all_of, near_of, away = np.zeros(layers), np.empty(layers), np.empty(n)
+    layer_trust, layer_near, away = np.zeros(layers), np.empty(layers), np.empty(n)
     for i in range(n):
-        all_of[layer[i]] += trust[i]
+        layer_trust[layer[i]] += trust[i]
     for _ in range(3 if trim else 0):
         away[:] = np.abs(residual)
         limit = SIGMAS * max(1.48 * weighted_median(away, weights), noise, MIN_SIGMA_M)
-        near_of[:] = 0.0
+        layer_near[:] = 0.0
         for i in range(n):
-            near_of[layer[i]] += trust[i] if away[i] < limit else 0.0
+            layer_near[layer[i]] += trust[i] if away[i] < limit else 0.0
         # A layer with many deviating points is not round: it contains a brim or a handle.
         changed, left = False, 0
         for i in range(n):
             k = layer[i]
-            kept = trust[i] if away[i] < limit and near_of[k] >= KEPT_LAYER_FRACTION * all_of[k] else 0.0
+            kept = trust[i] if away[i] < limit and layer_near[k] >= KEPT_LAYER_FRACTION * layer_trust[k] else 0.0
             changed |= kept != weights[i]
             left += kept != 0.0
             weights[i] = kept
@@ -182,7 +182,7 @@ def appendage(layer, trust, sector, weights, radius, residual, off, part):
     Points that stick out all around are the rim of a filled layer, such as a pot with soil.
     """
     n, layers = len(layer), len(radius)
-    fitted, sums, own = np.zeros(layers), np.zeros((layers, 2)), radius.copy()
+    fitted, sums, layer_radius = np.zeros(layers), np.zeros((layers, 2)), radius.copy()
     for i in range(n):
         k = layer[i]
         fitted[k] += weights[i]
@@ -191,11 +191,11 @@ def appendage(layer, trust, sector, weights, radius, residual, off, part):
     for k in range(layers):
         # The fit does not give the radius of layers without weight: use their mean distance.
         if not fitted[k] > 0.0:
-            own[k] = sums[k, 0] / max(sums[k, 1], 1e-12)
+            layer_radius[k] = sums[k, 0] / max(sums[k, 1], 1e-12)
     seen, beyond = np.zeros((layers, SECTORS + 1)), np.zeros((layers, SECTORS + 1))
     for i in range(n):
         k = layer[i]
-        part[i] = residual[i] + radius[k] - own[k] > off
+        part[i] = residual[i] + radius[k] - layer_radius[k] > off
         seen[k, sector[i]] += trust[i]
         beyond[k, sector[i]] += trust[i] if part[i] else 0.0
     rim, torn = np.empty(layers, np.bool_), np.zeros(layers)

@@ -269,28 +269,28 @@ def beyond_sides(points, center, rotation, bottom, near, steps, places, counts):
     int
         Number of places.
     """
-    own, n = np.empty((points.shape[0], 3)), 0
+    local, n = np.empty((points.shape[0], 3)), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for i in range(points.shape[0]):
         dx, dy, dz = points[i, 0] - center[0], points[i, 1] - center[1], points[i, 2] - center[2]
         for k in range(3):
-            own[n, k] = dx * rotation[0, k] + dy * rotation[1, k] + dz * rotation[2, k]
-        if own[n, 2] > bottom:
+            local[n, k] = dx * rotation[0, k] + dy * rotation[1, k] + dz * rotation[2, k]
+        if local[n, 2] > bottom:
             for k in range(3):
-                low[k], high[k] = min(low[k], own[n, k]), max(high[k], own[n, k])
+                low[k], high[k] = min(low[k], local[n, k]), max(high[k], local[n, k])
             n += 1
     total = 0
     for side in range(5):
         axis, sign = (2, 1.0) if side == 0 else ((side - 1) // 2, 1.0 if side % 2 == 1 else -1.0)
         counts[side] = 0
         for i in range(n):
-            if (high[axis] - own[i, axis] if sign > 0.0 else own[i, axis] - low[axis]) > near:
+            if (high[axis] - local[i, axis] if sign > 0.0 else local[i, axis] - low[axis]) > near:
                 continue
             counts[side] += 1
             for step in steps:
                 out = places[total]
                 for k in range(3):
                     out[k] = center[k] + sign * step * rotation[k, axis]
-                    out[k] += own[i, 0] * rotation[k, 0] + own[i, 1] * rotation[k, 1] + own[i, 2] * rotation[k, 2]
+                    out[k] += local[i, 0] * rotation[k, 0] + local[i, 1] * rotation[k, 1] + local[i, 2] * rotation[k, 2]
                 total += 1
     return total

@@ -45,8 +45,8 @@ def fit_each(points, first, normals, offsets, fraction, directions, solvers, box
     """
     trust = np.ones(points.shape[0])
     for k in range(first.size - 1):
-        own = slice(first[k], first[k + 1])
-        fit(points[own], trust[own], normals[k], offsets[k], fraction, directions, solvers, boxes[k])
+        cloud = slice(first[k], first[k + 1])
+        fit(points[cloud], trust[cloud], normals[k], offsets[k], fraction, directions, solvers, boxes[k])
 
 
 @kernel

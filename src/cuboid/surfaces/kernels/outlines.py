@@ -93,7 +93,7 @@ def across(picture, plane, v, u, dv, du, limit, reach):
     vi, ui = v - INNER_PIXELS * dv, u - INNER_PIXELS * du
     if vi < 0 or ui < 0 or vi >= height or ui >= width or claim[vi, ui] != a:
         vi, ui = v, u
-    edge, first, own = False, -1, inwards(readings, claim, v, u, dv, du, reach)
+    edge, first, inner_steps = False, -1, inwards(readings, claim, v, u, dv, du, reach)
     for n in range(1, reach + 1):
         vv, uu = v + n * dv, u + n * du
         if vv < 0 or uu < 0 or vv >= height or uu >= width:
@@ -110,7 +110,7 @@ def across(picture, plane, v, u, dv, du, limit, reach):
             if on_plane[vv, uu] >= 0 and on_plane[vv, uu] == plane:
                 return SUPPORT, b
             if beyond > z + limit:
-                return FREE if edge or own + n <= reach else UNSURE, b
+                return FREE if edge or inner_steps + n <= reach else UNSURE, b
             if beyond < z - limit:
                 return HIDDEN, b
             return UNSURE if b >= 0 else CONTACT, b

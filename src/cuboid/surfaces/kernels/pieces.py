@@ -40,25 +40,27 @@ def label_regions(depth, assigned, noise, jump, parent, labels):
     """
     rows, columns = depth.shape
     for v in range(rows):
-        own, above, near, far = assigned[v], assigned[max(v - 1, 0)], depth[v], depth[max(v - 1, 0)]
+        row, above, row_depth, above_depth = assigned[v], assigned[max(v - 1, 0)], depth[v], depth[max(v - 1, 0)]
         for u in range(columns):
             here = v * columns + u
-            if own[u] < 0:
+            if row[u] < 0:
                 parent[here] = -1
                 continue
             parent[here] = root = here
-            z, mine = near[u], own[u]
+            z, proposal = row_depth[u], row[u]
             limit = jump + JUMP_SIGMAS * noise * z * z
             for k in range(4):
                 uu = u + k - 1 if k < 3 else u - 1
                 if uu < 0 or uu >= columns or (v == 0 and k < 3):
                     continue
-                there = here - columns + k - 1 if k < 3 else here - 1
+                beside = here - columns + k - 1 if k < 3 else here - 1
                 # Most neighbours already belong to the same region.
-                if parent[there] == root:
+                if parent[beside] == root:
                     continue
-                if (above[uu] if k < 3 else own[uu]) == mine and abs((far[uu] if k < 3 else near[uu]) - z) < limit:
-                    other = find_root(parent, there)
+                if (above[uu] if k < 3 else row[uu]) == proposal and abs(
+                    (above_depth[uu] if k < 3 else row_depth[uu]) - z
+                ) < limit:
+                    other = find_root(parent, beside)
                     if root < other:
                         parent[other] = root
                     elif other < root:

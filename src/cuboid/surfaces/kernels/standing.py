@@ -42,12 +42,12 @@ def lie_on(depth, camera, planes, noise, floor, bias, max_depth, on):
             if on[v, u] == NOTHING:
                 continue
             x = (u - camera[2]) / camera[0]
-            least = 1.0
+            nearest = 1.0
             for p in range(len(planes)):
                 along = planes[p, 0] * x + planes[p, 1] * y + planes[p, 2]
                 off = abs(along * z + planes[p, 3]) / max(floor, bias - SIGMAS * noise * z * z * along)
-                if off < least:
-                    least = off
+                if off < nearest:
+                    nearest = off
                     on[v, u] = p
 
 
@@ -171,14 +171,14 @@ def bounds(depth, on, labels, noise, jump, reach, touches, others):
                     if vv < 0 or uu < 0 or vv >= rows or uu >= columns:
                         others[piece, BORDER] += 1
                         break
-                    there = depth[vv, uu]
-                    if there <= 0.0:
+                    beyond = depth[vv, uu]
+                    if beyond <= 0.0:
                         continue
                     if labels[vv, uu] == piece:
                         break
-                    if there > z + limit:
+                    if beyond > z + limit:
                         others[piece, FREE] += 1
-                    elif there < z - limit:
+                    elif beyond < z - limit:
                         others[piece, HIDDEN] += 1
                     elif on[vv, uu] >= 0:
                         touches[piece, on[vv, uu]] += 1
