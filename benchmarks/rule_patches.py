@@ -150,7 +150,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "outlines: hole inwards",
         11,
-        ((OUTLINES, "return FREE if edge or own + n <= reach else UNSURE, b", "return FREE, b"),),
+        ((OUTLINES, "return FREE if edge or inner_steps + n <= reach else UNSURE, b", "return FREE, b"),),
     ),
     # Segments.
     Rule(
@@ -183,13 +183,13 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "pairs: held by another",
         75,
-        ((FITTING, "entry.holder = 0 if rests is None else find_holder(entry, *rests, near, voxels)", "entry.holder = 0"),),
+        ((FITTING, "entry.holder = 0 if rests is None else find_holder(entry, *rests, near, self._voxels)", "entry.holder = 0"),),
     ),
     Rule("pairs: shared room", 12, ((OBJECT_MAP, "        self._add_overlaps(objects, novelty)\n", ""),)),
     Rule(
         "pairs: hollow",
         14,
-        (("objects/store.py", "found[i, j] = not _is_inside_hollow(some[i], others[j])", "pass"),),
+        (("objects/store.py", "found[i, j] = not _is_inside_hollow(entries[i], others[j])", "pass"),),
     ),
     Rule(
         "pairs: novelty",
@@ -197,7 +197,7 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 OBJECT_MAP,
-                "novelty = min(1.0, max(MIN_NOVELTY, seen.viewpoint_angle_rad / NEW_SIDE_RAD))",
+                "novelty = novelty_of(seen)",
                 "novelty = 1.0",
             ),
         ),
@@ -206,7 +206,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "structure: goes on beside",
         65,
-        ((FITTING, "            or is_structure(box, entry.points, voxels, owned)\n", ""),),
+        ((FITTING, "return is_structure(box, entry.points, self._voxels, owned)", "return False"),),
     ),
     Rule(
         "structure: plane beside its top",
@@ -218,7 +218,7 @@ RULES: tuple[Rule, ...] = (
         2,
         ((FITTING, "return self._planes.has_plane_on_top(entry.box) and not ends_above(entry.outline)", "return False"),),
     ),
-    Rule("structure: thin as noise", 2, ((FITTING, "            or box.size.min() < SIGMAS * noise_m\n", ""),)),
+    Rule("structure: thin as noise", 2, ((FITTING, " or box.size.min() < SIGMAS * noise_m", ""),)),
     Rule(
         "structure: counts for each fit",
         9,
@@ -242,12 +242,12 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 FITTING,
-                "own = above_support_rim(points, *rests, voxels.voxel_m)",
-                "own = np.ones(len(points), bool)",
+                "above_rim = above_support_rim(points, normal, offset, self._voxels.voxel_m)",
+                "above_rim = np.ones(len(points), bool)",
             ),
         ),
     ),
-    Rule("points: above the plane", 6, ((FITTING, "            rows, points = rows[above], points[above]\n", ""),)),
+    Rule("points: above the plane", 6, ((FITTING, "        rows, points = rows[above], points[above]\n", ""),)),
     Rule(
         "support: asked again",
         2,
@@ -259,13 +259,13 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 FITTING,
-                "if plane is not None and rests is not None and not structure and not entry.holder:",
+                "if plane is not None and not structure and not entry.holder:",
                 "if False:",
             ),
             (
                 FITTING,
-                "None if plane is None else self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)",
-                "plane",
+                "plane = self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)",
+                "pass",
             ),
         ),
     ),
@@ -275,8 +275,8 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 FITTING,
-                "None if plane is None else self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)",
-                "plane",
+                "plane = self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)",
+                "pass",
             ),
         ),
     ),
@@ -284,7 +284,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "box: hidden foot",
         24,
-        ((FITTING, "box = bare if rests is None else with_foot(bare, *rests, others, voxels)", "box = bare"),),
+        ((FITTING, "box = bare if rests is None else with_foot(bare, *rests, others, self._voxels)", "box = bare"),),
     ),
     Rule(
         "box: foot always",
@@ -340,7 +340,7 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 BOXING,
-                "round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_FRACTION)",
+                "round_box = revolved(box, points, trust, plane, noise_m, self._voxels.voxel_m, STRAY_FRACTION)",
                 "round_box = None",
             ),
         ),
@@ -372,7 +372,7 @@ RULES: tuple[Rule, ...] = (
         14,
         (("boxes/revolved.py", "        towards = _lengthwise(plan[beyond] - center, trust[beyond])\n", ""),),
     ),
-    Rule("round: rim all round", 12, ((BODIES, "rim[k] = out > RIM_FRACTION * known", "rim[k] = False"),)),
+    Rule("round: rim all round", 12, ((BODIES, "rim[k] = out > RIM_FRACTION * sectors_seen", "rim[k] = False"),)),
     Rule(
         "round: better than a rectangle",
         12,
@@ -381,7 +381,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "round: same all round",
         15,
-        ((BODIES, "return known >= MIN_ARC * SECTORS and not high - low > limit", "return known >= MIN_ARC * SECTORS"),),
+        ((BODIES, "return sectors_read >= MIN_ARC * SECTORS and not high - low > limit", "return sectors_read >= MIN_ARC * SECTORS"),),
     ),
     Rule(
         "round: beside neighbours",
@@ -414,7 +414,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "planes: as the frame sees them",
         32,
-        (("surfaces/planes.py", "own = self._as_seen.get(plane.identity)", "own = None"),),
+        (("surfaces/planes.py", "adapted = self._as_seen.get(plane.identity)", "adapted = None"),),
     ),
     Rule("planes: level", 11, (("surfaces/planes.py", "        self._level()\n", ""),)),
     Rule(
@@ -422,8 +422,8 @@ RULES: tuple[Rule, ...] = (
         6,
         (("surfaces/standing.py", "faces = area_m2 <= FACE_FRACTION * area_m2[:, None]", "faces = area_m2 < 0.0 * area_m2[:, None]"),),
     ),
-    Rule("up: camera turns about it", 4, (("surfaces/up.py", "self.seen[:, 4] * constancy**4", "self.seen[:, 4]"),)),
-    Rule("up: level in the images", 8, (("surfaces/up.py", "self.up if known else self._level_in_images()", "self.up if known else None"),)),
+    Rule("up: camera turns about it", 4, (("surfaces/up.py", "self.seen[:, 4] * self._constancy(self.seen[:, :3])", "self.seen[:, 4]"),)),
+    Rule("up: level in the images", 8, (("surfaces/up.py", "level = self._level_in_images()", "level = None"),)),
     # Sightings.
     Rule(
         "sighting: blended rectangle",

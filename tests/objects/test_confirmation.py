@@ -82,7 +82,7 @@ def test_a_label_waits_where_a_flat_thing_goes_on_behind_a_far_higher_one(
     other.points = dome.astype(np.float32)
     store.confirm(other)
     for _ in range(8):
-        store.affinity.add_evidence(1, 2, one=False, novelty=1.0)
+        store.affinity.add_evidence(1, 2, same=False, novelty=1.0)
     assert is_confirmable(brim, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
 
 
@@ -136,7 +136,7 @@ def test_a_label_waits_where_a_thing_may_be_the_end_of_a_larger_one_of_its_color
     if pot is not None:
         other.points, other.colors = body.astype(np.float32), np.tile(np.array(pot, np.uint8), (len(body), 1))
     assert is_confirmable(spout, store, _Table(), TrackerConfig())  # type: ignore[arg-type]
-    store.affinity.add_evidence(1, 2, one=False, novelty=1.0)  # beside each other in a picture
+    store.affinity.add_evidence(1, 2, same=False, novelty=1.0)  # beside each other in a picture
     assert is_confirmable(spout, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
 
 
@@ -160,7 +160,7 @@ def test_a_side_that_a_known_other_thing_hides_need_not_be_seen(labelled: bool, 
     if labelled:
         store.confirm(other)
     for _ in range(sightings):
-        store.affinity.add_evidence(1, 2, one=False, novelty=1.0)
+        store.affinity.add_evidence(1, 2, same=False, novelty=1.0)
     assert is_confirmable(stapler, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
 
 

@@ -43,7 +43,7 @@ def test_labels_count_up_in_the_order_of_confirmation() -> None:
 def test_a_retired_label_is_never_given_again_and_its_voxels_are_no_ones() -> None:
     store = store_of(3)
     store.confirm(store[1])
-    store.affinity.add_evidence(1, 2, one=True, novelty=1.0)
+    store.affinity.add_evidence(1, 2, same=True, novelty=1.0)
     store.retire(store[1])
     assert store[1].state is State.RETIRED
     assert [o.number for o in store.living()] == [2, 3]
@@ -73,7 +73,7 @@ def test_merging_keeps_the_older_label_and_records_the_younger(order: tuple[int,
     store[1].supports, store[2].supports = {4: 10, 5: 1}, {4: 1}
     store[1].outline[0, 0], store[2].outline[0, 0] = 3, 4
     store[1].log_odds, store[2].log_odds = 9.0, 5.0
-    store.affinity.add_evidence(1, 3, one=True, novelty=1.0)
+    store.affinity.add_evidence(1, 3, same=True, novelty=1.0)
     gone_one = store[1]
     kept, gone = store.merge(*(store[k] for k in order))
     assert (kept.number, kept.label, kept.merged_labels) == (2, 1, [2, 7])

@@ -66,9 +66,12 @@ class Affinity:
             affinity._add(a, b, log_odds)
         return affinity
 
-    def add_evidence(self, a: int, b: int, *, one: bool, novelty: float) -> None:
-        """Add the evidence of a frame on two objects, weighted by the novelty (0..1) of its viewpoint."""
-        self._add(a, b, (SAME_LOG_ODDS if one else DIFFERENT_LOG_ODDS) * novelty)
+    def add_evidence(self, a: int, b: int, *, same: bool, novelty: float) -> None:
+        """Add the evidence of a frame that two objects are the same one, or that they are not.
+
+        It is weighted by the novelty (0..1) of the viewpoint of the frame.
+        """
+        self._add(a, b, (SAME_LOG_ODDS if same else DIFFERENT_LOG_ODDS) * novelty)
 
     def add_attachment(self, a: int, b: int, novelty: float) -> None:
         """Add the evidence that one object is attached to the other: earlier evidence for two objects is reset."""
@@ -87,16 +90,20 @@ class Affinity:
 
     def objects(self) -> list[int]:
         """Return the objects that were seen beside another one, ascending."""
-        return sorted(number for number, beside in self._partners.items() if beside)
+        return sorted(number for number, partners in self._partners.items() if partners)
 
-    def partners(self, number: int, least: float = -MAX_LOG_ODDS, most: float = MAX_LOG_ODDS) -> list[int]:
+    def partners(
+        self, number: int, min_log_odds: float = -MAX_LOG_ODDS, max_log_odds: float = MAX_LOG_ODDS
+    ) -> list[int]:
         """Return the objects that were seen beside an object and whose log-odds lie in a range, ascending."""
-        odds, beside = self._log_odds, self._partners.get(number)
-        if not beside:
+        odds, partners = self._log_odds, self._partners.get(number)
+        if not partners:
             return []
-        if least <= -MAX_LOG_ODDS and most >= MAX_LOG_ODDS:
-            return sorted(beside)
-        return sorted([k for k in beside if least <= odds[(number, k) if number < k else (k, number)] <= most])
+        if min_log_odds <= -MAX_LOG_ODDS and max_log_odds >= MAX_LOG_ODDS:
+            return sorted(partners)
+        return sorted(
+            [k for k in partners if min_log_odds <= odds[(number, k) if number < k else (k, number)] <= max_log_odds]
+        )
 
     def transfer(self, gone: int, kept: int) -> None:
         """Add the affinities of a merged object to those of the remaining one."""

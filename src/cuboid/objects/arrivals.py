@@ -18,7 +18,7 @@ from cuboid.objects.kernels.leaving import count_passed
 # A reading belongs to a point if it lies within this distance and noise of it, metres.
 IN_PLACE_M = DRIFT_M / 2.0
 # An object came if something moved in cells of this edge, metres, that hold at least this fraction of its points, and
-# an earlier view saw through this fraction of them: the lower part of an object is too near to what it stands on.
+# an earlier view saw through this fraction of them: the lower part of an object is too near to its support.
 CELL_M, MOTION_FRACTION, SEEN_THROUGH_FRACTION = 0.04, 0.25, 1.0 / 3.0
 # An object was not there if an earlier view saw through this fraction of its points: it is .83 to 1 for hands and arms
 # in made recordings, and at most .63 for objects at rest in TUM fr1/xyz.
@@ -75,13 +75,13 @@ class Arrivals:
         """Return whether an earlier view shows that an object was not there."""
         return self._was_seen_through(entry, ABSENT_FRACTION)
 
-    def _was_seen_through(self, entry: MapObject, least: float) -> bool:
+    def _was_seen_through(self, entry: MapObject, min_fraction: float) -> bool:
         """Return whether an earlier view saw through at least this fraction of the points of an object."""
         points = _sample(entry)
         for view in self._views:
             seen = view.depth_m, view.pinhole, view.T_camera_world
             _, passed = count_passed(points, *seen, IN_PLACE_M, self._noise_per_m)
-            if passed >= least * len(points):
+            if passed >= min_fraction * len(points):
                 return True
         return False
 

@@ -105,23 +105,25 @@ def associate(frame: SegmentedFrame, objects: Sequence[MapObject], boxes: Float6
     segments = frame.segments.segments
     n, m = len(segments), len(objects)
     overlap, size = _mask_overlaps(frame, objects)
-    nobody = np.full(n, -1, np.int64)
+    no_match = np.full(n, -1, np.int64)
     if n == 0 or m == 0:
-        return Association(objects, nobody, nobody, np.zeros((n, m)), np.zeros(n), overlap[:n], overlap[-1])
+        return Association(objects, no_match, no_match, np.zeros((n, m)), np.zeros(n), overlap[:n], overlap[-1])
     iou = iou_matrix(pack(frame.boxes), boxes)
-    mine, object_pixels = overlap[:n], overlap.sum(0)
+    pixels, object_pixels = overlap[:n], overlap.sum(0)
     # A small mapped part of a mostly new segment is no evidence: the size has a lower limit.
-    whole = np.array([len(segment.pixels) for segment in segments])
-    seen = mine / np.maximum(np.maximum(size, MIN_MAPPED_FRACTION * whole)[:, None] + object_pixels[None] - mine, 1)
-    match, part = nobody.copy(), nobody.copy()
-    like, similarity = np.maximum(iou, seen), np.zeros(n)
-    for i, j in assign(like, SAME):
-        match[i], similarity[i] = j, like[i, j]
-    held = mine / whole[:, None]
-    best = held.argmax(1)
-    lies = held[np.arange(n), best] >= PART_FRACTION
-    part[(match < 0) & lies] = best[(match < 0) & lies]
-    return Association(objects, match, part, iou, similarity, mine, object_pixels)
+    segment_pixels = np.array([len(segment.pixels) for segment in segments])
+    mask_iou = pixels / np.maximum(
+        np.maximum(size, MIN_MAPPED_FRACTION * segment_pixels)[:, None] + object_pixels[None] - pixels, 1
+    )
+    match, part = no_match.copy(), no_match.copy()
+    similarities, similarity = np.maximum(iou, mask_iou), np.zeros(n)
+    for i, j in assign(similarities, SAME):
+        match[i], similarity[i] = j, similarities[i, j]
+    inside = pixels / segment_pixels[:, None]
+    best = inside.argmax(1)
+    is_part = inside[np.arange(n), best] >= PART_FRACTION
+    part[(match < 0) & is_part] = best[(match < 0) & is_part]
+    return Association(objects, match, part, iou, similarity, pixels, object_pixels)
 
 
 def _mask_overlaps(
@@ -165,6 +167,6 @@ def prior_of(
     proposal_overlaps(
         pixel_owner, place, weighed.rectangles, weighed.starts, weighed.covered, column, table, object_pixels
     )
-    mine = table[:, :m]
-    iou = mine / np.maximum(table.sum(1)[:, None] + object_pixels[:m] - mine, 1)
+    pixels = table[:, :m]
+    iou = pixels / np.maximum(table.sum(1)[:, None] + object_pixels[:m] - pixels, 1)
     return np.asarray(1.0 + (iou * np.array([o.score for o in labelled])).max(1))

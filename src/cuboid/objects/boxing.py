@@ -68,9 +68,9 @@ class Boxing:
         eye : (3,) float64, optional
             Position of the camera, world, metres.
         """
-        some = slice(None, None, 1 + len(rows) // BOX_VOXELS)
-        trust, noise_m = self._trust(rows[some])
-        points = places[some].astype(np.float64)
+        sampled = slice(None, None, 1 + len(rows) // BOX_VOXELS)
+        trust, noise_m = self._trust(rows[sampled])
+        points = places[sampled].astype(np.float64)
         voxel_m = self._voxels.voxel_m
         if eye is None or not is_thick(noise_m, voxel_m):
             return self._fit(points, trust, noise_m, plane, up, others), noise_m
@@ -91,7 +91,7 @@ class Boxing:
         if plane is None:
             return fit_box(points, up, None, STRAY_FRACTION, trust)
         box = fit_box(points, *plane, STRAY_FRACTION, trust)
-        round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_FRACTION)
+        round_box = revolved(box, points, trust, plane, noise_m, self._voxels.voxel_m, STRAY_FRACTION)
         if round_box is not None and is_clear_of(round_box, others):
             return to_faces(round_box, points, trust, noise_m, top_alone=True)
         box = to_faces(box, points, trust, noise_m, top_alone=False)

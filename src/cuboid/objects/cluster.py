@@ -74,14 +74,14 @@ class Cluster:
         T_camera_world: Float64Array,
         noise_per_m: float,
     ) -> None:
-        some = slice(None, None, 1 + len(points) // (2 * SAMPLE_POINTS))
-        in_camera = transform(T_camera_world, points[some])
+        sampled = slice(None, None, 1 + len(points) // (2 * SAMPLE_POINTS))
+        in_camera = transform(T_camera_world, points[sampled])
         ahead = _in_front(in_camera, image)
         normals = (_normals(in_camera)[ahead] @ T_camera_world[:3, :3]).astype(np.float32)
-        self._colors = np.ascontiguousarray(colors[some][ahead])
+        self._colors = np.ascontiguousarray(colors[sampled][ahead])
         intensity = self._colors.astype(np.float32) @ np.array([0.299, 0.587, 0.114], np.float32)
         self._points = Points(
-            np.ascontiguousarray(points[some][ahead]), normals, intensity, np.zeros(len(intensity), np.int32)
+            np.ascontiguousarray(points[sampled][ahead]), normals, intensity, np.zeros(len(intensity), np.int32)
         )
         self._reference = Reference((self._points,) * LEVELS, 1)
         self._noise_per_m = noise_per_m
@@ -111,7 +111,7 @@ class Cluster:
         best = expected.copy()
         best[:3, 3] += shifts[np.argmax(counts[:, 0] - counts[:, 1])]
         fits = [near, self._aligned(seen, levels, best)]
-        return max((one for one in fits if one is not None), key=lambda one: one.balance, default=None)
+        return max((fit for fit in fits if fit is not None), key=lambda fit: fit.balance, default=None)
 
     def _aligned(self, seen: Observation, levels: tuple[Level, ...], start: Float64Array) -> Fit | None:
         """Return the place that an alignment finds from a start, T_now_start (4, 4); None if it does not fit."""
@@ -152,8 +152,8 @@ def _in_front(points: Float64Array, image: WorkingImage) -> npt.NDArray[np.int64
 def _normals(points: Float64Array) -> Float64Array:
     """Return the normals (N, 3) of the surface at points (N, 3) in the camera; they face it."""
     _, near = cKDTree(points).query(points, min(NEIGHBOURS, len(points)))
-    around = points[near.reshape(len(points), -1)]
-    around = around - around.mean(1, keepdims=True)
-    _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))
+    neighbours = points[near.reshape(len(points), -1)]
+    neighbours = neighbours - neighbours.mean(1, keepdims=True)
+    _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", neighbours, neighbours))
     normals = vectors[:, :, 0]
     return np.asarray(np.where(((normals * points).sum(1) > 0)[:, None], -normals, normals))

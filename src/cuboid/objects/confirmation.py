@@ -60,7 +60,8 @@ def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, c
 def _is_beside(entry: MapObject, store: ObjectStore) -> bool:
     """Return whether frames have shown an object beside a labelled one and probably separate from it."""
     return any(
-        other.confirmed for other in store.all_of(store.affinity.partners(entry.number, most=-CERTAIN_LOG_ODDS / 2.0))
+        other.confirmed
+        for other in store.all_of(store.affinity.partners(entry.number, max_log_odds=-CERTAIN_LOG_ODDS / 2.0))
     )
 
 
@@ -89,12 +90,12 @@ def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> 
         return False
     normal, offset = planes.in_world(plane)
     top = quantile(entry.points @ normal, 1.0 - 2.0 * OUTLIER_FRACTION) + offset
-    least = max(top + DRIFT_M, top / FOOT_FRACTION if above else 0.0)
-    some = entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS]
+    min_top = max(top + DRIFT_M, top / FOOT_FRACTION if above else 0.0)
+    sampled = entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS]
     return any(
         len(other.points) > 0
-        and quantile(other.points @ normal, 1.0 - 2.0 * OUTLIER_FRACTION) + offset > least
-        and (touch(entry.points, other.points, DRIFT_M) or other.box.contains(some, DRIFT_M).any())
+        and quantile(other.points @ normal, 1.0 - 2.0 * OUTLIER_FRACTION) + offset > min_top
+        and (touch(entry.points, other.points, DRIFT_M) or other.box.contains(sampled, DRIFT_M).any())
         for other in store.neighbours(entry)
     )
 
@@ -130,7 +131,7 @@ def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
     labelled = [other for other in store.neighbours(entry) if other.confirmed]
     if not labelled:
         return False
-    unsure = set(store.affinity.partners(entry.number, least=-UNSURE))
+    unsure = set(store.affinity.partners(entry.number, min_log_odds=-UNSURE))
     if any(other.number in unsure and touch(entry.points, other.points, DRIFT_M) for other in labelled):
         return True
     return bool(store.overlapping([entry], labelled).any())

@@ -37,7 +37,7 @@ def add_votes(
     store : ObjectStore
         The store that contains them.
     weight : float
-        Weight of the frame, 0..1, as of `Affinity.add_evidence`.
+        Weight of the frame, 0..1: the novelty of `Affinity.add_evidence`.
     """
     shown = [(entry, view.rect_xyxy) for entry, view in visible if view.seen and len(entry.points)]
     if len(shown) < 2 or not len(found):
@@ -46,14 +46,14 @@ def add_votes(
     iou, inside = rect_iou_matrix(boxes, rects), fractions_inside(rects, boxes)
     detection = _detection_of_each(iou)
     for a, b in combinations(range(len(shown)), 2):
-        one, other = shown[a][0], shown[b][0]
-        if store.affinity.of(one.number, other.number) is None:
+        first, second = shown[a][0], shown[b][0]
+        if store.affinity.of(first.number, second.number) is None:
             continue
-        two = detection[a] >= 0 and detection[b] >= 0
-        if (two or _shows_both(boxes, rects[[a, b]], iou[:, [a, b]], inside[[a, b]])) and touch(
-            one.points, other.points, DRIFT_M
+        apart = detection[a] >= 0 and detection[b] >= 0
+        if (apart or _shows_both(boxes, rects[[a, b]], iou[:, [a, b]], inside[[a, b]])) and touch(
+            first.points, second.points, DRIFT_M
         ):
-            store.affinity.add_evidence(one.number, other.number, one=not two, novelty=weight)
+            store.affinity.add_evidence(first.number, second.number, same=not apart, novelty=weight)
 
 
 def _detection_of_each(iou: Float64Array) -> npt.NDArray[np.intp]:

@@ -134,6 +134,6 @@ class MapObject(Record):
         return float(1.0 / (1.0 + np.exp(-self.log_odds)))
 
 
-def summed_counts(one: Mapping[int, int], other: Mapping[int, int]) -> dict[int, int]:
+def summed_counts(first: Mapping[int, int], second: Mapping[int, int]) -> dict[int, int]:
     """Return the sums of two counts by key."""
-    return {**one, **{key: one.get(key, 0) + count for key, count in other.items()}}
+    return {**first, **{key: first.get(key, 0) + count for key, count in second.items()}}

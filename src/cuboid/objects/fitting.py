@@ -15,6 +15,7 @@ from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.limits import SAMPLE_POINTS
 from cuboid.core.tolerances import DRIFT_M, MIN_READINGS, SIGMAS
 from cuboid.geometry.box import Box
+from cuboid.heatmap.stored_points import Rows
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
@@ -32,6 +33,9 @@ GROWN = 0.15
 FITS = 4
 # Log-odds that an object loses if a fit shows that it is structure or noise.
 STRUCTURE = CLEAR
+
+# Unit normal (3,) and offset of the surface at which a box ends: normal.p + offset = 0.
+Rest = tuple[Float64Array, float]
 
 
 class Fitting:
@@ -66,8 +70,8 @@ class Fitting:
             waiting = [o for o in waiting if not o.confirmed or o.sightings >= 2 * o.fitted]
         waiting.sort(key=lambda o: ((o.fitted + 1) / (o.sightings + 1), o.number))
         confirmed = [o for o in waiting if o.confirmed][:FITS]
-        sure = [o for o in waiting if not o.confirmed and o.log_odds > 0][:FITS]
-        for entry in confirmed + sure:
+        likely = [o for o in waiting if not o.confirmed and o.log_odds > 0][:FITS]
+        for entry in confirmed + likely:
             self.fit(entry, eye, _times_grown(entry))
 
     def fit(self, entry: MapObject, eye: Float64Array | None = None, times: int = 1) -> None:
@@ -77,56 +81,30 @@ class Fitting:
         `times` is the number of fits for which this one counts: those that new viewpoints at each sighting would have
         caused.
         """
-        voxels = self._voxels
-        rows = voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
+        rows = self._voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
         entry.fitted = entry.sightings
         if len(rows) < MIN_READINGS:
             if entry.confirmed:
                 self._store.retire(entry)
             return
-        identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
-        plane = self._planes.find(identity)
-        points = voxels.stored.xyz(rows)
-        plane = (
-            None if plane is None else self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)
-        )
-        entry.plane = None if plane is None else plane.identity
-        rests = None if plane is None else self._planes.in_world(plane)
-        if rests is not None:
-            above = self._above(points, *rests)
-            rows, points = rows[above], points[above]
-            own = above_support_rim(points, *rests, voxels.voxel_m)
-            if not own.all():
-                rows, points = rows[own], points[own]
-                # Its support is not known yet: the box ends at the foot of the object.
-                foot_m = float((points @ rests[0]).min()) - 2.0 * voxels.voxel_m
-                entry.supports, entry.plane = {} if plane is None else {plane.identity: 1}, None
-                rests, plane = (rests[0], -foot_m), None
-        entry.points, entry.colors = points, voxels.stored.rgb(rows)
-        entry.heat, entry.keyframe = float(voxels.stored.heat(rows).mean()), voxels.stored.keyframe_of(rows)
+        rows, plane, rests = self._find_support(entry, rows)
+        stored = self._voxels.stored
+        entry.points, entry.colors = stored.xyz(rows), stored.rgb(rows)
+        entry.heat, entry.keyframe = float(stored.heat(rows).mean()), stored.keyframe_of(rows)
         others = [o.box for o in self._store.neighbours(entry) if o.confirmed]
-        bare, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others, eye)
-        box = bare if rests is None else with_foot(bare, *rests, others, voxels)
+        bare, noise_m = self._boxing.fit(rows, entry.points, rests, self._planes.likely_up, others, eye)
+        box = bare if rests is None else with_foot(bare, *rests, others, self._voxels)
         self._store.place(entry, box)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
             # A floating object may stand on a plane that was not known yet: estimate its support again from later
             # sightings.
             entry.supports = {plane.identity: 1}
         near = self._store.neighbours(entry)
-        entry.holder = 0 if rests is None else find_holder(entry, *rests, near, voxels)
-        owned = np.zeros(self._store.numbers, np.uint8)
-        owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
-        supports_plane = self._supports_plane(entry) or encloses(
-            entry, [o for o in near if o.confirmed], voxels.voxel_m
-        )
-        # A thinner or flatter object may be noise of a surface.
-        structure = (
-            supports_plane
-            or not fits_object(box, self._config)
-            or box.size.min() < SIGMAS * noise_m
-            or is_structure(box, entry.points, voxels, owned)
-        )
-        if plane is not None and rests is not None and not structure and not entry.holder:
+        entry.holder = 0 if rests is None else find_holder(entry, *rests, near, self._voxels)
+        labelled = [o for o in near if o.confirmed]
+        supports_plane = self._supports_plane(entry) or encloses(entry, labelled, self._voxels.voxel_m)
+        structure = supports_plane or self._is_structure(entry, box, noise_m, labelled)
+        if plane is not None and not structure and not entry.holder:
             self._store.place(entry, self._with_seat(entry, bare, plane, near))
         if structure:
             entry.log_odds -= STRUCTURE
@@ -138,6 +116,38 @@ class Fitting:
         if too_large(box, self._config) or (entry.confirmed and entry.supports_plane and supports_plane):
             self._store.retire(entry)
         entry.supports_plane = supports_plane
+
+    def _find_support(self, entry: MapObject, rows: Rows) -> tuple[Rows, Plane | None, Rest | None]:
+        """Set the supporting plane of an object.
+
+        Return its rows above the support, the plane, and normal and offset of the surface at which the box ends.
+        """
+        points = self._voxels.stored.xyz(rows)
+        identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
+        plane = self._planes.find(identity)
+        if plane is not None:
+            plane = self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)
+        entry.plane = None if plane is None else plane.identity
+        if plane is None:
+            return rows, None, None
+        normal, offset = self._planes.in_world(plane)
+        above = self._above(points, normal, offset)
+        rows, points = rows[above], points[above]
+        above_rim = above_support_rim(points, normal, offset, self._voxels.voxel_m)
+        if above_rim.all():
+            return rows, plane, (normal, offset)
+        # The real support is not known yet: the box ends at the foot of the object.
+        foot_m = float((points[above_rim] @ normal).min()) - 2.0 * self._voxels.voxel_m
+        entry.supports, entry.plane = {plane.identity: 1}, None
+        return rows[above_rim], None, (normal, -foot_m)
+
+    def _is_structure(self, entry: MapObject, box: Box, noise_m: float, labelled: Sequence[MapObject]) -> bool:
+        """Return whether an object beside labelled ones is noise of a surface, or a part of a larger surface."""
+        if not fits_object(box, self._config) or box.size.min() < SIGMAS * noise_m:
+            return True
+        owned = np.zeros(self._store.numbers, np.uint8)
+        owned[[entry.number, *(o.number for o in labelled)]] = 1
+        return is_structure(box, entry.points, self._voxels, owned)
 
     def _supports_plane(self, entry: MapObject) -> bool:
         """Return whether an object reaches up to a plane that lies on it.

@@ -4,7 +4,7 @@ An object leaves when frames see through most of it while something moves near i
 found from frame to frame, it is followed as a rigid cluster. It rests when it has stood on a surface for a while. A
 lost object waits with its label: a new object of similar size and colors gets this label, as between two visits. An
 object that waits for too long is gone. If it leaves less than two seconds after it got its label, the label ends.
-What was not there before gets a new label when it has rested for two seconds: hands and people hardly do.
+A new object gets a label when it has rested for two seconds, which hands and people seldom do.
 """
 
 from __future__ import annotations
@@ -174,8 +174,8 @@ class Following:
             self._arrivals.note_motion(places)
             self._note_near(places, time_s)
         self._find_leaving(seen, time_s)
-        for one in list(self._followed):
-            self._follow(one, seen, time_s)
+        for followed in list(self._followed):
+            self._follow(followed, seen, time_s)
         self._report_gone(time_s)
         self.agents = self._find_agents(seen)
         if seen.moving is None and not self._followed:
@@ -187,7 +187,7 @@ class Following:
         if seen.moving is None:
             return []
         moving = np.asarray(seen.moving & (seen.image.depth_m > 0), np.uint8)
-        for entry in [entry for entry, _ in self._settled] + [one.entry for one in self._followed]:
+        for entry in [entry for entry, _ in self._settled] + [followed.entry for followed in self._followed]:
             _mark_inside(entry.box, DRIFT_M, seen, moving, 0)
         boxes = []
         for group in groups_of(moving):
@@ -203,8 +203,8 @@ class Following:
         moving = np.zeros(depth_m.shape, np.uint8) if seen.moving is None else seen.moving.copy()
         for entry, _ in self._settled:
             _mark_inside(entry.box, BIAS_M, seen, moving, 0)
-        for one in self._followed:
-            _mark_inside(one.entry.box, 2 * BIAS_M, seen, moving, 1)
+        for followed in self._followed:
+            _mark_inside(followed.entry.box, 2 * BIAS_M, seen, moving, 1)
         return moving if moving.any() else None
 
     def _find_leaving(self, seen: Observation, time_s: float) -> None:
@@ -248,8 +248,8 @@ class Following:
         if found is not None and _is_elsewhere(found, cluster.fit_at(seen, np.eye(4)), entry.box):
             profile, box = color_profile_of(entry), entry.box
             self._remove(entry)
-            one = _Followed(entry, profile, cluster, box, entry.points, time_s)
-            self._followed.append(one)
+            followed = _Followed(entry, profile, cluster, box, entry.points, time_s)
+            self._followed.append(followed)
         elif self._leaves.get(entry.number, 0) >= IN_A_ROW:
             self._remove(entry)
             if not young:
@@ -262,7 +262,7 @@ class Following:
     def _remove(self, entry: MapObject) -> None:
         for counts in (self._stirs, self._leaves):
             counts.pop(entry.number, None)
-        self._settled = [one for one in self._settled if one[0] is not entry]
+        self._settled = [settled for settled in self._settled if settled[0] is not entry]
         self._voxels.stored.remove(entry.number)
         self._store.retire(entry)
 
@@ -272,46 +272,46 @@ class Following:
 
     # --- followed objects ------------------------------------------------------------------------------------------
 
-    def _follow(self, one: _Followed, seen: Observation, time_s: float) -> None:
-        expected = one.step @ one.T
-        stays = one.cluster.fit_at(seen, one.T)
-        found = one.cluster.find(seen, self._levels_of(seen), expected, REACH_M)
+    def _follow(self, followed: _Followed, seen: Observation, time_s: float) -> None:
+        expected = followed.step @ followed.T
+        stays = followed.cluster.fit_at(seen, followed.T)
+        found = followed.cluster.find(seen, self._levels_of(seen), expected, REACH_M)
         if stays is not None and (found is None or found.balance < stays.balance + BETTER):
             found = stays
         if found is None:
-            one.missed += 1
-            if one.missed >= LOST_FRAMES:
-                self._followed.remove(one)
-                self._gone.append(_Gone(one.entry, one.profile, one.from_box, one.since_s))
+            followed.missed += 1
+            if followed.missed >= LOST_FRAMES:
+                self._followed.remove(followed)
+                self._gone.append(_Gone(followed.entry, followed.profile, followed.from_box, followed.since_s))
             return
-        one.missed = 0
-        one.step = found.T_now_start @ inverse(one.T)
-        one.T, one.score = found.T_now_start, found.score
-        one.entry.points = transform(one.T, one.points).astype(np.float32)
-        one.entry.box = one.from_box.moved(one.T)
-        one.path.append((time_s, one.entry.box.center))
-        while one.path and time_s - one.path[0][0] > REST_S:
-            one.path.popleft()
-        if self._rests(one, time_s):
-            self._settle(one, time_s)
+        followed.missed = 0
+        followed.step = found.T_now_start @ inverse(followed.T)
+        followed.T, followed.score = found.T_now_start, found.score
+        followed.entry.points = transform(followed.T, followed.points).astype(np.float32)
+        followed.entry.box = followed.from_box.moved(followed.T)
+        followed.path.append((time_s, followed.entry.box.center))
+        while followed.path and time_s - followed.path[0][0] > REST_S:
+            followed.path.popleft()
+        if self._rests(followed, time_s):
+            self._settle(followed, time_s)
 
-    def _rests(self, one: _Followed, time_s: float) -> bool:
-        wait_s = SET_DOWN_S if self._stands(one.entry.box) else REST_S - SET_DOWN_S
-        late = [center for at_s, center in one.path if time_s - at_s <= wait_s]
-        if time_s - one.path[0][0] < wait_s or len(late) < 2:
+    def _rests(self, followed: _Followed, time_s: float) -> bool:
+        wait_s = SET_DOWN_S if self._stands(followed.entry.box) else REST_S - SET_DOWN_S
+        late = [center for at_s, center in followed.path if time_s - at_s <= wait_s]
+        if time_s - followed.path[0][0] < wait_s or len(late) < 2:
             return False
         return bool(np.linalg.norm(np.array(late) - late[-1], axis=1).max() < STILL_M)
 
     def _stands(self, box: Box) -> bool:
         return any(abs(box.foot_m(*self._planes.in_world(plane))) < DRIFT_M for plane in self._planes.in_use)
 
-    def _settle(self, one: _Followed, time_s: float) -> None:
+    def _settle(self, followed: _Followed, time_s: float) -> None:
         """End the motion of a followed object at its present place."""
-        self._followed.remove(one)
-        self._store.set_down(one.entry, one.entry.box)
-        self._settled.append((one.entry, time_s + REST_S + SET_DOWN_S))
-        if np.linalg.norm(one.entry.box.center - one.from_box.center) > MOVED_M:
-            self._report("moved", one.entry, one.from_box, one.entry.box, one.score)
+        self._followed.remove(followed)
+        self._store.set_down(followed.entry, followed.entry.box)
+        self._settled.append((followed.entry, time_s + REST_S + SET_DOWN_S))
+        if np.linalg.norm(followed.entry.box.center - followed.from_box.center) > MOVED_M:
+            self._report("moved", followed.entry, followed.from_box, followed.entry.box, followed.score)
 
     def claim(self, slots: npt.NDArray[np.int32], seen: Observation) -> None:
         """Assign the voxels of a frame that lie in settled objects to these objects."""
@@ -329,16 +329,16 @@ class Following:
     # --- waiting objects -------------------------------------------------------------------------------------------
 
     def _report_gone(self, time_s: float) -> None:
-        for one in self._gone:
-            if not one.reported and time_s - one.since_s >= GONE_S:
-                one.reported = True
-                self._report("gone", one.entry, one.from_box, None, 1.0)
+        for gone in self._gone:
+            if not gone.reported and time_s - gone.since_s >= GONE_S:
+                gone.reported = True
+                self._report("gone", gone.entry, gone.from_box, None, 1.0)
 
     def note_labels(self, entries: Sequence[MapObject], frame: int, time_s: float) -> None:
         """Compare objects with a new label, if they came while the camera watched, with the waiting ones.
 
-        An object that is none of these has appeared. That is reported when the object is seen a second later: a hand
-        has left its place by then.
+        An object that resembles none of these has appeared. The event is reported when the object is seen a second
+        later: by then a hand has left the place.
         """
         self._forget_newcomers(entries)
         self._labelled_s |= {entry.number: time_s for entry in entries}
@@ -361,8 +361,8 @@ class Following:
         """Forget candidates that were retired or got their label, except for these objects and those that came."""
         kept = {entry.number for entry in (*entries, *self._came)}
         self._newcomers = {
-            number: one
-            for number, one in self._newcomers.items()
+            number: newcomer
+            for number, newcomer in self._newcomers.items()
             if number in kept or (number in self._store and self._store[number].state is State.CANDIDATE)
         }
 
@@ -371,12 +371,12 @@ class Following:
         best, scores = self._waiting_like(entry)
         if best is None:
             return False
-        one = self._gone.pop(best)
-        self._store.adopt(entry, one.entry)
-        if one.reported:
-            self._report("back", entry, one.from_box, entry.box, scores[best])
-        elif np.linalg.norm(entry.box.center - one.from_box.center) > MOVED_M:
-            self._report("moved", entry, one.from_box, entry.box, scores[best])
+        gone = self._gone.pop(best)
+        self._store.adopt(entry, gone.entry)
+        if gone.reported:
+            self._report("back", entry, gone.from_box, entry.box, scores[best])
+        elif np.linalg.norm(entry.box.center - gone.from_box.center) > MOVED_M:
+            self._report("moved", entry, gone.from_box, entry.box, scores[best])
         return True
 
     def _waiting_like(self, entry: MapObject) -> tuple[int | None, list[float]]:
@@ -384,12 +384,12 @@ class Following:
         if not self._gone:
             return None, []
         profile = color_profile_of(entry)
-        scores = [similarity(profile, entry.box, one.profile, one.from_box) for one in self._gone]
+        scores = [similarity(profile, entry.box, gone.profile, gone.from_box) for gone in self._gone]
         return most_similar(scores), scores
 
     def _is_in_old_place(self, entry: MapObject) -> bool:
         """Return whether an object is where one was that seemed to leave."""
-        return any(np.linalg.norm(entry.box.center - one.from_box.center) < MOVED_M for one in self._gone)
+        return any(np.linalg.norm(entry.box.center - gone.from_box.center) < MOVED_M for gone in self._gone)
 
     def _report(self, event: EventName, entry: MapObject, before: Box | None, after: Box | None, score: float) -> None:
         from_m, to_m = (None if box is None else box.center for box in (before, after))
@@ -412,10 +412,12 @@ class Following:
             return False
         if entry.number not in self._newcomers:
             since_s = self._time_s.get(entry.first_frame, min(self._time_s.values()))
-            absent, come = self._arrivals.was_absent(entry), self._arrivals.has_come(entry)
-            self._newcomers[entry.number] = _Newcomer(since_s, time_s, absent, come)
-        one = self._newcomers[entry.number]
-        return not one.was_absent or time_s - one.since_s >= REST_S or self._waiting_like(entry)[0] is not None
+            was_absent, has_come = self._arrivals.was_absent(entry), self._arrivals.has_come(entry)
+            self._newcomers[entry.number] = _Newcomer(since_s, time_s, was_absent, has_come)
+        newcomer = self._newcomers[entry.number]
+        return (
+            not newcomer.was_absent or time_s - newcomer.since_s >= REST_S or self._waiting_like(entry)[0] is not None
+        )
 
     # --- results ---------------------------------------------------------------------------------------------------
 
@@ -423,18 +425,20 @@ class Following:
         self, shown: tuple[Sighting, ...], seen: Observation, slots: npt.NDArray[np.int32]
     ) -> tuple[Sighting, ...]:
         """Return the sightings of a frame with those of followed objects."""
-        here = [one.entry for one in self._followed if not one.missed]
-        if not here:
+        present = [item.entry for item in self._followed if not item.missed]
+        if not present:
             return shown
-        boxes = pack([entry.box for entry in here])
-        views = measure_visibility(here, boxes, seen, slots, self._voxels.stored.owner, self._config.depth_noise_per_m)
+        boxes = pack([entry.box for entry in present])
+        views = measure_visibility(
+            present, boxes, seen, slots, self._voxels.stored.owner, self._config.depth_noise_per_m
+        )
         found = list(shown)
-        for entry, view in zip(here, views, strict=True):
+        for entry, view in zip(present, views, strict=True):
             if view.seen:
                 entry.frames_seen += 1
                 entry.last_frame = seen.frame
                 found.append(Sighting(entry.label, entry.box, None, view.visible, view.rect_xyxy))
-        return tuple(sorted(found, key=lambda one: one.label))
+        return tuple(sorted(found, key=lambda item: item.label))
 
 
 def _points_of(seen: Observation) -> Float32Array:
@@ -465,7 +469,7 @@ def _mark_inside(box: Box, beyond_m: float, seen: Observation, marks: UInt8Array
     marks[rows[inside], columns[inside]] = value
 
 
-def _is_elsewhere(found: Fit, there: Fit | None, box: Box) -> bool:
-    """Tell whether an object was found elsewhere, and not as well in its place."""
+def _is_elsewhere(found: Fit, in_place: Fit | None, box: Box) -> bool:
+    """Return whether an object was found elsewhere, and clearly better than in its place."""
     far = np.linalg.norm(transform(found.T_now_start, box.center) - box.center) > STILL_M
-    return bool(far and (there is None or found.balance >= there.balance + STIRS))
+    return bool(far and (in_place is None or found.balance >= in_place.balance + STIRS))

@@ -26,12 +26,12 @@ SAME_IOU = 0.5
 # it is no evidence that the detector sees nothing else there.
 INSIDE_FRACTION = 0.5
 # Scores below this are ignored: detectors list classes from about this score on.
-LEAST_SCORE = 0.05
+MIN_SCORE = 0.05
 # A score that is no evidence for or against a class. Objects outside the vocabulary get scores around it again and
 # again (a lunch box as a cell phone: 0.08 to 0.4), others get more: mice 0.13 to 0.4, screens and books 0.8 to 0.9.
 NEUTRAL_SCORE = 0.15
 # Scores are clipped to this.
-MOST_SCORE = 0.99
+MAX_SCORE = 0.99
 # Largest loss of log-odds of a class in a sighting: a small detector misses two of three objects.
 MISSED = 0.3
 # Log-odds of "no known class" before the first sighting.
@@ -105,7 +105,7 @@ def name_objects(found: Detections, seen: Sequence[tuple[MapObject, float, Float
 
 def likely_classes(names: Sequence[str], scores: Float32Array) -> dict[str, float]:
     """Return the classes whose scores (C,) a detector would list; a class with an empty name is ignored."""
-    return {names[c]: float(scores[c]) for c in np.flatnonzero(scores >= LEAST_SCORE).tolist() if names[c]}
+    return {names[c]: float(scores[c]) for c in np.flatnonzero(scores >= MIN_SCORE).tolist() if names[c]}
 
 
 def add_evidence(entry: Nameable, scores: Mapping[str, float], visible: float, eye: Float64Array) -> float:
@@ -117,7 +117,7 @@ def add_evidence(entry: Nameable, scores: Mapping[str, float], visible: float, e
     ----------
     entry : MapObject
     scores : mapping of str to float
-        Scores by class, `LEAST_SCORE` or more; absent classes were not detected.
+        Scores by class, `MIN_SCORE` or more; absent classes were not detected.
     visible : float
         Visible fraction of the object.
     eye : (3,) float64
@@ -133,9 +133,9 @@ def add_evidence(entry: Nameable, scores: Mapping[str, float], visible: float, e
     return weight
 
 
-def merged_evidence(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+def merged_evidence(first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
     """Return the evidence for the name of an object that was tracked as two."""
-    return _likely({name: one.get(name, 0.0) + other.get(name, 0.0) for name in sorted({*one, *other})})
+    return _likely({name: first.get(name, 0.0) + second.get(name, 0.0) for name in sorted({*first, *second})})
 
 
 def name_scores(log_odds: Mapping[str, float]) -> list[tuple[str, float]]:
@@ -143,7 +143,7 @@ def name_scores(log_odds: Mapping[str, float]) -> list[tuple[str, float]]:
     values = np.array([*log_odds.values(), PRIOR])
     weights = np.exp(values - values.max())
     scores = (weights / weights.sum()).tolist()
-    return sorted(zip(log_odds, scores, strict=False), key=lambda one: (-one[1], one[0]))
+    return sorted(zip(log_odds, scores, strict=False), key=lambda item: (-item[1], item[0]))
 
 
 def chosen_name(classes: Sequence[tuple[str, float]]) -> Named:
@@ -154,7 +154,7 @@ def chosen_name(classes: Sequence[tuple[str, float]]) -> Named:
     classes : sequence of (str, float)
         Classes with their probabilities, most likely first.
     """
-    scores = [one for one in classes if round(one[1], NAME_DIGITS) > 0.0]
+    scores = [item for item in classes if round(item[1], NAME_DIGITS) > 0.0]
     if not scores or scores[0][1] < MIN_NAME_SCORE:
         return Named(name=None, name_score=None, names=tuple(scores[:NEXT_NAMES]))
     (name, score), *rest = scores
@@ -163,7 +163,7 @@ def chosen_name(classes: Sequence[tuple[str, float]]) -> Named:
 
 def score_gain(score: float) -> float:
     """Return the log-odds that a class gains from its score in a sighting."""
-    bounded = min(max(score, LEAST_SCORE), MOST_SCORE)
+    bounded = min(max(score, MIN_SCORE), MAX_SCORE)
     return max(_logit(bounded) - _logit(NEUTRAL_SCORE), -MISSED)
 
 

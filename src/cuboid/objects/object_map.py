@@ -220,7 +220,7 @@ class ObjectMap:
         for i in np.flatnonzero(sure).tolist():
             labelled = numbers[i] > 0 and self.store[numbers[i]].confirmed
             others = self.store.affinity.partners(
-                numbers[i], most=-CERTAIN_LOG_ODDS / 2.0 if labelled else -CERTAIN_LOG_ODDS
+                numbers[i], max_log_odds=-CERTAIN_LOG_ODDS / 2.0 if labelled else -CERTAIN_LOG_ODDS
             )
             if others:
                 columns = place[others]
@@ -234,13 +234,13 @@ class ObjectMap:
         whole = (found.object_pixels >= MIN_READINGS) & (found.overlap >= COVERED_FRACTION * found.object_pixels)
         for i in np.flatnonzero(whole.sum(1) > 1):
             for a, b in combinations(np.flatnonzero(whole[i]).tolist(), 2):
-                affinity.add_evidence(numbers[a], numbers[b], one=True, novelty=novelty)
+                affinity.add_evidence(numbers[a], numbers[b], same=True, novelty=novelty)
         matched, match = found.match >= 0, found.match.tolist()
         beside = np.triu(frame_segments.contact + frame_segments.contact.T > 0, 1) & matched & matched[:, None]
         for i, j in zip(*(k.tolist() for k in np.nonzero(beside)), strict=True):
             a, b = found.objects[match[i]], found.objects[match[j]]
             if self._are_separate(frame_segments, i, j) and not self._are_attached(a, b):
-                affinity.add_evidence(a.number, b.number, one=False, novelty=novelty)
+                affinity.add_evidence(a.number, b.number, same=False, novelty=novelty)
 
     @staticmethod
     def _are_attached(a: MapObject, b: MapObject) -> bool:
@@ -262,9 +262,11 @@ class ObjectMap:
         if not labelled:
             return
         for i, j in zip(*(k.tolist() for k in np.nonzero(self.store.overlapping(entries, labelled))), strict=True):
-            one, other = entries[i], labelled[j]
-            if not (one.confirmed and one.number >= other.number):  # count each pair once, and no object with itself
-                self.store.affinity.add_evidence(one.number, other.number, one=True, novelty=novelty)
+            first, second = entries[i], labelled[j]
+            if not (
+                first.confirmed and first.number >= second.number
+            ):  # count each pair once, and no object with itself
+                self.store.affinity.add_evidence(first.number, second.number, same=True, novelty=novelty)
 
     def _penalise_missed(self, found: Association) -> None:
         """Lower the log-odds of candidates in view without a match."""
@@ -326,19 +328,19 @@ class ObjectMap:
             number = entry.number
             if number not in self.store or entry.state is State.RETIRED:
                 continue
-            for other in self.store.affinity.partners(number, least=CERTAIN_LOG_ODDS / 2.0):
+            for other in self.store.affinity.partners(number, min_log_odds=CERTAIN_LOG_ODDS / 2.0):
                 if other not in self.store:
                     continue
                 evidence = self.store.affinity.of(number, other)
                 a, b = self.store[number], self.store[other]
-                least = CERTAIN_LOG_ODDS if a.confirmed and b.confirmed else CERTAIN_LOG_ODDS / 2.0
-                if evidence is not None and evidence >= least:
+                min_log_odds = CERTAIN_LOG_ODDS if a.confirmed and b.confirmed else CERTAIN_LOG_ODDS / 2.0
+                if evidence is not None and evidence >= min_log_odds:
                     self.merge(a, b, eye)
                     break
 
-    def merge(self, one: MapObject, two: MapObject, eye: Float64Array | None = None) -> MapObject:
+    def merge(self, first: MapObject, second: MapObject, eye: Float64Array | None = None) -> MapObject:
         """Merge two objects and return the result; `eye` (3,) is the position of a camera that sees them, if any."""
-        kept, _ = self.store.merge(one, two)
+        kept, _ = self.store.merge(first, second)
         self._fitting.fit(kept, eye)
         return kept
 

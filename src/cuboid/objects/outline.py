@@ -46,11 +46,11 @@ def log_odds_of(outlines: Outline, read: Float64Array) -> Float64Array:
     kinds[:, CONTACT] -= outlines[:, BOTTOM, CONTACT]
     judged = kinds[:, :HIDDEN].sum(1).astype(np.float64)
     # A border at another object, or at a hole without a color edge, is the object's own outline half of the time.
-    own = kinds[:, FREE] + kinds[:, SUPPORT] + 0.5 * kinds[:, UNSURE]
-    fraction = own / np.maximum(judged, 1.0)
+    bounding = kinds[:, FREE] + kinds[:, SUPPORT] + 0.5 * kinds[:, UNSURE]
+    fraction = bounding / np.maximum(judged, 1.0)
     # The hidden or cut-off part of the bottom is where the object stands.
-    asked = kinds.sum(1) - outlines[:, BOTTOM, HIDDEN:].sum(1)
-    evidence = CLEAR * judged / np.maximum(asked, 1.0) * (fraction - OWN_FRACTION) / (1.0 - OWN_FRACTION)
+    visible = kinds.sum(1) - outlines[:, BOTTOM, HIDDEN:].sum(1)
+    evidence = CLEAR * judged / np.maximum(visible, 1.0) * (fraction - OWN_FRACTION) / (1.0 - OWN_FRACTION)
     # Filled pixels are an estimate: a sighting has full weight if half of the segment is readings, otherwise less.
     return np.asarray(evidence * np.minimum(1.0, read / FULLY_READ_FRACTION), dtype=np.float64)
 
@@ -88,12 +88,12 @@ def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) ->
     """
     judged = outline[:, :HIDDEN].sum(1)
     whole = outline.sum(1)
-    least = np.full(4, KNOWN_SIDE_FRACTION)
-    least[TOP] = KNOWN_TOP_FRACTION
+    min_fraction = np.full(4, KNOWN_SIDE_FRACTION)
+    min_fraction[TOP] = KNOWN_TOP_FRACTION
     # The part of the top that the image border cuts off is ignored, if frames saw some of the top.
     uncut = whole.copy()
     uncut[TOP] -= outline[TOP, BORDER]
-    observed = (outline[:, :CONTACT].sum(1) >= least * uncut) & (uncut >= KNOWN_SIDE_FRACTION * whole)
+    observed = (outline[:, :CONTACT].sum(1) >= min_fraction * uncut) & (uncut >= KNOWN_SIDE_FRACTION * whole)
     structure = outline[:, CONTACT] > MAJORITY * judged
     hidden = beside * outline[:, HIDDEN]
     cut = cut_off * outline[:, BORDER] + hidden > MAJORITY * whole

@@ -65,10 +65,10 @@ def predict(place: Float64Array, size_m: Float64Array, seen: Observation) -> Pre
         return None
     depth_m = _inside(rect, seen.image.depth_m)
     read = float((depth_m > 0).mean()) if depth_m.size else 0.0
-    before = float(((depth_m > 0) & (depth_m < z - HIDING_M - HIDING * z)).mean()) if depth_m.size else 0.0
+    hidden = float(((depth_m > 0) & (depth_m < z - HIDING_M - HIDING * z)).mean()) if depth_m.size else 0.0
     in_picture = min(1.0, float(sides.prod() / max(4.0 * half.prod(), 1e-9)))
     full = rect * image.step + [*image.phase, *image.phase]
-    return Predicted(full, in_picture * (1.0 - before), read, DRIFT_M * camera.fx * image.step / z)
+    return Predicted(full, in_picture * (1.0 - hidden), read, DRIFT_M * camera.fx * image.step / z)
 
 
 def shifted_iou(view: Predicted | None, boxes: Float64Array) -> Float64Array:
@@ -112,8 +112,8 @@ def distance_of(rect_xyxy: Float64Array, seen: Observation) -> float | None:
     """
     rect = _working(rect_xyxy, seen)
     rim = RIM * np.tile(rect[2:] - rect[:2], 2) * (-1.0, -1.0, 1.0, 1.0)
-    for one in (rect, rect + rim):
-        depth_m = _inside(one, seen.image.depth_m)
+    for area in (rect, rect + rim):
+        depth_m = _inside(area, seen.image.depth_m)
         readings = depth_m[depth_m > 0]
         if len(readings) >= MIN_READINGS:
             return float(np.median(readings) * np.linalg.norm(_ray(rect_xyxy, seen)[0]))

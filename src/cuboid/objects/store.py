@@ -111,15 +111,15 @@ class ObjectStore:
         """Return the boxes (N, 15) of living objects, see `pack`."""
         return self.boxes[[entry.number for entry in entries]]
 
-    def overlapping(self, some: Sequence[MapObject], others: Sequence[MapObject]) -> npt.NDArray[np.bool_]:
+    def overlapping(self, entries: Sequence[MapObject], others: Sequence[MapObject]) -> npt.NDArray[np.bool_]:
         """Return which living objects overlap in space, (N, M), by half of the smaller box or more.
 
         An object inside a far larger one must also share half of its points with it: otherwise the larger one is
         hollow, as a tote is.
         """
-        found = np.asarray(overlap_min_matrix(self.boxes_of(some), self.boxes_of(others)) >= SHARED_FRACTION)
+        found = np.asarray(overlap_min_matrix(self.boxes_of(entries), self.boxes_of(others)) >= SHARED_FRACTION)
         for i, j in zip(*np.nonzero(found), strict=True):
-            found[i, j] = not _is_inside_hollow(some[i], others[j])
+            found[i, j] = not _is_inside_hollow(entries[i], others[j])
         return found
 
     @property
@@ -261,9 +261,9 @@ class ObjectStore:
         return [o for o in found if o is not None and o.state is not State.RETIRED]
 
 
-def _is_inside_hollow(one: MapObject, other: MapObject) -> bool:
+def _is_inside_hollow(first: MapObject, second: MapObject) -> bool:
     """Return whether the smaller one of two objects lies in the hollow of a far larger one."""
-    small, large = sorted((one, other), key=lambda entry: entry.box.volume)
+    small, large = sorted((first, second), key=lambda entry: entry.box.volume)
     if large.box.size[2] < HOLLOW_HEIGHT_M or small.box.volume > HOLLOW_FRACTION * large.box.volume:
         return False
     if not (len(small.points) and len(large.points)):

@@ -57,18 +57,18 @@ def find_holder(
     low = np.flatnonzero(height <= foot + DRIFT_M)
     low = low[:: 1 + len(low) // SAMPLE_POINTS]
     points, height, plane_visible = points[low], height[low], None
-    best, holder = 0, 0
+    most_touching, holder = 0, 0
     for other in others:
         if len(other.points) < MIN_READINGS:
             continue
         # Points of adjacent voxels are at most two voxels apart.
         touches = points_near(entry.points, other.points, 2.0 * voxels.voxel_m)
-        if touches <= best:
+        if touches <= most_touching:
             continue
-        theirs = other.points @ normal + offset
+        other_height = other.points @ normal + offset
         if (
-            quantile(theirs, 2.0 * OUTLIER_FRACTION) >= foot
-            or quantile(theirs, 1.0 - 2.0 * OUTLIER_FRACTION) <= foot + JUMP_M
+            quantile(other_height, 2.0 * OUTLIER_FRACTION) >= foot
+            or quantile(other_height, 1.0 - 2.0 * OUTLIER_FRACTION) <= foot + JUMP_M
         ):
             continue
         if plane_visible is None:
@@ -77,7 +77,7 @@ def find_holder(
         # The larger object holds the smaller one at its side; around a foot the holder may be the smaller one.
         beneath = inside if len(other.points) < len(entry.points) else inside | plane_visible
         if np.count_nonzero(beneath) / len(low) >= KNOWN_BENEATH_FRACTION:
-            best, holder = touches, other.number
+            most_touching, holder = touches, other.number
     return holder
 
 

@@ -45,7 +45,7 @@ from cuboid.objects.visibility import Visibility
 # positions along the line of sight, and sizes, are inaccurate.
 FOLLOW_IOU = 0.3
 # Smallest visible fraction of an object that is reported as seen, and of one that counts as missed if not detected.
-SEEN_FRACTION, LOOKED_FRACTION = 0.3, 0.5
+SEEN_FRACTION, MISSED_FRACTION = 0.3, 0.5
 # Frames in which an unread object and an object of the map must have the same rectangle to be merged.
 MIN_MEETINGS = 2
 # An unread object without a label is removed below these log-odds.
@@ -53,7 +53,7 @@ DROPPED = -1.0
 # Log-odds of a hit in addition to its score: false detections seldom repeat at the same position.
 HIT = 0.7
 # Largest number of unread objects; the most likely ones are kept.
-MAX_THINGS = 64
+MAX_UNREAD = 64
 # Standard deviations: of the direction to an object, radians, and as a fraction of its angular size; of its distance
 # from readings in or around its rectangle, as a fraction of the distance.
 DIRECTION_RAD, DIRECTION_SIZE, DISTANCE = 0.01, 0.1, 0.2
@@ -74,30 +74,30 @@ class UnreadMap:
 
     def __init__(self, store: ObjectStore, far_m: float) -> None:
         self._store, self._far_m = store, far_m
-        self._things: list[UnreadObject] = []
+        self._objects: list[UnreadObject] = []
         self._next_number = 1
         # Rectangles of the objects hit in the last frame, by number, until the sightings of the frame are reported.
         self._hit: dict[int, Float64Array] = {}
 
     def state(self) -> tuple[UnreadObject, ...]:
         """Return copies of the current objects; later updates do not change them."""
-        return tuple([copy(one) for one in self._things])
+        return tuple([copy(unread) for unread in self._objects])
 
-    def restore(self, things: Sequence[UnreadObject]) -> None:
+    def restore(self, objects: Sequence[UnreadObject]) -> None:
         """Continue from a state."""
-        self._things = list(things)
-        self._next_number = 1 + max((one.number for one in things), default=0)
+        self._objects = list(objects)
+        self._next_number = 1 + max((unread.number for unread in objects), default=0)
 
     def forget(self, label: int) -> bool:
         """Remove an object because a user asks for it; return whether one had the label."""
-        left = [one for one in self._things if one.label != label]
-        found = len(left) < len(self._things)
-        self._things = left
+        kept = [unread for unread in self._objects if unread.label != label]
+        found = len(kept) < len(self._objects)
+        self._objects = kept
         return found
 
     def confirmed(self) -> list[UnreadObject]:
         """Return the certain objects with a label of their own, by label."""
-        return sorted((o for o in self._things if o.label and not o.partner and o.is_sure), key=lambda o: o.label)
+        return sorted((o for o in self._objects if o.label and not o.partner and o.is_sure), key=lambda o: o.label)
 
     def merge(self, label: int, other: int, planes: Planes) -> int:
         """Merge two labelled objects because a user says that they are one; return the older label, which stays.
@@ -109,17 +109,17 @@ class UnreadMap:
         planes : Planes
         """
         older, younger = sorted((label, other))
-        things = {one.label: one for one in self.confirmed()}
-        if older in things and younger in things:
-            kept, gone = things[older], things[younger]
+        by_label = {unread.label: unread for unread in self.confirmed()}
+        if older in by_label and younger in by_label:
+            kept, gone = by_label[older], by_label[younger]
             absorb(kept, gone, planes)
             kept.merged_labels = sorted({*kept.merged_labels, *gone.merged_labels, younger})
-            self._things.remove(gone)
+            self._objects.remove(gone)
             return older
-        thing = things.get(older) or things[younger]
-        entry = next(one for one in self._store.confirmed() if one.label in (older, younger))
-        entry.name_log_odds = merged_evidence(entry.name_log_odds, thing.name_log_odds)
-        self._join_map(thing, entry)
+        unread_object = by_label.get(older) or by_label[younger]
+        entry = next(o for o in self._store.confirmed() if o.label in (older, younger))
+        entry.name_log_odds = merged_evidence(entry.name_log_odds, unread_object.name_log_odds)
+        self._join_map(unread_object, entry)
         return entry.label
 
     def update(self, found: Detections, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation) -> None:
@@ -133,23 +133,23 @@ class UnreadMap:
         seen : Observation
         """
         boxes = found.boxes_xyxy.astype(np.float64)
-        views = [predict(one.center, one.size_m, seen) for one in self._things]
+        views = [predict(unread.center, unread.size_m, seen) for unread in self._objects]
         partner = self._assigned(boxes, views)
         self._hit = {}
-        for k, (one, view) in enumerate(zip(self._things, views, strict=True)):
+        for k, (unread, view) in enumerate(zip(self._objects, views, strict=True)):
             if k in partner:
-                self._add_hit(one, found, partner[k], seen)
-            elif view is not None and view.visible >= LOOKED_FRACTION and view.read < READ_FRACTION:
-                one.log_odds -= MISSED * view.visible
+                self._add_hit(unread, found, partner[k], seen)
+            elif view is not None and view.visible >= MISSED_FRACTION and view.read < READ_FRACTION:
+                unread.log_odds -= MISSED * view.visible
         shown_xyxy = np.array([view.rect_xyxy for view in views if view is not None]).reshape(-1, 4)
         for k in sorted({*range(len(boxes))} - {*partner.values()}):
-            self._begin(found, k, shown_xyxy, seen)
-        self._meet([(entry, view) for entry, view in visible if entry.confirmed])
+            self._start(found, k, shown_xyxy, seen)
+        self._merge_into_map([(entry, view) for entry, view in visible if entry.confirmed])
         self._merge_doubles(seen)
-        self._end()
-        for one in self._things:
-            if not one.label and not one.partner and one.is_sure:
-                one.label = self._store.next_label()
+        self._remove_unlikely()
+        for unread in self._objects:
+            if not unread.label and not unread.partner and unread.is_sure:
+                unread.label = self._store.next_label()
 
     @staticmethod
     def _assigned(boxes: Float64Array, views: Sequence[Predicted | None]) -> dict[int, int]:
@@ -166,23 +166,23 @@ class UnreadMap:
                 taken.add(k)
         return found
 
-    def _add_hit(self, one: UnreadObject, found: Detections, k: int, seen: Observation) -> None:
+    def _add_hit(self, unread: UnreadObject, found: Detections, k: int, seen: Observation) -> None:
         box, scores = found.boxes_xyxy[k].astype(np.float64), found.scores[k]
-        weight = add_evidence(one, likely_classes(found.names, scores), 1.0, seen.eye)
-        one.log_odds = min(MAX_LOG_ODDS, one.log_odds + weight * (HIT + score_gain(float(scores.max()))))
-        one.hits, one.keyframe = one.hits + 1, seen.keyframe
-        one.read += (read_fraction(box, seen) - one.read) / one.hits
-        self._add_ray(one, box, seen, weight)
-        z = float(transform(seen.T_camera_world, one.center)[2])
+        weight = add_evidence(unread, likely_classes(found.names, scores), 1.0, seen.eye)
+        unread.log_odds = min(MAX_LOG_ODDS, unread.log_odds + weight * (HIT + score_gain(float(scores.max()))))
+        unread.hits, unread.keyframe = unread.hits + 1, seen.keyframe
+        unread.read += (read_fraction(box, seen) - unread.read) / unread.hits
+        self._add_ray(unread, box, seen, weight)
+        z = float(transform(seen.T_camera_world, unread.center)[2])
         if z > NEAREST_M and not is_cut_off(box, seen):
-            one.add_size(size_at(box, z, seen), float(np.linalg.norm(one.center - seen.eye)), weight)
-        self._hit[one.number] = box
+            unread.add_size(size_at(box, z, seen), float(np.linalg.norm(unread.center - seen.eye)), weight)
+        self._hit[unread.number] = box
 
     @staticmethod
-    def _add_ray(one: UnreadObject, box: Float64Array, seen: Observation, weight: float) -> None:
+    def _add_ray(unread: UnreadObject, box: Float64Array, seen: Observation, weight: float) -> None:
         """Update an object's position with the ray through a detection, and with the distance from readings at it."""
         direction, size_rad = ray_through(box, seen)
-        distance_m = max(float(np.linalg.norm(one.center - seen.eye)), NEAREST_M)
+        distance_m = max(float(np.linalg.norm(unread.center - seen.eye)), NEAREST_M)
         along = np.outer(direction, direction)
         across = np.eye(3) - along
         sure = weight / (distance_m * max(DIRECTION_RAD, DIRECTION_SIZE * size_rad)) ** 2
@@ -191,10 +191,10 @@ class UnreadMap:
         if read_m is not None:
             near = weight / (DISTANCE * read_m) ** 2
             information, vector = information + near * along, vector + near * (along @ (seen.eye + read_m * direction))
-        one.information = FADING * one.information + information
-        one.vector = FADING * one.vector + vector
+        unread.information = FADING * unread.information + information
+        unread.vector = FADING * unread.vector + vector
 
-    def _begin(self, found: Detections, k: int, shown_xyxy: Float64Array, seen: Observation) -> None:
+    def _start(self, found: Detections, k: int, shown_xyxy: Float64Array, seen: Observation) -> None:
         """Start an object if a detection is not cut off, has few readings, and overlaps no known object."""
         box = found.boxes_xyxy[k].astype(np.float64)
         if read_fraction(box, seen) >= READ_FRACTION or is_cut_off(box, seen):
@@ -206,88 +206,90 @@ class UnreadMap:
             return
         direction, _ = ray_through(box, seen)
         guess = 1e-6 * np.eye(3)  # makes the position defined before the first ray; the rays outweigh it
-        one = UnreadObject(self._next_number, seen.frame, seen.frame, guess, guess @ (seen.eye + read_m * direction))
+        unread = UnreadObject(self._next_number, seen.frame, seen.frame, guess, guess @ (seen.eye + read_m * direction))
         self._next_number += 1
-        self._things.append(one)
-        self._add_hit(one, found, k, seen)
+        self._objects.append(unread)
+        self._add_hit(unread, found, k, seen)
 
-    def _meet(self, shown: Sequence[tuple[MapObject, Visibility]]) -> None:
+    def _merge_into_map(self, shown: Sequence[tuple[MapObject, Visibility]]) -> None:
         """Merge objects that repeatedly have the rectangle of a labelled object of the map into that object."""
         rects = np.array([view.rect_xyxy for _, view in shown]).reshape(-1, 4)
-        for one in self._things:
-            if one.partner or one.number not in self._hit or not shown:
+        for unread in self._objects:
+            if unread.partner or unread.number not in self._hit or not shown:
                 continue
-            iou = rect_iou_matrix(self._hit[one.number][None], rects)[0]
+            iou = rect_iou_matrix(self._hit[unread.number][None], rects)[0]
             k = int(iou.argmax())
             if iou[k] < SAME_IOU:
                 continue
             entry = shown[k][0]
-            one.meetings = {**one.meetings, entry.number: one.meetings.get(entry.number, 0) + 1}
-            if one.meetings[entry.number] >= MIN_MEETINGS:
-                self._join_map(one, entry)
+            unread.meetings = {**unread.meetings, entry.number: unread.meetings.get(entry.number, 0) + 1}
+            if unread.meetings[entry.number] >= MIN_MEETINGS:
+                self._join_map(unread, entry)
 
-    def _join_map(self, one: UnreadObject, entry: MapObject) -> None:
+    def _join_map(self, unread: UnreadObject, entry: MapObject) -> None:
         """Merge an object into an object of the map."""
-        one.partner = entry.number
-        if one.label:
-            self._store.take_label(entry, one.label, one.merged_labels, one.first_frame)
-            one.label, one.merged_labels = entry.label, []
+        unread.partner = entry.number
+        if unread.label:
+            self._store.take_label(entry, unread.label, unread.merged_labels, unread.first_frame)
+            unread.label, unread.merged_labels = entry.label, []
 
     def _merge_doubles(self, seen: Observation) -> None:
         """Merge two objects with the same rectangle; the older label, or else the older object, stays."""
         kept: list[tuple[UnreadObject, Predicted | None]] = []
-        for one in sorted(self._things, key=lambda o: (o.label or np.inf, o.number)):
-            view = predict(one.center, one.size_m, seen)
-            shown = [(other, theirs) for other, theirs in kept if theirs is not None]
+        for unread in sorted(self._objects, key=lambda o: (o.label or np.inf, o.number)):
+            view = predict(unread.center, unread.size_m, seen)
+            shown = [(other, other_view) for other, other_view in kept if other_view is not None]
             if view is not None and shown:
-                iou = rect_iou_matrix(view.rect_xyxy[None], np.array([theirs.rect_xyxy for _, theirs in shown]))[0]
+                iou = rect_iou_matrix(
+                    view.rect_xyxy[None], np.array([other_view.rect_xyxy for _, other_view in shown])
+                )[0]
                 if iou.max() >= SAME_IOU:
                     other = shown[int(iou.argmax())][0]
-                    other.name_log_odds = merged_evidence(other.name_log_odds, one.name_log_odds)
-                    if one.label and not one.partner:
-                        other.merged_labels = sorted({*other.merged_labels, *one.merged_labels, one.label})
-                    other.log_odds, other.hits = max(other.log_odds, one.log_odds), max(other.hits, one.hits)
+                    other.name_log_odds = merged_evidence(other.name_log_odds, unread.name_log_odds)
+                    if unread.label and not unread.partner:
+                        other.merged_labels = sorted({*other.merged_labels, *unread.merged_labels, unread.label})
+                    other.log_odds, other.hits = max(other.log_odds, unread.log_odds), max(other.hits, unread.hits)
                     continue
-            kept.append((one, view))
-        self._things = sorted((one for one, _ in kept), key=lambda o: o.number)
+            kept.append((unread, view))
+        self._objects = sorted((unread for unread, _ in kept), key=lambda o: o.number)
 
-    def _end(self) -> None:
+    def _remove_unlikely(self) -> None:
         """Remove unlikely objects, and the least likely ones beyond the limit."""
-        alive = [o for o in self._things if o.log_odds > (-CERTAIN_LOG_ODDS if o.label else DROPPED)]
-        best = sorted(alive, key=lambda o: (-bool(o.label), -o.log_odds, o.number))[:MAX_THINGS]
-        self._things = sorted(best, key=lambda o: o.number)
+        alive = [o for o in self._objects if o.log_odds > (-CERTAIN_LOG_ODDS if o.label else DROPPED)]
+        best = sorted(alive, key=lambda o: (-bool(o.label), -o.log_odds, o.number))[:MAX_UNREAD]
+        self._objects = sorted(best, key=lambda o: o.number)
 
     def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
         """Return the sightings of a frame, including those of objects without depth readings, by label."""
-        found = {one.label: one for one in shown}
-        others = np.array([one.rect_xyxy for one in shown]).reshape(-1, 4)
-        for one in self._things:
-            partner = self._partner_of(one)
-            view = predict(one.center, one.size_m, seen) if one.is_sure and (one.label or partner) else None
+        found = {sighting.label: sighting for sighting in shown}
+        others = np.array([sighting.rect_xyxy for sighting in shown]).reshape(-1, 4)
+        for unread in self._objects:
+            partner = self._partner_of(unread)
+            view = predict(unread.center, unread.size_m, seen) if unread.is_sure and (unread.label or partner) else None
             if view is None or view.visible < SEEN_FRACTION or view.read >= READ_FRACTION:
                 continue
-            rect = self._hit.get(one.number, view.rect_xyxy)
+            rect = self._hit.get(unread.number, view.rect_xyxy)
             if partner is not None:
                 old = found.get(partner.label, Sighting(partner.label, partner.box, None, view.visible, rect))
                 found[partner.label] = Sighting(partner.label, old.box, old.iou, old.visible, rect)
             elif not len(others) or rect_iou_matrix(rect[None], others).max() < SAME_IOU:
-                one.frames_seen, one.last_frame = one.frames_seen + 1, seen.frame
-                found[one.label] = Sighting(one.label, box_of(one, planes)[0], None, view.visible, rect)
+                unread.frames_seen, unread.last_frame = unread.frames_seen + 1, seen.frame
+                found[unread.label] = Sighting(unread.label, box_of(unread, planes)[0], None, view.visible, rect)
         self._hit = {}
         return tuple(found[label] for label in sorted(found))
 
-    def _partner_of(self, one: UnreadObject) -> MapObject | None:
+    def _partner_of(self, unread: UnreadObject) -> MapObject | None:
         """Return the object of the map into which an object was merged; undo the merge if that one has been retired."""
-        if one.partner and (one.partner not in self._store or not self._store[one.partner].confirmed):
-            one.partner, one.meetings = 0, {}
-        return self._store[one.partner] if one.partner else None
+        if unread.partner and (unread.partner not in self._store or not self._store[unread.partner].confirmed):
+            unread.partner, unread.meetings = 0, {}
+        return self._store[unread.partner] if unread.partner else None
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
         """Move each object with the keyframe to which its last hit is anchored; see `ObjectMap.apply_correction`."""
-        for one in self._things:
-            T = moved.get(one.keyframe)
+        for unread in self._objects:
+            T = moved.get(unread.keyframe)
             if T is not None:
-                R, center = T[:3, :3], transform(T, one.center)
-                one.information = R @ one.information @ R.T
-                one.vector = one.information @ center
-                one.views = np.hstack([one.views[:, :3] @ R.T, one.views[:, 3:]])
+                R, center = T[:3, :3], transform(T, unread.center)
+                unread.information = R @ unread.information @ R.T
+                unread.vector = unread.information @ center
+                unread.views = np.hstack([unread.views[:, :3] @ R.T, unread.views[:, 3:]])

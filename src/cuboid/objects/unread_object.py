@@ -26,12 +26,13 @@ MIN_SINE = 0.2
 MIN_SIDE_M = 0.01
 # Standard deviation of the sides of a detector's rectangle, as a fraction of them: small detectors' are off by a tenth.
 SIDE = 0.1
-# A rectangle does not tell how a thing is turned about up: its width may be that of a side half as long. Deviation of a
-# side that is uniform between, as a fraction of the width.
+# A rectangle does not show the rotation of an object about up: its width may be that of a side half as long. Standard
+# deviation of a side that is uniformly distributed between the two, as a fraction of the width.
 TURNED = 0.5 / 3**0.5
-# What lies flat is up to twice `FLAT_M` thick. Deviation of `THIN_M` from thicknesses that are uniform up to there.
+# A flat object is up to twice `FLAT_M` thick. Root mean square difference of `THIN_M` from a thickness that is
+# uniformly distributed up to there.
 THICKNESS_M = ((FLAT_M - THIN_M) ** 2 + (2.0 * FLAT_M) ** 2 / 12.0) ** 0.5
-# The side away from the camera is a guess, with this fraction of it as its deviation.
+# The side away from the camera is a guess; its standard deviation is this fraction of it.
 GUESSED = 0.5
 
 
@@ -108,7 +109,7 @@ class UnreadObject:
         return float(1.0 / (1.0 + np.exp(-self.log_odds)))
 
     def add_size(self, size_m: Float64Array, distance_m: float, weight: float) -> None:
-        """Take in the size (2,) of one more sighting, metres, from a distance."""
+        """Add the size (2,) of a sighting from a distance to the mean, metres."""
         self.weight += weight
         part = weight / self.weight
         off_m = size_m - self.size_m
@@ -137,16 +138,16 @@ class Planes:
     supporting: Sequence[tuple[Float64Array, float]]
 
 
-def box_of(one: UnreadObject, planes: Planes) -> tuple[Box, str]:
+def box_of(unread: UnreadObject, planes: Planes) -> tuple[Box, str]:
     """Return the box of an object and its kind: "flat" on a plane, otherwise a "box" that faces its viewers.
 
     Parameters
     ----------
-    one : UnreadObject
+    unread : UnreadObject
     planes : Planes
     """
-    center, (width, height) = one.center, np.maximum(one.size_m, MIN_SIDE_M).tolist()
-    toward = _toward(one, planes)
+    center, (width, height) = unread.center, np.maximum(unread.size_m, MIN_SIDE_M).tolist()
+    toward = _toward(unread, planes)
     across = _across(toward, planes)
     rotation = np.column_stack([across, np.cross(planes.up, across), planes.up])
     above_m = [float(normal @ center + offset) for normal, offset in planes.supporting]
@@ -157,27 +158,27 @@ def box_of(one: UnreadObject, planes: Planes) -> tuple[Box, str]:
     return Box(center, np.array([width, min(width, height), height]), rotation), "box"
 
 
-def size_sigma_of(one: UnreadObject, planes: Planes, kind: str) -> Float64Array:
-    """Return the standard deviations (3,) of the sides of the box of a thing, metres.
+def size_sigma_of(unread: UnreadObject, planes: Planes, kind: str) -> Float64Array:
+    """Return the standard deviations (3,) of the sides of the box of an object, metres.
 
     Those of width and height follow from the scatter of the rectangles, from the error of a rectangle that all frames
-    share, and from the distance, as the triangulation knows it. What a rectangle does not tell comes on top: how the
-    thing is turned, and how far it reaches away from the camera.
+    share, and from the uncertainty of the triangulated distance. Two quantities that a rectangle does not show are
+    added: the rotation of the object, and its extent away from the camera.
 
     Parameters
     ----------
-    one : UnreadObject
+    unread : UnreadObject
     planes : Planes
     kind : str
-        As of `box_of`.
+        The kind from `box_of`.
     """
-    sides = np.maximum(one.size_m, MIN_SIDE_M)
+    sides = np.maximum(unread.size_m, MIN_SIDE_M)
     width, height = sides.tolist()
-    toward = _toward(one, planes)
-    covariance = np.linalg.inv(one.information)
+    toward = _toward(unread, planes)
+    covariance = np.linalg.inv(unread.information)
     along_m = float(np.sqrt(toward @ covariance @ toward))
-    relative = np.hypot(SIDE, along_m / max(one.distance_m, along_m))
-    seen = np.sqrt(one.size_scatter_m2 + (relative * sides) ** 2)
+    relative = np.hypot(SIDE, along_m / max(unread.distance_m, along_m))
+    seen = np.sqrt(unread.size_scatter_m2 + (relative * sides) ** 2)
     wide = float(np.hypot(seen[0], TURNED * width))
     sine = max(float(toward @ planes.up), 0.0)
     cosine = float(np.sqrt(max(0.0, 1.0 - sine**2)))
@@ -187,21 +188,21 @@ def size_sigma_of(one: UnreadObject, planes: Planes, kind: str) -> Float64Array:
         reach = np.array([seen[1], TURNED * height, thick * cosine]) / max(sine, MIN_SINE)
         return np.array([wide, float(np.linalg.norm(reach)), thick])
     cosine, deep = max(cosine, MIN_SINE), min(width, height)
-    # The rectangle's height is between that of a thing without depth and one that is as deep as the box.
+    # The height of the rectangle is between that of an object without depth and that of one as deep as the box.
     shown = max(abs(height / cosine - height), abs(height - (height - deep * sine) / cosine)) / 3**0.5
     return np.array([wide, GUESSED * deep, float(np.hypot(seen[1], shown))])
 
 
 def absorb(kept: UnreadObject, gone: UnreadObject, planes: Planes) -> None:
-    """Make one object of two: its rectangle then holds both, as seen from the mean direction to who looks at them."""
+    """Merge an object into another one; the rectangle of the result holds both, seen from the mean direction."""
     toward = _toward(kept, planes) + _toward(gone, planes)
     toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
     across = _across(toward, planes)
     axes = np.array([across, np.cross(toward, across)])
     information = kept.information + gone.information
     center = np.linalg.solve(information, kept.vector + gone.vector)
-    half_m = np.array([one.size_m / 2.0 for one in (kept, gone)])
-    middle_m = np.array([axes @ one.center for one in (kept, gone)])
+    half_m = np.array([unread.size_m / 2.0 for unread in (kept, gone)])
+    middle_m = np.array([axes @ unread.center for unread in (kept, gone)])
     low_m, high_m = (middle_m - half_m).min(axis=0), (middle_m + half_m).max(axis=0)
     center = center + ((low_m + high_m) / 2.0 - axes @ center) @ axes
     kept.information, kept.vector = information, information @ center
@@ -226,7 +227,7 @@ def _across(toward: Float64Array, planes: Planes) -> Float64Array:
     return np.asarray(across / np.linalg.norm(across))
 
 
-def _toward(one: UnreadObject, planes: Planes) -> Float64Array:
-    """Return the mean direction (3,) from a thing to who looks at it."""
-    toward = one.views[:, :3].sum(axis=0) if len(one.views) else planes.up
+def _toward(unread: UnreadObject, planes: Planes) -> Float64Array:
+    """Return the mean direction (3,) from an object to the cameras that saw it; up if none is known."""
+    toward = unread.views[:, :3].sum(axis=0) if len(unread.views) else planes.up
     return np.asarray(toward / max(float(np.linalg.norm(toward)), 1e-9))

@@ -77,6 +77,7 @@ def measure_visibility(
 
     Parameters
     ----------
+    objects : sequence of MapObject
     boxes : (n, 15) float64
         Boxes of the objects, see `pack`.
     observed : Observation
@@ -90,9 +91,9 @@ def measure_visibility(
     image = observed.image
     if not objects:
         return []
-    some = [slice(None, None, max(1, len(o.points) // SAMPLE_POINTS)) for o in objects]
-    points = [o.points[own] for o, own in zip(objects, some, strict=True)]
-    colors = [o.colors[own] for o, own in zip(objects, some, strict=True)]
+    samples = [slice(None, None, max(1, len(o.points) // SAMPLE_POINTS)) for o in objects]
+    points = [o.points[sample] for o, sample in zip(objects, samples, strict=True)]
+    colors = [o.colors[sample] for o, sample in zip(objects, samples, strict=True)]
     n, c = len(objects), image.camera
     counts, corners = np.empty((n, 3), np.int64), np.empty((n, 4))
     ends, numbers = np.cumsum([len(p) for p in points]), np.array([o.number for o in objects])
@@ -125,9 +126,9 @@ def sightings_of(
     sightings = []
     for entry, view in visible:
         if entry.confirmed:
-            own = None if entry.frames_seen == 1 else iou.get(entry.number)  # a first sighting has no earlier box
+            frame_iou = None if entry.frames_seen == 1 else iou.get(entry.number)  # a first sighting has no earlier box
             rect_xyxy = blended_rectangle(view.rect_xyxy, rect.get(entry.number))
-            sightings.append(Sighting(entry.label, entry.box, own, view.visible, rect_xyxy))
+            sightings.append(Sighting(entry.label, entry.box, frame_iou, view.visible, rect_xyxy))
     return tuple(sorted(sightings, key=lambda s: s.label))
 
 
@@ -150,8 +151,6 @@ def _feet(boxes: Float64Array) -> Float64Array:
 
 def _rectangles(corners: Float64Array, image: WorkingImage) -> Float64Array:
     """Return rectangles (n, 4) of the working image in the full image; zeros for empty ones."""
-    full = np.array([image.camera.width, image.camera.height] * 2) * image.step
-    origin, end = np.array([*image.phase, *image.phase]), np.array([0, 0, image.step, image.step])
-    rectangles = np.clip(corners * image.step + origin + end, 0, full)
+    rectangles = image.full_rectangles(corners)
     rectangles[corners[:, 0] > corners[:, 2]] = 0.0
-    return np.asarray(rectangles, dtype=np.float64)
+    return rectangles

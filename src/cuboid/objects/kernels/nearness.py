@@ -37,19 +37,19 @@ def count_near(a, b, limit, enough):
     while size < 2 * len(b):
         size *= 2
     first, after = np.full(size, -1, np.int32), np.empty(len(b), np.int32)
-    least, most = np.full(3, np.inf), np.full(3, -np.inf)
+    low_b, high_b = np.full(3, np.inf), np.full(3, -np.inf)
     for j in range(len(b)):
         x, y, z = np.float64(b[j, 0]), np.float64(b[j, 1]), np.float64(b[j, 2]) if deep else 0.0
         if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
             place = place_of(cell(x, low[0], limit), cell(y, low[1], limit), cell(z, low[2], limit), size)
             after[j], first[place] = first[place], j
-            least[0], least[1], least[2] = min(least[0], x), min(least[1], y), min(least[2], z)
-            most[0], most[1], most[2] = max(most[0], x), max(most[1], y), max(most[2], z)
+            low_b[0], low_b[1], low_b[2] = min(low_b[0], x), min(low_b[1], y), min(low_b[2], z)
+            high_b[0], high_b[1], high_b[2] = max(high_b[0], x), max(high_b[1], y), max(high_b[2], z)
     count = 0
     for i in range(len(a)):
         x, y, z = np.float64(a[i, 0]), np.float64(a[i, 1]), np.float64(a[i, 2]) if deep else 0.0
-        apart = (x < least[0] - limit) | (x > most[0] + limit) | (y < least[1] - limit) | (y > most[1] + limit)
-        if apart or z < least[2] - limit or z > most[2] + limit:
+        apart = (x < low_b[0] - limit) | (x > high_b[0] + limit) | (y < low_b[1] - limit) | (y > high_b[1] + limit)
+        if apart or z < low_b[2] - limit or z > high_b[2] + limit:
             continue
         count += has_near(x, y, z, b, deep, low, limit, first, after)
         if count >= enough:

@@ -46,8 +46,8 @@ def highest_rim(points, order, begins, ends, axes, gap):
         x, y = longest(slab)
         if width(rest, x, y) > RIM_WIDTH_FRACTION * width(slab, x, y):
             continue
-        most = np.int64(np.ceil(BENEATH_FRACTION * len(slab)))
-        if count_near(slab, rest, gap, most) < most:
+        enough = np.int64(np.ceil(BENEATH_FRACTION * len(slab)))
+        if count_near(slab, rest, gap, enough) < enough:
             return k
     return -1
 
