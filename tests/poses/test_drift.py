@@ -34,8 +34,8 @@ def test_exact_poses_stay_as_they_are_to_the_last_bit(name: str) -> None:
     """Whatever moves in the picture, and whatever the sensor has wrong."""
     correction, found = run(EXACT[name])
     assert correction.proven_at is None
-    assert correction.taken_back_at is None
-    assert correction.most_m == 0.0
+    assert correction.withdrawn_at is None
+    assert correction.max_shift_m == 0.0
     assert all(T is true for T, true in zip(found, TRUE, strict=True))
 
 
@@ -76,7 +76,7 @@ def test_poses_that_drift_are_held_to_what_was_seen_before(name: str, proven: in
     # Back where it began the camera is known to be there again.
     assert off_m(found)[-10:].max() < end_m
     assert off_m(found).mean() < 0.5 * off_m(world.given).mean()
-    assert correction.most_m == pytest.approx(
+    assert correction.max_shift_m == pytest.approx(
         max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(found, world.given, strict=True))
     )
 
@@ -94,10 +94,10 @@ def test_a_jump_is_taken_back_and_so_is_its_end() -> None:
 def test_a_correction_that_does_not_hold_is_taken_back() -> None:
     """A large thing enters before plain walls, and nothing else tells that it is not the camera that moves."""
     correction, found = run(World("enter", 0.6, contrast=0.0))
-    assert correction.taken_back_at is not None
+    assert correction.withdrawn_at is not None
     assert correction.proven_at is None
     assert off_m(found).max() > 0.1
-    assert off_m(found)[correction.taken_back_at - FRAMES :].max() == 0.0
+    assert off_m(found)[correction.withdrawn_at - FRAMES :].max() == 0.0
 
 
 def test_a_run_says_how_many_moving_pixels_were_left_out() -> None:

@@ -85,7 +85,7 @@ def test_only_the_poses_around_the_new_one_move() -> None:
     start = list(true)
     for k in (2, 10, 11):
         start[k] = start[k] @ se3.exp([0.01, 0, 0, 0, 0.01, 0])
-    found = optimise_around(start, edges, middle=11, most=4)
+    found = optimise_around(start, edges, middle=11, max_moving=4)
     np.testing.assert_array_equal(found[2], start[2])
     assert distance(found[8:], true[8:]) < 1e-6
 

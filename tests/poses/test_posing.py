@@ -87,7 +87,7 @@ class Corrected:
 
 
 def test_small_corrections_wait_until_they_add_up(pictures: list[Frame]) -> None:
-    source = EstimatedPoses(CAMERA, least_m=0.005)
+    source = EstimatedPoses(CAMERA, min_shift_m=0.005)
     source._estimator = Corrected([0.0, 0.002, 0.004, 0.006, 0.007, 0.02])
     moved = [source.locate(frame).moved for frame in pictures[:6]]
     assert [list(m) for m in moved] == [[], [], [], [0], [], [0]]

@@ -335,3 +335,16 @@ def _unit(quat_wxyz: Float64Array) -> Float64Array:
     scaled = quat_wxyz / largest  # a length of 1e-200 squared would be zero
     unit: Float64Array = scaled / np.linalg.norm(scaled)
     return unit
+
+
+def view_shift_m(T_new: Float64Array, T_old: Float64Array, depth_m: float) -> float:
+    """Return the larger displacement of a camera and of the point at a depth on its optical axis, metres.
+
+    Parameters
+    ----------
+    T_new, T_old : (4, 4) float64
+        T_world_camera after and before a correction.
+    depth_m : float
+    """
+    ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, depth_m]])
+    return float(np.linalg.norm(transform(T_new, ends) - transform(T_old, ends), axis=1).max())

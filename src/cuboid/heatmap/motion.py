@@ -19,6 +19,7 @@ from cuboid.heatmap.kernels.motion import grow
 from cuboid.heatmap.pose_errors import true_motion
 from cuboid.poses import alignment
 from cuboid.poses.kernels.free_space import mark_freed
+from cuboid.poses.moving import large_groups
 from cuboid.poses.pyramid import Level, levels_of
 
 # A surface that has rested for the first time is still, seconds; frames are stored at the second interval, seconds.
@@ -114,11 +115,12 @@ class Motion:
         freed = self._freed(view, list(self._references))
         if self._mend_poses(view, freed):
             freed = self._freed(view, list(self._references))
-        moving = _without_small(np.minimum(freed, 1, out=freed))
-        if moving is not None:
-            for _ in range(GROWN_PX):
-                before = moving.copy()
-                grow(view.depth_m, before, BIAS_M, self._noise_per_m, moving)
+        moving = large_groups(freed, MIN_GROUP)
+        if not moving.any():
+            return None
+        for _ in range(GROWN_PX):
+            before = moving.copy()
+            grow(view.depth_m, before, BIAS_M, self._noise_per_m, moving)
         return moving
 
     def _freed(self, view: _View, references: Sequence[_Reference]) -> UInt8Array:
@@ -145,7 +147,7 @@ class Motion:
         for k in reversed(range(len(references))):
             marked = np.asarray((freed >> k) & 1, np.uint8)
             # Readings that move according to later frames need no other explanation.
-            if not groups_of(marked & ~certain, MIN_GROUP):
+            if not large_groups(marked & ~certain, MIN_GROUP).any():
                 continue
             moved = self._moved(view, references[k])
             if moved is not None:
@@ -191,12 +193,6 @@ def _nearest_around(depth_m: Float32Array, reach: int) -> Float32Array:
     """Return the nearest reading around every other pixel; 0 if a reading around it is missing."""
     window = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     return np.ascontiguousarray(cv2.erode(depth_m, window)[::STEP, ::STEP], dtype=np.float32)
-
-
-def _without_small(marked: UInt8Array) -> UInt8Array | None:
-    """Return marks (h, w) without groups that may be noise; None if no mark is left."""
-    groups = groups_of(marked, MIN_GROUP)
-    return np.any(groups, axis=0).astype(np.uint8) if groups else None
 
 
 def groups_of(marked: UInt8Array, min_pixels: int = MIN_GROUP * STEP**2) -> list[npt.NDArray[np.bool_]]:

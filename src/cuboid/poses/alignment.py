@@ -135,9 +135,9 @@ def pick(levels: Sequence[Level]) -> Reference:
     picked = []
     for k, level in enumerate(levels):
         height, width = level.image.shape[:2]
-        most = (height // CELLS[k] + 1) * (width // CELLS[k] + 1)
-        points, normals = np.empty((most, 3), np.float32), np.empty((most, 3), np.float32)
-        intensity = np.empty(most, np.float32)
+        max_points = (height // CELLS[k] + 1) * (width // CELLS[k] + 1)
+        points, normals = np.empty((max_points, 3), np.float32), np.empty((max_points, 3), np.float32)
+        intensity = np.empty(max_points, np.float32)
         n = kernel.pick_points(
             level.image, level.camera.pinhole, CELLS[k], REACHES[k], MAX_DEPTH_M, NOISE[1], points, normals, intensity
         )
@@ -274,22 +274,22 @@ class _Sums:
 
     def shade(self, shade: Float64Array) -> Float64Array:
         """Return gain and bias of each group, which make mean and variance of the intensities equal."""
-        weight, there, here, there2, here2, _ = self._shades.T
+        weight, reference, image, reference2, image2, _ = self._shades.T
         n = np.maximum(weight, 1.0)
-        there, here = there / n, here / n
-        variance = np.maximum(there2 / n - there**2, 0.0), np.maximum(here2 / n - here**2, 0.0)
+        reference, image = reference / n, image / n
+        variance = np.maximum(reference2 / n - reference**2, 0.0), np.maximum(image2 / n - image**2, 0.0)
         gain = np.sqrt((variance[0] + FLAT) / (variance[1] + FLAT))
         gain = np.clip(gain, 0.5, 2.0)
-        found = np.column_stack([gain, there - gain * here])
+        found = np.column_stack([gain, reference - gain * image])
         return np.where((weight > 20.0)[:, None], found, shade)
 
     def correlation(self) -> Float64Array:
         """Return the correlation of the intensities for each group (G,)."""
-        weight, there, here, there2, here2, both = self._shades.T
+        weight, reference, image, reference2, image2, both = self._shades.T
         n = np.maximum(weight, 1.0)
-        there, here = there / n, here / n
-        spread = (there2 / n - there**2 + FLAT) * (here2 / n - here**2 + FLAT)
-        return np.asarray((both / n - there * here + FLAT) / np.sqrt(np.maximum(spread, 1.0)))
+        reference, image = reference / n, image / n
+        spread = (reference2 / n - reference**2 + FLAT) * (image2 / n - image**2 + FLAT)
+        return np.asarray((both / n - reference * image + FLAT) / np.sqrt(np.maximum(spread, 1.0)))
 
     def result(self, T: Float64Array, sigma: Float64Array, shade: Float64Array) -> Alignment:
         s = self._sums

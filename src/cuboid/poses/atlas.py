@@ -175,9 +175,11 @@ class Atlas:
 
     def _view_distances(self, T_world_camera: Float64Array, submap: int) -> tuple[list[int], Float64Array]:
         """Return the keyframes of a submap, and the distance of a view to each."""
-        mine = [k for k in self.keyframes if k.submap == submap]
-        poses = np.array([k.T_world_camera for k in mine]).reshape(-1, 4, 4)
-        return [k.number for k in mine], view_distances(T_world_camera, poses, np.array([k.depth_m for k in mine]))
+        members = [k for k in self.keyframes if k.submap == submap]
+        poses = np.array([k.T_world_camera for k in members]).reshape(-1, 4, 4)
+        return [k.number for k in members], view_distances(
+            T_world_camera, poses, np.array([k.depth_m for k in members])
+        )
 
     def reference(self, numbers: list[int]) -> Reference:
         """Return the points of keyframes in the world, as the reference to which a frame is aligned."""
@@ -192,27 +194,27 @@ class Atlas:
         if loop:
             self._add_loop_edge(a, b)
         else:
-            one, two = self.keyframes[a], self.keyframes[b]
-            self._add_edge(a, b, se3.inverse(two.T_world_camera) @ one.T_world_camera)
+            first, second = self.keyframes[a], self.keyframes[b]
+            self._add_edge(a, b, se3.inverse(second.T_world_camera) @ first.T_world_camera)
         return not self._work and self._optimise()
 
     def recognise(self, features: FrameFeatures, camera: Intrinsics, among: Iterable[int], tries: int) -> Place | None:
         """Relocalise an image by its appearance among some keyframes; None if it shows no place of theirs."""
         candidates = [self.keyframes[k] for k in among]
         scores = votes(features.appearance, [k.appearance for k in candidates])
-        own: Reference | None = None
+        image_reference: Reference | None = None
         for i in np.argsort(-scores, kind="stable")[:tries]:
             keyframe = candidates[i]
             T = locate(features.appearance, keyframe.appearance, camera)
             if T is None:
                 continue
-            there = align(keyframe.reference, features.levels, T, coarsest=2)
-            if not _is_recognised(there):
+            forward = align(keyframe.reference, features.levels, T, coarsest=2)
+            if not _is_recognised(forward):
                 continue
-            own = own or pick(features.levels)
-            back = align(own, keyframe.small.levels(), se3.inverse(there.T_camera_reference), coarsest=1)
-            if _is_recognised(back) and _agree(there, back, keyframe.depth_m):
-                return Place(keyframe.number, se3.inverse(there.T_camera_reference), there)
+            image_reference = image_reference or pick(features.levels)
+            back = align(image_reference, keyframe.small.levels(), se3.inverse(forward.T_camera_reference), coarsest=1)
+            if _is_recognised(back) and _agree(forward, back, keyframe.depth_m):
+                return Place(keyframe.number, se3.inverse(forward.T_camera_reference), forward)
         return None
 
     def join_at(self, place: Place, T_world_camera: Float64Array, submap: int) -> None:
@@ -226,12 +228,12 @@ class Atlas:
 
     def _add_loop_edge(self, a: int, b: int) -> None:
         """Add an edge between two keyframes of similar appearance if they show the same place; merge submaps."""
-        one, two = self.keyframes[a], self.keyframes[b]
-        T = locate(two.appearance, one.appearance, two.small.camera)
+        first, second = self.keyframes[a], self.keyframes[b]
+        T = locate(second.appearance, first.appearance, second.small.camera)
         if T is None or not self._add_edge(a, b, T, strict=True):
             return
         self.loops += 1
-        old, new = (one, two) if one.submap <= two.submap else (two, one)
+        old, new = (first, second) if first.submap <= second.submap else (second, first)
         if old.submap != new.submap:
             edge = next(edge for edge in reversed(self.edges) if edge.a == old.number)
             self.join(new.submap, old.submap, old.T_world_camera @ edge.T_a_b @ se3.inverse(new.T_world_camera))
@@ -251,15 +253,15 @@ class Atlas:
 
     def _add_edge(self, a: int, b: int, T_b_a: Float64Array, strict: bool = False) -> bool:
         """Measure the motion between two keyframes in both directions; add the edges if both agree."""
-        one, two = self.keyframes[a], self.keyframes[b]
+        first, second = self.keyframes[a], self.keyframes[b]
         coarsest = 2 if strict else 1
-        there = align(one.reference, two.small.levels(), T_b_a, coarsest=coarsest)
-        if not (there.reliable and (not strict or _is_recognised(there))):
+        forward = align(first.reference, second.small.levels(), T_b_a, coarsest=coarsest)
+        if not (forward.reliable and (not strict or _is_recognised(forward))):
             return False
-        back = align(two.reference, one.small.levels(), se3.inverse(there.T_camera_reference), coarsest=1)
-        if not (back.reliable and (not strict or _is_recognised(back))) or not _agree(there, back, one.depth_m):
+        back = align(second.reference, first.small.levels(), se3.inverse(forward.T_camera_reference), coarsest=1)
+        if not (back.reliable and (not strict or _is_recognised(back))) or not _agree(forward, back, first.depth_m):
             return False
-        for i, j, found in ((a, b, there), (b, a, back)):
+        for i, j, found in ((a, b, forward), (b, a, back)):
             T_i_j = se3.inverse(found.T_camera_reference)
             covariance = found.covariance(float(np.linalg.norm(T_i_j[:3, 3])))
             self.edges.append(Edge(i, j, T_i_j, np.asarray(np.linalg.inv(covariance), np.float64)))
@@ -289,9 +291,9 @@ def _is_recognised(found: Alignment) -> bool:
     return found.reliable and found.inliers > RECOGNISED_INLIERS and found.correlation > RECOGNISED_CORRELATION
 
 
-def _agree(there: Alignment, back: Alignment, depth_m: float) -> bool:
+def _agree(forward: Alignment, back: Alignment, depth_m: float) -> bool:
     """Return whether the motions in both directions cancel."""
-    loop = se3.log(there.T_camera_reference @ back.T_camera_reference)
+    loop = se3.log(forward.T_camera_reference @ back.T_camera_reference)
     return bool(
         np.linalg.norm(loop[:3]) < THERE_AND_BACK_M * max(depth_m, 1.0)
         and np.linalg.norm(loop[3:]) < THERE_AND_BACK_RAD

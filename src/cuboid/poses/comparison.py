@@ -75,7 +75,7 @@ def explained(
     points, normals = picked.points @ T[:3, :3].T + T[:3, 3], picked.normals @ T[:3, :3].T
     seen, u, v = pixels_of(points, level)
     points, normals, camera = points[seen], normals[seen], level.camera
-    here, along_u, along_v, depth_m = level.image[v, u].T
+    intensity, along_u, along_v, depth_m = level.image[v, u].T
     read = (depth_m > 0) & ((normals * points).sum(1) < 0)
     off_m = np.abs(((camera.points(u, v, depth_m) - points) * normals).sum(1))
     near = read & (off_m < OTHER_SURFACE_M)
@@ -84,26 +84,26 @@ def explained(
     if fit is not None:
         to_u, to_v = camera.pixels(points).T - (u, v)
         (gain, bias), deviation = fit.shade[0], max(fit.sigma[0], SIGMA_LOW[0])
-        different = gain * (here + along_u * to_u + along_v * to_v) + bias - picked.intensity[seen]
+        different = gain * (intensity + along_u * to_u + along_v * to_v) + bias - picked.intensity[seen]
         alike = on_surface & (np.abs(different) < SIGMAS * deviation)
     return Explained(*(_of_all(part, seen) for part in (read, near, on_surface, alike)))
 
 
-def clearly_better(one: Explained, other: Explained) -> bool:
+def clearly_better(first: Explained, second: Explained) -> bool:
     """Return whether a pose explains more points than another, and loses almost none."""
-    both = int(np.count_nonzero(one.read & other.read))
-    gained, lost = _gained(one, other), _gained(other, one)
+    both = int(np.count_nonzero(first.read & second.read))
+    gained, lost = _gained(first, second), _gained(second, first)
     return bool(gained > MIN_GAIN * both and lost <= MAX_LOSS * gained)
 
 
-def as_good(one: Explained, other: Explained) -> bool:
+def as_good(first: Explained, second: Explained) -> bool:
     """Return whether a pose explains at least as many points as another."""
-    return _gained(one, other) >= _gained(other, one)
+    return _gained(first, second) >= _gained(second, first)
 
 
-def _gained(one: Explained, other: Explained) -> int:
+def _gained(first: Explained, second: Explained) -> int:
     """Return the number of points that only the first pose explains, among those with a reading from both poses."""
-    return int(np.count_nonzero(one.read & other.read & one.alike & ~other.alike))
+    return int(np.count_nonzero(first.read & second.read & first.alike & ~second.alike))
 
 
 def _of_all(part: npt.NDArray[np.bool_], seen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

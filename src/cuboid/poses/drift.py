@@ -70,11 +70,11 @@ class DriftCorrection:
     ----------
     proven_at : int or None
         Index of the frame at which drift was proven; None again after the correction was withdrawn.
-    taken_back_at : int or None
+    withdrawn_at : int or None
         Index of the frame at which the correction was withdrawn.
     cause : SingleCause or None
         The fault of the camera that explains why the given poses misfit; None if they do not, or if they drift.
-    most_m : float
+    max_shift_m : float
         Largest distance between a corrected and a given position of the camera, metres.
     left_out : LeftOut
         The moving pixels that were left out of comparisons.
@@ -88,9 +88,9 @@ class DriftCorrection:
         self._comparisons = self._misfits = 0
         self._pairs: deque[MotionPair] = deque(maxlen=MAX_PAIRS)
         self.proven_at: int | None = None
-        self.taken_back_at: int | None = None
+        self.withdrawn_at: int | None = None
         self.cause: SingleCause | None = None
-        self.most_m = 0.0
+        self.max_shift_m = 0.0
         self.left_out = LeftOut()
 
     def correct(self, frame: Frame, given: Float64Array) -> Float64Array:
@@ -103,14 +103,14 @@ class DriftCorrection:
             T_world_camera of the recording.
         """
         camera = self._intrinsics
-        if self.taken_back_at is not None:
+        if self.withdrawn_at is not None:
             return given
         if frame.depth_m.shape == (camera.height, camera.width) and self._is_new_viewpoint(given):
             self._compare(frame, given)
         if self.proven_at is None:
             return given
         corrected = tidied(self._T_corrected_given @ given)
-        self.most_m = max(self.most_m, float(np.linalg.norm(corrected[:3, 3] - given[:3, 3])))
+        self.max_shift_m = max(self.max_shift_m, float(np.linalg.norm(corrected[:3, 3] - given[:3, 3])))
         return corrected
 
     def _is_new_viewpoint(self, given: Float64Array) -> bool:
@@ -148,9 +148,9 @@ class DriftCorrection:
                 corrected = self._judged(frame.index, keyframe, levels[COMPARED_LEVEL], (given, corrected), found)
                 self._T_corrected_given = tidied(corrected @ inverse(given))
         if self.proven_at is not None:
-            self._doubt(frame.index, levels, given, corrected)
+            self._check_correction(frame.index, levels, given, corrected)
         if is_new_view:
-            self._remember(levels, given, corrected)
+            self._store_keyframe(levels, given, corrected)
 
     def _judged(
         self,
@@ -186,7 +186,9 @@ class DriftCorrection:
         if self.cause is None:
             self.proven_at, self._misfits = index, 0
 
-    def _doubt(self, index: int, levels: tuple[Level, ...], given: Float64Array, corrected: Float64Array) -> None:
+    def _check_correction(
+        self, index: int, levels: tuple[Level, ...], given: Float64Array, corrected: Float64Array
+    ) -> None:
         """Withdraw the correction if the given poses explain more of the places that were seen before it."""
         keyframe = self._oldest([k.given for k in self._keyframes], given, levels[OVERLAP_LEVEL])
         if keyframe is None or keyframe.proven:
@@ -197,7 +199,7 @@ class DriftCorrection:
         )
         self._count_misfit(clearly_better(by_given, by_corrected))
         if self._misfits >= MISFITS_THAT_PROVE:
-            self.proven_at, self.taken_back_at, self.most_m = None, index, 0.0
+            self.proven_at, self.withdrawn_at, self.max_shift_m = None, index, 0.0
 
     def _views(self, T_world_keyframes: list[Float64Array], T_world_camera: Float64Array) -> Float64Array:
         """Return the distance of a view to that of each keyframe, as an angle."""
@@ -215,7 +217,7 @@ class DriftCorrection:
                 return keyframe
         return None
 
-    def _remember(self, levels: tuple[Level, ...], given: Float64Array, corrected: Float64Array) -> None:
+    def _store_keyframe(self, levels: tuple[Level, ...], given: Float64Array, corrected: Float64Array) -> None:
         """Store a frame as a keyframe if it has enough points to align to."""
         reference = pick(levels)
         if len(reference.levels[OVERLAP_LEVEL].points) < MIN_READINGS:

@@ -1,4 +1,4 @@
-"""Estimation of camera poses from the frames alone: frame in, pose out."""
+"""Estimation of the camera pose of each frame from the frames alone."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ class PoseEstimator:
             state.time_s,
         )
         if state.local:
-            estimator._use(list(state.local))
+            estimator._align_to(list(state.local))
         return estimator
 
     @property
@@ -245,7 +245,7 @@ class PoseEstimator:
         if self._atlas.view_distance(T_submap_camera, submap) <= GIVEN_VIEW:
             return None
         shot = self._shot(frame)
-        if not self._rich(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
+        if not self._has_depth(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return None
         return self._atlas.add_given(shot.index, T_submap_camera, submap, shot.small, shot.features)
 
@@ -253,12 +253,12 @@ class PoseEstimator:
         """Anchor the pose of a frame, added by `take`, to a keyframe."""
         self._anchors[frame] = keyframe, se3.inverse(self.keyframes[keyframe].T_world_camera) @ T_submap_camera
 
-    def find(self, frame: Frame, own: Collection[int]) -> Place | None:
-        """Search for the place of a frame among all keyframes except those of its own recording."""
+    def find(self, frame: Frame, excluded: Collection[int]) -> Place | None:
+        """Search for the place of a frame among all keyframes except the excluded ones, by number."""
         shot = self._shot(frame)
-        if not self._rich(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
+        if not self._has_depth(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return None
-        numbers = [k.number for k in self.keyframes if k.number not in own]
+        numbers = [k.number for k in self.keyframes if k.number not in excluded]
         return self._atlas.recognise(shot.features, shot.small.camera, numbers, MAX_CANDIDATES)
 
     def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
@@ -267,7 +267,7 @@ class PoseEstimator:
         if submap == self._submap:
             self._submap, self._T_world_camera = to, se3.tidied(T_to_submap @ self._T_world_camera)
             if self._local:
-                self._use(self._local)
+                self._align_to(self._local)
 
     def move(self, numbers: Collection[int], T_new_old: Float64Array) -> None:
         """Move several keyframes by the same motion."""
@@ -301,22 +301,23 @@ class PoseEstimator:
         found = self._follow(shot, elapsed_s) if self._lost < MAX_TRACKED_LOST_FRAMES else None
         if found is None:
             return self._search(shot, frame.timestamp_s)
-        return self._go_on(shot, found, elapsed_s, frame.timestamp_s)
+        return self._accept(shot, found, elapsed_s, frame.timestamp_s)
 
     def _begin(self, shot: _Shot, time_s: float) -> PoseEstimate:
         """Start a submap with a frame, if it shows enough."""
         features = shot.features
-        if len(features.appearance.corners) < ENOUGH_CORNERS or not self._rich(shot):
+        if len(features.appearance.corners) < ENOUGH_CORNERS or not self._has_depth(shot):
             return _lost(shot.index)
         if self.keyframes or self._elsewhere:
             self._submap = self.begin_submap()
         number, _ = self._atlas.add(shot.index, np.eye(4), self._submap, shot.small, features)
-        self._arrive(np.eye(4), time_s)
-        self._use([number])
+        self._set_pose(np.eye(4), time_s)
+        self._align_to([number])
         self._anchors[shot.index] = number, np.eye(4)
         return PoseEstimate(shot.index, np.eye(4), np.zeros((6, 6)), number, True, False, self._submap)
 
-    def _rich(self, shot: _Shot) -> bool:
+    def _has_depth(self, shot: _Shot) -> bool:
+        """Return whether more than an eighth of the pixels have readings."""
         depth_m = shot.levels[-1].image[..., 3]
         return int(np.count_nonzero(depth_m)) * 2 > depth_m.size // 4
 
@@ -335,19 +336,19 @@ class PoseEstimator:
         T_expected = se3.exp(self._motion * elapsed_s) @ T_last if elapsed_s < LONGEST_S else T_last
         change = np.array([CHANGE_M] * 3 + [CHANGE_RAD] * 3) * max(elapsed_s * RATE_HZ, 1.0)
         best: Alignment | None = None
-        begun: list[Float64Array] = []
+        tried: list[Float64Array] = []
         for T_given in (T_expected, T_last, None):
             T_start = self._from_corners(shot) if T_given is None else T_given
-            if T_start is None or any(_same(T_start, T) for T in begun):
+            if T_start is None or any(_same(T_start, T) for T in tried):
                 continue  # the same start gives the same result
-            begun.append(T_start)
+            tried.append(T_start)
             found = self._align_still(shot, T_start, Prior(T_start, np.diag(change**-2)))
             if not found.reliable:
                 continue
-            again = best is not None and _same(found.T_camera_reference, best.T_camera_reference)
+            is_confirmed = best is not None and _same(found.T_camera_reference, best.T_camera_reference)
             if best is None or found.fit > best.fit:
                 best = found
-            if again or best.fit > SURE_FIT:
+            if is_confirmed or best.fit > SURE_FIT:
                 break
         return best
 
@@ -380,32 +381,32 @@ class PoseEstimator:
     def _search(self, shot: _Shot, time_s: float) -> PoseEstimate:
         """Search for a known place; after `MAX_LOST_FRAMES` without one, start a new submap."""
         self._lost += 1
-        if not self._rich(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
+        if not self._has_depth(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return _lost(shot.index)
         place = self._atlas.recognise(shot.features, shot.small.camera, range(len(self.keyframes)), MAX_CANDIDATES)
         if place is None:
             return self._begin(shot, time_s) if self._lost >= MAX_LOST_FRAMES else _lost(shot.index)
         keyframe = self.keyframes[place.keyframe]
         self._submap = keyframe.submap
-        self._arrive(keyframe.T_world_camera @ place.T_keyframe_camera, time_s)
+        self._set_pose(keyframe.T_world_camera @ place.T_keyframe_camera, time_s)
         self._choose_local(shot)
         return self._estimate(shot.index, place.found, False, False)
 
-    def _go_on(self, shot: _Shot, found: Alignment, elapsed_s: float, time_s: float) -> PoseEstimate:
+    def _accept(self, shot: _Shot, found: Alignment, elapsed_s: float, time_s: float) -> PoseEstimate:
         """Accept a frame's pose; make the frame a keyframe, or do queued work."""
         motion = se3.log(found.T_camera_reference @ self._T_world_camera) / elapsed_s
-        self._arrive(se3.inverse(found.T_camera_reference), time_s)
+        self._set_pose(se3.inverse(found.T_camera_reference), time_s)
         self._motion = motion
         if shot.moving is not None:
             self.left_out.add(shot.moving)
-        is_keyframe = self._atlas.view_distance(self._T_world_camera, self._submap) > NEW_VIEW and self._rich(shot)
+        is_keyframe = self._atlas.view_distance(self._T_world_camera, self._submap) > NEW_VIEW and self._has_depth(shot)
         corrected = False
         if is_keyframe:
             shot = _without_moving(shot)
             number, overlapping = self._atlas.add(
                 shot.index, self._T_world_camera, self._submap, shot.small, shot.features
             )
-            self._use([number, *overlapping[: LOCAL - 1]])
+            self._align_to([number, *overlapping[: LOCAL - 1]])
         else:
             corrected = self._work(shot)
         return self._estimate(shot.index, found, is_keyframe, corrected)
@@ -424,12 +425,12 @@ class PoseEstimator:
             anchor = self.keyframes[self._local[0]]
             self._T_world_camera = se3.tidied(anchor.T_world_camera @ T_anchor_camera)
             self._submap = anchor.submap
-            self._use([k for k in self._local if self.keyframes[k].submap == self._submap])
+            self._align_to([k for k in self._local if self.keyframes[k].submap == self._submap])
         elif shot.index % CHOOSE_EVERY == 0:
             self._choose_local(shot)
         return moved
 
-    def _arrive(self, T_world_camera: Float64Array, time_s: float) -> None:
+    def _set_pose(self, T_world_camera: Float64Array, time_s: float) -> None:
         self._T_world_camera = T_world_camera
         self._motion = np.zeros(6)
         self._time_s = time_s
@@ -438,9 +439,9 @@ class PoseEstimator:
     def _choose_local(self, shot: _Shot) -> None:
         chosen = self._atlas.overlapping(self._T_world_camera, shot.levels[OVERLAP_LEVEL], self._submap)[:LOCAL]
         if chosen and chosen != self._local:
-            self._use(chosen)
+            self._align_to(chosen)
 
-    def _use(self, local: list[int]) -> None:
+    def _align_to(self, local: list[int]) -> None:
         self._local = local
         self._reference = self._atlas.reference(local)
 

@@ -92,9 +92,9 @@ def optimise(
 
 
 def optimise_around(
-    T_world: Sequence[Float64Array], edges: Sequence[Edge], middle: int, most: int, fixed: Collection[int] = (0,)
+    T_world: Sequence[Float64Array], edges: Sequence[Edge], middle: int, max_moving: int, fixed: Collection[int] = (0,)
 ) -> list[Float64Array]:
-    """Return the poses after optimising only those fewest edges away from one pose, at most `most`; others are fixed.
+    """Return the poses after optimising at most `max_moving` of them, those fewest edges away from one pose.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def optimise_around(
     edges : sequence of Edge
     middle : int
         The central pose.
-    most : int
+    max_moving : int
         Largest number of poses that move.
     fixed : collection of int
         Poses that never move.
@@ -111,13 +111,13 @@ def optimise_around(
     -------
     list of (4, 4) float64
     """
-    beside: dict[int, list[int]] = {}
+    neighbours: dict[int, list[int]] = {}
     for edge in edges:
-        beside.setdefault(edge.a, []).append(edge.b)
-        beside.setdefault(edge.b, []).append(edge.a)
+        neighbours.setdefault(edge.a, []).append(edge.b)
+        neighbours.setdefault(edge.b, []).append(edge.a)
     moving = {middle: None}  # in the order in which they are found
-    for k in _outwards(middle, beside):
-        if len(moving) >= most:
+    for k in _outwards(middle, neighbours):
+        if len(moving) >= max_moving:
             break
         moving[k] = None
     for k in fixed:
@@ -135,11 +135,11 @@ def optimise_around(
     return poses
 
 
-def _outwards(middle: int, beside: Mapping[int, Sequence[int]]) -> Iterator[int]:
-    """Yield the poses connected to one by edges, those fewest edges away first."""
+def _outwards(middle: int, neighbours: Mapping[int, Sequence[int]]) -> Iterator[int]:
+    """Yield the poses connected to a pose by edges, those fewest edges away first."""
     seen, ring = {middle}, [middle]
     while ring:
-        ring = sorted({other for k in ring for other in beside.get(k, ())} - seen, reverse=True)
+        ring = sorted({other for k in ring for other in neighbours.get(k, ())} - seen, reverse=True)
         seen.update(ring)
         yield from ring
 

@@ -80,9 +80,9 @@ def free_space(levels: Sequence[Level]) -> FreeSpace:
 
     level = levels[SEARCHED_LEVEL]
     reach = 1 + int(np.ceil(DRIFT_RAD * level.camera.fx))
-    around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    window = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     depth_m = np.maximum(level.image[..., kernel.DEPTH], 0.0)
-    return FreeSpace(np.asarray(cv2.erode(depth_m, around)), np.asarray(cv2.dilate(depth_m, around)))
+    return FreeSpace(np.asarray(cv2.erode(depth_m, window)), np.asarray(cv2.dilate(depth_m, window)))
 
 
 def moving_pixels(
@@ -107,13 +107,13 @@ def moving_pixels(
     level = levels[SEARCHED_LEVEL]
     depth_m, pinhole = np.ascontiguousarray(level.image[..., kernel.DEPTH]), level.camera.pinhole
     T = np.array([se3.inverse(T_keyframe) @ T_world_camera for _, T_keyframe in keyframes])
-    nearest_m, cameras = np.array([one.nearest_m for one, _ in keyframes]), np.tile(pinhole, (len(keyframes), 1))
+    nearest_m, cameras = np.array([space.nearest_m for space, _ in keyframes]), np.tile(pinhole, (len(keyframes), 1))
     moving = np.empty(depth_m.shape, np.uint8)
     mark_freed(depth_m, pinhole, nearest_m, cameras, T, np.full(len(keyframes), DRIFT_M), NOISE_PER_M, moving)
-    moving = _large_groups(moving)
+    moving = large_groups(moving)
     if not moving.any():
         return None
-    farthest_m, unseen = np.array([one.farthest_m for one, _ in keyframes]), np.empty_like(moving)
+    farthest_m, unseen = np.array([space.farthest_m for space, _ in keyframes]), np.empty_like(moving)
     mark_unseen(depth_m, pinhole, farthest_m, T, DRIFT_M, NOISE_PER_M, unseen)
     spread(depth_m, moving, unseen, BIAS_M, NOISE_PER_M)
     if np.count_nonzero(moving) > MOST_MOVING * np.count_nonzero(depth_m):
@@ -121,14 +121,14 @@ def moving_pixels(
     return np.asarray(cv2.dilate(moving, np.ones((2 * MARGIN_PX + 1, 2 * MARGIN_PX + 1), np.uint8)), np.uint8)
 
 
-def _large_groups(marked: UInt8Array) -> UInt8Array:
-    """Return the marks (h, w) of groups of at least `MIN_GROUP` adjacent pixels, as 1."""
+def large_groups(marked: UInt8Array, min_pixels: int = MIN_GROUP) -> UInt8Array:
+    """Return the marks (h, w) of groups of at least `min_pixels` adjacent pixels, as 1."""
     import cv2
 
-    if np.count_nonzero(marked) < MIN_GROUP:
+    if np.count_nonzero(marked) < min_pixels:
         return np.zeros_like(marked)
     _, group, table, _ = cv2.connectedComponentsWithStats(np.minimum(marked, 1), connectivity=8)
-    large = table[:, cv2.CC_STAT_AREA] >= MIN_GROUP
+    large = table[:, cv2.CC_STAT_AREA] >= min_pixels
     large[0] = False  # the background
     return np.asarray(large[group], np.uint8)
 

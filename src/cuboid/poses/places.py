@@ -84,13 +84,13 @@ def votes(seen: Appearance, others: Sequence[Appearance]) -> Float64Array:
         return np.empty(0)
     counts = 0.1 * (np.stack([other.thumb for other in others]).astype(np.float64) @ seen.thumb)
     sizes = [len(other.descriptors[:VOTERS]) for other in others]
-    mine = seen.descriptors[:VOTERS]
-    if not len(mine) or not sum(sizes):
+    voters = seen.descriptors[:VOTERS]
+    if not len(voters) or not sum(sizes):
         return np.asarray(counts)
     image = np.repeat(np.arange(len(others)), sizes)
-    for match in _matcher().match(mine, np.concatenate([other.descriptors[:VOTERS] for other in others])):
+    for match in _matcher().match(voters, np.concatenate([other.descriptors[:VOTERS] for other in others])):
         if match.distance <= SAME_BITS:
-            counts[image[match.trainIdx]] += 1.0 / len(mine)
+            counts[image[match.trainIdx]] += 1.0 / len(voters)
     return np.asarray(counts)
 
 
@@ -122,10 +122,10 @@ def locate(seen: Appearance, keyframe: Appearance, camera: Intrinsics) -> Float6
     pixels = seen.corners[[m.trainIdx for m in good]].astype(np.float64)
     K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
     # OpenCV uses the same random seed in each call
-    done, turn, shift, inliers = cv2.solvePnPRansac(
+    success, turn, shift, inliers = cv2.solvePnPRansac(
         points, pixels, K, None, iterationsCount=RANSAC_ROUNDS, reprojectionError=CORNER_PX, flags=cv2.SOLVEPNP_EPNP
     )
-    if not done or inliers is None or len(inliers) < MIN_MATCHES:
+    if not success or inliers is None or len(inliers) < MIN_MATCHES:
         return None
     T = np.eye(4)
     T[:3, :3] = cv2.Rodrigues(turn)[0]

@@ -108,7 +108,7 @@ def levels_of(image: WorkingImage) -> tuple[Level, ...]:
 
 
 def keep(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) -> SmallImage:
-    """Return what is kept of a keyframe."""
+    """Return the compact image of a keyframe, for storage."""
     units = np.clip(np.rint(depth_m / KEPT_UNIT_M), 0, 65535)
     return SmallImage(gray, units.astype(np.uint16), camera)
 

@@ -6,11 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-
 from cuboid.core.errors import FrameError, shown
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.geometry.se3 import inverse, tidied, transform
+from cuboid.geometry.se3 import inverse, tidied, view_shift_m
 
 if TYPE_CHECKING:
     from cuboid.poses import PoseEstimator
@@ -18,9 +16,9 @@ if TYPE_CHECKING:
 
 LOST = "the camera is lost: the frame shows no place that is known"
 NO_POSE = "the frame has no camera pose"
-TAKEN_BACK = "the correction of the given camera poses did not hold: from frame {} on they are as given"
-# Smallest correction of estimated poses that is applied, as a fraction of a voxel: smaller ones have no effect.
-POSES_MOVE = 0.5
+WITHDRAWN = "the correction of the given camera poses did not hold: from frame {} on they are as given"
+# Smallest correction of estimated poses that is applied, voxels: smaller ones have no effect.
+MIN_CORRECTION = 0.5
 GIVEN, AUTO, CORRECTED, ESTIMATED = "given", "auto", "corrected", "estimated"
 # Values of `--poses` and `Tracker(poses=...)`.
 POSE_SOURCES = (GIVEN, AUTO, CORRECTED, ESTIMATED)
@@ -134,10 +132,10 @@ class CorrectedPoses:
             since = f"the given camera poses drift: from frame {drift.proven_at} on "
             if not self._apply:
                 return (f"{since}they disagree with earlier frames; --poses corrected aligns them",)
-            corrected = f"{since}they are aligned to earlier frames, {100.0 * drift.most_m:.0f} cm off at most"
+            corrected = f"{since}they are aligned to earlier frames, {100.0 * drift.max_shift_m:.0f} cm off at most"
             return (corrected, *drift.left_out.warnings())
-        taken_back = () if drift.taken_back_at is None else (TAKEN_BACK.format(drift.taken_back_at),)
-        return (*taken_back, *(() if drift.cause is None else (_other_cause(drift.cause),)))
+        withdrawn = () if drift.withdrawn_at is None else (WITHDRAWN.format(drift.withdrawn_at),)
+        return (*withdrawn, *(() if drift.cause is None else (_other_cause(drift.cause),)))
 
 
 def _other_cause(cause: SingleCause) -> str:
@@ -159,18 +157,18 @@ class EstimatedPoses:
     Parameters
     ----------
     intrinsics : Intrinsics
-    least_m : float
-        Corrections that move nothing by more than this, metres, are withheld until they add up.
+    min_shift_m : float
+        Corrections that move nothing by more than this, metres, are withheld until they add up to it.
     """
 
     given_with_frames = False
     origin = ESTIMATED
 
-    def __init__(self, intrinsics: Intrinsics, least_m: float) -> None:
+    def __init__(self, intrinsics: Intrinsics, min_shift_m: float) -> None:
         from cuboid.poses import PoseEstimator
 
         self._estimator = PoseEstimator(intrinsics)
-        self._least_m = least_m
+        self._min_shift_m = min_shift_m
         self._reported: list[Float64Array] = []  # pose of each keyframe, as last reported
 
     def locate(self, frame: Frame) -> Posed:
@@ -194,7 +192,7 @@ class EstimatedPoses:
         return self._estimator
 
     def _moved(self) -> dict[int, Float64Array]:
-        """Return the motions of keyframes since the last report; empty if none exceeds `least_m`."""
+        """Return the motions of keyframes since the last report; empty if none reaches `min_shift_m`."""
         keyframes = self._estimator.keyframes
         self._reported += [k.T_world_camera for k in keyframes[len(self._reported) :]]
         moved: dict[int, Float64Array] = {}
@@ -202,11 +200,9 @@ class EstimatedPoses:
         for keyframe, before in zip(keyframes, self._reported, strict=True):
             if keyframe.T_world_camera is before or keyframe.submap:
                 continue
-            seen = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, keyframe.depth_m]])
-            displacement = transform(keyframe.T_world_camera, seen) - transform(before, seen)
-            farthest_m = max(farthest_m, float(np.linalg.norm(displacement, axis=1).max()))
+            farthest_m = max(farthest_m, view_shift_m(keyframe.T_world_camera, before, keyframe.depth_m))
             moved[keyframe.number] = tidied(keyframe.T_world_camera @ inverse(before))
-        if farthest_m < self._least_m:
+        if farthest_m < self._min_shift_m:
             return {}
         self._reported = [k.T_world_camera for k in keyframes]
         return moved
@@ -276,5 +272,5 @@ def source_of_poses(poses: str, intrinsics: Intrinsics, voxel_m: float) -> Poses
         Edge of a voxel of the map, metres.
     """
     if poses == ESTIMATED:
-        return EstimatedPoses(intrinsics, POSES_MOVE * voxel_m)
+        return EstimatedPoses(intrinsics, MIN_CORRECTION * voxel_m)
     return GivenPoses() if poses == GIVEN else CorrectedPoses(intrinsics, apply=poses == CORRECTED)

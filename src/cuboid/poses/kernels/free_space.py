@@ -1,4 +1,4 @@
-"""Hot loop of the search for what moves: readings in the free space of earlier images."""
+"""Hot loop of the search for moving pixels: readings in the free space of earlier images."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def mark_freed(depth, camera, references, cameras, T_reference_camera, error_m, 
     noise : float
         Standard deviation of depth is this times z squared.
     freed : (h, w) uint8, output
-        Bit k is set where reference k saw what lies behind the reading.
+        Bit k is set where reference k saw a surface behind the reading.
     """
     height, width = depth.shape
     fx, fy = 1.0 / camera[0], 1.0 / camera[1]
