@@ -18,7 +18,7 @@ from commands import refused, run
 from cuboid.core.errors import CuboidError
 from cuboid.core.threads import limit_threads
 from cuboid.scene import Scene
-from cuboid.scene.database import open_to_write
+from cuboid.scene.database import Writing
 from cuboid.synthetic import make_scene, render_recording
 
 # More with CUBOID_KILLS=50.
@@ -136,7 +136,7 @@ def test_others_read_while_one_writes(recording: Path, tmp_path: Path) -> None:
 
 def test_a_second_writer_is_refused(recording: Path, tmp_path: Path) -> None:
     scene = tmp_path / "s.cuboid"
-    first = open_to_write(scene, create=True)
+    first = Writing(scene, create=True)
     line = refused(run(track(recording, tmp_path / "out", scene)))
     assert "another program is writing this scene" in line
     assert not (tmp_path / "out").exists()

@@ -12,7 +12,7 @@ from cuboid import cli
 from cuboid.core.errors import InputError
 from cuboid.relations import find_walls
 from cuboid.scene import Scene
-from cuboid.scene.database import open_to_write, transaction
+from cuboid.scene.database import Writing, transaction
 from cuboid.scene.relations import PLANE, WALL, write_relations
 from made_scenes import upright
 
@@ -71,7 +71,7 @@ def test_recordings_without_relations_note_none(tmp_path: Path) -> None:
 def test_a_relation_that_came_back_has_two_times(moved: Path, tmp_path: Path) -> None:
     path = tmp_path / "s.cuboid"
     path.write_bytes(moved.read_bytes())
-    file = open_to_write(path)
+    file = Writing(path)
     with transaction(file.connection):
         for recording, held in ((3, "beside"), (5, "beside"), (6, "under")):
             write_relations(file.connection, recording, {(1, held, "2"): 0.9, (1, "on", f"{PLANE}77"): 1.0})  # type: ignore[dict-item]
@@ -89,7 +89,7 @@ def test_a_relation_that_came_back_has_two_times(moved: Path, tmp_path: Path) ->
 def test_a_damaged_row_is_named(moved: Path, tmp_path: Path) -> None:
     path = tmp_path / "s.cuboid"
     path.write_bytes(moved.read_bytes())
-    file = open_to_write(path)
+    file = Writing(path)
     file.connection.execute("UPDATE scene SET value = 'one 0.5' WHERE key GLOB 'relation/1/on/*'")
     file.close()
     with Scene.open(path) as scene, pytest.raises(InputError, match="relation of an object is damaged"):

@@ -20,7 +20,7 @@ from cuboid.heatmap import levels
 from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.proposals.types import Proposals
 from cuboid.scene.codec import Encoder, Part, take
-from cuboid.scene.database import Writing, open_to_read, open_to_write
+from cuboid.scene.database import Writing, open_to_read
 from cuboid.scene.localisation import ESTIMATED, ScenePoses
 from cuboid.scene.saving import SceneBlockStore, StateFile, load_state
 from cuboid.synthetic import make_scene
@@ -102,7 +102,7 @@ def test_goes_on_from_any_cut(seed: int, tmp_path: Path, monkeypatch: pytest.Mon
     whole = show.tracker()
     expected = [told(whole.update(frame)) for frame in show.frames]
     tracker, begun = show.tracker(), 0
-    file = open_to_write(tmp_path / "a.cuboid", create=True)
+    file = Writing(tmp_path / "a.cuboid", create=True)
     state = StateFile(file.connection, tracker, PLACES)
     for cut in (*sorted(rng.choice(np.arange(1, FRAMES), 4, replace=False).tolist()), FRAMES):
         for frame in show.frames[begun:cut]:
@@ -128,7 +128,7 @@ def test_parts_of_the_map_leave_memory_and_come_back(
         PosedTracker(CAMERA, proposals=lambda frame, _: show.proposals[frame.index], memory_mb=most_mb)
         for most_mb in (float("inf"), 1.0)
     )
-    file = open_to_write(tmp_path / "a.cuboid", create=True)
+    file = Writing(tmp_path / "a.cuboid", create=True)
     reader = open_to_read(tmp_path / "a.cuboid")
     block_store = SceneBlockStore(reader, tmp_path / "a.cuboid")
     state = StateFile(file.connection, poor, PLACES, block_store)
@@ -201,7 +201,7 @@ def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
     def cut(tracker: PosedTracker, index: int) -> PosedTracker:
         if index not in (21, 22, 27):
             return tracker
-        file = open_to_write(tmp_path / f"{index}.cuboid", create=True)
+        file = Writing(tmp_path / f"{index}.cuboid", create=True)
         files.append(file)  # the map's blocks are read as they are looked at
         commit(file.connection, StateFile(file.connection, tracker, PLACES))
         return load(file.connection, show)
@@ -243,7 +243,7 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
         return tracker
 
     path = tmp_path / "owing.cuboid"
-    file, states = open_to_write(path, create=True), {}
+    file, states = Writing(path, create=True), {}
     reader = open_to_read(path)
 
     def state(tracker: PosedTracker) -> StateFile:
@@ -278,7 +278,7 @@ def test_estimated_poses_go_on_from_any_cut(tmp_path: Path) -> None:
             except FrameError as error:
                 told.append(str(error).encode())
             if frame.index in cuts:
-                file = open_to_write(tmp_path / f"{frame.index}.cuboid", create=True)
+                file = Writing(tmp_path / f"{frame.index}.cuboid", create=True)
                 commit(file.connection, StateFile(file.connection, tracker, poses))
                 tracker, poses = load_state(file.connection, camera)
                 files.append(file)

@@ -22,7 +22,7 @@ from cuboid.outputs import Results
 from cuboid.poses.sources import GivenPoses
 from cuboid.scene import Scene, SceneObject, Source
 from cuboid.scene.checking import problems, rescue
-from cuboid.scene.database import open_to_read, open_to_write
+from cuboid.scene.database import Writing, open_to_read
 from cuboid.scene.schema import VERSION
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
@@ -164,7 +164,7 @@ def test_a_version_below_the_first_is_refused_and_nothing_is_written(version: in
         connection.execute(f"PRAGMA user_version = {version}")
     connection.close()
     before = spoiled.read_bytes()
-    for way in (Scene.open, open_to_read, open_to_write):
+    for way in (Scene.open, open_to_read, Writing):
         with pytest.raises(
             InputError, match=f"written by another Cuboid .scene version {version}.; this one reads version {VERSION}"
         ) as found:

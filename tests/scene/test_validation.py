@@ -180,9 +180,9 @@ import sys
 from pathlib import Path
 from cuboid.core.errors import InputError
 from cuboid.scene.checking import problems, rescue
-from cuboid.scene.database import open_to_read, open_to_write
+from cuboid.scene.database import open_to_read, Writing
 path = Path(sys.argv[1])
-for way in (open_to_read, open_to_write, problems, lambda scene: rescue(scene, path.with_name("new.cuboid"))):
+for way in (open_to_read, Writing, problems, lambda scene: rescue(scene, path.with_name("new.cuboid"))):
     try:
         way(path)
     except InputError as error:

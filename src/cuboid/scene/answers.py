@@ -69,14 +69,14 @@ class ScenePast:
     Attributes
     ----------
     label : int
-        That it had then.
+        Label at that time.
     recording, frame : int
     time_s : float
-        Of the frame, as the recording tells it.
+        Time of the frame in the recording.
     box : Box
-        In the scene's world, as known then.
+        In the scene's world, as known at that time.
     iou : float or None
-        Overlap of the frame's own box with it; None where the frame has none.
+        3D IoU of the frame's proposal with it; None if the frame has no proposal.
     visible : float
         Fraction of its near side that was seen, 0..1.
     rect_xyxy : (4,) float64
@@ -104,14 +104,14 @@ class SceneEvent:
     Attributes
     ----------
     label : int
-        That it had then.
+        Label at that time.
     recording, frame : int
         The frame that reported it.
     time_s : float
-        Of the frame, as the recording tells it.
+        Time of the frame in the recording.
     event : {"appeared", "moved", "gone", "back"}
     from_m, to_m : (3,) float64 or None
-        Middle of its box before and after, in the scene's world; None where it was or is not there.
+        Centre of its box before and after, in the scene's world; None if it was, or is, not there.
     score : float
         Confidence that it is the same object, 0..1.
     """
@@ -132,18 +132,18 @@ class SceneEvent:
 
 @dataclass(frozen=True, slots=True)
 class PastRelation:
-    """A relation that an object of a scene has, or had, and when.
+    """A present or past relation of an object of a scene, with the recordings that showed it.
 
     Attributes
     ----------
     label : int
-        That the object had then.
+        Label of the object at that time.
     kind : {"on", "in", "beside", "under", "against", "supports"}
     to : int or str
-        Label of the other object as it is now; "plane:k" for the supporting plane k of the scene, "plane" for one that
+        Present label of the other object; "plane:k" for the supporting plane k of the scene, "plane" for one that
         is no longer known, "wall" for a wall.
     first_recording, last_recording : int
-        It held at the end of these; between them at the end of each whose relations were noted.
+        It held at the end of these, and of each recording between them whose relations were stored.
     score : float
         Probability, 0..1, at the end of the last one.
     """

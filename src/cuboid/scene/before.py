@@ -79,7 +79,7 @@ class Before:
         self, objects: Mapping[int, OldObject], ground: Mapping[int, Ground], occupied: Sequence[Cells]
     ) -> None:
         self.objects, self._ground, self._occupied = dict(objects), ground, list(occupied)
-        self._numbers = np.array(sorted({one.number for one in objects.values()}), np.int64)
+        self._numbers = np.array(sorted({old.number for old in objects.values()}), np.int64)
         # Cells noted since the last commit.
         self._noted: list[Cells] = []
         self._cubes: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]] | None = None
@@ -102,21 +102,21 @@ class Before:
     def apply_joins(self, joined: Sequence[Joined]) -> None:
         """Transform the objects of scene parts that have been connected to other parts."""
         for part in joined:
-            inside = {label: part.contains(one.box.center[None])[0] for label, one in self.objects.items()}
-            self.objects = {k: _moved(one, part.T_new_old) if inside[k] else one for k, one in self.objects.items()}
+            inside = {label: part.contains(old.box.center[None])[0] for label, old in self.objects.items()}
+            self.objects = {k: _moved(old, part.T_new_old) if inside[k] else old for k, old in self.objects.items()}
             self._cubes = None
 
     def labels_in_viewed_cubes(self, voxels: VoxelMap, since: int) -> set[int]:
         """Return labels of old objects in cubes viewed since a carving pass; see `VoxelMap.viewed_since`."""
         if self._cubes is None:
-            cubes = [np.unique(keys_of(_cube_of(one.points, voxels.voxel_m))) for one in self.objects.values()]
+            cubes = [np.unique(keys_of(_cube_of(old.points, voxels.voxel_m))) for old in self.objects.values()]
             labels = np.repeat(np.fromiter(self.objects, np.int64), [len(keys) for keys in cubes])
             self._cubes = labels, np.concatenate([np.zeros(0, np.int64), *cubes])
         labels, keys = self._cubes
         return set(labels[voxels.stored.viewed_since(keys, since)].tolist())
 
     def was_seen(self, tracker: PosedTracker, entry: MapObject) -> bool:
-        """Tell whether the ground that an object stands on had been seen before the visit.
+        """Return whether the ground that an object stands on had been seen before the visit.
 
         The answer is False for an object narrower than a cell of the ground plan: the cell counts as seen even if the
         camera saw only the ground beside the object.
@@ -136,14 +136,14 @@ class Before:
         inside = (i >= 0) & (j >= 0) & (i < seen_cells.shape[0]) & (j < seen_cells.shape[1])
         seen = inside & seen_cells[np.where(inside, i, 0), np.where(inside, j, 0)]
         # Objects that stood on the ground hid it.
-        points = np.concatenate([np.zeros((0, 3), np.float32), *(one.points for one in self.objects.values())])
-        stood = support.to_plan(points)
-        stood = stood[(stood[:, 2] > low[2]) & (stood[:, 2] < high[2])]
-        seen |= np.isin(_cell_keys(cells), _cell_keys(cells_of(stood)))
+        points = np.concatenate([np.zeros((0, 3), np.float32), *(old.points for old in self.objects.values())])
+        hiding = support.to_plan(points)
+        hiding = hiding[(hiding[:, 2] > low[2]) & (hiding[:, 2] < high[2])]
+        seen |= np.isin(_cell_keys(cells), _cell_keys(cells_of(hiding)))
         return float(seen.mean()) >= KNOWN_GROUND
 
-    def stood(self, tracker: PosedTracker, entry: MapObject) -> bool:
-        """Tell whether an object was there, or may have been there, without a label before the visit."""
+    def may_have_stood(self, tracker: PosedTracker, entry: MapObject) -> bool:
+        """Return whether an object was, or may have been, there without a label before the visit."""
         plane = tracker.support.find(entry.plane)
         points = entry.points
         if plane is not None:
@@ -156,8 +156,8 @@ class Before:
         if not len(points) or not len(occupied):
             return False
         cells = _numbers_of(points)
-        at = np.minimum(np.searchsorted(occupied, cells), len(occupied) - 1)
-        return bool((occupied[at] == cells).mean() >= STOOD)
+        place = np.minimum(np.searchsorted(occupied, cells), len(occupied) - 1)
+        return bool((occupied[place] == cells).mean() >= STOOD)
 
 
 def begin(connection: sqlite3.Connection, tracker: PosedTracker) -> None:

@@ -33,7 +33,7 @@ CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
 UNLIKE = 0.15
 # An old object may still be there although the map now has it as two objects, or as part of another one. Its label goes
 # to the new object that has at least this fraction of its points.
-MOST_OF_IT = 0.25
+HEIR_FRACTION = 0.25
 # A new object is a piece of another one if at least PIECE of its points lie within PIECE_M metres of an unchanged or
 # moved object, or of a larger new one.
 PIECE, PIECE_M = 0.5, 0.02
@@ -85,7 +85,7 @@ class Changes:
         self._since = self._since_frame = 0
 
     def recognise(self, tracker: PosedTracker, frame: int) -> None:
-        """Find objects that are gone, that stand in the place of another one, and that were moved.
+        """Find objects that are gone, that replaced another object, and that were moved.
 
         Only objects that were in view since the last call are compared.
         """
@@ -95,9 +95,9 @@ class Changes:
             old = old_objects.get(entry.label)
             seen = entry.last_frame >= max(self._since_frame, self._first_frame)
             if old is not None and entry.confirmed and (seen or entry.label in viewed):
-                self._hold_against(tracker, entry, old)
-        self._find_again(tracker)
-        while self._join_what_went_together(tracker):
+                self._retire_if_gone(tracker, entry, old)
+        self._find_old(tracker)
+        while self._merge_moved_together(tracker):
             pass
         self._since, self._since_frame = tracker.voxels.stored.carving_passes, frame + 1
 
@@ -106,7 +106,7 @@ class Changes:
         self._before.apply_joins(joined)
         self._since = self._since_frame = 0
 
-    def _hold_against(self, tracker: PosedTracker, entry: MapObject, old: OldObject) -> None:
+    def _retire_if_gone(self, tracker: PosedTracker, entry: MapObject, old: OldObject) -> None:
         """Retire an object whose points were carved, or whose place is taken by other objects."""
         voxels = tracker.voxels
         carved = float((voxels.rows_at(old.points.astype(np.float64)) < 0).mean())
@@ -127,8 +127,8 @@ class Changes:
     def _standing(self, tracker: PosedTracker, old: OldObject) -> Standing:
         return standing(tracker.voxels, old, self._first_frame)
 
-    def _find_again(self, tracker: PosedTracker) -> None:
-        """Give new objects the labels of the old objects that they are: old ones still there, or moved."""
+    def _find_old(self, tracker: PosedTracker) -> None:
+        """Give new objects the labels of old objects: of those that are still there, and of those that were moved."""
         old_objects = self._before.objects
         entries = tracker.ever_labelled()
         ended = [o for o in entries if o.label in old_objects and not o.confirmed]
@@ -142,9 +142,9 @@ class Changes:
             if not found.still:
                 gone.append(old)
             elif new:
-                has = [float((found.owners == o.number).mean()) for o in new]
-                if max(has) >= MOST_OF_IT:
-                    tracker.adopt(new.pop(int(np.argmax(has))), old)
+                fractions = [float((found.owners == o.number).mean()) for o in new]
+                if max(fractions) >= HEIR_FRACTION:
+                    tracker.adopt(new.pop(int(np.argmax(fractions))), old)
         if gone and new:
             self._find_moved(tracker, gone, new)
 
@@ -159,22 +159,25 @@ class Changes:
                 tracker.adopt(new[j], gone[k])
                 taken.add(j)
 
-    def _join_what_went_together(self, tracker: PosedTracker) -> bool:
+    def _merge_moved_together(self, tracker: PosedTracker) -> bool:
         """Merge two objects that lay side by side before and after a move: they are pieces of one object."""
         old_objects = self._before.objects
         moved = [o for o in tracker.ever_labelled() if o.confirmed and o.label in old_objects]
         moved = [o for o in moved if not _in_place(o.box, old_objects[o.label].box)]
-        for one, two in combinations(moved, 2):
-            old, other = old_objects[one.label], old_objects[two.label]
-            distance_m, distance_before_m = _distance_m(one.box, two.box), _distance_m(old.box, other.box)
-            beside = abs(distance_m - distance_before_m) <= STILL_MIDDLE_M and _level(tracker, one, two)
+        for first, second in combinations(moved, 2):
+            first_old, second_old = old_objects[first.label], old_objects[second.label]
+            distance_m, distance_before_m = (
+                _distance_m(first.box, second.box),
+                _distance_m(first_old.box, second_old.box),
+            )
+            beside = abs(distance_m - distance_before_m) <= STILL_MIDDLE_M and _level(tracker, first, second)
             if (
                 beside
-                and fraction_near(one.points, two.points, PIECE_M) > 0
-                and fraction_near(old.points, other.points, PIECE_M) > 0
-                and all(self._became(tracker, o, True).change == "moved" for o in (one, two))
+                and fraction_near(first.points, second.points, PIECE_M) > 0
+                and fraction_near(first_old.points, second_old.points, PIECE_M) > 0
+                and all(self._change_of(tracker, o, True).change == "moved" for o in (first, second))
             ):
-                tracker.merge(one, two)
+                tracker.merge(first, second)
                 return True
         return False
 
@@ -192,25 +195,25 @@ class Changes:
         for entry in entries:
             if entry.label in old_objects:
                 labels = {entry.label, *entry.merged_labels}
-                found[entry.label] = self._became(tracker, entry, any(label in seen for label in labels))
-        place_of = {entry.label: entry.points for entry in entries}
-        here = [
-            place_of[k] if one.change == "moved" else old_objects[k].points
-            for k, one in found.items()
-            if one.change != "gone"
+                found[entry.label] = self._change_of(tracker, entry, any(label in seen for label in labels))
+        points_of = {entry.label: entry.points for entry in entries}
+        known = [
+            points_of[k] if change.change == "moved" else old_objects[k].points
+            for k, change in found.items()
+            if change.change != "gone"
         ]
-        there = np.concatenate([np.zeros((0, 3), np.float32), *here])
+        known_points = np.concatenate([np.zeros((0, 3), np.float32), *known])
         for entry in sorted(entries, key=lambda o: (-float(o.box.size.prod()), o.label)):
             if entry.label not in old_objects and entry.confirmed and entry.first_frame >= self._first_frame:
-                came = self._before.was_seen(tracker, entry) and not self._before.stood(tracker, entry)
-                came = came and fraction_near(entry.points, there, PIECE_M) < PIECE
+                is_new = self._before.was_seen(tracker, entry) and not self._before.may_have_stood(tracker, entry)
+                is_new = is_new and fraction_near(entry.points, known_points, PIECE_M) < PIECE
                 found[entry.label] = Change(
-                    entry.label, "new" if came else "found", None, tracker.in_world(entry.box).center
+                    entry.label, "new" if is_new else "found", None, tracker.in_world(entry.box).center
                 )
-                there = np.concatenate([there, entry.points])
+                known_points = np.concatenate([known_points, entry.points])
         return [found[label] for label in sorted(found)]
 
-    def _became(self, tracker: PosedTracker, entry: MapObject, seen: bool) -> Change:
+    def _change_of(self, tracker: PosedTracker, entry: MapObject, seen: bool) -> Change:
         old = self._before.objects[entry.label]
         before, now = tracker.in_world(old.box).center, tracker.in_world(entry.box).center
         if not entry.confirmed:
@@ -238,19 +241,21 @@ def _in_place(box: Box, other: Box) -> bool:
     return _distance_m(box, other) <= STILL_MIDDLE_M
 
 
-def _level(tracker: PosedTracker, one: MapObject, two: MapObject) -> bool:
-    """Tell whether two objects stand at the same height, neither of them on the other."""
+def _level(tracker: PosedTracker, first: MapObject, second: MapObject) -> bool:
+    """Return whether two objects stand at the same height, neither of them on the other."""
     up = tracker.support.likely_up
-    feet = [float(up @ o.box.center) - o.box.size[2] / 2 for o in (one, two)]
+    feet = [float(up @ o.box.center) - o.box.size[2] / 2 for o in (first, second)]
     return bool(abs(feet[0] - feet[1]) <= PIECE_M)
 
 
 def write(connection: sqlite3.Connection, recording: int, changes: list[Change]) -> None:
     """Write the changes that a recording shows, with a picture of before and after, in the caller's transaction."""
     connection.execute("DELETE FROM changes WHERE recording = ?", (recording,))
-    for one in changes:
-        before, after = ((None,) * 3 if place is None else tuple(place.tolist()) for place in (one.from_m, one.to_m))
-        row = (recording, one.label, one.change, *before, *after, one.metres, one.sure)
+    for change in changes:
+        before, after = (
+            (None,) * 3 if center is None else tuple(center.tolist()) for center in (change.from_m, change.to_m)
+        )
+        row = (recording, change.label, change.change, *before, *after, change.metres, change.sure)
         connection.execute(
             "INSERT INTO changes (recording, label, change, from_x, from_y, from_z, to_x, to_y, to_z, metres, sure) "
             f"VALUES ({', '.join('?' * len(row))})",

@@ -13,7 +13,7 @@ from cuboid.core.errors import InputError, OutputError, one_line
 from cuboid.heatmap.kernels.cubes import ROW
 from cuboid.heatmap.levels import split_rows
 from cuboid.scene import before
-from cuboid.scene.database import complaining, has_table, open_damaged, open_to_read, open_to_write, transaction
+from cuboid.scene.database import Writing, has_table, open_damaged, open_to_read, transaction, user_errors
 from cuboid.scene.packing import BlockRow, unpacked_block
 from cuboid.scene.saving import StateFile, load_blocks, load_state, load_state_without_map
 from cuboid.scene.schema import TABLES
@@ -44,10 +44,10 @@ def problems(path: Path) -> list[str]:
             raise
         return [str(error)]
     try:
-        with complaining(path):
-            said = connection.execute(f"PRAGMA integrity_check({MAX_PROBLEMS})").fetchall()
+        with user_errors(path):
+            rows = connection.execute(f"PRAGMA integrity_check({MAX_PROBLEMS})").fetchall()
             # SQLite may report several pages in one text.
-            found = [line for (text,) in said for line in text.splitlines() if line != "ok"]
+            found = [line for (text,) in rows for line in text.splitlines() if line != "ok"]
             broken = connection.execute("PRAGMA foreign_key_check").fetchall()
             found += [f"a row of {table} refers to one of {other} that is not there" for table, _, other, _ in broken]
             found += _row_problems(connection)
@@ -91,7 +91,7 @@ def _state_problems(connection: sqlite3.Connection) -> list[str]:
 
 
 def rescue(path: Path, new: Path) -> list[str]:
-    """Write what can be read of a damaged scene into a new file.
+    """Write the readable contents of a damaged scene into a new file.
 
     Returns
     -------
@@ -108,10 +108,10 @@ def rescue(path: Path, new: Path) -> list[str]:
     if new.exists():
         raise OutputError(f"{new}: exists; name another file")
     old = open_damaged(path)
-    file = open_to_write(new, create=True)
+    file = Writing(new, create=True)
     lost: list[str] = []
     try:
-        with complaining(new):
+        with user_errors(new):
             with transaction(file.connection):
                 file.connection.execute("PRAGMA defer_foreign_keys = ON")
                 kept = sum(_copied(old, file.connection, table, lost) for table in PUBLIC_TABLES)
@@ -149,7 +149,7 @@ def _copied(old: sqlite3.Connection, new: sqlite3.Connection, table: str, lost: 
 
 
 def _may_have(old: sqlite3.Connection, table: str) -> bool:
-    """Tell whether a damaged scene has an optional table; True if that cannot be read."""
+    """Return whether a damaged scene has an optional table; True if that cannot be read."""
     try:
         return has_table(old, table)
     except sqlite3.DatabaseError:
@@ -206,14 +206,16 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
         lost.append(f"the map and the objects' evidence ({error})")
         return 0
     blocks = list(_readable_blocks(old, lost))
-    rows, keys = (np.concatenate(some) for some in zip((np.zeros(0, ROW), np.zeros(0, np.int64)), *blocks, strict=True))
+    rows, keys = (
+        np.concatenate(parts) for parts in zip((np.zeros(0, ROW), np.zeros(0, np.int64)), *blocks, strict=True)
+    )
     # Of two rows of one voxel the first is kept.
     _, first = np.unique(np.column_stack([keys, rows["voxel"]]), axis=0, return_index=True)
     tracker.voxels.refill(keys[np.sort(first)], rows[np.sort(first)])
     for entry in tracker.ever_labelled():
-        there = tracker.voxels.rows_at(entry.points.astype(np.float64)) >= 0
-        if there.any():  # an object whose points are all lost keeps them: they mark its place
-            entry.points, entry.colors = entry.points[there], entry.colors[there]
+        known = tracker.voxels.rows_at(entry.points.astype(np.float64)) >= 0
+        if known.any():  # an object whose points are all lost keeps them: they mark its place
+            entry.points, entry.colors = entry.points[known], entry.colors[known]
     state = StateFile(new, tracker, poses)
     with transaction(new):
         state.write(new, state.snapshot())

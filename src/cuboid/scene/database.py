@@ -19,7 +19,7 @@ from cuboid.scene.validation import DamagedError
 # The writing process holds a lock on the file with this suffix beside the scene.
 LOCK = "-writer"
 # Suffixes of SQLite's own files beside the scene.
-BESIDE = ("-journal", "-wal", "-shm")
+SUFFIXES = ("-journal", "-wal", "-shm")
 # Maximum waiting time, seconds, for another process that briefly holds the file.
 LOCK_TIMEOUT_S = 10.0
 # Size of a page of the file, bytes: the map's blocks are much larger.
@@ -35,7 +35,7 @@ RESCUE = "'cuboid scene check --rescue NEW' saves what can be read"
 
 
 @contextmanager
-def complaining(path: Path) -> Iterator[None]:
+def user_errors(path: Path) -> Iterator[None]:
     """Turn errors of SQLite, the system and the validation into one line.
 
     Raises
@@ -100,7 +100,7 @@ def open_to_read(path: Path) -> sqlite3.Connection:
     if not path.is_file():
         raise InputError(f"{path}: there is no such scene file")
     _refuse_other(path)
-    with complaining(path):
+    with user_errors(path):
         try:  # not "ro": the last connection to close a scene cleans up its log
             connection = _connect(path, "rw")
             _refuse_other_version(connection, path)
@@ -122,12 +122,12 @@ def open_damaged(path: Path) -> sqlite3.Connection:
     if not path.is_file():
         raise InputError(f"{path}: there is no such scene file")
     _refuse_other(path)
-    with complaining(path):
+    with user_errors(path):
         return _connect(path, "ro")
 
 
 def has_table(connection: sqlite3.Connection, name: str) -> bool:
-    """Tell whether a scene has an optional table."""
+    """Return whether a scene has an optional table."""
     query = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?"
     return connection.execute(query, (name,)).fetchone() is not None
 
@@ -165,7 +165,7 @@ class Writing:
         try:
             if create and not (path.exists() and path.stat().st_size):
                 _make(path)
-            with complaining(path):
+            with user_errors(path):
                 self.connection = _connect(path, "rw")
                 _prepare(self.connection, path)
         except BaseException:
@@ -175,7 +175,7 @@ class Writing:
     def close(self) -> None:
         """Close the file after releasing its free pages; uncommitted changes are dropped."""
         try:
-            with complaining(self._path):
+            with user_errors(self._path):
                 if self.connection.in_transaction:
                     self.connection.execute("ROLLBACK")
                 with suppress(sqlite3.OperationalError):  # on a full disk the free pages stay
@@ -186,11 +186,6 @@ class Writing:
 
     def _unlock(self) -> None:
         release(self._lock, _lock_path(self._path))
-
-
-def open_to_write(path: Path, *, create: bool = False) -> Writing:
-    """Open or create a scene for writing; see `Writing`."""
-    return Writing(path, create=create)
 
 
 def _connect(path: Path, mode: str, *, immutable: bool = False) -> sqlite3.Connection:
@@ -209,7 +204,7 @@ def _refuse_other(path: Path) -> None:
         if path.is_file() and 0 < path.stat().st_size < 100:
             raise InputError(f"{path}: is no scene file of Cuboid")
     whole = real_path(path)
-    for ending in BESIDE:
+    for ending in SUFFIXES:
         place = whole.with_name(whole.name + ending)
         with suppress(OSError):
             found = place.stat()
@@ -232,7 +227,7 @@ def _refuse_other_version(connection: sqlite3.Connection, path: Path) -> None:
 def _make(path: Path) -> None:
     """Create an empty scene that appears only when complete: readers find a whole scene or no file."""
     file = PendingFile(path)
-    with file.writing(), complaining(path):
+    with file.writing(), user_errors(path):
         connection = _connect(file.partial, "rwc")
         connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")

@@ -36,7 +36,7 @@ def edited(connection: sqlite3.Connection, path: str) -> Iterator[PosedTracker]:
         records.take(tracker).write(connection)
 
 
-def merge(connection: sqlite3.Connection, path: str, one: int, two: int) -> int:
+def merge(connection: sqlite3.Connection, path: str, label: int, other: int) -> int:
     """Merge two objects; return the older label, which stays.
 
     Raises
@@ -44,27 +44,28 @@ def merge(connection: sqlite3.Connection, path: str, one: int, two: int) -> int:
     InputError
         One of the objects does not exist, both are the same, or they are too far apart to be one.
     """
-    if one == two:
-        raise InputError(f"{path}: expected two labels, got {one} twice")
+    if label == other:
+        raise InputError(f"{path}: expected two labels, got {label} twice")
     with edited(connection, path) as tracker:
         unread = {item.label: item for item in tracker.unread_objects()}
-        if one in unread or two in unread:
+        if label in unread or other in unread:
             boxes = [
-                unread[k].box if k in unread else tracker.in_world(_living(tracker, path, k).box) for k in (one, two)
+                unread[k].box if k in unread else tracker.in_world(_living(tracker, path, k).box)
+                for k in (label, other)
             ]
             apart_m = float(np.linalg.norm(boxes[0].center - boxes[1].center))
             if apart_m > sum(box.size.max() for box in boxes):
-                raise InputError(f"{path}: {one} and {two} are {apart_m:.2f} m apart, farther than they are large")
-            return tracker.merge_unread(one, two)
-        first, second = (_living(tracker, path, label) for label in (one, two))
-        kept = tracker.merge(first, second)
+                raise InputError(f"{path}: {label} and {other} are {apart_m:.2f} m apart, farther than they are large")
+            return tracker.merge_unread(label, other)
+        first_entry, second_entry = (_living(tracker, path, k) for k in (label, other))
+        kept = tracker.merge(first_entry, second_entry)
         if not kept.confirmed:
-            raise InputError(f"{path}: {one} and {two} together are no object: {_size(kept)} cm, or too few points")
+            raise InputError(f"{path}: {label} and {other} together are no object: {_size(kept)} cm, or too few points")
         return kept.label
 
 
 def forget(connection: sqlite3.Connection, path: str, label: int) -> None:
-    """Delete an object: its label is never reused, and what is seen there may become another object.
+    """Delete an object: its label is never reused, and its surface may become another object.
 
     Raises
     ------

@@ -44,7 +44,7 @@ def read_names(connection: sqlite3.Connection) -> dict[int, str]:
 
 
 def named_furniture(furniture: Iterable[TrackedObject], names: Mapping[int, str]) -> ObjectTable:
-    """Return furniture with the names of its labels: its own, else one that ended in it."""
+    """Return furniture with the name of its label, or else of a label that was merged into it."""
     found = []
     for piece in furniture:
         name = next((names[label] for label in (piece.label, *piece.merged_labels) if label in names), None)
@@ -58,19 +58,19 @@ def known_furniture(tracker: PosedTracker, points: MapPoints, names: Mapping[int
     Parameters
     ----------
     tracker : PosedTracker
-        Of the scene.
+        Tracker of the scene.
     points : MapPoints
         Its global point map.
     names : mapping of int to str
-        Of `read_names`.
+        Names from `read_names`.
     """
-    own = tracker.plane_identities
-    place = {identity: k for k, identity in enumerate(sorted(own))}
+    identities = tracker.plane_identities
+    index_of = {identity: k for k, identity in enumerate(sorted(identities))}
     found = (
         replace(
             piece,
-            plane=None if piece.plane is None else place[own[piece.plane]],
-            planes=tuple(sorted(place[own[k]] for k in piece.planes)),
+            plane=None if piece.plane is None else index_of[identities[piece.plane]],
+            planes=tuple(sorted(index_of[identities[k]] for k in piece.planes)),
         )
         for piece in tracker.find_furniture(points, labelled=True)
     )
@@ -80,8 +80,8 @@ def known_furniture(tracker: PosedTracker, points: MapPoints, names: Mapping[int
 def of_recording(furniture: Iterable[TrackedObject], first_frame: int) -> ObjectTable:
     """Return the furniture that was seen from a frame of the scene on, with frames counted from that one.
 
-    The scene counts the frames of all recordings together: in how many of this one a piece was seen is bounded by the
-    frames in between.
+    The scene counts the frames of all recordings together. The number of frames of this recording that saw a piece is
+    not known; it is at most the number of frames between the first and the last of them.
     """
     found = []
     for piece in furniture:

@@ -21,7 +21,7 @@ from cuboid.objects.similarity import MIN_SIMILARITY, color_profile_of, similari
 
 # Number of objects of the part that are used, those seen most often; number of objects of the scene with which each is
 # compared.
-LOOKED_FOR, CANDIDATES = 16, 20
+MAX_SEEN, CANDIDATES = 16, 20
 # Tolerances, metres: APART_M for the distance within two pairs, MEET_M for objects that coincide. Two objects nearer to
 # each other than MIN_APART_M give no reliable direction.
 APART_M, MEET_M, MIN_APART_M = 0.03, 0.04, 0.1
@@ -34,68 +34,68 @@ OTHER_M, OTHER_RAD, CLEARER = 0.1, 0.2, 1.5
 # SAME_M metres.
 AROUND_M, SAME_M, SAME_FRACTION = 1.0, 0.03, 0.5
 # Maximum number of hypotheses, those of the most similar pairs.
-ANSWERS = 500
+MAX_HYPOTHESES = 500
 
 Numbers = npt.NDArray[np.int64]
 
 
 def find_layout(scene_objects: Sequence[MapObject], seen: Sequence[MapObject], up: Float64Array) -> Float64Array | None:
     """Return the motion T_scene_seen (4, 4) about up that aligns objects with the scene's; None if ambiguous."""
-    seen = sorted(seen, key=lambda o: (-o.frames_seen, o.label))[:LOOKED_FOR]
+    seen = sorted(seen, key=lambda o: (-o.frames_seen, o.label))[:MAX_SEEN]
     if len(scene_objects) < MIN_MET or len(seen) < MIN_MET:
         return None
     level = np.eye(4)
     level[:3, :3] = level_rotation(up)
     profiles = [color_profile_of(o) for o in scene_objects]
-    like = np.array(
+    similarities = np.array(
         [
             [similarity(a, o.box, color_profile_of(s), s.box) for a, o in zip(profiles, scene_objects, strict=True)]
             for s in seen
         ]
     )
-    k, s = (np.array([o.box.center for o in some]) @ level[:3, :3].T for some in (scene_objects, seen))
-    motions = _answers(like, k, s)
+    k, s = (np.array([o.box.center for o in objects]) @ level[:3, :3].T for objects in (scene_objects, seen))
+    motions = _hypotheses(similarities, k, s)
     if not len(motions):
         return None
-    scores = _scores(motions, like, k, s)
+    scores = _scores(motions, similarities, k, s)
     best = int(np.argmax(scores))
     middles = _moved(motions, s.mean(0)[None])[:, 0]
     turn = np.abs((motions[:, 0] - motions[best, 0] + np.pi) % (2 * np.pi) - np.pi)
-    other = (np.linalg.norm(middles - middles[best], axis=1) > OTHER_M) | (turn > OTHER_RAD)
-    met, there = _met(motions[best], like, k, s)
-    if len(np.unique(there)) < MIN_MET or scores[best] < CLEARER * scores[other].max(initial=0.0):
+    others = (np.linalg.norm(middles - middles[best], axis=1) > OTHER_M) | (turn > OTHER_RAD)
+    matched, partners = _met(motions[best], similarities, k, s)
+    if len(np.unique(partners)) < MIN_MET or scores[best] < CLEARER * scores[others].max(initial=0.0):
         return None
-    return np.asarray(inverse(level) @ _fitted(k[there], s[met]) @ level)
+    return np.asarray(inverse(level) @ _fitted(k[partners], s[matched]) @ level)
 
 
 def same_place(
     scene_points: Float32Array, seen: Float32Array, T_scene_seen: Float64Array, around: Float64Array
 ) -> bool:
-    """Tell whether points of a part (N, 3) around a place in it coincide with points of the scene (M, 3)."""
+    """Return whether points of a part (N, 3) around a place in it coincide with points of the scene (M, 3)."""
     near = seen[np.linalg.norm(seen - around, axis=1) < AROUND_M].astype(np.float64)
-    there = transform(T_scene_seen, near)
+    moved = transform(T_scene_seen, near)
     scene_points = scene_points[np.linalg.norm(scene_points - transform(T_scene_seen, around), axis=1) < 1.5 * AROUND_M]
     if not len(near) or not len(scene_points):
         return False
-    distance, _ = cKDTree(scene_points).query(there, distance_upper_bound=SAME_M)
+    distance, _ = cKDTree(scene_points).query(moved, distance_upper_bound=SAME_M)
     return bool(np.isfinite(distance).mean() >= SAME_FRACTION)
 
 
-def _answers(like: Float64Array, scene_centers: Float64Array, seen: Float64Array) -> Float64Array:
+def _hypotheses(similarities: Float64Array, scene_centers: Float64Array, seen: Float64Array) -> Float64Array:
     """Return motions (A, 4), yaw and translation in the level frame, from two pairs of similar objects."""
-    best = np.argsort(-like, axis=1, kind="stable")[:, :CANDIDATES]
+    best = np.argsort(-similarities, axis=1, kind="stable")[:, :CANDIDATES]
     i = np.repeat(np.arange(len(seen)), best.shape[1])
     j = best.reshape(-1)
-    alike_enough = like[i, j] >= MIN_SIMILARITY
+    alike_enough = similarities[i, j] >= MIN_SIMILARITY
     i, j = i[alike_enough], j[alike_enough]
     a, b = np.triu_indices(len(i), 1)
-    there, here = scene_centers[j[b]] - scene_centers[j[a]], seen[i[b]] - seen[i[a]]
-    fits = (i[a] != i[b]) & (j[a] != j[b]) & (np.linalg.norm(here[:, :2], axis=1) >= MIN_APART_M)
-    fits &= np.abs(np.linalg.norm(there[:, :2], axis=1) - np.linalg.norm(here[:, :2], axis=1)) < APART_M
-    fits &= np.abs(there[:, 2] - here[:, 2]) < APART_M
-    fits[fits] = _most(like[i[a[fits]], j[a[fits]]] * like[i[b[fits]], j[b[fits]]])
-    a, b, there, here = a[fits], b[fits], there[fits], here[fits]
-    yaw = np.arctan2(there[:, 1], there[:, 0]) - np.arctan2(here[:, 1], here[:, 0])
+    scene_step, seen_step = scene_centers[j[b]] - scene_centers[j[a]], seen[i[b]] - seen[i[a]]
+    fits = (i[a] != i[b]) & (j[a] != j[b]) & (np.linalg.norm(seen_step[:, :2], axis=1) >= MIN_APART_M)
+    fits &= np.abs(np.linalg.norm(scene_step[:, :2], axis=1) - np.linalg.norm(seen_step[:, :2], axis=1)) < APART_M
+    fits &= np.abs(scene_step[:, 2] - seen_step[:, 2]) < APART_M
+    fits[fits] = _most(similarities[i[a[fits]], j[a[fits]]] * similarities[i[b[fits]], j[b[fits]]])
+    a, b, scene_step, seen_step = a[fits], b[fits], scene_step[fits], seen_step[fits]
+    yaw = np.arctan2(scene_step[:, 1], scene_step[:, 0]) - np.arctan2(seen_step[:, 1], seen_step[:, 0])
     turned = _moved(np.column_stack([yaw, np.zeros((len(yaw), 3))]), seen)
     rows = np.arange(len(yaw))
     shift = 0.5 * (scene_centers[j[a]] + scene_centers[j[b]] - turned[rows, i[a]] - turned[rows, i[b]])
@@ -104,7 +104,7 @@ def _answers(like: Float64Array, scene_centers: Float64Array, seen: Float64Array
 
 def _most(values: Float64Array) -> npt.NDArray[np.bool_]:
     chosen = np.zeros(len(values), bool)
-    chosen[np.argsort(-values, kind="stable")[:ANSWERS]] = True
+    chosen[np.argsort(-values, kind="stable")[:MAX_HYPOTHESES]] = True
     return chosen
 
 
@@ -115,21 +115,23 @@ def _moved(motions: Float64Array, points: Float64Array) -> Float64Array:
     return np.stack([c * x - s * y + motions[:, 1:2], s * x + c * y + motions[:, 2:3], z + motions[:, 3:4]], -1)
 
 
-def _scores(motions: Float64Array, like: Float64Array, scene_centers: Float64Array, seen: Float64Array) -> Float64Array:
+def _scores(
+    motions: Float64Array, similarities: Float64Array, scene_centers: Float64Array, seen: Float64Array
+) -> Float64Array:
     """Return the score of each motion (A,): the summed similarity of objects that coincide."""
     distance, nearest = _nearest(scene_centers, _moved(motions, seen))
     meets = np.isfinite(distance)
-    found = np.where(meets, like[np.arange(len(seen)), np.where(meets, nearest, 0)], 0.0)
+    found = np.where(meets, similarities[np.arange(len(seen)), np.where(meets, nearest, 0)], 0.0)
     return np.asarray(np.where(found < MIN_SIMILARITY, 0.0, found).sum(1))
 
 
 def _met(
-    motion: Float64Array, like: Float64Array, scene_centers: Float64Array, seen: Float64Array
+    motion: Float64Array, similarities: Float64Array, scene_centers: Float64Array, seen: Float64Array
 ) -> tuple[Numbers, Numbers]:
     """Return indices of objects that coincide with similar ones of the scene under a motion, and of these."""
     distance, nearest = _nearest(scene_centers, _moved(motion[None], seen)[0])
     met = np.flatnonzero(np.isfinite(distance))
-    met = met[like[met, nearest[met]] >= MIN_SIMILARITY]
+    met = met[similarities[met, nearest[met]] >= MIN_SIMILARITY]
     return met, nearest[met]
 
 

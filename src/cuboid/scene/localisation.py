@@ -17,9 +17,9 @@ from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.core.state import Record
 from cuboid.core.working import thin
-from cuboid.geometry.se3 import angle, exp, inverse, mean_motion, tidied, transform
+from cuboid.geometry.se3 import angle, exp, inverse, mean_motion, tidied, transform, view_shift_m
 from cuboid.poses.estimator import PoseEstimator, PoseEstimatorState
-from cuboid.poses.sources import LOST, NO_POSE, Posed
+from cuboid.poses.sources import LOST, MIN_CORRECTION, NO_POSE, Posed
 from cuboid.surfaces.standing import find_flat_areas
 from cuboid.surfaces.up import UpVote
 
@@ -59,7 +59,7 @@ class Joined:
         return Joined(middle, T_frame_world @ self.T_new_old @ T_world_frame)
 
     def contains(self, points: Float64Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Tell which points (N, 3) of the world belonged to the part."""
+        """Return which points (N, 3) of the world belonged to the part."""
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) < ASIDE_M / 2)
 
 
@@ -124,12 +124,12 @@ class ScenePoses:
     config : TrackerConfig
     """
 
-    NOT_SAVED = frozenset({"intrinsics", "_least_m"})
+    NOT_SAVED = frozenset({"intrinsics", "_min_shift_m"})
 
     def __init__(self, intrinsics: Intrinsics, config: TrackerConfig) -> None:
         self.intrinsics, self._config = intrinsics, config
         self._estimator = PoseEstimator(intrinsics)
-        self._least_m = 0.5 * config.voxel_m  # a smaller displacement stays within a voxel
+        self._min_shift_m = MIN_CORRECTION * config.voxel_m
         self._keyframe_poses: dict[int, Float64Array] = {}  # pose in the world, as last reported
         self._T_world_part: dict[int, Float64Array] = {0: np.eye(4)}
         self._joined: list[tuple[Float64Array, Float64Array]] = []
@@ -228,7 +228,7 @@ class ScenePoses:
         """
         part, T_part_camera, anchor = self._estimated(frame) if self.mode == ESTIMATED else self._given(frame)
         if part not in self._T_world_part:
-            self._T_world_part[part] = self._aside(part, frame, T_part_camera, up)
+            self._T_world_part[part] = self._place_aside(part, frame, T_part_camera, up)
         self._last_part, self._recognised = part, part == 0
         moved = self._moved()
         return Posed(tidied(self._T_world_part[part] @ T_part_camera), anchor, moved)
@@ -249,7 +249,7 @@ class ScenePoses:
         return self._last_part
 
     def stands_in(self, part: int, place: Float64Array) -> bool:
-        """Tell whether a place (3,) of the world lies in a part."""
+        """Return whether a place (3,) of the world lies in a part."""
         T = self._T_world_part.get(part)
         return T is not None and bool(Joined(T[:3, 3], T).contains(place[None])[0])
 
@@ -281,12 +281,12 @@ class ScenePoses:
             raise FrameError(LOST)
         due = number is not None or (not self._aligned and frame.index % SEARCH_EVERY == 0)
         if due and not (self._aligned and len(self._seen_as) >= ENOUGH):
-            self._look_for(frame)
+            self._recognise(frame)
             T_part_camera = tidied(self._T_part_recording @ frame.T_world_camera)
         self._estimator.anchor_frame(frame.index, T_part_camera, self._own[-1])
         return self._part, T_part_camera, self._own[-1]
 
-    def _look_for(self, frame: Frame) -> None:
+    def _recognise(self, frame: Frame) -> None:
         """Try to recognise a frame; place the recording by the recognised frames that agree."""
         assert frame.T_world_camera is not None
         place = self._estimator.find(frame, self._own)
@@ -304,23 +304,25 @@ class ScenePoses:
         if len(agreeing) < AGREEING - 1:
             return
         T_submap_cameras, given = (np.array(poses) for poses in zip(*agreeing, self._seen_as[-1][1:], strict=True))
-        better = mean_motion(T_submap_cameras, given)
+        T_part_recording = mean_motion(T_submap_cameras, given)
         if self._part != keyframe.submap:
-            self._estimator.join(self._part, keyframe.submap, better @ inverse(self._T_part_recording))
+            self._estimator.join(self._part, keyframe.submap, T_part_recording @ inverse(self._T_part_recording))
             self._part = keyframe.submap
         else:
-            self._estimator.move(self._own, better @ inverse(self._T_part_recording))
-        self._T_part_recording, self._aligned = better, True
+            self._estimator.move(self._own, T_part_recording @ inverse(self._T_part_recording))
+        self._T_part_recording, self._aligned = T_part_recording, True
 
-    def _aside(self, part: int, frame: Frame, T_part_camera: Float64Array, up: Float64Array | None) -> Float64Array:
+    def _place_aside(
+        self, part: int, frame: Frame, T_part_camera: Float64Array, up: Float64Array | None
+    ) -> Float64Array:
         """Return T_world_part of a new part: far from the others, and level."""
         T = np.eye(4)
-        beside = np.array([1.0, 0.0, 0.0]) if up is None else np.eye(3)[int(np.argmin(np.abs(up)))]
+        direction = np.array([1.0, 0.0, 0.0]) if up is None else np.eye(3)[int(np.argmin(np.abs(up)))]
         if up is not None:
-            beside -= up * (up @ beside)
-            own = self._up_of(frame, T_part_camera)
-            T[:3, :3] = _turn(own, up)
-        T[:3, 3] = ASIDE_M * part * beside / np.linalg.norm(beside)
+            direction -= up * (up @ direction)
+            part_up = self._up_of(frame, T_part_camera)
+            T[:3, :3] = _turn(part_up, up)
+        T[:3, 3] = ASIDE_M * part * direction / np.linalg.norm(direction)
         return T
 
     def _up_of(self, frame: Frame, T_part_camera: Float64Array) -> Float64Array:
@@ -346,25 +348,22 @@ class ScenePoses:
             now[keyframe.number] = T
             if np.array_equal(before, T):
                 continue
-            seen = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, keyframe.depth_m]])
-            farthest_m = max(
-                farthest_m, float(np.linalg.norm(transform(T, seen) - transform(before, seen), axis=1).max())
-            )
+            farthest_m = max(farthest_m, view_shift_m(T, before, keyframe.depth_m))
             moved[keyframe.number] = tidied(T @ inverse(before))
-        if farthest_m < self._least_m:
+        if farthest_m < self._min_shift_m:
             return {}
         self._note_joined(moved)
         self._keyframe_poses = now
         return moved
 
     def _note_joined(self, moved: Mapping[int, Float64Array]) -> None:
-        """Note parts that no longer exist: their contents move with their keyframes."""
+        """Record parts that no longer exist: their contents move with their keyframes."""
         present = {k.submap for k in self._estimator.keyframes}
         for part in sorted(self._T_world_part.keys() - present - {0}):
             middle = self._T_world_part.pop(part)[:3, 3]
-            own = [k for k in moved if np.linalg.norm(self._keyframe_poses[k][:3, 3] - middle) < ASIDE_M / 2]
-            if own:
-                self._joined.append((middle, moved[own[0]]))
+            keyframes = [k for k in moved if np.linalg.norm(self._keyframe_poses[k][:3, 3] - middle) < ASIDE_M / 2]
+            if keyframes:
+                self._joined.append((middle, moved[keyframes[0]]))
 
 
 def _near(T: Float64Array, T_other: Float64Array) -> bool:

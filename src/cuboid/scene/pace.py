@@ -39,7 +39,7 @@ class Rhythm:
         return min(max(self._every_s, self.cost_s / COMMIT_FRACTION), LONGEST_WAIT * self._every_s)
 
     def due(self) -> bool:
-        """Tell whether a commit is due."""
+        """Return whether a commit is due."""
         waited_s, worked_s = time.monotonic() - self._begun[0], time.process_time() - self._begun[1]
         longest_s = min(LOADED_WAIT * self.wait_s, LONGEST_WAIT * self._every_s)
         return waited_s >= self._every_s and (worked_s >= self.wait_s or waited_s >= longest_s)
@@ -56,15 +56,15 @@ class Pace:
     ----------
     fraction : float
         Fraction of the process's processor time.
-    most_s : float
+    max_s : float
         After this time the thread works without rest: the others may be idle.
     cost_s : float
-        Expected processor time of the work, 0 if unknown. It spreads the rests over `most_s`.
+        Expected processor time of the work, 0 if unknown. It spreads the rests over `max_s`.
     """
 
-    def __init__(self, fraction: float = 1.0, most_s: float = 0.0, cost_s: float = 0.0) -> None:
-        self._fraction, self._until_s = fraction, time.monotonic() + most_s
-        self._stretched = most_s / cost_s if cost_s > 0.0 else float("inf")
+    def __init__(self, fraction: float = 1.0, max_s: float = 0.0, cost_s: float = 0.0) -> None:
+        self._fraction, self._until_s = fraction, time.monotonic() + max_s
+        self._stretched = max_s / cost_s if cost_s > 0.0 else float("inf")
         self._hurry = Event()
         self._begun: tuple[float, float] | None = None
 

@@ -33,25 +33,25 @@ def deflated(data: bytes) -> bytes:
     return packer.compress(data) + packer.flush()
 
 
-def inflated(data: bytes, check: int, what: str, beside: tuple[int, ...] = ()) -> bytes:
-    """Return decompressed bytes, after comparing the check sum of the bytes and of other numbers beside them.
+def inflated(data: bytes, check: int, subject: str, numbers: tuple[int, ...] = ()) -> bytes:
+    """Return decompressed bytes, after comparing the check sum of the bytes and of the numbers stored with them.
 
     Raises
     ------
     DamagedError
         The bytes are not those that were written.
     """
-    if check_sum(data, beside) != check:
-        raise DamagedError(f"{what} is damaged: its check sum is wrong")
+    if check_sum(data, numbers) != check:
+        raise DamagedError(f"{subject} is damaged: its check sum is wrong")
     try:
         return zlib.decompress(data)
     except zlib.error as error:
-        raise DamagedError(f"{what} is damaged: {error}") from None
+        raise DamagedError(f"{subject} is damaged: {error}") from None
 
 
-def check_sum(data: bytes, beside: tuple[int, ...] = ()) -> int:
-    """Return the check sum of bytes in the file: the CRC-32 of the bytes and of the numbers beside them."""
-    return zlib.crc32(np.array(beside, "<i8").tobytes(), zlib.crc32(data))
+def check_sum(data: bytes, numbers: tuple[int, ...] = ()) -> int:
+    """Return the check sum of bytes in the file: the CRC-32 of the bytes and of the numbers stored with them."""
+    return zlib.crc32(np.array(numbers, "<i8").tobytes(), zlib.crc32(data))
 
 
 def form_of(array: AnyArray) -> str:
@@ -89,7 +89,7 @@ def _parts_of(form: str) -> tuple[np.dtype[Any], tuple[int, ...], tuple[int, ...
         dtype = np.dtype(str(name))
     except (msgspec.DecodeError, UnicodeError, RecursionError, TypeError, ValueError):
         raise DamagedError(f"the form of an array is damaged: {shown(form)}") from None
-    sides = [one for one in (shape, *strides) if isinstance(one, tuple) and len(one) == len(shape)]
+    sides = [item for item in (shape, *strides) if isinstance(item, tuple) and len(item) == len(shape)]
     if dtype.kind not in "biuf" or len(sides) != 1 + len(strides) or len(strides) > 1:
         raise DamagedError(f"the form of an array is damaged: {shown(form)}")
     return dtype, sides[0], sides[1] if strides else None
@@ -98,25 +98,25 @@ def _parts_of(form: str) -> tuple[np.dtype[Any], tuple[int, ...], tuple[int, ...
 def packed(array: AnyArray) -> bytes:
     """Return an array's bytes, compressed in planes (see `_planes`); images as PNG."""
     if array.ndim == 2 and array.dtype in (np.uint8, np.uint16) and min(array.shape) >= SMALLEST_IMAGE:
-        done, data = cv2.imencode(".png", array, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
-        if done:
+        success, data = cv2.imencode(".png", array, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
+        if success:
             return data.tobytes()
     return deflated(_planes(array))
 
 
-def unpacked(data: bytes, check: int, form: str, what: str) -> AnyArray:
+def unpacked(data: bytes, check: int, form: str, subject: str) -> AnyArray:
     """Return the array of bytes from `packed`, in C order."""
     dtype, shape, _ = _parts_of(form)
     try:
         if data.startswith(PNG):
-            whole = check_sum(data) == check
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if whole else None
+            is_whole = check_sum(data) == check
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if is_whole else None
             if image is None:
-                raise DamagedError(f"{what} is damaged: its check sum is wrong")
+                raise DamagedError(f"{subject} is damaged: its check sum is wrong")
             return image.reshape(shape).astype(dtype, copy=False)
-        return from_planes(inflated(data, check, what), dtype, shape)
+        return from_planes(inflated(data, check, subject), dtype, shape)
     except ValueError:
-        raise DamagedError(f"{what} is damaged: it is not of the form {shown(form)}") from None
+        raise DamagedError(f"{subject} is damaged: it is not of the form {shown(form)}") from None
 
 
 def packed_block(rows: AnyArray) -> bytes:
@@ -150,15 +150,15 @@ def unpacked_block(row: BlockRow, check: int, data: bytes) -> AnyArray:
     DamagedError
         The bytes or the numbers are not those that were written.
     """
-    rows, what = row.rows, f"block {row.number} of the map"
+    rows, subject = row.rows, f"block {row.number} of the map"
     size = rows * ROW.itemsize
     if len(data) == size:
         if check_sum(data, row) != check:
-            raise DamagedError(f"{what} is damaged: its check sum is wrong")
+            raise DamagedError(f"{subject} is damaged: its check sum is wrong")
         return np.frombuffer(data, ROW)
-    plain = inflated(data, check, what, row)
+    plain = inflated(data, check, subject, row)
     if len(plain) != size or not 0 < rows <= BLOCK_ROWS:
-        raise DamagedError(f"{what} is damaged: {len(plain)} bytes are not {rows} rows")
+        raise DamagedError(f"{subject} is damaged: {len(plain)} bytes are not {rows} rows")
     return from_planes(plain, ROW, (rows,))
 
 

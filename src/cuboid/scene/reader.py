@@ -21,7 +21,7 @@ from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
 from cuboid.scene.answers import PastRelation, SceneEvent, SceneObject, ScenePast, SceneRecording
 from cuboid.scene.classes import KEY, read_classes, read_kinds
-from cuboid.scene.database import complaining, has_table, open_to_read
+from cuboid.scene.database import has_table, open_to_read, user_errors
 from cuboid.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
 
@@ -75,7 +75,7 @@ class SceneReader(MapQueries):
         """Return time and T_world_camera (4, 4), as stored, of each used frame of a recording, by frame."""
         columns = columns_of("frames", ("frame", "time_s", "qw", "qx", "qy", "qz", "tx", "ty", "tz"))
         rows = self._rows(columns, "frames WHERE recording = ? ORDER BY frame", (recording,))
-        with complaining(self.path):
+        with user_errors(self.path):
             return {row[0]: (row[1], _pose(row[2:])) for row in rows}
 
     @property
@@ -83,7 +83,7 @@ class SceneReader(MapQueries):
         """A number that changes when another program commits."""
         if not self.path.exists():
             return 0
-        with complaining(self.path):
+        with user_errors(self.path):
             number: int = self._connection().execute("PRAGMA data_version").fetchone()[0]
             return number
 
@@ -106,8 +106,8 @@ class SceneReader(MapQueries):
     def all_objects(self) -> list[SceneObject]:
         """All objects that ever had a label, by label."""
         rows = self._rows(columns_of("objects", _COLUMNS), "objects ORDER BY label")
-        place = {identity: k for k, identity in enumerate(self._plane_identities())}
-        with complaining(self.path):
+        index_of = {identity: k for k, identity in enumerate(self._plane_identities())}
+        with user_errors(self.path):
             merged: dict[int | None, list[int]] = defaultdict(list)
             for label, _, _, merged_into, *_ in rows:
                 merged[merged_into].append(label)
@@ -115,14 +115,16 @@ class SceneReader(MapQueries):
             classes = read_classes(self._rows(("scene.key", "scene.value"), of_class, (f"{KEY}/*",)))
             kinds = read_kinds(self._connection()) if rows else {}
             begins = self._rows(("recordings.id", "recordings.first_frame"), "recordings ORDER BY id")
-            found = [self._object(row, merged.get(row[0], ()), place, classes.get(row[0], []), begins) for row in rows]
+            found = [
+                self._object(row, merged.get(row[0], ()), index_of, classes.get(row[0], []), begins) for row in rows
+            ]
             return [replace(item, kind=kinds[item.label]) if item.label in kinds else item for item in found]
 
     @property
     def planes(self) -> tuple[SupportPlane, ...]:
         """The supporting planes; `SceneObject.plane` is an index into them."""
         rows = self._rows(columns_of("planes", ("nx", "ny", "nz", "offset", "outline")), "planes ORDER BY identity")
-        with complaining(self.path):
+        with user_errors(self.path):
             return tuple(_plane_of(row) for row in rows)
 
     def _plane_identities(self) -> list[int]:
@@ -130,7 +132,7 @@ class SceneReader(MapQueries):
 
     @property
     def furniture(self) -> ObjectTable:
-        """The furniture that recordings were asked for, by label, found in the map as it was committed last.
+        """The furniture of recordings with `furniture`, by label, found in the map of the last commit.
 
         Frames are counted over all recordings.
         """
@@ -146,18 +148,21 @@ class SceneReader(MapQueries):
         """The names that users gave to furniture, by label."""
         from cuboid.scene.furniture import read_names
 
-        with complaining(self.path):
+        with user_errors(self.path):
             return read_names(self._connection())
 
     @property
     def furniture_planes(self) -> dict[int, tuple[int, ...]]:
         """Indices of the planes that each piece of furniture bears, by label, labels that ended in others included."""
-        place = {identity: k for k, identity in enumerate(self._plane_identities())}
+        index_of = {identity: k for k, identity in enumerate(self._plane_identities())}
         with self._saved_tracker() as tracker:
             if tracker is None:
                 return {}
-            own = tracker.plane_identities
-            return {label: tuple(place[own[k]] for k in planes) for label, planes in tracker.furniture_planes.items()}
+            identities = tracker.plane_identities
+            return {
+                label: tuple(index_of[identities[k]] for k in planes)
+                for label, planes in tracker.furniture_planes.items()
+            }
 
     @property
     def up(self) -> Float64Array | None:
@@ -190,7 +195,7 @@ class SceneReader(MapQueries):
         if not self.path.exists():
             yield None
             return
-        with complaining(self.path):
+        with user_errors(self.path):
             connection = self._connection()
             connection.execute("BEGIN")
             try:
@@ -215,11 +220,11 @@ class SceneReader(MapQueries):
             "sightings JOIN boxes ON boxes.id = sightings.box JOIN frames USING (recording, frame) "
             f"WHERE sightings.label IN ({', '.join('?' * len(labels))}) ORDER BY sightings.recording, sightings.frame"
         )
-        with complaining(self.path):
+        with user_errors(self.path):
             return [_past_of(row) for row in self._rows(_PAST, rest, labels)]
 
     def events(self, label: int | None = None) -> list[SceneEvent]:
-        """Return what happened to objects while recordings watched them, in order of time.
+        """Return the events of objects in view of recordings, in order of time.
 
         Parameters
         ----------
@@ -235,9 +240,9 @@ class SceneReader(MapQueries):
         if not self.path.is_file() or not has_table(self._connection(), "events"):
             return []
         rest = "events JOIN frames USING (recording, frame) ORDER BY events.recording, events.frame, events.label"
-        with complaining(self.path):
+        with user_errors(self.path):
             found = [_event_of(row) for row in self._rows(_EVENT, rest)]
-        return [one for one in found if labels is None or one.label in labels]
+        return [event for event in found if labels is None or event.label in labels]
 
     def relation_history(self, label: int) -> list[PastRelation]:
         """Return present and past relations of an object, by kind and time, from recordings tracked with relations.
@@ -255,7 +260,7 @@ class SceneReader(MapQueries):
         items = [item for item in self.all_objects if item.state != "merged"]
         survivor = {old: item.label for item in items for old in item.merged_labels}
         plane = {identity: k for k, identity in enumerate(self._plane_identities())}
-        with complaining(self.path):
+        with user_errors(self.path):
             return read_relations(rows, labels, survivor, plane)
 
     def changes(self, since: str | int | None = None) -> list[SceneChange]:
@@ -281,18 +286,28 @@ class SceneReader(MapQueries):
                     f"expected a date such as 2026-01-31 or 2026-01-31T12:00, got {shown(since)}"
                 ) from None
             # times in one text format sort as their texts do
-            wanted = [one.number for one in self.recordings if one.begun >= moment.isoformat(timespec="seconds")]
+            wanted = [
+                recording.number
+                for recording in self.recordings
+                if recording.begun >= moment.isoformat(timespec="seconds")
+            ]
         else:
             last = len(self.recordings)
-            wanted = [one.number for one in self.recordings if one.number >= (last if since is None else since)]
+            wanted = [
+                recording.number
+                for recording in self.recordings
+                if recording.number >= (last if since is None else since)
+            ]
         rows = self._rows(_CHANGE, "changes JOIN objects USING (label) ORDER BY recording, changes.label")
-        with complaining(self.path):
+        with user_errors(self.path):
             return [_change_of(row) for row in rows if row[0] in wanted]
 
     def shown_changes(self, recording: int) -> list[SceneChange]:
         """Return objects that a recording found moved, gone, new or found, as the 3D page shows them."""
         shown = ("moved", "gone", "new", "found")
-        return [one for one in self.changes(recording) if one.recording == recording and one.change in shown]
+        return [
+            change for change in self.changes(recording) if change.recording == recording and change.change in shown
+        ]
 
     def picture(self, label: int) -> bytes | None:
         """Return an object's picture as JPEG; None where there is none."""
@@ -303,19 +318,19 @@ class SceneReader(MapQueries):
         """Return the objects' vectors: the stored ones, else new ones from the scene's pictures."""
         from cuboid.scene.vectors import is_of, read_vectors, vector_of_picture
 
-        with complaining(self.path):
+        with user_errors(self.path):
             stored = read_vectors(self._connection(), model.identity) if self.path.exists() else {}
         pictures = {item.label: self.picture(item.label) for item in self.objects}
         found = {label: stored[label] for label, jpeg in pictures.items() if is_of(stored.get(label), jpeg)}
         others = {
             label: vector_of_picture(model, jpeg) for label, jpeg in pictures.items() if jpeg and label not in found
         }
-        made = {label: one for label, one in others.items() if one is not None}
-        if made:
-            self._keep_made(model, made)
-        return {label: one.vector for label, one in {**found, **made}.items()}
+        computed = {label: vector for label, vector in others.items() if vector is not None}
+        if computed:
+            self._keep_made(model, computed)
+        return {label: vector.vector for label, vector in {**found, **computed}.items()}
 
-    def _keep_made(self, model: TextModel, made: Mapping[int, SceneVector]) -> None:
+    def _keep_made(self, model: TextModel, computed: Mapping[int, SceneVector]) -> None:
         """Store vectors that were computed from pictures, if the scene can be written."""
 
     def _labels_of(self, label: int) -> list[int]:
@@ -324,42 +339,42 @@ class SceneReader(MapQueries):
         if label not in merged_into:
             raise InputError(f"{self.path}: no object has the label {label}")
         found = [label]
-        for one in found:
-            found += [k for k, into in merged_into.items() if into == one and k not in found]
+        for merged in found:
+            found += [k for k, into in merged_into.items() if into == merged and k not in found]
         return found
 
     def _object(
         self,
         row: Row,
         merged: Iterable[int],
-        place: Mapping[int, int],
+        index_of: Mapping[int, int],
         classes: list[tuple[str, float]],
         begins: Sequence[Row],
     ) -> SceneObject:
-        of = dict(zip(_COLUMNS, row, strict=True))
-        name = of["name"]
+        values = dict(zip(_COLUMNS, row, strict=True))
+        name = values["name"]
         found = SceneObject(
-            **{name: of[name] for name in _SAME},
+            **{name: values[name] for name in _SAME},
             **chosen_name(classes),
             merged_labels=tuple(merged),
-            box=box_of([of[name] for name in BOX], "objects"),
-            plane=None if of["plane"] is None else place.get(of["plane"]),
-            mean_color=np.array((of["red"], of["green"], of["blue"])),
-            first_seen=_seen(begins, of["first_frame"]),
-            last_seen=_seen(begins, of["last_frame"]),
+            box=box_of([values[name] for name in BOX], "objects"),
+            plane=None if values["plane"] is None else index_of.get(values["plane"]),
+            mean_color=np.array((values["red"], values["green"], values["blue"])),
+            first_seen=_seen(begins, values["first_frame"]),
+            last_seen=_seen(begins, values["last_frame"]),
         )
         return found if name is None else found.with_given_name(name)
 
     def _ask(self, query: str) -> list[Any]:
         if not self.path.exists():
             return []
-        with complaining(self.path):
+        with user_errors(self.path):
             return self._connection().execute(query).fetchall()
 
     def _rows(self, columns: Sequence[str], rest: str, values: Iterable[Any] = ()) -> list[Row]:
         if not self.path.exists():
             return []
-        with complaining(self.path):
+        with user_errors(self.path):
             return read_rows(self._connection(), columns, rest, values)
 
     def _connection(self) -> sqlite3.Connection:

@@ -86,7 +86,7 @@ class Rows:
             many(f"INSERT OR REPLACE INTO events VALUES ({', '.join('?' * 11)})", self.events)
         if self.planes is not None:
             connection.execute("DELETE FROM planes")
-            many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*one) for one in self.planes))
+            many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*plane) for plane in self.planes))
         many(_UPSERT, (_object_row(entry, label) for entry, label in self.objects))
         many(_UPSERT, (_unread_row(item, label) for item, label in self.unread))
         of_map = {entry.label: name_scores(entry.name_log_odds) for entry, label in self.objects if not label}
@@ -142,10 +142,12 @@ class Records:
             self._rows.sightings.append((self._recording, frame.index, seen.label, box, seen.iou, seen.visible, *rect))
             first, count = self.seen.get(seen.label, (frame.index, 0))
             self.seen[seen.label] = first, count + 1
-        for one in result.events:
-            places = (None if place is None else place.tolist() for place in (one.from_m, one.to_m))
+        for event in result.events:
+            places = (None if place is None else place.tolist() for place in (event.from_m, event.to_m))
             before, after = (place or [None] * 3 for place in places)
-            self._rows.events.append((self._recording, frame.index, one.label, one.event, *before, *after, one.score))
+            self._rows.events.append(
+                (self._recording, frame.index, event.label, event.event, *before, *after, event.score)
+            )
         picture = self._pictures.take(frame, result.sightings)
         if picture is not None:
             label, quality, jpeg = picture
@@ -176,10 +178,10 @@ class Records:
             counts = entry.frames_seen, entry.last_frame, len(entry.merged_labels)
             now = (entry.box, entry.points, entry.state, *counts, identity, entry.name_log_odds)
             if not _same(self._written.get(entry.label), now):
-                was = copy(entry)  # the attributes' values are replaced, never modified
-                was.plane = identity
-                was.box = tracker.in_world(entry.box)
-                rows.objects += [(was, 0), *((was, k) for k in entry.merged_labels if k not in self._merged)]
+                copied = copy(entry)  # the attributes' values are replaced, never modified
+                copied.plane = identity
+                copied.box = tracker.in_world(entry.box)
+                rows.objects += [(copied, 0), *((copied, k) for k in entry.merged_labels if k not in self._merged)]
                 rows.merged += [(k, entry.label) for k in entry.merged_labels]
                 self._merged |= {*entry.merged_labels}
                 self._written[entry.label] = now
@@ -188,15 +190,15 @@ class Records:
         """Add objects without usable depth; those missing now became a volume, were merged, or ended."""
         items = tracker.unread_objects()
         now: dict[int, str | None] = {item.label: item.kind for item in items}
-        taken_in = [(item, k) for item in items for k in item.merged_labels if k not in self._merged]
-        rows.unread = [*((item, item.label) for item in items), *taken_in]
+        newly_merged = [(item, k) for item in items for k in item.merged_labels if k not in self._merged]
+        rows.unread = [*((item, item.label) for item in items), *newly_merged]
         rows.merged += [(k, item.label) for item in items for k in item.merged_labels]
-        self._merged |= {k for _, k in taken_in}
+        self._merged |= {k for _, k in newly_merged}
         volumes = {label for entry in tracker.ever_labelled() for label in (entry.label, *entry.merged_labels)}
-        left = self._kinds.keys() - now.keys()
+        missing = self._kinds.keys() - now.keys()
         rows.kinds = {label: kind for label, kind in now.items() if self._kinds.get(label) != kind}
-        rows.kinds |= dict.fromkeys(sorted(left & volumes))
-        rows.ended = sorted(left - volumes - self._merged)
+        rows.kinds |= dict.fromkeys(sorted(missing & volumes))
+        rows.ended = sorted(missing - volumes - self._merged)
         self._kinds = {k: kind for k, kind in self._kinds.items() if k not in volumes} | {
             k: kind for k, kind in now.items() if kind is not None
         }
@@ -247,12 +249,12 @@ def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:
     if scale < 1:
         size = max(1, round(part.shape[1] * scale)), max(1, round(part.shape[0] * scale))
         part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.uint8)
-    done, data = cv2.imencode(".jpg", np.ascontiguousarray(part), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return data.tobytes() if done else b""
+    success, data = cv2.imencode(".jpg", np.ascontiguousarray(part), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return data.tobytes() if success else b""
 
 
 def _same(before: tuple[object, ...] | None, now: tuple[object, ...]) -> bool:
-    """Tell whether values are unchanged; arrays and boxes are compared by identity: they are never modified."""
+    """Return whether values are unchanged; arrays and boxes are compared by identity: they are never modified."""
     if before is None:
         return False
     return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(before, now, strict=True))
@@ -266,7 +268,7 @@ def _object_row(entry: MapObject, label: int = 0) -> dict[str, Any]:
         "state": "gone" if entry.state is State.RETIRED else "present",
         "merged_into": None,
         "plane": entry.plane,
-        **{one.name: getattr(entry, one.name, None) for one in DESCRIBED if not one.parts},
+        **{column.name: getattr(entry, column.name, None) for column in DESCRIBED if not column.parts},
         "points": len(entry.points),
         **dict(zip(BOX, box_numbers(entry.box), strict=True)),
         **dict(zip(("red", "green", "blue"), colors.mean(0).tolist(), strict=True)),
@@ -281,7 +283,7 @@ def _unread_row(item: TrackedObject, label: int) -> dict[str, Any]:
         "state": "present",
         "merged_into": None,
         "plane": None,
-        **{name: value for one in DESCRIBED for name, value in zip(one.names, one.values(item), strict=True)},
+        **{name: value for column in DESCRIBED for name, value in zip(column.names, column.values(item), strict=True)},
         **dict(zip(BOX, box_numbers(item.box), strict=True)),
         **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), 0.0),
     }
@@ -289,8 +291,8 @@ def _unread_row(item: TrackedObject, label: int) -> dict[str, Any]:
 
 def _classes_of(item: TrackedObject) -> list[tuple[str, float]]:
     """Return the detected classes of an object, the most likely first."""
-    own = [] if item.name is None or item.name_score is None else [(item.name, item.name_score)]
-    return [*own, *item.names]
+    present = [] if item.name is None or item.name_score is None else [(item.name, item.name_score)]
+    return [*present, *item.names]
 
 
 def _plane_row(identity: int, plane: SupportPlane) -> Row:

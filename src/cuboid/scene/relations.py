@@ -38,14 +38,14 @@ def relations_now(tracker: PosedTracker, walls: Sequence[Wall]) -> dict[Held, fl
     """
     identities, scores = tracker.plane_identities, dict[Held, float]()
     for label, relations in find_relations(tracker.objects, tracker.planes, tracker.up, walls).items():
-        for one in relations:
-            to = str(one.to)
+        for relation in relations:
+            to = str(relation.to)
             if to.startswith("plane:"):
                 to = f"{PLANE}{identities[int(to.removeprefix('plane:'))]}"
             elif to.startswith("wall:"):
                 to = WALL
-            held = (label, one.kind, to)
-            scores[held] = max(scores.get(held, 0.0), one.score)
+            held = (label, relation.kind, to)
+            scores[held] = max(scores.get(held, 0.0), relation.score)
     return scores
 
 
@@ -55,14 +55,14 @@ def write_relations(connection: sqlite3.Connection, recording: int, scores: Mapp
     A relation that was also in the previous note is continued; any other one begins.
     """
     noted = connection.execute("SELECT value FROM scene WHERE key = ?", (NOTED,)).fetchone()
-    going = {
-        one.held: one.key
-        for one in _spans(connection.execute("SELECT key, value FROM scene WHERE key GLOB ?", (f"{KEY}/*",)))
-        if noted is not None and str(one.last) == noted[0]
+    continued = {
+        span.held: span.key
+        for span in _spans(connection.execute("SELECT key, value FROM scene WHERE key GLOB ?", (f"{KEY}/*",)))
+        if noted is not None and str(span.last) == noted[0]
     }
     for held, score in scores.items():
         label, kind, to = held
-        key = going.get(held, f"{KEY}/{label}/{kind}/{to}/{recording}")
+        key = continued.get(held, f"{KEY}/{label}/{kind}/{to}/{recording}")
         value = f"{recording} {rounded(score, LENGTH)}"
         connection.execute("INSERT OR REPLACE INTO scene VALUES (?, ?)", (key, value))
     connection.execute("INSERT OR REPLACE INTO scene VALUES (?, ?)", (NOTED, str(recording)))
@@ -91,11 +91,11 @@ def read_relations(
     """
     order = get_args(RelationKind)
     found = []
-    for one in _spans(rows):
-        label, kind, to = one.held
+    for span in _spans(rows):
+        label, kind, to = span.held
         if label in labels:
-            found.append(PastRelation(label, kind, _now(to, survivor, plane), one.first, one.last, one.score))
-    return sorted(found, key=lambda one: (order.index(one.kind), one.first_recording, str(one.to)))
+            found.append(PastRelation(label, kind, _now(to, survivor, plane), span.first, span.last, span.score))
+    return sorted(found, key=lambda span: (order.index(span.kind), span.first_recording, str(span.to)))
 
 
 def _now(to: str, survivor: Mapping[int, int], plane: Mapping[int, int]) -> int | str:

@@ -90,23 +90,29 @@ def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[Tr
     """Return the sightings of a recording by frame, and the objects that were seen in it."""
     frames: dict[int, list[Sighting]] = defaultdict(list)
     objects: list[TrackedObject] = []
-    gone = {one.label for one in scene.changes(number) if one.recording == number and one.change == "gone"}
+    gone = {change.label for change in scene.changes(number) if change.recording == number and change.change == "gone"}
     for item in scene.all_objects:
-        own = [past for past in scene.history(item.label) if past.recording == number]
-        if item.merged_into is not None or item.state == "forgotten" or not own:
+        sightings = [past for past in scene.history(item.label) if past.recording == number]
+        if item.merged_into is not None or item.state == "forgotten" or not sightings:
             continue
-        for past in own:
+        for past in sightings:
             frames[past.frame].append(Sighting(past.label, past.box, past.iou, past.visible, past.rect_xyxy))
         if item.label not in gone:
-            objects.append(_object(item, own))
+            objects.append(_object(item, sightings))
     for rows in frames.values():
-        rows.sort(key=lambda one: one.label)
+        rows.sort(key=lambda change: change.label)
     return frames, objects
 
 
-def _object(item: SceneObject, own: list[ScenePast]) -> TrackedObject:
-    values = {one.name: getattr(item, one.name) for one in fields(TrackedObject)}
-    seen = {past.frame for past in own}
+def _object(item: SceneObject, sightings: list[ScenePast]) -> TrackedObject:
+    values = {item_field.name: getattr(item, item_field.name) for item_field in fields(TrackedObject)}
+    seen = {past.frame for past in sightings}
     return TrackedObject(
-        **{**values, "box": own[-1].box, "first_frame": min(seen), "last_frame": max(seen), "frames_seen": len(seen)}
+        **{
+            **values,
+            "box": sightings[-1].box,
+            "first_frame": min(seen),
+            "last_frame": max(seen),
+            "frames_seen": len(seen),
+        }
     )

@@ -68,7 +68,7 @@ class IntoScene:
     commit_every_s: float = COMMIT_EVERY_S
 
     def corrects(self, poses: str) -> bool:
-        """Tell whether a recording's poses ("given" or "estimated") are corrected while it is tracked."""
+        """Return whether a recording's poses ("given" or "estimated") are corrected while it is tracked."""
         if poses == "estimated" or self.same_world:
             return poses == "estimated"
         with Scene.open(self.path) as scene:

@@ -21,7 +21,7 @@ from cuboid.heatmap.kernels.cubes import ROW
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene.codec import Encoder, Part, Taken, decode, take
-from cuboid.scene.database import complaining
+from cuboid.scene.database import user_errors
 from cuboid.scene.localisation import ScenePoses, ScenePosesState
 from cuboid.scene.pace import Pace
 from cuboid.scene.packing import (
@@ -35,9 +35,9 @@ from cuboid.scene.packing import (
 from cuboid.scene.validation import DamagedError, columns_of, iterate_table, read_rows
 from cuboid.tracking.posed_tracker import PosedTracker, PosedTrackerState
 
-BESIDE = ", ".join(BlockRow._fields)
+HEADER = ", ".join(BlockRow._fields)
 # Changed blocks are first written uncompressed; once stable they are compressed, at most this many per commit.
-PACKED_A_TIME = 64
+PACKED_PER_COMMIT = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class SceneBlockStore:
         self.awaited: npt.NDArray[np.int64] = np.zeros(0, np.int64)
 
     def takes(self, blocks: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-        """Tell which blocks (N,) are in the file in their current form."""
+        """Return which blocks (N,) are in the file in their current form."""
         if self.voxels is None:
             return np.zeros(len(blocks), bool)
         return ~self.voxels.stored.has_changed(blocks) & ~np.isin(blocks, self.awaited)
@@ -100,12 +100,12 @@ class SceneBlockStore:
             A block is damaged.
         """
         found, columns = [], columns_of("blocks")
-        with complaining(self._path):
+        with user_errors(self._path):
             for block, count in zip(blocks, counts, strict=True):
                 rows = read_rows(self._connection, columns, "blocks WHERE number = ?", (block,))
-                has = rows[0][3] if rows else 0
-                if has != count:
-                    raise DamagedError(f"block {block} of the map is damaged: it has {has} rows, expected {count}")
+                stored = rows[0][3] if rows else 0
+                if stored != count:
+                    raise DamagedError(f"block {block} of the map is damaged: it has {stored} rows, expected {count}")
                 found.append(unpacked_block(BlockRow(*rows[0][:5]), *rows[0][5:]))
         return found
 
@@ -170,22 +170,22 @@ class StateFile:
         for number, (key, visit, rows) in state.changed.items():
             data = packed_block(rows) if ended else rows.tobytes()
             living = int(np.count_nonzero(rows["weight"] > 0))
-            beside = BlockRow(number, key, visit, len(rows), living)
-            row = (*beside, check_sum(data, beside), data)
+            header = BlockRow(number, key, visit, len(rows), living)
+            row = (*header, check_sum(data, header), data)
             connection.execute("INSERT OR REPLACE INTO blocks VALUES (?, ?, ?, ?, ?, ?, ?)", row)
             pace.rest()
         connection.execute("DELETE FROM blocks WHERE number >= ?", (state.blocks,))
         connection.execute("INSERT OR REPLACE INTO scene VALUES ('blocks', ?)", (str(state.blocks),))
         connection.execute("INSERT OR REPLACE INTO scene VALUES ('seal', ?)", (_seal(connection, pace),))
         rest = sorted(number for number in self._plain - state.changed.keys() if number < state.blocks)
-        for number in rest if ended else rest[:PACKED_A_TIME]:
-            query = f"SELECT {BESIDE}, data FROM blocks WHERE number = ?"
-            *beside, data = connection.execute(query, (number,)).fetchone()
+        for number in rest if ended else rest[:PACKED_PER_COMMIT]:
+            query = f"SELECT {HEADER}, data FROM blocks WHERE number = ?"
+            *header, data = connection.execute(query, (number,)).fetchone()
             data = packed_block(np.frombuffer(data, ROW))
-            values = check_sum(data, BlockRow(*beside)), data, number
+            values = check_sum(data, BlockRow(*header)), data, number
             connection.execute("UPDATE blocks SET check_sum = ?, data = ? WHERE number = ?", values)
             pace.rest()
-        self._plain = set() if ended else {*rest[PACKED_A_TIME:], *state.changed}
+        self._plain = set() if ended else {*rest[PACKED_PER_COMMIT:], *state.changed}
 
     def mark_committed(self) -> None:
         """Note that the last written snapshot is committed."""
@@ -229,7 +229,7 @@ class StateFile:
 
 
 def has_state(connection: sqlite3.Connection) -> bool:
-    """Tell whether a scene has a state from which tracking can continue."""
+    """Return whether a scene has a state from which tracking can continue."""
     return connection.execute("SELECT 1 FROM parts LIMIT 1").fetchone() is not None
 
 
@@ -296,8 +296,8 @@ def block_rows(connection: sqlite3.Connection) -> list[BlockRow]:
         BlockRow(*row)
         for row in read_rows(connection, columns_of("blocks", BlockRow._fields), "blocks ORDER BY number")
     ]
-    said = [value for (value,) in read_rows(connection, ("scene.value",), "scene WHERE key = 'blocks'")]
-    expected = int(said[0]) - 1 if said and said[0].isdecimal() else -1
+    values = [value for (value,) in read_rows(connection, ("scene.value",), "scene WHERE key = 'blocks'")]
+    expected = int(values[0]) - 1 if values and values[0].isdecimal() else -1
     if len(blocks) != expected or any(block.number != k for k, block in enumerate(blocks, 1)):
         raise DamagedError(f"the map is damaged: {len(blocks)} blocks, expected {max(expected, 0)}")
     for block in blocks:

@@ -20,7 +20,7 @@ from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene import before, editing
 from cuboid.scene import visit as visits
-from cuboid.scene.database import Writing, complaining, open_to_read, open_to_write, transaction
+from cuboid.scene.database import Writing, open_to_read, transaction, user_errors
 from cuboid.scene.furniture import read_names, write_name
 from cuboid.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
 from cuboid.scene.reader import SceneReader
@@ -139,17 +139,19 @@ class Scene(SceneReader):
             self._tracker.close()
         file = self._writing()
         connection = file.connection
-        with complaining(self.path):
-            own = OwnFrames(make_source(proposals))
+        with user_errors(self.path):
+            renumbered = OwnFrames(make_source(proposals))
             if self._block_connection is not None:
                 self._block_connection.close()
             self._block_connection = open_to_read(self.path)
             block_store = SceneBlockStore(self._block_connection, self.path)
             if has_state(connection):
-                tracker, poses = load_state(connection, intrinsics, own, memory_mb=memory_mb, block_store=block_store)
+                tracker, poses = load_state(
+                    connection, intrinsics, renumbered, memory_mb=memory_mb, block_store=block_store
+                )
                 self._refuse_other_config(tracker.config, config)
             else:  # a damaged file may have lost its state
-                tracker = PosedTracker(intrinsics, config, own, memory_mb=memory_mb)
+                tracker = PosedTracker(intrinsics, config, renumbered, memory_mb=memory_mb)
                 poses = ScenePoses(intrinsics, tracker.config)
                 tracker.begin_labels(
                     1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]
@@ -164,30 +166,34 @@ class Scene(SceneReader):
                         "recording's poses are in the scene's world"
                     )
                 visit = visits.begin(connection, source, np.eye(4), tracker)
-            stood = before.load(connection)
-            stood.watch(tracker.voxels)
+            earlier = before.load(connection)
+            earlier.watch(tracker.voxels)
             if visit.next_frame == 0:
                 poses.begin(mode, first=visit.number == 1)
                 if visit.number > 1:
                     tracker.begin_visit()
-            own.first_frame = visit.first_frame
+            renumbered.first_frame = visit.first_frame
             columns = columns_of("objects", ("label", "name"))
             names: dict[int, str] = dict(read_rows(connection, columns, "objects WHERE name IS NOT NULL"))
             names |= read_names(connection)
-        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s, block_store, stood)
+        self._tracker = SceneTracker(
+            self.path, file, tracker, poses, visit, names, commit_every_s, block_store, earlier
+        )
         return self._tracker
 
-    def _refuse_other_config(self, own: TrackerConfig, asked: TrackerConfig | None) -> None:
+    def _refuse_other_config(self, present: TrackerConfig, requested: TrackerConfig | None) -> None:
         """Raise InputError if a requested setting is neither the default nor the scene's own."""
-        for name, value in (asked or own).to_dict().items():
-            if value not in (getattr(TrackerConfig(), name), getattr(own, name)):
-                raise InputError(f"{self.path}: the scene was made with {name} = {getattr(own, name):g}, not {value:g}")
+        for name, value in (requested or present).to_dict().items():
+            if value not in (getattr(TrackerConfig(), name), getattr(present, name)):
+                raise InputError(
+                    f"{self.path}: the scene was made with {name} = {getattr(present, name):g}, not {value:g}"
+                )
 
     def pending(self) -> dict[str, str]:
         """Return the result files' contents, by name, at the interruption of the resumed run."""
         assert self._tracker is not None
         assert self._write is not None
-        with complaining(self.path):
+        with user_errors(self.path):
             return visits.pending(self._write.connection, self._tracker.visit)
 
     def name(self, label: int, name: str) -> None:
@@ -200,16 +206,16 @@ class Scene(SceneReader):
         """
         name = checked_name(self.path, name)
         connection = self._writing().connection
-        with complaining(self.path), transaction(connection):
+        with user_errors(self.path), transaction(connection):
             named = connection.execute("UPDATE objects SET name = ? WHERE label = ?", (name or None, label)).rowcount
         if named:
             return
         if label not in self.furniture_planes:
             raise InputError(f"{self.path}: no object has the label {label}")
-        with complaining(self.path), transaction(connection):
+        with user_errors(self.path), transaction(connection):
             write_name(connection, label, name)
 
-    def merge(self, one: int, two: int) -> int:
+    def merge(self, first: int, second: int) -> int:
         """Merge two objects that are the same; return the older label, which stays.
 
         Raises
@@ -218,11 +224,11 @@ class Scene(SceneReader):
             One of the objects does not exist, or both are the same.
         """
         connection = self._writing().connection
-        with complaining(self.path):
-            return editing.merge(connection, str(self.path), one, two)
+        with user_errors(self.path):
+            return editing.merge(connection, str(self.path), first, second)
 
     def forget(self, label: int) -> None:
-        """Delete an object: its label is never reused, and what is seen there may become another object.
+        """Delete an object: its label is never reused, and its surface may become another object.
 
         Raises
         ------
@@ -231,7 +237,7 @@ class Scene(SceneReader):
         """
         self._labels_of(label)
         connection = self._writing().connection
-        with complaining(self.path):
+        with user_errors(self.path):
             editing.forget(connection, str(self.path), label)
 
     def write_results(self, folder: PathLike, recording: int | None = None, *, force: bool = False) -> None:
@@ -246,7 +252,7 @@ class Scene(SceneReader):
         """
         from cuboid.scene.results_of import write_results
 
-        with complaining(self.path):
+        with user_errors(self.path):
             number = len(self.recordings) if recording is None else recording
             connection = self._connection()
             connection.execute("BEGIN")  # all reads see the same commit
@@ -266,24 +272,24 @@ class Scene(SceneReader):
         from cuboid.scene.vectors import SceneVector, write_vectors
 
         connection = self._writing().connection
-        with complaining(self.path), transaction(connection):
+        with user_errors(self.path), transaction(connection):
             vectors = {label: SceneVector(vector, None) for label, vector in found.vectors.items()}
             write_vectors(connection, found.model, vectors)
 
-    def _keep_made(self, model: TextModel, made: Mapping[int, SceneVector]) -> None:
+    def _keep_made(self, model: TextModel, computed: Mapping[int, SceneVector]) -> None:
         from cuboid.scene.vectors import write_vectors
 
         # Another process may hold the write lock while it adds a recording: the vectors are then computed again next
         # time.
-        with suppress(OutputError), complaining(self.path):
+        with suppress(OutputError), user_errors(self.path):
             connection = self._writing().connection
             with transaction(connection):
-                write_vectors(connection, model.identity, made)
+                write_vectors(connection, model.identity, computed)
 
     def compact(self) -> None:
         """Rewrite the file without its free space."""
         connection = self._writing().connection
-        with complaining(self.path):
+        with user_errors(self.path):
             with transaction(connection):
                 connection.execute("DELETE FROM boxes WHERE id NOT IN (SELECT box FROM sightings)")
             connection.execute("VACUUM")
@@ -292,5 +298,5 @@ class Scene(SceneReader):
         if self._tracker is not None:
             self._tracker.finish_commit()
         if self._write is None:
-            self._write = open_to_write(self.path, create=True)
+            self._write = Writing(self.path, create=True)
         return self._write

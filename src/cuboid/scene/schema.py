@@ -75,7 +75,7 @@ class Table:
 
     def sql(self, name: str) -> str:
         """Return the SQL statement that creates the table if it does not exist."""
-        lines = [*(_column(*one) for one in self.columns.items()), *self.rules]
+        lines = [*(_column(*column) for column in self.columns.items()), *self.rules]
         lines += [f"PRIMARY KEY ({self.key})"] if self.key else []
         kind = "STRICT, WITHOUT ROWID" if self.rows_by_key else "STRICT"
         return f"CREATE TABLE {'IF NOT EXISTS ' if self.optional else ''}{name} ({', '.join(lines)}) {kind};"
@@ -84,7 +84,9 @@ class Table:
 def _column(name: str, kind: Any) -> str:
     """Return the definition of a column in SQL."""
     types, allowed = {*_plain_types(kind)}, get_args(kind) if get_origin(kind) is Literal else ()
-    sql = next(sql for one, sql in ((int, "INTEGER"), (float, "REAL"), (str, "TEXT"), (bytes, "BLOB")) if one in types)
+    sql = next(
+        sql for plain, sql in ((int, "INTEGER"), (float, "REAL"), (str, "TEXT"), (bytes, "BLOB")) if plain in types
+    )
     check = f" CHECK ({name} IN ({', '.join(map(repr, allowed))}))" if allowed else ""
     default = " DEFAULT 0" if name in WITH_DEFAULT else ""
     return f"{name} {sql}{'' if NoneType in types else ' NOT NULL'}{default}{check}"
@@ -99,8 +101,8 @@ def _plain_types(kind: Any) -> Iterator[Any]:
     elif get_origin(kind) is Annotated:
         yield from _plain_types(get_args(kind)[0])
     else:
-        for one in get_args(kind):
-            yield from _plain_types(one)
+        for part in get_args(kind):
+            yield from _plain_types(part)
 
 
 # Columns that are zero in a new row.

@@ -23,7 +23,7 @@ from cuboid.outputs.object_table import ObjectTable
 from cuboid.poses.sources import Posed, Poses
 from cuboid.scene import changes, editing, layout
 from cuboid.scene.before import Before, write_noted
-from cuboid.scene.database import Writing, complaining, transaction
+from cuboid.scene.database import Writing, transaction, user_errors
 from cuboid.scene.furniture import named_furniture, of_recording
 from cuboid.scene.localisation import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.pace import Pace, Rhythm
@@ -284,7 +284,7 @@ class SceneTracker(KeptMap):
         if self._writing is not None:
             writing, self._writing = self._writing, None
             self._pace.hurry()
-            with complaining(self._path):
+            with user_errors(self._path):
                 writing.result()
             self._state.mark_committed()
 
@@ -319,15 +319,15 @@ class _PosesOfVisit:
 
     def locate(self, frame: Frame) -> Posed:
         if not self._poses.recognised and frame.index % changes.EVERY_FRAMES == 0:
-            self._look_at_layout()
+            self._recognise_layout()
         return self._poses.locate(dataclasses.replace(frame, index=frame.index + self._first), self._tracker.up)
 
-    def _look_at_layout(self) -> None:
+    def _recognise_layout(self) -> None:
         """Recognise the part of the recording by the layout of its objects."""
         part, up, T_world_map = self._poses.part, self._tracker.support.up, self._tracker.T_world_map
-        things = [o for o in self._tracker.ever_labelled() if o.confirmed and len(o.points)]
-        place = {o.label: transform(T_world_map, o.box.center) for o in things}
-        scene_objects, seen = ([o for o in things if self._poses.stands_in(k, place[o.label])] for k in (0, part))
+        objects = [o for o in self._tracker.ever_labelled() if o.confirmed and len(o.points)]
+        center_of = {o.label: transform(T_world_map, o.box.center) for o in objects}
+        scene_objects, seen = ([o for o in objects if self._poses.stands_in(k, center_of[o.label])] for k in (0, part))
         if part == 0 or up is None:
             return
         T = layout.find_layout(scene_objects, seen, up)

@@ -49,7 +49,7 @@ Outline: TypeAlias = list[Point]
 
 
 class DamagedError(InputError):
-    """The contents of a scene file are not what was written."""
+    """The contents of a scene file differ from those that were written."""
 
 
 def read_rows(
@@ -91,10 +91,10 @@ def checked(rows: list[Row], columns: Sequence[str]) -> list[Row]:
         found: list[Row] = msgspec.convert(rows, _kind(tuple(columns)))
         return found
     except msgspec.ValidationError as error:
-        said, _, place = str(error).partition(" - at `$[")
+        problem, _, place = str(error).partition(" - at `$[")
         row, column = (int(number) for number in place.rstrip("`]").split("]["))
-        said = in_words(said.partition(", got ")[0])
-        raise DamagedError(f"{columns[column]} is damaged: {said}, got {shown(rows[row][column])}") from None
+        problem = in_words(problem.partition(", got ")[0])
+        raise DamagedError(f"{columns[column]} is damaged: {problem}, got {shown(rows[row][column])}") from None
 
 
 @cache
@@ -116,31 +116,31 @@ def refuse_no_row(table: str, row: Row) -> None:
         rotation_of([row[names.index(name)] for name in QUATERNION], table)
 
 
-def document(text: str, kind: type[T], what: str) -> T:
+def document(text: str, kind: type[T], subject: str) -> T:
     """Return the contents of JSON text in a column; raise DamagedError if they do not match `kind`."""
     try:
         return msgspec.json.decode(text, type=kind)
     except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
-        raise DamagedError(f"{what} is damaged: {in_words(str(error))}") from None
+        raise DamagedError(f"{subject} is damaged: {in_words(str(error))}") from None
 
 
-def rotation_of(quat_wxyz: Sequence[float], what: str) -> Float64Array:
+def rotation_of(quat_wxyz: Sequence[float], subject: str) -> Float64Array:
     """Return the rotation (3, 3) of a quaternion in a row; raise DamagedError if it is invalid."""
     try:
         refuse_no_quaternion(*quat_wxyz)
     except ValueError as error:
-        raise DamagedError(f"a row of {what} is damaged: {error}") from None
+        raise DamagedError(f"a row of {subject} is damaged: {error}") from None
     return rotation_from_quat_wxyz(quat_wxyz)
 
 
-def floats_of(data: bytes, kind: str, what: str) -> npt.NDArray[Any]:
+def floats_of(data: bytes, kind: str, subject: str) -> npt.NDArray[Any]:
     """Return finite numbers of a NumPy type from bytes in a row; raise DamagedError if any is not finite."""
     numbers = np.frombuffer(data, kind) if len(data) % np.dtype(kind).itemsize == 0 else np.array([np.nan])
     if not np.isfinite(numbers).all():
-        raise DamagedError(f"{what} is damaged: expected finite numbers")
+        raise DamagedError(f"{subject} is damaged: expected finite numbers")
     return numbers
 
 
-def box_of(numbers: Sequence[float], what: str) -> Box:
+def box_of(numbers: Sequence[float], subject: str) -> Box:
     """Return the box of centre, size and quaternion (w first) in a row; raise DamagedError if invalid."""
-    return Box(np.array(numbers[:3]), np.array(numbers[3:6]), rotation_of(numbers[6:10], what))
+    return Box(np.array(numbers[:3]), np.array(numbers[3:6]), rotation_of(numbers[6:10], subject))

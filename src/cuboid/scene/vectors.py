@@ -45,7 +45,7 @@ def read_vectors(connection: sqlite3.Connection, model: str) -> dict[int, SceneV
 def write_vectors(connection: sqlite3.Connection, model: str, vectors: Mapping[int, SceneVector]) -> None:
     """Write vectors by a model, within the caller's transaction."""
     connection.execute(TABLES[TABLE].sql(TABLE))
-    rows = [(label, model, one.picture, one.vector.astype("<f4").tobytes()) for label, one in vectors.items()]
+    rows = [(label, model, vector.picture, vector.vector.astype("<f4").tobytes()) for label, vector in vectors.items()]
     connection.executemany(f"INSERT OR REPLACE INTO {TABLE} VALUES (?, ?, ?, ?)", rows)
 
 
@@ -58,6 +58,6 @@ def vector_of_picture(model: TextModel, jpeg: bytes) -> SceneVector | None:
     return None if vector is None else SceneVector(vector, zlib.crc32(jpeg))
 
 
-def is_of(one: SceneVector | None, jpeg: bytes | None) -> bool:
-    """Tell whether a vector is up to date: it comes from a run's views, or from this picture."""
-    return one is not None and (one.picture is None or (jpeg is not None and one.picture == zlib.crc32(jpeg)))
+def is_of(vector: SceneVector | None, jpeg: bytes | None) -> bool:
+    """Return whether a vector is up to date: it comes from a run's views, or from this picture."""
+    return vector is not None and (vector.picture is None or (jpeg is not None and vector.picture == zlib.crc32(jpeg)))
