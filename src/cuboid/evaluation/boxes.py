@@ -218,16 +218,16 @@ def fragments_and_merges(boxes: Float64Array, truth: Float64Array, iou: Float64A
     if not (len(boxes) and len(truth)):
         return 0, 0, len(boxes)
     together = (overlap_min_matrix(boxes, truth) >= FRACTION) | (iou >= FOUND_IOU)
-    some = together.any(1)
-    best = np.where(together, iou, -1.0).argmax(1)[some]
+    on_object = together.any(1)
+    best = np.where(together, iou, -1.0).argmax(1)[on_object]
     per_object = np.bincount(best, minlength=len(truth))
     volume, true_volume = boxes[:, 3:6].prod(1)[:, None], truth[:, 3:6].prod(1)[None]
     common = iou / (1.0 + iou) * (volume + true_volume)  # iou = common / (volume + true_volume - common)
-    held = (common >= FRACTION * true_volume).sum(1)
+    objects_in_box = (common >= FRACTION * true_volume).sum(1)
     return (
         int(np.maximum(per_object - 1, 0).sum()),
-        int(np.maximum(held - 1, 0).sum()),
-        int((~some).sum()),
+        int(np.maximum(objects_in_box - 1, 0).sum()),
+        int((~on_object).sum()),
     )
 
 

@@ -77,8 +77,8 @@ def correspondences(frames: Sequence[FrameOverlap], threshold: float) -> list[Pa
         column = {label: j for j, label in enumerate(found)}
         kept: Pairs = []
         taken: set[int] = set()
-        for i, thing in enumerate(truth):
-            j = column.get(last.get(thing, -1))
+        for i, item in enumerate(truth):
+            j = column.get(last.get(item, -1))
             if j is not None and j not in taken and frame.iou[i, j] >= threshold:
                 kept.append((i, j))
                 taken.add(j)
@@ -112,15 +112,15 @@ def clear(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], threshold: flo
     matches, switches, fragmentations, overlap = 0, 0, 0, 0.0
     last: dict[int, int] = {}
     lost: set[int] = set()
-    for frame, here in zip(frames, pairs, strict=True):
+    for frame, frame_pairs in zip(frames, pairs, strict=True):
         row, column = ({int(key): k for k, key in enumerate(keys)} for keys in (frame.truth, frame.found))
-        matches += len(here)
-        overlap += sum(frame.iou[row[thing], column[label]] for thing, label in here)
-        switches += sum(last.get(thing, label) != label for thing, label in here)
-        found = {thing for thing, _ in here}
+        matches += len(frame_pairs)
+        overlap += sum(frame.iou[row[item], column[label]] for item, label in frame_pairs)
+        switches += sum(last.get(item, label) != label for item, label in frame_pairs)
+        found = {item for item, _ in frame_pairs}
         fragmentations += len(found & lost)
         lost = (lost | (last.keys() & row.keys())) - found
-        last.update(here)
+        last.update(frame_pairs)
     true_positives = _identity_matches(frames, threshold)
     return Clear(
         threshold=threshold,

@@ -41,7 +41,7 @@ from cuboid.evaluation.scope import FOUND_IOU, Scope
 from cuboid.evaluation.truth import Truth, read_truth
 from cuboid.geometry.se3 import transform
 from cuboid.outputs import Results, read_map
-from cuboid.outputs.text import LENGTH, rounded
+from cuboid.outputs.text import plain
 
 FORMAT, VERSION = "cuboid-evaluation", 1
 
@@ -197,8 +197,8 @@ def evaluate(
         identity=identity,
         proposals=proposals,
         objects=tuple(
-            ObjectOutcome(item.id, item.name, box, had)
-            for item, box, had in zip(scope.objects, boxes, labels, strict=True)
+            ObjectOutcome(item.id, item.name, box, item_labels)
+            for item, box, item_labels in zip(scope.objects, boxes, labels, strict=True)
         ),
         heat=None if cloud is None else _heat(result, cloud, truth),
         names=name_quality(
@@ -259,7 +259,7 @@ def _events(
     ids = [item.id for item in scope.objects]
     objects = {names[k]: number for k, number in objects_of_labels(frames, pairs, ids).items()}
     counted = {names[k] for frame in frames for k in frame.found.tolist()}
-    paired = Counter(names[label] for here in pairs for _, label in here)
+    paired = Counter(names[label] for frame_pairs in pairs for _, label in frame_pairs)
     aside = [label for label in names if label not in counted]
     quality = event_quality(truth, objects, aside, result.events)
     return replace(quality, agent_labels=labels_on_agents(truth, tracks, scope.frames, paired))
@@ -284,12 +284,3 @@ def _heat(result: Result, cloud: PathLike, truth: Truth) -> HeatQuality:
     points = read_map(result.map_points)
     xyz = transform(result.T_truth_result, points.xyz)
     return heat_quality(xyz, points.heat, read_labelled_cloud(cloud), truth)
-
-
-def plain(value: Any) -> Any:
-    """Return a value ready for JSON: lists for tuples, floats with six decimals."""
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return rounded(value, LENGTH) if isinstance(value, float) else value

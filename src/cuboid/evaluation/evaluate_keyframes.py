@@ -8,7 +8,6 @@ from typing import Any
 
 from cuboid.core.errors import InputError
 from cuboid.core.paths import PathLike, as_path
-from cuboid.evaluation.evaluate import plain
 from cuboid.evaluation.funnel import Stage, early_stages, open_again, rects_by_frame
 from cuboid.evaluation.keyframe_scores import (
     THRESHOLDS,
@@ -25,7 +24,7 @@ from cuboid.evaluation.names import NameQuality, name_quality
 from cuboid.evaluation.result import read_rects
 from cuboid.outputs import Results, RunReport
 from cuboid.outputs.folder import TRACKS
-from cuboid.outputs.text import LENGTH, rounded
+from cuboid.outputs.text import LENGTH, plain, rounded
 from cuboid.readers.recording import Recording
 
 FORMAT, VERSION = "cuboid-keyframes-evaluation", 1
@@ -173,7 +172,7 @@ def _frame_to_dict(frame: JudgedFrame) -> dict[str, Any]:
                 "counts": bool(at.counts[i]),
                 "label": int(label[at.partner[i]]) if at.partner[i] >= 0 else None,
                 "best_iou": rounded(at.iou[i].max(initial=0.0), LENGTH),
-                "stages": [short for short, had in frame.stages.items() if had[i]],
+                "stages": [short for short, found in frame.stages.items() if found[i]],
             }
             for i, drawn in enumerate(frame.keyframe.drawn)
         ],

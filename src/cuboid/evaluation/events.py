@@ -67,38 +67,38 @@ def event_quality(
     reported : sequence of EventRow
     """
     judged = {item.id for item in truth.objects if item.judged}
-    open_events = [one for one in truth.events or () if one.id in judged]
+    open_events = [event for event in truth.events or () if event.id in judged]
     true, delays, wrong = len(open_events), [], []
-    counted = [one for one in reported if one.label not in unjudged]
-    for one in sorted(counted, key=lambda row: row.frame):
-        fits = [event for event in open_events if _is(one, event, objects.get(one.label))]
+    counted = [row for row in reported if row.label not in unjudged]
+    for row in sorted(counted, key=lambda row: row.frame):
+        fits = [event for event in open_events if _matches(row, event, objects.get(row.label))]
         if fits:
             open_events.remove(fits[0])
-            delays.append(one.frame - fits[0].end)
+            delays.append(row.frame - fits[0].end)
         else:
-            wrong.append(f"frame {one.frame}: #{one.label} {one.event}")
-    missed = tuple(f"frames {one.begin} to {one.end}: object {one.id} {one.event}" for one in open_events)
+            wrong.append(f"frame {row.frame}: #{row.label} {row.event}")
+    missed = tuple(f"frames {event.begin} to {event.end}: object {event.id} {event.event}" for event in open_events)
     right = len(delays)
     delay = float(np.median(delays)) if delays else None
     precision, recall = ratio(right, len(counted)), ratio(right, true)
     return EventQuality(true, len(counted), right, precision, recall, delay, (), missed, tuple(wrong))
 
 
-def _is(one: EventRow, event: TruthEvent, number: int | None) -> bool:
-    """Tell whether a reported event matches a true one."""
-    if one.event != event.event or number != event.id or not event.begin <= one.frame <= event.end + LATEST_FRAMES:
+def _matches(row: EventRow, event: TruthEvent, number: int | None) -> bool:
+    """Return whether a reported event, of the object with id `number`, matches a true one."""
+    if row.event != event.event or number != event.id or not event.begin <= row.frame <= event.end + LATEST_FRAMES:
         return False
     if event.to_m is None:
         return True
-    return one.to_m is not None and float(np.linalg.norm(one.to_m - event.to_m)) <= PLACE_M
+    return row.to_m is not None and float(np.linalg.norm(row.to_m - event.to_m)) <= PLACE_M
 
 
 def objects_of_labels(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], ids: Sequence[int]) -> dict[int, int]:
     """Return the object (id) that each label (numbered as in `frames`) is most often paired with."""
     counts: dict[int, Counter[int]] = {}
-    for here in pairs:
-        for thing, label in here:
-            counts.setdefault(label, Counter())[ids[thing]] += 1
+    for frame_pairs in pairs:
+        for item, label in frame_pairs:
+            counts.setdefault(label, Counter())[ids[item]] += 1
     return {label: found.most_common(1)[0][0] for label, found in counts.items()}
 
 
@@ -114,10 +114,10 @@ def labels_on_agents(truth: Truth, tracks: BoxRows, frames: IntArray, paired: Ma
     paired : mapping of int to int
         Number of frames in which each label is paired with an object.
     """
-    on: Counter[int] = Counter()
+    frames_on_agents: Counter[int] = Counter()
     for frame in frames.tolist() if truth.agents else ():
-        here = slice(*np.searchsorted(tracks.frame, [frame, frame + 1]))
+        rows = slice(*np.searchsorted(tracks.frame, [frame, frame + 1]))
         parts = pack([agent.path.at(frame, agent.size) for agent in truth.agents])
-        shared = overlap_min_matrix(tracks.boxes[here], parts)
-        on.update(tracks.label[here][(shared >= ON_AGENT).any(1)].tolist())
-    return tuple(sorted(label for label, count in on.items() if count > paired.get(label, 0)))
+        shared = overlap_min_matrix(tracks.boxes[rows], parts)
+        frames_on_agents.update(tracks.label[rows][(shared >= ON_AGENT).any(1)].tolist())
+    return tuple(sorted(label for label, count in frames_on_agents.items() if count > paired.get(label, 0)))

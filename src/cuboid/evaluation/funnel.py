@@ -110,9 +110,9 @@ def _proposals_2d(run: Results, recording: Recording | str, frames: Sequence[int
 
 def _settings(run: Results) -> TrackerConfig:
     """Return the tracker's settings of a run; the defaults if they are missing or in an older format."""
-    said = run.report.config.get("tracker")
+    settings = run.report.config.get("tracker")
     try:
-        return TrackerConfig.from_dict(said if isinstance(said, dict) else {})
+        return TrackerConfig.from_dict(settings if isinstance(settings, dict) else {})
     except ConfigError:
         return TrackerConfig()
 

@@ -67,10 +67,10 @@ def hota(frames: Sequence[FrameOverlap], objects: int, labels: int) -> Hota:
     pairs, reached, iou = _matches(frames, together)
     positives = reached.sum(1).astype(np.float64)
     distinct, number = np.unique(pairs, axis=0, return_inverse=True)
-    thing, label = distinct.T
+    item, label = distinct.T
     number = number.ravel()
     # Number of matches of each pair of object and label at each threshold.
-    matches = np.stack([np.bincount(number[kept], minlength=len(thing)) for kept in reached])
+    matches = np.stack([np.bincount(number[kept], minlength=len(item)) for kept in reached])
     total_truth, total_found = truths.sum(), found.sum()
 
     def over_positives(whole: Float64Array) -> Float64Array:
@@ -78,7 +78,7 @@ def hota(frames: Sequence[FrameOverlap], objects: int, labels: int) -> Hota:
         return np.asarray(fraction.sum(1) / np.maximum(1.0, positives))
 
     det_a = positives / np.maximum(1.0, total_truth + total_found - positives)
-    ass_a = over_positives(truths[thing] + found[label] - matches)
+    ass_a = over_positives(truths[item] + found[label] - matches)
     per_alpha = np.sqrt(det_a * ass_a)
     overlap = (reached * iou).sum(1)
     loc_a = np.where(positives > 0, overlap / np.maximum(1.0, positives), 1.0)
@@ -88,7 +88,7 @@ def hota(frames: Sequence[FrameOverlap], objects: int, labels: int) -> Hota:
         det_re=float((positives / max(1.0, total_truth)).mean()),
         det_pr=float((positives / max(1.0, total_found)).mean()),
         ass_a=float(ass_a.mean()),
-        ass_re=float(over_positives(truths[thing]).mean()),
+        ass_re=float(over_positives(truths[item]).mean()),
         ass_pr=float(over_positives(found[label]).mean()),
         loc_a=float(loc_a.mean()),
         per_alpha=tuple(per_alpha.tolist()),

@@ -88,8 +88,8 @@ def _tag(frame: JudgedFrame, i: int) -> str:
     drawn, at = frame.keyframe.drawn[i], frame.at[0]
     if at.found[i] or not at.counts[i]:
         return str(drawn.id)
-    had = [short for short, which in frame.stages.items() if which[i]]
-    return f"{drawn.id} / {had[-1] if had else 'none'}"
+    reached = [short for short, found in frame.stages.items() if found[i]]
+    return f"{drawn.id} / {reached[-1] if reached else 'none'}"
 
 
 def _outline(picture: UInt8Array, rect: Float64Array, tint: Color, thickness: int, dash: int) -> None:

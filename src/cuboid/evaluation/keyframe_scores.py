@@ -141,8 +141,8 @@ def judge(
     judged = [_judge_stage(stage, keyframes) for stage in stages]
     frames = []
     for t, keyframe in enumerate(keyframes):
-        here = sightings.frame == keyframe.frame
-        rows = RectRows(sightings.frame[here], sightings.label[here], sightings.rects_xyxy[here])
+        in_frame = sightings.frame == keyframe.frame
+        rows = RectRows(sightings.frame[in_frame], sightings.label[in_frame], sightings.rects_xyxy[in_frame])
         reached = {stage.short: of[0][t].found for stage, of in zip(stages, judged, strict=True) if of}
         at = tuple(judge_frame(keyframe, rows.rects_xyxy, threshold) for threshold in THRESHOLDS)
         frames.append(JudgedFrame(keyframe, rows, at, reached))
@@ -162,8 +162,8 @@ def _recall(stage: Stage, judged: Sequence[Sequence[FrameJudgement]], keyframes:
         return StageRecall(stage.name, stage.short, None, (), stage.reason)
     at = []
     for threshold, frames in zip(THRESHOLDS, judged, strict=True):
-        found = sum(int(one.found.sum()) for one in frames)
-        at.append(RecallAt(threshold, found, ratio(found, sum(int(one.counts.sum()) for one in frames))))
+        found = sum(int(frame.found.sum()) for frame in frames)
+        at.append(RecallAt(threshold, found, ratio(found, sum(int(frame.counts.sum()) for frame in frames))))
     rects = sum(len(stage.rects_xyxy.get(item.frame, NO_RECTS)) for item in keyframes)
     return StageRecall(stage.name, stage.short, ratio(rects, len(keyframes)), tuple(at), "")
 
@@ -171,11 +171,11 @@ def _recall(stage: Stage, judged: Sequence[Sequence[FrameJudgement]], keyframes:
 def scores_at(frames: Sequence[JudgedFrame], k: int) -> ScoresAt:
     """Return the figures at threshold number `k`."""
     at = [frame.at[k] for frame in frames]
-    outcomes = Counter(outcome for one in at for outcome in one.outcomes)
+    outcomes = Counter(outcome for judgement in at for outcome in judgement.outcomes)
     rectangles, found = (sum(int(which.sum()) for which in each) for each in zip(*_counts(at), strict=True))
     false = outcomes[Outcome.FALSE]
     labels = _labels(frames, k)
-    again = [had for had in labels.values() if len(had) > 1]
+    repeated = [found_labels for found_labels in labels.values() if len(found_labels) > 1]
     return ScoresAt(
         threshold=THRESHOLDS[k],
         recall=ratio(found, rectangles),
@@ -183,16 +183,16 @@ def scores_at(frames: Sequence[JudgedFrame], k: int) -> ScoresAt:
         rectangles=rectangles,
         found=found,
         false=false,
-        neither={why.value: outcomes[why] for why in ASIDE},
+        neither={outcome.value: outcomes[outcome] for outcome in ASIDE},
         objects=len(labels),
-        objects_found=sum(len(had) > 0 for had in labels.values()),
-        one_label=ratio(sum(max(Counter(had).values()) for had in again), sum(map(len, again))),
+        objects_found=sum(len(found_labels) > 0 for found_labels in labels.values()),
+        one_label=ratio(sum(max(Counter(found_labels).values()) for found_labels in repeated), sum(map(len, repeated))),
         idf1=_idf1(frames, k),
     )
 
 
 def _counts(at: Sequence[FrameJudgement]) -> list[tuple[BoolArray, BoolArray]]:
-    return [(one.counts, one.found) for one in at]
+    return [(judgement.counts, judgement.found) for judgement in at]
 
 
 def _labels(frames: Sequence[JudgedFrame], k: int) -> dict[int, list[int]]:
@@ -201,23 +201,23 @@ def _labels(frames: Sequence[JudgedFrame], k: int) -> dict[int, list[int]]:
     for frame in frames:
         for drawn, counts, partner in zip(frame.keyframe.drawn, frame.at[k].counts, frame.at[k].partner, strict=True):
             if counts:
-                had = labels.setdefault(drawn.id, [])
+                found_labels = labels.setdefault(drawn.id, [])
                 if partner >= 0:
-                    had.append(int(frame.sightings.label[partner]))
+                    found_labels.append(int(frame.sightings.label[partner]))
     return labels
 
 
 def _idf1(frames: Sequence[JudgedFrame], k: int) -> float | None:
     """Return IDF1 over rectangles that are visible enough, and sightings that are true or false."""
-    ids = {name: i for i, name in enumerate(sorted({one.id for frame in frames for one in frame.keyframe.drawn}))}
+    ids = {name: i for i, name in enumerate(sorted({drawn.id for frame in frames for drawn in frame.keyframe.drawn}))}
     names = np.unique([label for frame in frames for label in frame.sightings.label])
     overlaps = []
     for frame in frames:
         at = frame.at[k]
         judged = [n for n, outcome in enumerate(at.outcomes) if outcome not in ASIDE]
-        thing = np.array([ids[one.id] for one in frame.keyframe.drawn], np.int64)[at.counts]
+        items = np.array([ids[drawn.id] for drawn in frame.keyframe.drawn], np.int64)[at.counts]
         label = np.searchsorted(names, frame.sightings.label[judged])
-        overlaps.append(FrameOverlap(frame.keyframe.frame, thing, label, at.iou[at.counts][:, judged]))
+        overlaps.append(FrameOverlap(frame.keyframe.frame, items, label, at.iou[at.counts][:, judged]))
     return clear(overlaps, [[] for _ in overlaps], THRESHOLDS[k]).idf1
 
 
@@ -227,11 +227,11 @@ def outcomes_of(objects: Sequence[DrawnObject], frames: Sequence[JudgedFrame]) -
     stages = frames[0].stages
     outcomes = []
     for item in objects:
-        drawn = [(frame, i, one.id) for frame in frames for i, one in enumerate(frame.keyframe.drawn)]
+        drawn = [(frame, i, rect.id) for frame in frames for i, rect in enumerate(frame.keyframe.drawn)]
         places = [(frame, i) for frame, i, identity in drawn if identity == item.id and frame.at[0].counts[i]]
         if places:
-            had = {short: sum(int(frame.stages[short][i]) for frame, i in places) for short in stages}
+            found_at = {short: sum(int(frame.stages[short][i]) for frame, i in places) for short in stages}
             shown = tuple(dict.fromkeys(labels[item.id]))
             group = any(frame.keyframe.drawn[i].group for frame, i in places)
-            outcomes.append(DrawnOutcome(item.id, item.name, group, len(places), had, shown))
+            outcomes.append(DrawnOutcome(item.id, item.name, group, len(places), found_at, shown))
     return tuple(outcomes)

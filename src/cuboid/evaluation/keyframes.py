@@ -114,7 +114,7 @@ class Keyframes:
 
 
 def is_keyframes(path: Path) -> bool:
-    """Tell whether a file declares the keyframes format; raise InputError if it is no JSON object."""
+    """Return whether a file declares the keyframes format; raise InputError if it is no JSON object."""
     return path.is_file() and format_in(path) == FORMAT
 
 

@@ -94,28 +94,28 @@ def timelines(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], objects: i
     """Arrange the pairs of all frames over time; `labels` are the sequence's labels by number."""
     shape = len(frames), objects
     must, label = np.zeros(shape, bool), np.zeros(shape, np.int64)
-    for t, (frame, here) in enumerate(zip(frames, pairs, strict=True)):
+    for t, (frame, frame_pairs) in enumerate(zip(frames, pairs, strict=True)):
         must[t, frame.truth] = True
-        for thing, number in here:
-            label[t, thing] = labels[number]
+        for item, number in frame_pairs:
+            label[t, item] = labels[number]
     return Timelines(np.array([frame.frame for frame in frames], np.int64), must, label)
 
 
 def object_labels(lines: Timelines) -> list[ObjectLabels]:
     """Return the labels of each object."""
-    return [_one(lines.frames, must, label) for must, label in zip(lines.must.T, lines.label.T, strict=True)]
+    return [_labels_of(lines.frames, must, label) for must, label in zip(lines.must.T, lines.label.T, strict=True)]
 
 
-def _one(frames: IntArray, must: np.ndarray, label: np.ndarray) -> ObjectLabels:
+def _labels_of(frames: IntArray, must: np.ndarray, label: np.ndarray) -> ObjectLabels:
     times = np.flatnonzero(label)
-    had = label[times]
-    order = tuple(dict.fromkeys(had.tolist()))
-    main = max(order, key=lambda name: (int((had == name).sum()), -name), default=None)
+    found = label[times]
+    order = tuple(dict.fromkeys(found.tolist()))
+    main = max(order, key=lambda name: (int((found == name).sum()), -name), default=None)
     return ObjectLabels(
         labels=order,
         main_label=main,
-        main_share=None if main is None else float((had == main).mean()),
-        switches=int((had[1:] != had[:-1]).sum()),
+        main_share=None if main is None else float((found == main).mean()),
+        switches=int((found[1:] != found[:-1]).sum()),
         frames_to_find=int(must.sum()),
         frames_found=len(times),
         frames_to_first_label=int(frames[times[0]] - frames[must.argmax()]) if len(times) else None,
@@ -137,12 +137,12 @@ def consistency(lines: Timelines) -> float | None:
 
 
 def _agreement(lines: Timelines, *, by_label: bool) -> float | None:
-    time, thing = np.nonzero(lines.label)
-    pairs = np.stack([lines.label[time, thing], thing], axis=1)
+    time, item = np.nonzero(lines.label)
+    pairs = np.stack([lines.label[time, item], item], axis=1)
     distinct, count = np.unique(pairs, axis=0, return_counts=True)
     groups = distinct[:, 0 if by_label else 1]
-    most = sum(int(count[groups == group].max()) for group in np.unique(groups))
-    return ratio(most, len(time))
+    agreeing = sum(int(count[groups == group].max()) for group in np.unique(groups))
+    return ratio(agreeing, len(time))
 
 
 def reidentification(lines: Timelines, absences: Sequence[int] = ABSENCES) -> tuple[Reidentification, ...]:
@@ -152,30 +152,30 @@ def reidentification(lines: Timelines, absences: Sequence[int] = ABSENCES) -> tu
     that are shorter than requested do not interrupt its presence. Objects that were not found before the absence had no
     label to keep, and are not counted.
     """
-    return tuple(_reidentified(lines, least) for least in absences)
+    return tuple(_reidentified(lines, absence) for absence in absences)
 
 
-def _reidentified(lines: Timelines, least: int) -> Reidentification:
+def _reidentified(lines: Timelines, absence_frames: int) -> Reidentification:
     came, found, same = 0, 0, 0
     for must, label in zip(lines.must.T, lines.label.T, strict=True):
-        stays = _stays(lines.frames, must, least)
+        stays = _stays(lines.frames, must, absence_frames)
         old = 0
         for k, (start, end) in enumerate(stays):
-            had = label[start:end][label[start:end] > 0]
+            found_labels = label[start:end][label[start:end] > 0]
             if k > 0 and old and must[start:end].sum() >= STAY_FRAMES:
                 came += 1
-                found += len(had) > 0
-                same += int(len(had) > 0 and had[0] == old)
-            old = int(had[-1]) if len(had) else old
-    return Reidentification(least, came, found, same, ratio(same, came))
+                found += len(found_labels) > 0
+                same += int(len(found_labels) > 0 and found_labels[0] == old)
+            old = int(found_labels[-1]) if len(found_labels) else old
+    return Reidentification(absence_frames, came, found, same, ratio(same, came))
 
 
-def _stays(frames: IntArray, must: np.ndarray, least: int) -> list[tuple[int, int]]:
-    """Return the intervals [start, end) of an object's presence between absences of at least `least` frames."""
+def _stays(frames: IntArray, must: np.ndarray, absence_frames: int) -> list[tuple[int, int]]:
+    """Return the intervals [start, end) of an object's presence between absences of `absence_frames` or more."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], must, [False]]).astype(np.int8)))
     stays: list[tuple[int, int]] = []
     for start, end in edges.reshape(-1, 2).tolist():
-        if stays and frames[start] - frames[stays[-1][1]] < least:
+        if stays and frames[start] - frames[stays[-1][1]] < absence_frames:
             stays[-1] = stays[-1][0], end
         else:
             stays.append((start, end))

@@ -119,7 +119,7 @@ def class_of(name: str, vocabulary: Iterable[str]) -> str | None:
     >>> class_of("bowling pin", ["cup", "bowl"]) is None
     True
     """
-    by_lower_case = {one.lower(): one for one in vocabulary}
+    by_lower_case = {known.lower(): known for known in vocabulary}
     words = _REST.split(name.lower(), maxsplit=1)[0].split()
     for begin in range(len(words)):
         end = " ".join(words[begin:])
@@ -156,16 +156,16 @@ def name_quality(results: Path | None, found: Sequence[tuple[int, str, int | Non
 
 
 def _outcome(number: int, name: str, true_class: str, item: TrackedObject) -> NameOutcome:
-    own = item.name if item.name_score is not None else None
-    likely = [*([own] if own else []), *(name for name, _ in item.names)][:TOP]
-    return NameOutcome(number, name, true_class, item.label, own, true_class in likely)
+    found_class = item.name if item.name_score is not None else None
+    likely = [*([found_class] if found_class else []), *(name for name, _ in item.names)][:TOP]
+    return NameOutcome(number, name, true_class, item.label, found_class, true_class in likely)
 
 
 def _quality(outcomes: Sequence[NameOutcome]) -> NameQuality:
-    judged, named = len(outcomes), sum(one.found_class is not None for one in outcomes)
-    right = sum(one.found_class == one.true_class for one in outcomes)
-    in_top = sum(one.in_top for one in outcomes)
-    pairs = Counter((one.true_class, one.found_class) for one in outcomes)
+    judged, named = len(outcomes), sum(outcome.found_class is not None for outcome in outcomes)
+    right = sum(outcome.found_class == outcome.true_class for outcome in outcomes)
+    in_top = sum(outcome.in_top for outcome in outcomes)
+    pairs = Counter((outcome.true_class, outcome.found_class) for outcome in outcomes)
     order = sorted(pairs.items(), key=lambda pair: (pair[0][0], -pair[1], pair[0][1] or ""))
     return NameQuality(
         judged,

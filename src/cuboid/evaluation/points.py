@@ -116,11 +116,11 @@ def read_labelled_cloud(path: PathLike) -> LabelledCloud:
             raise InputError(f"{path}: is no PLY of points: {error}") from error
     if not (np.abs(xyz) <= FARTHEST_M).all():
         raise InputError(f"{path}: a point is NaN, infinite, or more than {FARTHEST_M:g} m away")
-    beside = path.with_suffix(".label")
-    if beside.is_file():
-        return LabelledCloud(xyz, np.isin(_classes(beside, len(xyz)), UW_OBJECT_CLASSES))
+    label_file = path.with_suffix(".label")
+    if label_file.is_file():
+        return LabelledCloud(xyz, np.isin(_classes(label_file, len(xyz)), UW_OBJECT_CLASSES))
     if "label" not in names:
-        raise InputError(f"{path}: expected points with a label, or {beside.name} beside it")
+        raise InputError(f"{path}: expected points with a label, or {label_file.name} beside it")
     return LabelledCloud(xyz, np.ravel(vertex["label"]) > 0)
 
 
@@ -190,7 +190,7 @@ def _at(heat: float, taken: int, hits: npt.NDArray[np.int64], total: int) -> Hea
 
 
 def _aside(points: Float64Array, truth: Truth) -> npt.NDArray[np.bool_]:
-    """Tell which points are not judged, (N,)."""
+    """Return for each point whether it is not judged, (N,)."""
     aside = np.zeros(len(points), bool)
     if truth.region is not None:
         aside = ~truth.region.contains(points)

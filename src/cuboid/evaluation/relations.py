@@ -79,29 +79,37 @@ def relation_quality(
     body = {item.id: item for item in truth.objects}
     surfaces = _Surfaces(truth, planes, walls, T_truth_result)
     true: set[Key] = set()
-    open_ones: set[Key] = set()
+    undecided: set[Key] = set()
     lost = dict.fromkeys(RELATIONS, 0)
-    for one in truth.relations or ():
-        ends = [end for end in (one.subject, one.to) if isinstance(end, int)]
-        if not one.judged or not all(end in label_of for end in ends):
-            lost[one.kind] += one.judged and all(body[end].judged for end in ends)
-        key = surfaces.key_of(one)
-        (true if one.judged and all(end in label_of for end in ends) else open_ones).add(key)
-    got = {
-        (id_of[label], one.kind, to)
+    for relation in truth.relations or ():
+        ends = [end for end in (relation.subject, relation.to) if isinstance(end, int)]
+        decided = relation.judged and all(end in label_of for end in ends)
+        if not decided:
+            lost[relation.kind] += relation.judged and all(body[end].judged for end in ends)
+        (true if decided else undecided).add(surfaces.key_of(relation))
+    found_keys = {
+        (id_of[label], relation.kind, to)
         for label, relations in found.items()
         if label in id_of
-        for one in relations
-        for to in [surfaces.end_of(one, body[id_of[label]], id_of)]
+        for relation in relations
+        for to in [surfaces.end_of(relation, body[id_of[label]], id_of)]
         if to is not None
-    } - open_ones
-    return tuple(_at(kind, true, got, lost[kind]) for kind in RELATIONS)
+    } - undecided
+    return tuple(_at(kind, true, found_keys, lost[kind]) for kind in RELATIONS)
 
 
-def _at(kind: RelationKind, true: set[Key], got: set[Key], lost: int) -> RelationsAt:
-    own, said = ({one for one in keys if one[1] == kind} for keys in (true, got))
-    right = len(own & said)
-    return RelationsAt(kind, len(own), len(said), right, lost, ratio(right, len(said)), ratio(right, len(own)))
+def _at(kind: RelationKind, true: set[Key], found: set[Key], lost: int) -> RelationsAt:
+    true_of_kind, found_of_kind = ({key for key in keys if key[1] == kind} for keys in (true, found))
+    right = len(true_of_kind & found_of_kind)
+    return RelationsAt(
+        kind,
+        len(true_of_kind),
+        len(found_of_kind),
+        right,
+        lost,
+        ratio(right, len(found_of_kind)),
+        ratio(right, len(true_of_kind)),
+    )
 
 
 class _Surfaces:
@@ -113,34 +121,34 @@ class _Surfaces:
         self._true = {"plane": truth.planes, "wall": truth.walls}
         R, t = T_truth_result[:3, :3], T_truth_result[:3, 3]
         self._found = {
-            what: [(R @ one.normal, one.offset - float(R @ one.normal @ t)) for one in those]
-            for what, those in (("plane", planes), ("wall", walls))
+            kind: [(R @ surface.normal, surface.offset - float(R @ surface.normal @ t)) for surface in surfaces]
+            for kind, surfaces in (("plane", planes), ("wall", walls))
         }
 
     def key_of(self, relation: TruthRelation) -> Key:
         """Return the key of a true relation, with the first of the surfaces in the same plane."""
         to = relation.to
         if isinstance(to, str):
-            what, _, number = to.partition(":")
-            normal, offset = self._true[what][int(number)]
+            kind, _, number = to.partition(":")
+            normal, offset = self._true[kind][int(number)]
             same = (
-                k for k, (n, d) in enumerate(self._true[what]) if n @ normal > SAME_NORMAL and abs(d - offset) < 1e-3
+                k for k, (n, d) in enumerate(self._true[kind]) if n @ normal > SAME_NORMAL and abs(d - offset) < 1e-3
             )
-            to = f"{what}:{next(same)}"
+            to = f"{kind}:{next(same)}"
         return relation.subject, relation.kind, to
 
     def end_of(self, relation: Relation, item: TruthObject, id_of: Mapping[int, int]) -> int | str | None:
         """Return the target, in the truth, of a found relation; None if the truth does not cover it."""
         if isinstance(relation.to, int):
             return id_of.get(relation.to)
-        what, _, number = relation.to.partition(":")
-        normal, offset = self._found[what][int(number)]
+        kind, _, number = relation.to.partition(":")
+        normal, offset = self._found[kind][int(number)]
         place = item.box.center
         away = [
             abs(float(normal @ place) + offset - float(n @ place) - d) if n @ normal > SAME_NORMAL else np.inf
-            for n, d in self._true[what]
+            for n, d in self._true[kind]
         ]
         if not away or min(away) > SAME_SURFACE_M:
             # The truth lists the supporting surfaces and the walls; it lists no surfaces that are below others.
-            return None if relation.kind == "under" else f"another {what}"
-        return f"{what}:{int(np.argmin(away))}"
+            return None if relation.kind == "under" else f"another {kind}"
+        return f"{kind}:{int(np.argmin(away))}"

@@ -117,7 +117,7 @@ class Result:
             tracks=replace(tracks, boxes=_moved(tracks.boxes, T_truth_result)),
             objects=replace(objects, boxes=_moved(objects.boxes, T_truth_result)),
             proposals=proposals and replace(proposals, boxes=_moved(proposals.boxes, T_truth_result)),
-            events=tuple(one.moved(T_truth_result) for one in self.events),
+            events=tuple(event.moved(T_truth_result) for event in self.events),
             T_truth_result=T_truth_result @ self.T_truth_result,
         )
 

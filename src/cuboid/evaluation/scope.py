@@ -118,7 +118,7 @@ class Scope:
         return iou
 
     def must_map(self) -> BoolArray:
-        """Tell which judged objects (G,) the map must contain: those that at least one judged frame must find."""
+        """Return which judged objects (G,) the map must contain: those that at least one judged frame must find."""
         if self.shown is None:
             return ~self._gone
         return np.asarray((self.shown > MUST_SEE_FRACTION).any(0) & ~self._gone)
@@ -134,13 +134,13 @@ class Scope:
         start, end = (np.searchsorted(rows.frame, self.frames, side) for side in ("left", "right"))
         overlaps = []
         for t, frame in enumerate(self.frames.tolist()):
-            here = slice(int(start[t]), int(end[t]))
+            in_frame = slice(int(start[t]), int(end[t]))
             must = np.flatnonzero(self.shown[t] > MUST_SEE_FRACTION)
             may = (self.shown[t] > 0) & (self.shown[t] <= MUST_SEE_FRACTION)
-            now = self.boxes(rows.boxes[here], frame) if lie is None else lie.of(here)
-            iou = now.iou[:, must].T
-            counts = counted(iou, now.left_out | now.on_judged[:, may].any(1))
-            overlaps.append(FrameOverlap(frame, must, number[here][counts], iou[:, counts]))
+            placement = self.boxes(rows.boxes[in_frame], frame) if lie is None else lie.of(in_frame)
+            iou = placement.iou[:, must].T
+            counts = counted(iou, placement.left_out | placement.on_judged[:, may].any(1))
+            overlaps.append(FrameOverlap(frame, must, number[in_frame][counts], iou[:, counts]))
         return overlaps
 
 
@@ -154,14 +154,14 @@ def _turned(boxes: Float64Array, angle_rad: float) -> Float64Array:
 
 
 def counted(iou: Float64Array, left_out: BoolArray) -> BoolArray:
-    """Tell which found boxes count, (P,): those that pair with a row of `iou` (G, P), and those not left out."""
+    """Return which found boxes count, (P,): those that pair with a row of `iou` (G, P), and those not left out."""
     result = ~left_out
     result[[j for _, j in match(iou, FOUND_IOU)]] = True
     return result
 
 
 def _stands_on(found: Float64Array, things: Float64Array, iou: Float64Array) -> BoolArray:
-    """Tell which found boxes (N, 15) lie on which things (M, 15), (N, M)."""
+    """Return for found boxes (N, 15) and things (M, 15) whether a box lies on a thing, (N, M)."""
     common = intersection_matrix(found, things)
     volume = found[:, 3:6].prod(1)[:, None]
     return np.asarray((common > 0) & ((common >= LIES_ON_FRACTION * volume) | (iou >= FOUND_IOU)))

@@ -17,7 +17,7 @@ from cuboid.core.errors import InputError
 from cuboid.core.frame import Float64Array
 from cuboid.core.paths import PathLike
 from cuboid.evaluation.timed_poses import TimedPoses, read_poses
-from cuboid.outputs.text import LENGTH, rounded
+from cuboid.outputs.text import plain
 
 FORMAT, VERSION = "cuboid-trajectory-evaluation", 1
 
@@ -117,15 +117,15 @@ class TrajectoryErrors:
     @property
     def error_m(self) -> Float64Array:
         """Distance (P,) of each pair's positions."""
-        away: Float64Array = np.linalg.norm(self.true_xyz - self.estimated_xyz, axis=1)
-        return away
+        distances_m: Float64Array = np.linalg.norm(self.true_xyz - self.estimated_xyz, axis=1)
+        return distances_m
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures, ready for JSON: six decimals, None where something is undefined."""
         document = {"format": FORMAT, "version": VERSION}
         for name, value in asdict(self).items():
             if name not in ("times_s", "true_xyz", "estimated_xyz"):
-                document[name] = _plain(value)
+                document[name] = plain(value)
         return document
 
 
@@ -183,10 +183,10 @@ def evaluate_trajectory(
 def associate(a_s: Float64Array, b_s: Float64Array, limit_s: float) -> tuple[IntArray, IntArray]:
     """Return indices of mutually nearest times of a and b, both increasing, within a limit."""
     to_b, to_a = _nearest(a_s, b_s), _nearest(b_s, a_s)
-    mine = np.arange(len(a_s))
+    indices_a = np.arange(len(a_s))
     # 1e-9: tolerance for decimal times whose difference equals the limit
-    paired = (to_a[to_b] == mine) & (np.abs(a_s - b_s[to_b]) <= limit_s + 1e-9)
-    return mine[paired], to_b[paired]
+    paired = (to_a[to_b] == indices_a) & (np.abs(a_s - b_s[to_b]) <= limit_s + 1e-9)
+    return indices_a[paired], to_b[paired]
 
 
 def rigid_fit(xyz_a: Float64Array, xyz_b: Float64Array) -> Float64Array:
@@ -261,13 +261,3 @@ def _nearest_away(values: Float64Array, among: Float64Array) -> Float64Array:
 
 def _span(poses: TimedPoses) -> str:
     return f"{len(poses)} poses from {poses.times_s[0]:.3f} to {poses.times_s[-1]:.3f} s"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    return rounded(value, LENGTH) if isinstance(value, float) else value

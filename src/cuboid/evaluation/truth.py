@@ -101,7 +101,7 @@ class JudgedRegion:
     height_m: tuple[float, float]
 
     def contains(self, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell for each point (N, 3) whether it lies inside, (N,)."""
+        """Return for each point (N, 3) whether it lies inside, (N,)."""
         height = points @ self.normal + self.offset
         low, high = self.height_m
         across = np.linalg.svd(self.normal[None])[2][1:].T  # two directions along the plane
@@ -210,7 +210,7 @@ class Truth:
     @property
     def gone(self) -> frozenset[int]:
         """Objects that are gone at the end."""
-        last = {one.id: one.event for one in self.events or ()}
+        last = {event.id: event.event for event in self.events or ()}
         return frozenset(number for number, event in last.items() if event == "gone")
 
 
@@ -246,12 +246,14 @@ def read_truth(path: PathLike) -> Truth:
         ignored=tuple(map(_box, document.ignore or ())),
         visibility=None if seen is None else _visibility(seen, [item.id for item in objects]),
         events=None if document.events is None else tuple(map(_event, document.events)),
-        agents=tuple(TruthAgent(np.array(one.size), _path(one.moves)) for one in document.agents or () if one.moves),
+        agents=tuple(
+            TruthAgent(np.array(part.size), _path(part.moves)) for part in document.agents or () if part.moves
+        ),
         relations=None
         if document.relations is None
-        else tuple(TruthRelation(one.subject, one.kind, one.to, one.judged) for one in document.relations),
-        planes=tuple((np.array(one.normal), one.offset) for one in document.planes),
-        walls=tuple((np.array(one.normal), one.offset) for one in document.walls),
+        else tuple(TruthRelation(row.subject, row.kind, row.to, row.judged) for row in document.relations),
+        planes=tuple((np.array(plane.normal), plane.offset) for plane in document.planes),
+        walls=tuple((np.array(wall.normal), wall.offset) for wall in document.walls),
     )
 
 

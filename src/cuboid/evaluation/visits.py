@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cuboid.core.errors import FrameError, InputError
+from cuboid.core.errors import InputError
 from cuboid.core.frame import Float64Array
 from cuboid.core.paths import PathLike, as_path
 from cuboid.core.results import SceneChange
-from cuboid.evaluation.alignment import TRUE_TRAJECTORY
+from cuboid.evaluation.alignment import TRUE_TRAJECTORY, motion_to_truth
 from cuboid.evaluation.matching import match, ratio
 from cuboid.evaluation.truth import read_truth
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.visits_file import ChangeOfThing, VisitsDocument
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
-from cuboid.geometry.se3 import mean_motion
-from cuboid.readers.posetext import Trajectory
 from cuboid.scene import Scene
 
 VISITS = "visits.json"
@@ -71,7 +68,7 @@ class VisitsQuality:
 
 
 def is_visits(path: Path) -> bool:
-    """Tell whether a folder contains the truth of several visits."""
+    """Return whether a folder contains the truth of several visits."""
     return (path / VISITS).is_file()
 
 
@@ -100,7 +97,7 @@ def evaluate_visits(scene: PathLike, folder: PathLike) -> VisitsQuality:
         survivor = {item.label: item.merged_into or item.label for item in opened.all_objects}
         counts = np.zeros(8, int)
         for k in range(1, len(visits)):
-            reported = [one for one in opened.changes(k + 1) if one.recording == k + 1]
+            reported = [change for change in opened.changes(k + 1) if change.recording == k + 1]
             counts += _pair(visits[k].changes, labels[k - 1], labels[k], reported, survivor)
     return VisitsQuality(*counts.tolist())
 
@@ -109,20 +106,14 @@ def _T_truth_scene(scene: Scene, first: Path) -> Float64Array:
     """Return the transform from the scene's world, that of its first recording, to the truth's."""
     if scene.recordings[0].poses == "given":
         return np.eye(4)
-    true_trajectory, true, found = Trajectory(first / TRUE_TRAJECTORY), [], []
-    for time_s, T_world_camera in scene.poses(1).values():
-        with suppress(FrameError):  # no true pose near this time
-            true.append(true_trajectory.at(time_s))
-            found.append(T_world_camera)
-    if not true:
-        raise InputError(f"{first / TRUE_TRAJECTORY}: has no pose at any time of the scene's first recording")
-    return mean_motion(np.array(true), np.array(found))
+    return motion_to_truth(first / TRUE_TRAJECTORY, scene.poses(1).values(), "the scene's first recording")
 
 
 def _labels(scene: Scene, number: int, folder: Path, T_truth_scene: Float64Array) -> dict[int, int]:
     """Return the label of each object in a visit, by id, from the boxes at its end."""
     truth = read_truth(folder)
-    gone = {one.label for one in scene.changes(number) if one.recording == number and one.change == "gone"}
+    changes = scene.changes(number)
+    gone = {change.label for change in changes if change.recording == number and change.change == "gone"}
     boxes: dict[int, Box] = {}
     for item in scene.all_objects:
         if item.merged_into is None and item.state != "forgotten" and item.label not in gone:
@@ -130,8 +121,8 @@ def _labels(scene: Scene, number: int, folder: Path, T_truth_scene: Float64Array
             boxes |= {past.label: past.box for past in scene.history(item.label) if past.recording == number}
     if not boxes:
         return {}
-    there = [box.moved(T_truth_scene) for box in boxes.values()]
-    iou = iou_matrix(pack([one.box for one in truth.objects]), pack(there))
+    found = [box.moved(T_truth_scene) for box in boxes.values()]
+    iou = iou_matrix(pack([item.box for item in truth.objects]), pack(found))
     numbers = list(boxes)
     return {truth.objects[i].id: numbers[j] for i, j in match(iou, MIN_IOU)}
 
@@ -145,11 +136,13 @@ def _pair(
 ) -> list[int]:
     """Return the counts of `VisitsQuality` for two visits."""
     unmoved = kept = moved = recognised = changes = right = hidden = 0
-    kind_of = {one.label: one.change for one in reported}
-    was, is_now = ({survivor.get(label, label): id_ for id_, label in some.items()} for some in (before, after))
+    kind_of = {change.label: change.change for change in reported}
+    id_before, id_after = (
+        {survivor.get(label, label): number for number, label in labels.items()} for labels in (before, after)
+    )
     judged = {row.id: row for row in truth if row.judged}
     for number, row in judged.items():
-        old, new = (survivor.get(some.get(number, 0), some.get(number)) for some in (before, after))
+        old, new = (survivor.get(labels.get(number, 0), labels.get(number)) for labels in (before, after))
         seen, empty = row.seen_frames >= SHOWN_FRAMES, row.empty_frames >= SHOWN_FRAMES
         if row.change == "unchanged" and seen and old is not None:
             unmoved += 1
@@ -169,11 +162,11 @@ def _pair(
             right += new is not None and kind_of.get(new) == "new"
     others = {row.id for row in truth} - judged.keys()
     counted = 0
-    for one in reported:
-        thing = was.get(one.label, is_now.get(one.label))
-        if one.change in JUDGED_CHANGES and thing not in others:
+    for change in reported:
+        true_id = id_before.get(change.label, id_after.get(change.label))
+        if change.change in JUDGED_CHANGES and true_id not in others:
             counted += 1
-        if one.change == "gone" and thing in judged:
-            row = judged[thing]
+        if change.change == "gone" and true_id in judged:
+            row = judged[true_id]
             hidden += row.empty_frames < SHOWN_FRAMES
     return [unmoved, kept, moved, recognised, changes, counted, right, hidden]

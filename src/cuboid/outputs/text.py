@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import SupportsFloat
+from typing import Any, SupportsFloat
+
+import numpy as np
 
 from cuboid.core.records import DIRECTION as DIRECTION
 from cuboid.core.records import LENGTH as LENGTH
@@ -28,3 +30,14 @@ def rounded(value: SupportsFloat, digits: int) -> float:
 def rounded_list(values: Iterable[SupportsFloat], digits: int) -> list[float]:
     """Return all values like `rounded`."""
     return [rounded(value, digits) for value in values]
+
+
+def plain(value: Any) -> Any:
+    """Return a value ready for JSON: lists for tuples and arrays, floats with `LENGTH` decimals."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return rounded(value, LENGTH) if isinstance(value, float) else value
