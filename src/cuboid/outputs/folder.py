@@ -1,11 +1,11 @@
 """The output folder: results appear only when complete, and old results are kept until then.
 
 A run writes into a hidden working folder. A new output folder is that working folder, renamed in one step at the end.
-Where results of an earlier run are replaced (`force`), the working folder lies inside the output folder. The old
+If results of an earlier run are replaced (`force`), the working folder lies inside the output folder. The old
 results stay until the new ones are complete; then the working folder gets the name `COMPLETE`, in one step, and its
-files take the places of the old ones, ``run.json`` (which says that results are complete) going first and coming last.
-A process that is killed in between leaves `COMPLETE` behind: the next process that opens the folder finishes the work
-(`finish_replacing`).
+files replace the old ones: the old ``run.json``, which says that results are complete, is deleted first, and the new
+one comes last. A process that is killed in between leaves `COMPLETE` behind; the next process that opens the folder
+finishes the work (`finish_replacing`).
 
 A working folder is locked while its run lives, so that folders of killed runs can be recognised and removed.
 """
@@ -43,7 +43,7 @@ EMBEDDINGS = "embeddings.npz"
 
 # Complete results inside an output folder whose old ones they are about to replace, and the list of their files.
 COMPLETE = ".complete"
-# A working folder this young may not be locked yet.
+# A younger working folder may not be locked yet, seconds.
 YOUNG_S = 5.0
 NAMES = "names"
 
@@ -66,19 +66,19 @@ OUTPUT_NAMES = (
 
 @contextmanager
 def writing(path: Path, shown_as: Path | None = None) -> Iterator[None]:
-    """Turn the system's errors on writing `path` into one line.
+    """Turn the system's errors in writing `path` into one line.
 
     Parameters
     ----------
     path : Path
-        What is written.
+        The file or folder.
     shown_as : Path, optional
-        The name that the message gives it (the user never named a working folder).
+        Its name in the message: the user does not know the working folder. Default: `path`.
 
     Raises
     ------
     OutputError
-        The disk is full, the place is not writable, a file grew over the allowed size.
+        The disk is full, the place is not writable, or a file is larger than allowed.
     """
     try:
         yield
@@ -99,7 +99,7 @@ class ResultFolder:
     path : path
         The folder that the user named.
     force : bool
-        Whether results that lie there may be replaced. Files of other names are never touched.
+        Whether results in the folder may be replaced. Files with other names are never changed.
 
     Raises
     ------
@@ -138,7 +138,7 @@ class ResultFolder:
         release(self._lock)
 
     def file(self, name: str) -> Path:
-        """Return where the file of this name is written now."""
+        """Return the path at which the file with this name is written until `commit`."""
         return self._working / name
 
     def commit(self) -> None:
@@ -147,7 +147,7 @@ class ResultFolder:
         Raises
         ------
         OutputError
-            The output folder came into being during the run, or is no longer writable.
+            The output folder was created by another program during the run, or is no longer writable.
         """
         with writing(self.path):
             if not self._replace:
@@ -165,19 +165,19 @@ class ResultFolder:
 
 
 def finish_replacing(folder: Path, *, locked: bool = False) -> None:
-    """Finish replacing old results by complete ones, after the run that did it was killed.
+    """Finish replacing old results by complete ones, also after the run that began it was killed.
 
     Parameters
     ----------
     folder : Path
         An output folder.
     locked : bool
-        Whether the caller holds its lock.
+        Whether the caller holds the lock of the folder.
 
     Raises
     ------
     OSError
-        It cannot be written.
+        The folder cannot be written.
     """
     complete = folder / COMPLETE
     if not complete.is_dir():
@@ -188,7 +188,7 @@ def finish_replacing(folder: Path, *, locked: bool = False) -> None:
             shutil.rmtree(complete, ignore_errors=True)
             return
         names = (complete / NAMES).read_text(encoding="utf-8").splitlines()
-        if (complete / RUN).exists():  # else all is in its place
+        if (complete / RUN).exists():  # otherwise all new files are in place already
             (folder / RUN).unlink(missing_ok=True)
         for name in OUTPUT_NAMES:  # run.json is the last
             if (complete / name).exists():
@@ -203,12 +203,12 @@ def finish_replacing(folder: Path, *, locked: bool = False) -> None:
 
 def _remove_abandoned(place: Path, name: str) -> None:
     """Remove the working folders of runs that were killed."""
-    for left in place.glob(f".{glob.escape(name)}.*.partial"):
+    for abandoned in place.glob(f".{glob.escape(name)}.*.partial"):
         with suppress(OSError):
-            if time.time() - left.stat().st_mtime < YOUNG_S:
+            if time.time() - abandoned.stat().st_mtime < YOUNG_S:
                 continue
-            lock = lock_folder(left, wait=False, required=True)
+            lock = lock_folder(abandoned, wait=False, required=True)
             try:
-                shutil.rmtree(left, ignore_errors=True)
+                shutil.rmtree(abandoned, ignore_errors=True)
             finally:
                 release(lock)

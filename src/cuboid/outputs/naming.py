@@ -12,17 +12,17 @@ from cuboid.outputs.folder import OBJECTS
 from cuboid.outputs.objects import read_objects, write_objects
 from cuboid.outputs.pending import PendingFile
 
-# Characters: a name is shown beside its label.
+# Largest number of characters of a name, which is shown beside its label.
 LONGEST_NAME = 100
 
 
 def checked_name(where: object, name: str) -> str:
-    """Return a name without space around it; the empty one is none.
+    """Return a name without surrounding space; an empty name stands for no name.
 
     Raises
     ------
     InputError
-        It is no single line of at most `LONGEST_NAME` characters; the message begins with `where`.
+        The name is not a single line of at most `LONGEST_NAME` characters; the message begins with `where`.
     """
     name = name.strip()
     if not name.isprintable() or len(name) > LONGEST_NAME:
@@ -31,7 +31,7 @@ def checked_name(where: object, name: str) -> str:
 
 
 def renamed_object(item: TrackedObject, name: str) -> TrackedObject:
-    """Return an object with a user's name; without one, the class that a detector saw is its name again."""
+    """Return an object with a name given by a user; with an empty name, the detector's class is its name again."""
     if name:
         return item.with_given_name(name)
     seen = () if item.name_score is None else ((item.name or "", item.name_score),)
@@ -51,7 +51,7 @@ def name_object(folder: Path, label: int, name: str) -> TrackedObject:
     Raises
     ------
     InputError
-        No object has the label, or the name cannot be one.
+        No object has the label, or the name is not a single line of at most `LONGEST_NAME` characters.
     OutputError
         The file cannot be written; it is unchanged.
     """

@@ -12,7 +12,7 @@ from cuboid.core.extras import require
 from cuboid.core.records import box_numbers, names_in, table_columns_of
 from cuboid.core.results import TrackedObject
 
-# Width of the plan in a notebook, pixels, and what is left free around the objects, fraction of it.
+# Width of the plan in a notebook, pixels; free margin around the objects, fraction of the width.
 PLAN_PX, MARGIN = 320, 0.08
 HEADINGS = ("label", "size L x W x H (cm)", "centre x, y, z (m)", "frames seen", "score")
 
@@ -38,13 +38,13 @@ class ObjectTable(list[TrackedObject]):
         raise InputError(f"no object has the label {shown(label)}; expected one of {labels}")
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row of plain values for each object: metres, in the world, quaternion w first."""
+        """Return a row of plain values for each object: lengths in metres, in the world, quaternion with w first."""
         return [_row(item) for item in self]
 
     def to_pandas(self) -> Any:
         """Return the rows as a pandas.DataFrame with the labels as its index.
 
-        The column `plane` is of the type Int64, `<NA>` where an object stands on no known plane; `name` is None where
+        The column `plane` is of the type Int64, `<NA>` if an object stands on no known plane; `name` is None if
         an object has none.
 
         Raises
@@ -62,7 +62,7 @@ class ObjectTable(list[TrackedObject]):
         return f"{self._plan()}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
     def _plan(self) -> str:
-        """Return the footprints of the boxes as they are seen along the axis that most of them stand on."""
+        """Return an SVG of the footprints of the boxes, seen along the world axis closest to their mean up axis."""
         if not self:
             return "<p>no object</p>"
         axis = int(np.argmax(np.abs(sum(item.box.rotation[:, 2] for item in self))))
@@ -105,12 +105,12 @@ def cells_of(item: TrackedObject) -> tuple[str, ...]:
     return item.box.size_text, item.box.center_text, str(item.frames_seen), f"{item.score:.2f}"
 
 
-_NAMED = tuple(one for one in table_columns_of(TrackedObject) if one.name in ("label", "name"))
-_OTHERS = tuple(one for one in table_columns_of(TrackedObject) if one not in _NAMED)
+_NAMED = tuple(column for column in table_columns_of(TrackedObject) if column.name in ("label", "name"))
+_OTHERS = tuple(column for column in table_columns_of(TrackedObject) if column not in _NAMED)
 _BOX = ("x_m", "y_m", "z_m", "length_m", "width_m", "height_m", "qw", "qx", "qy", "qz")
 COLUMNS = (*names_in(_NAMED), *_BOX, *names_in(_OTHERS))
 
 
 def _row(item: TrackedObject) -> dict[str, Any]:
-    named, others = ([value for one in part for value in one.values(item)] for part in (_NAMED, _OTHERS))
+    named, others = ([value for column in columns for value in column.values(item)] for columns in (_NAMED, _OTHERS))
     return dict(zip(COLUMNS, (*named, *box_numbers(item.box), *others), strict=True))

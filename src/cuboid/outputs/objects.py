@@ -26,17 +26,17 @@ class ObjectsFile:
     Attributes
     ----------
     up : (3,) float64 or None
-        Up in the world; None where no supporting plane was found and nothing else told.
+        Up in the world, a unit vector; None if neither a supporting plane nor the recording gives it.
     intrinsics : Intrinsics
         Of the recording's color image at its full size.
     planes : tuple of SupportPlane
     objects : tuple of TrackedObject
         By label; without furniture.
     walls : tuple of Wall
-        That objects are against; none where nobody asked for relations.
+        Walls that objects may be against; empty unless relations were requested.
     furniture : tuple of TrackedObject
-        What bears the supporting planes, by label; none where nobody asked for it. The file has it among the objects,
-        with the kind "support".
+        The furniture under the supporting planes, by label; empty unless it was requested. The file has it among the
+        objects, with the kind "support".
     """
 
     up: Float64Array | None
@@ -47,7 +47,7 @@ class ObjectsFile:
     furniture: tuple[TrackedObject, ...] = ()
 
     def with_relations(self, points: MapPoints) -> ObjectsFile:
-        """Return the same with the relations of the objects and with the walls, which are found among the points.
+        """Return a copy with the relations of the objects, and with the walls that are found in the points.
 
         Furniture supports the objects that are on its planes.
         """
@@ -106,18 +106,18 @@ def read_objects(path: Path) -> ObjectsFile:
             for plane in document.planes
         ),
         objects=tuple(item for item in entries if item.kind != SUPPORT),
-        walls=tuple(Wall(np.array(one.normal), one.offset, np.array(one.extent)) for one in document.walls),
+        walls=tuple(Wall(np.array(wall.normal), wall.offset, np.array(wall.extent)) for wall in document.walls),
         furniture=tuple(item for item in entries if item.kind == SUPPORT),
     )
 
 
 def write_json(path: Path, document: dict[str, Any]) -> None:
-    """Write a JSON document the way all of ours are written: short lists on one line, no NaN."""
+    """Write a JSON document in the common layout: short lists on one line, no NaN."""
     path.write_text(_layout(document) + "\n", encoding="utf-8", errors="backslashreplace")
 
 
 def _layout(value: Any, indent: int = 0) -> str:
-    """Return JSON with what fits into a line on one line."""
+    """Return JSON in which each value that fits into a line is on one line."""
     flat = json.dumps(value, allow_nan=False, ensure_ascii=False)
     if len(flat) + indent <= 100 or not isinstance(value, dict | list) or not value:
         return flat
@@ -152,16 +152,18 @@ def object_to_json(item: TrackedObject) -> dict[str, Any]:
 
 def _object(item: ObjectEntry) -> TrackedObject:
     box = Box(np.array(item.center), np.array(item.size), np.array(item.rotation))
-    return TrackedObject(box=box, **{one.name: one.read(getattr(item, one.name)) for one in columns_of(TrackedObject)})
+    return TrackedObject(
+        box=box, **{column.name: column.read(getattr(item, column.name)) for column in columns_of(TrackedObject)}
+    )
 
 
 def _supported(piece: TrackedObject, relations: Mapping[int, Sequence[Relation]]) -> tuple[Relation, ...]:
-    """Return which objects a piece of furniture supports: those that are on a plane of it, the likeliest first."""
+    """Return the relations of a piece of furniture: it supports the objects on its planes; the likeliest first."""
     tops = {f"plane:{k}" for k in piece.planes}
     scores: dict[int, float] = {}
-    for label, ends in relations.items():
-        for one in ends:
-            if one.kind == "on" and one.to in tops:
-                scores[label] = max(scores.get(label, 0.0), one.score)
+    for label, of_object in relations.items():
+        for relation in of_object:
+            if relation.kind == "on" and relation.to in tops:
+                scores[label] = max(scores.get(label, 0.0), relation.score)
     found = [Relation(label, "supports", score) for label, score in scores.items()]
-    return tuple(sorted(found, key=lambda one: (-one.score, one.to)))
+    return tuple(sorted(found, key=lambda relation: (-relation.score, relation.to)))

@@ -66,9 +66,9 @@ class FrameRecord:
     state : {"used", "lost", "skipped"}
         "lost": the camera pose could not be found. "skipped": the frame could not be used.
     timestamp_s : float or None
-        Seconds; None where the frame was not used.
+        Seconds; None if the frame was not used.
     T_world_camera : (4, 4) float64 or None
-        Camera pose, metres; None where the frame was not used.
+        Camera pose, metres; None if the frame was not used.
     reason : str or None
         Reason why the frame was not used; None if it was used.
     """
@@ -112,7 +112,7 @@ class Results(MapQueries):
         self.recording_path = None if recording_path is None else as_path(recording_path)
         if not self.folder.is_dir():
             raise InputError(f"{self.folder}: expected a folder with the results of 'cuboid track'")
-        with suppress(OSError):  # of a folder that cannot be written, what is there is read
+        with suppress(OSError):  # a folder that cannot be written is read as it is
             finish_replacing(self.folder)
 
     def __repr__(self) -> str:
@@ -124,7 +124,7 @@ class Results(MapQueries):
 
     @cached_property
     def report(self) -> RunReport:
-        """How the run went: settings, frames, times."""
+        """The report of the run: settings, frames, times."""
         return read_run(self.folder / RUN)
 
     @cached_property
@@ -134,12 +134,12 @@ class Results(MapQueries):
 
     @property
     def objects(self) -> ObjectTable:
-        """The objects, by label: a list, and a table for notebooks and pandas; `furniture` is apart."""
+        """The objects, by label, without `furniture`: a list, and a table for notebooks and pandas."""
         return ObjectTable(self.found.objects)
 
     @property
     def furniture(self) -> ObjectTable:
-        """The furniture that bears supporting planes, by label; none where the run did not ask for it."""
+        """The furniture under the supporting planes, by label; empty unless the run searched for it."""
         return ObjectTable(self.found.furniture)
 
     @property
@@ -163,7 +163,7 @@ class Results(MapQueries):
         Raises
         ------
         InputError
-            Neither has the label, or the name is not a single line of at most 100 characters.
+            No object or piece of furniture has the label, or the name is not a single line of at most 100 characters.
         OutputError
             The file cannot be written; it is unchanged.
         """
@@ -191,7 +191,7 @@ class Results(MapQueries):
         others = [
             FrameRecord(k, "lost" if reason == LOST else "skipped", reason=reason) for k, reason in self.report.skipped
         ]
-        return tuple(sorted([*used, *others], key=lambda one: one.index))
+        return tuple(sorted([*used, *others], key=lambda record: record.index))
 
     def sightings(self, label: int | None = None, frame: int | None = None) -> list[TrackRow]:
         """Return the sightings of objects, by frame and label.
@@ -233,7 +233,7 @@ class Results(MapQueries):
         Raises
         ------
         InputError
-            It is not there, or is another one.
+            It does not exist, or is another one.
         """
         report = self.report
         return reopen_recording(
@@ -247,17 +247,17 @@ class Results(MapQueries):
         )
 
     def embed(self, model: PathLike | TextModel | None = None) -> Embeddings:
-        """Embed pictures of the objects with an image-text model, keep the vectors beside the results, return them.
+        """Embed pictures of the objects with an image-text model, store the vectors beside the results, return them.
 
         Parameters
         ----------
         model : path or TextModel, optional
-            As of `find`.
+            As in `find`.
 
         Raises
         ------
         InputError
-            There is no such model, or no pictures of the objects: the recording is not there.
+            There is no such model, or there are no pictures of the objects, since the recording does not exist.
         OutputError
             The folder cannot be written.
         """
@@ -272,39 +272,39 @@ class Results(MapQueries):
 
     @cached_property
     def _embedded(self) -> dict[str, Mapping[int, Float32Array]]:
-        """The vectors of the objects by label, by identity of the model: those beside the results, and later ones."""
+        """The vectors of the objects, by identity of the model and by label: stored ones and new ones."""
         from cuboid.text_search import Embeddings
 
         path = self.folder / EMBEDDINGS
         kept = [Embeddings.read(path)] if path.is_file() else []
-        return {one.model: one.vectors for one in kept}
+        return {embeddings.model: embeddings.vectors for embeddings in kept}
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
-        """Return the vectors of the objects: those that were kept, else of pictures from the recording."""
+        """Return the vectors of the objects: stored ones, else those of pictures from the recording."""
         if model.identity not in self._embedded:
             self._embedded[model.identity] = super().vectors(model)
         return self._embedded[model.identity]
 
-    def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:
-        """Return the views of an object: those that the run kept, else read from the recording."""
+    def _views(self, item: TrackedObject, max_views: int | None = None) -> list[ObjectView]:
+        """Return the views of an object: those that the run stored, else read from the recording."""
         from cuboid.shapes.keeping import read_views
         from cuboid.shapes.views import Candidate, chosen, view_of
 
         kept = self.folder / VIEWS
         if kept.is_file():
             poses = {frame: pose.T_world_camera for frame, pose in self.poses.items()}
-            return read_views(kept, item, self._camera, poses, most)
+            return read_views(kept, item, self._camera, poses, max_views)
         candidates = [
             Candidate(row.frame, row.box, row.visible, self.poses[row.frame].T_world_camera)
             for row in self.sightings(item.label)
         ]
         views = []
-        for one in chosen(candidates, item.box, most):
+        for sighting in chosen(candidates, item.box, max_views):
             try:
-                frame = self.recording.read(one.frame)
+                frame = self.recording.read(sighting.frame)
             except FrameError:
                 continue
-            view = view_of(frame, self.found.intrinsics, one.T_world_camera, item.box)
+            view = view_of(frame, self.found.intrinsics, sighting.T_world_camera, item.box)
             if view is not None:
                 views.append(view)
         return views
@@ -342,7 +342,7 @@ class Results(MapQueries):
 
     @cached_property
     def agents(self) -> list[AgentRow]:
-        """Where something moves that is no object (a person, a hand), by frame; none where nothing does."""
+        """Boxes of moving things that are no objects (a person, a hand), by frame; empty if there are none."""
         path = self.folder / AGENTS
         rows = read_agents(path) if path.exists() else []
         self._refuse_unused(AGENTS, rows)
@@ -350,25 +350,25 @@ class Results(MapQueries):
 
     @cached_property
     def proposals(self) -> list[ProposalRow]:
-        """The frames' own boxes, in the order of the file."""
+        """The 3D proposals of the frames, in the order of the file."""
         rows = read_proposals(self.folder / PROPOSALS)
         self._refuse_unused(PROPOSALS, rows)
         return rows
 
     @cached_property
     def proposal_labels(self) -> list[int]:
-        """The label of each of the frames' own boxes, 0 for none."""
+        """The label of each of the `proposals`, 0 for none."""
         return read_proposal_labels(self.folder / PROPOSALS)
 
     @cached_property
     def survivor(self) -> dict[int, TrackedObject]:
-        """The object that each label ended as: its own, or the one that it was merged into."""
+        """The object of each label: the one with this label, or the one that it was merged into."""
         ended = {label: item for item in self.found.objects for label in item.merged_labels}
         return ended | {item.label: item for item in self.found.objects}
 
     @property
     def last_frame(self) -> int:
-        """The last frame of the recording that was used; -1 where none was."""
+        """The last used frame of the recording; -1 if no frame was used."""
         return next(reversed(self.poses), -1)
 
     def _refuse_unused(

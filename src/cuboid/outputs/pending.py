@@ -18,23 +18,23 @@ DEVICES = Path("/dev")
 
 
 class PendingFile:
-    """A file that is written under a hidden name beside its own and then renamed.
+    """A file that is written under a hidden name beside its path and then renamed.
 
     Parameters
     ----------
     path : Path
-        Its own name.
+        The final path.
 
     Attributes
     ----------
     path : Path
     partial : Path
-        Where it is written.
+        The path at which it is written.
 
     Raises
     ------
     OutputError
-        Something is there that is no file: root could replace a device.
+        The path is not that of a file: root could replace a device.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,7 +44,7 @@ class PendingFile:
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
-        """Turn a refusal of the system into one line, and leave nothing half-written.
+        """Turn an error of the system into one line, and leave no partial file.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class PendingFile:
             raise
 
     def show(self) -> None:
-        """Move the file to its own name; an existing one is replaced."""
+        """Move the file to its path; an existing one is replaced."""
         self.partial.replace(self.path)
 
     def drop(self) -> None:
@@ -71,7 +71,7 @@ class PendingFile:
 def _refuse_special(path: Path) -> None:
     if real_path(path.parent) == DEVICES:  # there a link such as stdout may lead to a file
         raise OutputError(f"{path}: is a device; the output must be a file")
-    with contextlib.suppress(OSError, ValueError):  # who writes there is told
+    with contextlib.suppress(OSError, ValueError):  # an error is raised when the file is written
         found = path.stat()
         if not stat.S_ISREG(found.st_mode):
             raise OutputError(f"{path}: is {kind_of(found)}; the output must be a file")
@@ -99,12 +99,12 @@ def new_file(path: Path, *, force: bool) -> Iterator[Path]:
     ----------
     path : Path
     force : bool
-        Whether a file that lies there is replaced.
+        Whether an existing file is replaced.
 
     Raises
     ------
     OutputError
-        It exists and `force` is not given, it is a folder, or it cannot be written.
+        The file exists and `force` is not given, it is a folder, or it cannot be written.
     """
     with writing(path):
         if path.is_dir():
@@ -126,14 +126,14 @@ def new_folder(path: Path, *, force: bool, replaces: str) -> Iterator[Path]:
     ----------
     path : Path
     force : bool
-        Whether files of the same kind that lie there are replaced; other files stay.
+        Whether existing files of the same kind are replaced; other files stay.
     replaces : str
-        Regular expression of the names that are of this kind.
+        Regular expression of the file names of this kind.
 
     Raises
     ------
     OutputError
-        It exists and `force` is not given, it is a file, or it cannot be written.
+        The folder exists and `force` is not given, it is a file, or it cannot be written.
     """
     with writing(path):
         if path.exists() and not path.is_dir():
@@ -154,7 +154,7 @@ def new_folder(path: Path, *, force: bool, replaces: str) -> Iterator[Path]:
 
 
 def _replace(working: Path, path: Path, kind: re.Pattern[str]) -> None:
-    """Move all files of a folder into another, from which those of the same kind go."""
+    """Move all files of a folder into another, after those of the same kind there are deleted."""
     for old in sorted(path.iterdir()):
         if old.is_file() and kind.fullmatch(old.name):
             old.unlink()

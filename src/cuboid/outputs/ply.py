@@ -14,7 +14,7 @@ from cuboid.core.results import MapPoints
 from cuboid.formats.reading import MAX_BINARY_BYTES, read_bytes
 from cuboid.geometry.se3 import FARTHEST_M
 
-# Little-endian layout of a point, in the words of the PLY format (G. Turk, 1994).
+# Little-endian layout of a point, as in the PLY format (G. Turk, 1994).
 POINT = np.dtype(
     [
         ("xyz", "<f4", 3),
@@ -101,7 +101,7 @@ def read_map(path: Path) -> MapPoints:
 
 
 def _refuse_values(path: Path, rows: npt.NDArray[np.void]) -> None:
-    """Raise InputError where a point lies nowhere, or its heat or label is none."""
+    """Raise InputError if a point is not finite or too far away, or if its heat or label is out of range."""
     wrong = ~(np.abs(rows["xyz"]) <= FARTHEST_M).all(axis=1) | ~((rows["heat"] >= 0) & (rows["heat"] <= 1))
     wrong |= rows["label"] < 0
     if wrong.any():

@@ -70,7 +70,7 @@ class PointCloud:
 class MapQueries(ABC):
     """A map of objects that can be queried: `Results`, `Tracker`, `SceneTracker` and `Scene` all are one.
 
-    On a running tracker the answers are those of the frames so far, on a scene those of what was committed last.
+    Answers of a running tracker are those of the frames so far; answers of a scene are those of its last commit.
     """
 
     @property
@@ -97,7 +97,7 @@ class MapQueries(ABC):
 
     @property
     def relations(self) -> dict[int, tuple[Relation, ...]]:
-        """The relations of each object to others and to surfaces, by label: those it was saved with, else found now."""
+        """The relations of each object to others and to surfaces, by label: those that were saved, else found now."""
         from cuboid.relations import find_relations
 
         objects = self.objects
@@ -107,7 +107,7 @@ class MapQueries(ABC):
 
     @property
     def tree(self) -> tuple[Branch, ...]:
-        """The tree of the place: surfaces, what is on them, and what is on and in that; from `relations`."""
+        """The tree of the place: surfaces, the objects on them, and the objects on and in those; from `relations`."""
         from cuboid.relations import place_tree
 
         return place_tree(self.objects, self.relations, self.planes, self.up)
@@ -135,8 +135,8 @@ class MapQueries(ABC):
             No object of the map has the label.
         """
         item, points = self.objects.find(label), self.map_points()
-        own = points.label == item.label
-        return PointCloud(points.xyz[own], points.rgb[own])
+        of_object = points.label == item.label
+        return PointCloud(points.xyz[of_object], points.rgb[of_object])
 
     def mesh(self, label: int, *, close: bool = False, complete: bool = False) -> ObjectMesh:
         """Return the surface of one object, fused from the depth of its views.
@@ -146,19 +146,19 @@ class MapQueries(ABC):
         label : int
             Its label, or one that was merged into it.
         close : bool
-            Let its walls go down to its support, and close its foot.
+            Extend its sides down to its support, and close its foot.
         complete : bool
-            Close all holes: space that no view saw empty is solid, within its box. It closes the foot too.
+            Close all holes, the foot too: within its box, space that no view saw empty is solid.
 
         Returns
         -------
         ObjectMesh
-            World, metres; it says which vertices are guessed. Without faces where no view shows the object.
+            World, metres; `guessed` marks the vertices that no view measured. No faces if no view shows the object.
 
         Raises
         ------
         InputError
-            No object of the map has the label, or no views of it are there.
+            No object of the map has the label, or there are no views of it.
         MissingExtraError
             scikit-image is not installed.
         """
@@ -174,14 +174,14 @@ class MapQueries(ABC):
         Parameters
         ----------
         text : str
-            Such as "something to drink from".
+            For example "something to drink from".
         model : path or TextModel, optional
-            Folder of an image-text model; that of the environment variable ``CUBOID_TEXT_MODEL`` unless given.
+            Folder of an image-text model; default: that of the environment variable ``CUBOID_TEXT_MODEL``.
 
         Raises
         ------
         InputError
-            There is no such model, the text is empty, or no pictures of the objects are there.
+            There is no such model, the text is empty, or there are no pictures of the objects.
         MissingExtraError
             ONNX Runtime or tokenizers is not installed.
         """
@@ -199,7 +199,7 @@ class MapQueries(ABC):
         Raises
         ------
         InputError
-            The model cannot be run, or no pictures of the objects are there.
+            The model cannot be run, or there are no pictures of the objects.
         MissingExtraError
             ONNX Runtime is not installed.
         """
@@ -209,8 +209,8 @@ class MapQueries(ABC):
         found = {item.label: embed_views(model, self._views(item, PICTURED_VIEWS), item.box) for item in self.objects}
         return {label: vector for label, vector in found.items() if vector is not None}
 
-    def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:
-        """Return the views of an object, at most so many; raises InputError where none are kept."""
+    def _views(self, item: TrackedObject, max_views: int | None = None) -> list[ObjectView]:
+        """Return at most `max_views` views of an object; raise InputError if no views are stored."""
         raise InputError(f"{type(self).__name__} keeps no views of its objects")
 
     def near(self, point: npt.ArrayLike, within_m: float) -> ObjectTable:
@@ -232,7 +232,7 @@ class MapQueries(ABC):
         if not within_m >= 0:
             raise InputError(f"expected a distance of at least 0 metres, got {shown(within_m)}")
         found = [(item.box.distance_m(place), item.label, item) for item in self.objects]
-        return ObjectTable(item for distance, _, item in sorted(found, key=lambda one: one[:2]) if distance <= within_m)
+        return ObjectTable(item for distance, _, item in sorted(found, key=lambda row: row[:2]) if distance <= within_m)
 
     def on(self, plane: int) -> ObjectTable:
         """Return the objects that stand on a supporting plane, by label.
@@ -255,7 +255,7 @@ class MapQueries(ABC):
 
 
 def _point(point: npt.ArrayLike) -> Float64Array:
-    """Return a point as (3,) float64; InputError where it is none."""
+    """Return a point as (3,) float64; raise InputError if it is none."""
     try:
         place = np.asarray(point, np.float64)
     except (TypeError, ValueError):

@@ -20,7 +20,7 @@ from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
 
 IntArray = npt.NDArray[np.int64]
 
-# Digits after the point: what the clocks can tell.
+# Digits after the point of times in milliseconds: the resolution of the clocks.
 MILLISECOND = 3
 
 
@@ -31,11 +31,11 @@ class SkippedKind:
     Attributes
     ----------
     frame : int
-        The first of them.
+        The first of these frames.
     reason : str
-        Its reason.
+        Reason for which the first one was skipped.
     count : int
-        How many they are.
+        Number of these frames.
     """
 
     frame: int
@@ -52,9 +52,9 @@ class RunReport:
     version : str
         Of the program.
     complete : bool
-        False where the run was interrupted.
+        False if the run was interrupted.
     recording : str
-        Where it lies.
+        Path of the recording.
     format : str
         Name of the recording's layout.
     poses : str
@@ -66,17 +66,17 @@ class RunReport:
     skipped : tuple of (int, str)
         Frame and reason.
     milliseconds : mapping of str to Timing
-        "frame" is a whole used frame, decoding included; then the stages in the order of work.
+        Times by stage: "frame" is a whole used frame, decoding included; then the stages in processing order.
     seconds : float
-        The whole run.
+        Duration of the whole run.
     peak_memory_mb : float
-        Of the process, in units of 2**20 bytes.
+        Peak memory of the process, in units of 2**20 bytes.
     warnings : tuple of str
         Probable faults of the input, one line each.
     limits : mapping of str to LimitReached
-        What some frames had too much of.
+        Limits that some frames reached, by name.
     frames_dropped : int
-        Number of live-camera frames that were not taken in time; they have no frame numbers.
+        Number of frames of a live camera that the program did not take in time; they have no frame numbers.
     """
 
     version: str
@@ -102,23 +102,23 @@ class RunReport:
 
     @property
     def distortion(self) -> tuple[float, ...]:
-        """Coefficients of the lens distortion that was removed from the images; empty where there was none."""
+        """Coefficients of the lens distortion that was removed from the images; empty if there was none."""
         return tuple(float(value) for value in self.config.get("distortion", ()))
 
     @property
     def depth_units_per_metre(self) -> float | None:
-        """Units of the depth images a metre; None in results that do not say."""
+        """Units of the depth images per metre; None if the results do not contain it."""
         units = self.config.get("depth_units_per_metre")
         return None if units is None else float(units)
 
     @property
     def depth_camera(self) -> DepthCamera | None:
-        """The depth camera whose images were registered to color; None where depth was aligned already."""
+        """The depth camera whose images were registered to color; None if depth was aligned already."""
         return depth_camera_of(msgspec.convert(self.config, ConfigEntry))
 
     @property
     def every(self) -> int:
-        """One in this many frames of the recording was used."""
+        """Every n-th frame of the recording was used."""
         return int(self.config.get("every", 1))
 
     def used(self) -> IntArray:
@@ -129,12 +129,12 @@ class RunReport:
     def skipped_kinds(self) -> list[SkippedKind]:
         """Return the kinds of bad frames, the most frequent first.
 
-        Reasons that differ only in words with digits in them (names of files, numbers, sizes) are one kind.
+        Reasons that differ only in words with digits (file names, numbers, sizes) are one kind.
         """
         kinds: dict[str, list[tuple[int, str]]] = {}
         for frame, reason in self.skipped:
             kinds.setdefault(re.sub(r"\S*\d\S*", "#", reason), []).append((frame, reason))
-        found = [SkippedKind(*same[0], len(same)) for same in kinds.values()]
+        found = [SkippedKind(*frames[0], len(frames)) for frames in kinds.values()]
         return sorted(found, key=lambda kind: (-kind.count, kind.frame))
 
     def to_dict(self) -> dict[str, Any]:
@@ -142,7 +142,7 @@ class RunReport:
         return {
             "version": self.version,
             "complete": self.complete,
-            # a name may have bytes that are no characters, which JSON does not have
+            # a path may contain bytes that are no characters; JSON has only characters
             "recording": self.recording.encode("utf-8", "backslashreplace").decode("utf-8"),
             "format": self.format,
             "poses": self.poses,

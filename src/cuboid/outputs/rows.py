@@ -1,4 +1,4 @@
-"""The files with a line a sighting, a proposal, an event, a pose: `tracks.csv`, `proposals.csv`, `events.csv`, ..."""
+"""The files with one line per sighting, proposal, event or pose: `tracks.csv`, `proposals.csv`, `events.csv`, ..."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from cuboid.core.frame import Float64Array
 from cuboid.core.records import box_numbers, columns_of
-from cuboid.core.results import ObjectEvent, Proposal3D, Sighting, tag_of
+from cuboid.core.results import FrameResult, ObjectEvent, Proposal3D, Sighting, tag_of
 from cuboid.formats.rows_files import AgentEntry, EventEntry, PoseEntry, ProposalEntry, ProposalLabel, TrackEntry
 from cuboid.formats.table_validation import header_of, read_lines, read_table
 from cuboid.geometry.box import Box
@@ -97,9 +97,14 @@ class EventRow(ObjectEvent):
     def __repr__(self) -> str:
         return f"EventRow(frame {self.frame}, {tag_of(self.label)} {self.event})"
 
+    @classmethod
+    def of(cls, event: ObjectEvent, result: FrameResult) -> EventRow:
+        """Return the row of an event that a frame's result reports."""
+        return cls(event.event, event.label, event.from_m, event.to_m, event.score, result.index, result.timestamp_s)
+
     @property
     def metres(self) -> float | None:
-        """How far the object is from where it was; None if it was, or is, not in the scene."""
+        """Distance of the object from its earlier place; None if it was, or is, not in the scene."""
         return None if self.from_m is None or self.to_m is None else float(np.linalg.norm(self.to_m - self.from_m))
 
     def to_dict(self) -> dict[str, Any]:
@@ -110,7 +115,7 @@ class EventRow(ObjectEvent):
             "timestamp": self.timestamp_s,
             "event": self.event,
             "label": self.label,
-            **{name: None if at is None else at.tolist() for name, at in places.items()},
+            **{name: None if place is None else place.tolist() for name, place in places.items()},
             "score": self.score,
         }
 
@@ -121,7 +126,7 @@ class EventRow(ObjectEvent):
 
 @dataclass(frozen=True, slots=True)
 class AgentRow:
-    """What moves in a frame and is no object (a person, a hand): a line of `agents.csv`.
+    """The box of something that moves and is no object (a person, a hand): a line of `agents.csv`.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How numbers are written: fixed, so that the same results are the same bytes."""
+"""The text of numbers: a fixed number of digits, so that equal results are equal bytes."""
 
 from __future__ import annotations
 

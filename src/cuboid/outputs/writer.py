@@ -46,28 +46,28 @@ from cuboid.outputs.rows import (
 if TYPE_CHECKING:
     from cuboid.shapes.keeping import ViewKeeper
 
-# Rows of a run without an output folder are kept in memory up to this size, a file; beyond it on disk.
+# Rows of a run without an output folder stay in memory up to this size per file; larger ones go to disk.
 MAX_IN_MEMORY_BYTES = 1 << 22
 
 
-# Files that are only there where something moves, with their headers.
+# Files that exist only if something moves, with their headers.
 OPTIONAL = {EVENTS: EVENTS_HEADER, AGENTS: AGENTS_HEADER}
 
 
 class ResultWriter:
     """Writes the files of one run; they appear in the output folder when `finish` returns.
 
-    Use it as a context manager: leaving it without `finish` leaves nothing behind.
+    Use it as a context manager: leaving it without `finish` removes all that was written.
 
     Parameters
     ----------
     path : path
         The output folder.
     force : bool
-        Whether results that lie there may be replaced.
+        Whether results in the folder may be replaced.
     corrected : bool
-        Whether poses are corrected after their frames: each frame's goes to `trajectory_online.txt` then, and the
-        corrected ones are given to `finish`.
+        Whether poses are corrected after their frames: then the first pose of each frame goes to
+        `trajectory_online.txt`, and `finish` gets the corrected ones.
 
     Raises
     ------
@@ -102,9 +102,9 @@ class ResultWriter:
 
     @contextmanager
     def naming(self, name: str) -> Iterator[Path]:
-        """Give the place where another file of the results (the video) is written until `finish`.
+        """Yield the path at which another file of the results (the video) is written until `finish`.
 
-        Complaints about it that are raised inside name the output folder, not the hidden working folder.
+        OutputErrors inside the context name the output folder, not the hidden working folder.
         """
         path = self._folder.file(name)
         try:
@@ -113,12 +113,12 @@ class ResultWriter:
             raise OutputError(str(error).replace(str(path), str(self._shown / name))) from error
 
     def go_on(self, texts: Mapping[str, str], keep: Callable[[str, str], None] | None = None) -> None:
-        """Continue with the rows of an interrupted run, and report each new text.
+        """Continue with the rows of an interrupted run, and pass each new text to `keep`.
 
         Parameters
         ----------
         texts : mapping of str to str
-            By the name of the file.
+            Rows so far, by the name of the file.
         keep : callable, optional
             Called with the name of the file and each new text.
 
@@ -137,9 +137,9 @@ class ResultWriter:
         Parameters
         ----------
         result : FrameResult
-            What the tracker found.
+            Results of the tracker.
         pixels : int
-            Side of the block of the recording's pixels that one pixel of the tracker's image covers.
+            Factor from pixels of the tracker's image to pixels of the recording.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class ResultWriter:
                 self._keep(name, text)
 
     def _write_rows(self, name: str, text: str) -> None:
-        """Write rows of a file; the optional ones begin with their first rows."""
+        """Write rows of a file; an optional file is created with its first rows."""
         with writing(self._folder.file(name), self._shown / name):
             if name not in self._files:
                 self._files[name] = self._open(name)
@@ -179,12 +179,12 @@ class ResultWriter:
         corrected : sequence of PoseRow, optional
             The corrected poses.
         views : ViewKeeper, optional
-            The views of the objects, where they were kept.
+            The stored views of the objects.
 
         Raises
         ------
         OutputError
-            The disk is full or the output folder came into being during the run.
+            The disk is full, or another program created the output folder during the run.
         """
         self._write(OBJECTS, lambda path: write_objects(path, objects))
         self._write(MAP, lambda path: write_map(path, points))
@@ -210,7 +210,7 @@ class ResultWriter:
 
 
 class RowLog:
-    """The rows of a run whose output folder is not known yet: in memory while they are few, else in temporary files."""
+    """The rows of a run whose output folder is not known yet: few rows in memory, more in temporary files."""
 
     def __init__(self) -> None:
         with ExitStack() as stack:
@@ -218,12 +218,12 @@ class RowLog:
             weakref.finalize(self, stack.pop_all().close)
 
     def add(self, result: FrameResult) -> None:
-        """Keep the rows of one frame."""
+        """Store the rows of one frame."""
         for file, lines in zip(self._files, lines_of(result), strict=True):
             file.writelines(f"{line}\n" for line in lines)
 
     def texts(self, *, corrected: bool) -> dict[str, str]:
-        """Return the rows by the name of their file; `corrected` as of `ResultWriter`."""
+        """Return the rows by the name of their file; `corrected` as in `ResultWriter`."""
         names = TRACKS, PROPOSALS, TRAJECTORY_ONLINE if corrected else TRAJECTORY, *OPTIONAL
         texts = {}
         for name, file in zip(names, self._files, strict=True):
@@ -243,7 +243,7 @@ def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], ...]:
     ----------
     result : FrameResult
     pixels : int
-        As of `ResultWriter.add`.
+        As in `ResultWriter.add`.
     """
     frame, time_s = result.index, result.timestamp_s
     tracks = [
@@ -251,12 +251,12 @@ def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], ...]:
         for seen in result.sightings
     ]
     proposals = [
-        ProposalRow(own.label, own.box, own.score, own.rect_xyxy * pixels, frame, time_s).line()
-        for own in result.proposals
+        ProposalRow(proposal.label, proposal.box, proposal.score, proposal.rect_xyxy * pixels, frame, time_s).line()
+        for proposal in result.proposals
     ]
-    events = [EventRow(one.event, one.label, one.from_m, one.to_m, one.score, frame, time_s) for one in result.events]
+    events = [EventRow.of(event, result).line() for event in result.events]
     agents = [AgentRow(frame, time_s, box).line() for box in result.agents]
-    return tracks, proposals, [PoseRow(time_s, result.T_world_camera).line()], [one.line() for one in events], agents
+    return tracks, proposals, [PoseRow(time_s, result.T_world_camera).line()], events, agents
 
 
 def _write_text(path: Path, text: str) -> None:

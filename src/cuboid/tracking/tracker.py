@@ -313,11 +313,11 @@ class Tracker(KeptMap):
         poses = None if self._source is None else self._source.trajectory()
         return {k: T if poses is None else poses.get(k, T) for k, T in self.T_world_camera.items()}
 
-    def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:
+    def _views(self, item: TrackedObject, max_views: int | None = None) -> list[ObjectView]:
         """Return the stored views of an object."""
         if self.kept_views is None:
             raise InputError("this tracker keeps no views of its objects: make it with shapes=True")
-        return self.kept_views.views(item, self.trajectory, most)
+        return self.kept_views.views(item, self.trajectory, max_views)
 
     def save(
         self,
