@@ -184,7 +184,7 @@ def test_a_map_is_told_as_it_is() -> None:
     np.testing.assert_allclose(look[:, 3] / 255.0, points.heat, atol=1 / 255)
     np.testing.assert_array_equal(label, points.label)
     assert header["spacing_m"] == pytest.approx(0.01)
-    thin, *_ = unpacked(map_message(5, points, 0.01, most=125))
+    thin, *_ = unpacked(map_message(5, points, 0.01, max_points=125))
     assert (thin["count"], thin["total"]) == (125, 500)
     assert thin["spacing_m"] == pytest.approx(0.02)  # a quarter of the points of a surface
     nothing = MapPoints(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32))

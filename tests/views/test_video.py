@@ -11,7 +11,8 @@ from cuboid.core.errors import OutputError
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.results import FrameResult, Sighting, TrackedObject
 from cuboid.geometry.box import Box
-from cuboid.views.video import VideoView, hidden_objects, video_rate
+from cuboid.views.drawing import hidden_objects
+from cuboid.views.video import VideoView, video_rate
 
 INTRINSICS = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
 BOX = Box(np.array([0.0, 0.0, 1.0]), np.full(3, 0.3), np.eye(3))
@@ -50,7 +51,7 @@ def test_every_frame_shown_is_in_a_video_that_opens(tmp_path: Path, complete: bo
 
 
 def test_a_known_object_that_is_not_seen_is_hidden() -> None:
-    assert [item.label for item in hidden_objects(result(0, (2,)), [tracked(1), tracked(2)])] == [1]
+    assert [item.label for item in hidden_objects(result(0, (2,)).sightings, [tracked(1), tracked(2)])] == [1]
 
 
 def test_the_same_run_gives_the_same_bytes_however_long_it_took(tmp_path: Path) -> None:

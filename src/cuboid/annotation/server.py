@@ -17,8 +17,8 @@ from cuboid.core.errors import CuboidError, FrameError, one_line
 from cuboid.core.frame import Float64Array
 from cuboid.core.palette import COLORS
 from cuboid.readers.recording import Recording
-from cuboid.views.report.page import assembled, own, style
-from cuboid.views.report.pictures import encode_jpeg
+from cuboid.views.pixels import encode_jpeg
+from cuboid.views.report.page import assembled, page_source, style
 from cuboid.views.report.summary import label_colors
 from cuboid.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at, path_and_query
 
@@ -108,9 +108,9 @@ class Annotator:
                 raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
 
     def _page(self) -> str:
-        scripts = [own(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
+        scripts = [page_source(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
         return assembled(
-            _source("annotate.html"), style(own("page.css"), _source("annotate.css")), scripts, self._document()
+            _source("annotate.html"), style(page_source("page.css"), _source("annotate.css")), scripts, self._document()
         )
 
     def _document(self) -> dict[str, Any]:

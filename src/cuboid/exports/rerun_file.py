@@ -15,7 +15,7 @@ from cuboid.core.results import names_of
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.stored import is_there
 from cuboid.outputs import Results, TrackRow
-from cuboid.views.report.pictures import encode_jpeg
+from cuboid.views.pixels import encode_jpeg
 from cuboid.views.rerun_scene import RerunScene
 from cuboid.views.rerun_view import JPEG_QUALITY
 

@@ -11,7 +11,7 @@ from cuboid.queries.filters import Filters
 from cuboid.queries.place import Place
 from cuboid.service.endpoints import ENDPOINTS
 from cuboid.service.openapi import SOCKET
-from cuboid.views.report.page import own, style
+from cuboid.views.report.page import page_source, style
 
 # Objects on the page; the API has all.
 SHOWN = 50
@@ -47,7 +47,7 @@ def front_page(place: Place) -> str:
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(about.title)} - cuboid</title>'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<link rel="icon" href="data:,">'  # else browsers ask for /favicon.ico
-        f"<style>{style(STYLE)}</style></head><body><header>{own('mark.svg')}{title}</header>"
+        f"<style>{style(STYLE)}</style></head><body><header>{page_source('mark.svg')}{title}</header>"
         f'<main class="document"><h2>Objects</h2>{objects}{more}<h2>Addresses</h2>'
         f"{_table(('address', 'what'), lines)}</main></body></html>\n"
     )

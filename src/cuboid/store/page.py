@@ -15,7 +15,7 @@ from cuboid.store.query import Tables
 from cuboid.store.search_form import STYLE as FORM_STYLE
 from cuboid.store.search_form import search_form
 from cuboid.store.summary import INDICATORS, StoreSummary, summarise_store
-from cuboid.views.report.page import own, style
+from cuboid.views.report.page import page_source, style
 
 NAME = "index.html"
 
@@ -197,7 +197,8 @@ def html(title: str, body: str, links: Mapping[str, str] | None = None) -> str:
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)} - cuboid</title>'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<link rel="icon" href="data:,">'  # otherwise browsers request /favicon.ico
-        f"<style>{style(STYLE, FORM_STYLE)}</style></head><body><header>{own('mark.svg')}<h1>{escape(title)}</h1>"
+        f"<style>{style(STYLE, FORM_STYLE)}</style></head>"
+        f"<body><header>{page_source('mark.svg')}<h1>{escape(title)}</h1>"
         f"{f'<nav>{leads}</nav>' if leads else ''}</header>"
         f'<main class="document">{body}</main></body></html>\n'
     )

@@ -23,7 +23,8 @@ from cuboid.queries.sources import CALENDAR_S
 from cuboid.store.indicators import indicators
 from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES, values_of
 from cuboid.text_search import Embeddings
-from cuboid.views.report.pictures import Picture, encode_jpeg
+from cuboid.views.pixels import encode_jpeg
+from cuboid.views.report.pictures import Picture
 
 # Maximum side of a picture in a table, pixels, and JPEG quality: enough for a list; a million pictures take 3 GB.
 PICTURE_PX, PICTURE_QUALITY = 120, 75

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array, Intrinsics, UInt8Array
 from cuboid.core.palette import color_of
-from cuboid.core.results import tag_of
+from cuboid.core.results import Sighting, TrackedObject, tag_of
 from cuboid.geometry.box import Box
 from cuboid.views.projection import TOP, Wireframe, may_be_in_view, wireframes
 from cuboid.views.tags import SteadyNames, place_tags, put_tag, tag_px, unit_of
@@ -98,7 +98,7 @@ def draw_frame(
     T_world_camera: Float64Array,
     intrinsics: Intrinsics,
     sightings: Iterable[Labelled],
-    hidden_objects: Iterable[Labelled],
+    hidden: Iterable[Labelled],
     status: Status | None,
     tinted: bool = True,
     names: Mapping[int, str] | None = None,
@@ -118,7 +118,7 @@ def draw_frame(
         Of `color`.
     sightings : iterable of Sighting
         Objects seen in the frame.
-    hidden_objects : iterable of TrackedObject
+    hidden : iterable of TrackedObject
         Objects of the map that the frame does not see; objects out of the view are not drawn.
     status : Status or None
         None omits the strip.
@@ -133,10 +133,16 @@ def draw_frame(
     -------
     (H, W, 3) uint8
     """
-    items = [(item, _texts(item.label, names or {}), True) for item in hidden_objects]
+    items = [(item, _texts(item.label, names or {}), True) for item in hidden]
     items += [(item, _texts(item.label, names or {}), False) for item in sightings]
     drawn = _in_view(items, T_world_camera, intrinsics)
     return _draw(color, intrinsics, drawn, status, tinted, steady)
+
+
+def hidden_objects(sightings: Sequence[Sighting], objects: Sequence[TrackedObject]) -> list[TrackedObject]:
+    """Return the objects of the map that a frame with these sightings does not see."""
+    seen = {sighting.label for sighting in sightings}
+    return [item for item in objects if item.label not in seen]
 
 
 def _texts(label: int, names: Mapping[int, str]) -> tuple[str, ...]:
@@ -157,7 +163,7 @@ def draw_proposals(
 
     Proposals without a labelled object are grey and dashed. Parameters and result are those of `draw_frame`.
     """
-    items = [(own, (f"{own.score:.2f}",), own.label == 0) for own in proposals]
+    items = [(proposal, (f"{proposal.score:.2f}",), proposal.label == 0) for proposal in proposals]
     drawn = _in_view(items, T_world_camera, intrinsics)
     return _draw(color, intrinsics, drawn, status, tinted=True)
 

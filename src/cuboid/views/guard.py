@@ -70,7 +70,7 @@ class Guard:
             return True
         bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
         given = (bearer, request.cookies.get(COOKIE, ""), request.query_params.get("token", ""))
-        return any(hmac.compare_digest(one.encode(), self._token.encode()) for one in given)
+        return any(hmac.compare_digest(token.encode(), self._token.encode()) for token in given)
 
     def _remember(self, request: Request) -> Response:
         """Store the token in a cookie, and redirect to the address without the token."""

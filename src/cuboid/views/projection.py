@@ -222,8 +222,8 @@ def clip_polygon(outline: Float64Array, planes: Float64Array) -> Float64Array:
 
 def _facing(box: Box, camera: Float64Array) -> tuple[bool, ...]:
     """Return for each of `FACES` whether the camera's centre (3,) in the world lies on its outer side."""
-    own = (camera - box.center) @ box.rotation
-    (x, y, z), (a, b, c) = own.tolist(), (box.size / 2.0).tolist()
+    camera_in_box = (camera - box.center) @ box.rotation
+    (x, y, z), (a, b, c) = camera_in_box.tolist(), (box.size / 2.0).tolist()
     return (-x > a, x > a, -y > b, y > b, -z > c, z > c)
 
 

@@ -19,12 +19,12 @@ Draw = Callable[[Frame, ReplayedFrame], UInt8Array]
 KINDS = {"boxes": "Picture", "heat": "Heat", "depth": "Depth", "proposals": "Proposals", "planes": "Planes"}
 
 
-def drawer(what: str, results: Path, replay: Replay, *, steady: SteadyNames | None = None) -> Draw:
+def drawer(kind: str, results: Path, replay: Replay, *, steady: SteadyNames | None = None) -> Draw:
     """Return a function that draws a frame and its results.
 
     Parameters
     ----------
-    what : str
+    kind : str
         One of `KINDS`.
     results : Path
         The result folder.
@@ -34,20 +34,20 @@ def drawer(what: str, results: Path, replay: Replay, *, steady: SteadyNames | No
         State of the names, if the frames of a video are drawn in order.
     """
     K = replay.intrinsics
-    points = read_map(results / MAP) if what == "heat" else None
+    points = read_map(results / MAP) if kind == "heat" else None
 
-    def ground(frame: Frame, found: ReplayedFrame) -> UInt8Array:
+    def background(frame: Frame, found: ReplayedFrame) -> UInt8Array:
         if points is not None:
             return heat_over(frame.color, map_heat(points, frame.depth_m, found.T_world_camera, K))
-        if what == "planes":
+        if kind == "planes":
             return planes_over(frame.color, replay.planes, found.T_world_camera, K)
-        return depth_picture(frame.depth_m, K) if what == "depth" else frame.color
+        return depth_picture(frame.depth_m, K) if kind == "depth" else frame.color
 
     def draw(frame: Frame, found: ReplayedFrame) -> UInt8Array:
         status = Status(found.index, len(found.sightings), found.objects_known)
-        if what == "proposals":
+        if kind == "proposals":
             return draw_proposals(frame.color, found.T_world_camera, K, found.proposals, status)
-        picture = ground(frame, found)
+        picture = background(frame, found)
         return draw_frame(
             picture,
             found.T_world_camera,
@@ -55,7 +55,7 @@ def drawer(what: str, results: Path, replay: Replay, *, steady: SteadyNames | No
             found.sightings,
             found.hidden,
             status,
-            tinted=what not in ("heat", "planes"),
+            tinted=kind not in ("heat", "planes"),
             names=replay.names,
             steady=steady,
         )

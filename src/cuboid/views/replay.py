@@ -101,8 +101,8 @@ class Replay:
         self._proposals: dict[int, list[ProposalRow]] = defaultdict(list)
         for row in results.tracks:
             self._sightings[row.frame].append(row)
-        for own in results.proposals:
-            self._proposals[own.frame].append(own)
+        for proposal in results.proposals:
+            self._proposals[proposal.frame].append(proposal)
 
     def __len__(self) -> int:
         """Return the number of used frames."""

@@ -151,19 +151,19 @@ class RerunScene:
     def objects(self, seen: Sequence[Seen]) -> None:
         """Log the boxes of a frame, in the world and in its image."""
         rr = self._rr
-        self.labels(one.label for one in seen)
-        for one in seen:
+        self.labels(item.label for item in seen)
+        for item in seen:
             box = rr.Boxes3D(
-                centers=[one.box.center],
-                sizes=[one.box.size],
-                quaternions=[rr.Quaternion(xyzw=quat_wxyz_from_rotation(one.box.rotation)[[1, 2, 3, 0]])],
-                class_ids=[one.label],
-                labels=[tag_of(one.label, self.names.get(one.label, ""))],
+                centers=[item.box.center],
+                sizes=[item.box.size],
+                quaternions=[rr.Quaternion(xyzw=quat_wxyz_from_rotation(item.box.rotation)[[1, 2, 3, 0]])],
+                class_ids=[item.label],
+                labels=[tag_of(item.label, self.names.get(item.label, ""))],
                 radii=[LINE_M],
             )
-            self.stream.log(f"world/objects/{one.label}", box)
-        rects = np.array([one.rect_xyxy for one in seen]).reshape(-1, 4)
-        labels = [one.label for one in seen]
+            self.stream.log(f"world/objects/{item.label}", box)
+        rects = np.array([item.rect_xyxy for item in seen]).reshape(-1, 4)
+        labels = [item.label for item in seen]
         flat = rr.Boxes2D(array=rects, array_format=rr.Box2DFormat.XYXY, class_ids=labels)
         self.stream.log("world/camera/image/objects", flat)
 

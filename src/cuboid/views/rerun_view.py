@@ -13,7 +13,7 @@ from cuboid.core.errors import InputError, OutputError
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics
 from cuboid.core.results import FrameResult
 from cuboid.views.live.watch import TrackerView
-from cuboid.views.report.pictures import encode_jpeg
+from cuboid.views.pixels import encode_jpeg
 from cuboid.views.rerun_scene import RerunScene
 
 # The run itself starts the viewer.

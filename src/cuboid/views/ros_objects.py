@@ -13,7 +13,7 @@ from cuboid.core.palette import color_of
 from cuboid.core.results import ObjectEvent, tag_of
 from cuboid.formats.ros_messages import RosMessages
 from cuboid.geometry.box import CORNER_SIGNS, EDGES, Box
-from cuboid.views.report.pictures import encode_jpeg
+from cuboid.views.pixels import encode_jpeg
 
 # The class of an object without a name.
 UNNAMED = "object"

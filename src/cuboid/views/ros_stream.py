@@ -155,7 +155,7 @@ class RosStream:
             Stamp of its image.
         """
         objects = {item.label: item for item in tracker.objects if item.score >= self.settings.min_score}
-        seen = [objects[one.label] for one in result.sightings if one.label in objects]
+        seen = [objects[sighting.label] for sighting in result.sightings if sighting.label in objects]
         self._send_transforms(result, objects, time_ns)
         if self._detections.wanted():
             self._detections.send(self.detections(seen, time_ns), time_ns)
@@ -191,7 +191,9 @@ class RosStream:
     def clear(self, time_ns: int) -> None:
         """Delete all markers, since the map starts again."""
         gone = [
-            one for label in sorted(self._shown) for one in deleted_markers(self._messages, label, time_ns, self.world)
+            marker
+            for label in sorted(self._shown)
+            for marker in deleted_markers(self._messages, label, time_ns, self.world)
         ]
         self._markers.send(marker_array(self._messages, gone), time_ns)
         self._shown.clear()
@@ -250,9 +252,9 @@ class RosStream:
         if now_s - self._all_s >= ALL_EVERY_S:
             self._all_s, shown = now_s, list(objects.values())
         markers = [
-            one
+            marker
             for item in shown
-            for one in object_markers(
+            for marker in object_markers(
                 self._messages, item.label, self._name_of(item), item.box, tracker.up, time_ns, self.world
             )
         ]
@@ -262,10 +264,10 @@ class RosStream:
         self._markers.send(marker_array(self._messages, markers), time_ns)
 
     def _send_events(self, result: FrameResult, objects: Mapping[int, TrackedObject], time_ns: int) -> None:
-        for one in result.events if self._events.wanted() else ():
-            item = objects.get(one.label)
-            name = self.names.get(one.label, "") if item is None else self._name_of(item)
-            self._events.send(event_message(self._messages, one, name, time_ns, self.world), time_ns)
+        for event in result.events if self._events.wanted() else ():
+            item = objects.get(event.label)
+            name = self.names.get(event.label, "") if item is None else self._name_of(item)
+            self._events.send(event_message(self._messages, event, name, time_ns, self.world), time_ns)
 
     def _send_pictures(self, frame: Frame, time_ns: int) -> None:
         if self._camera_info.wanted():

@@ -126,8 +126,8 @@ class PageHandler(BaseHTTPRequestHandler):
 
     def _is_same_origin(self) -> bool:
         """Return whether the request has no origin, or only the origin of this host and port."""
-        own = f"http://{self.headers.get('Host', '')}"
-        return all(origin == own for origin in self.headers.get_all("Origin", []))
+        this_origin = f"http://{self.headers.get('Host', '')}"
+        return all(origin == this_origin for origin in self.headers.get_all("Origin", []))
 
     def _is_this_host(self, address: str) -> bool:
         try:
@@ -136,10 +136,10 @@ class PageHandler(BaseHTTPRequestHandler):
             return False
         return name in self.names if self.names else _is_local(name)
 
-    def _answer(self, of: Callable[[], Answer | None]) -> None:
+    def _answer(self, find: Callable[[], Answer | None]) -> None:
         self.server.enter(self.connection, Phase.WORKING)
         try:
-            found, status = of(), HTTPStatus.OK
+            found, status = find(), HTTPStatus.OK
         except Refusal as refusal:
             found, status = ("text/plain; charset=utf-8", str(refusal).encode("utf-8", "replace")), refusal.status
         self.server.enter(self.connection, Phase.TAKING)

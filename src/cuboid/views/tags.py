@@ -94,14 +94,13 @@ def place_tags(
     placed: dict[int, tuple[str, Rect]] = {}
     room = MAX_COVERED * free[0] * free[1]
     for i, (texts, rect_xyxy) in [*enumerate(boxes), *enumerate(boxes)]:
-        own = placed.get(i)
+        placed_tag = placed.get(i)
         others = [place for k, (_, place) in placed.items() if k != i]
-        for text in texts[-1:] if own is None else texts[:-1]:
+        for text in texts[-1:] if placed_tag is None else texts[:-1]:
             place = _free_place(text, size_px, rect_xyxy, others, free)
-            wanted = 0 if place is None else _area(place) - (0 if own is None else _area(own[1]))
-            moved = (
-                place is not None and own is not None and place[1] != own[1][1]
-            )  # a place farther from its box is worse
+            wanted = 0 if place is None else _area(place) - (0 if placed_tag is None else _area(placed_tag[1]))
+            # a longer text is not worth a place farther from the box
+            moved = place is not None and placed_tag is not None and place[1] != placed_tag[1][1]
             if place is not None and wanted <= room and not moved:
                 placed[i] = text, place
                 room -= wanted
@@ -160,7 +159,7 @@ def _free_place(
 ) -> Rect | None:
     """Return the best place of a tag that covers no other tag; None if there is no such place."""
     places = _places(text, size_px, rect_xyxy, free)
-    return next((place for place in places if not any(_overlap(place, other) for other in taken)), None)
+    return next((place for place in places if not any(_overlap(place, taken_rect) for taken_rect in taken)), None)
 
 
 def _places(text: str, size_px: int, rect_xyxy: Float64Array, free: tuple[int, int]) -> list[Rect]:
@@ -170,8 +169,8 @@ def _places(text: str, size_px: int, rect_xyxy: Float64Array, free: tuple[int, i
     left = round(min(max((x0 + x1 - width) / 2, 1), max(free[1] - width - 1, 1)))
     gap, step = size_px // 3, height + 1
     above = [y0 - gap - height - i * step for i in range(3)]
-    other = [y0 + gap + i * step for i in range(3)] + [y1 + gap]
-    tops = [round(top) for top in above + other if 1 <= top <= free[0] - height - 1]
+    inside_or_below = [y0 + gap + i * step for i in range(3)] + [y1 + gap]
+    tops = [round(top) for top in above + inside_or_below if 1 <= top <= free[0] - height - 1]
     # an image hardly higher than the tag has one place, at its upper edge
     return [(left, top, left + width, top + height) for top in tops or [1]]
 

@@ -10,7 +10,7 @@ from typing import Protocol
 from cuboid.core.errors import OutputError
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.results import FrameResult, TrackedObject, names_of
-from cuboid.views.drawing import Status, draw_frame
+from cuboid.views.drawing import Status, draw_frame, hidden_objects
 from cuboid.views.encoding import Mp4Writer
 from cuboid.views.tags import SteadyNames
 
@@ -61,7 +61,7 @@ class VideoView:
         OutputError
             The file cannot be written.
         """
-        hidden = hidden_objects(result, objects)
+        hidden = hidden_objects(result.sightings, objects)
         status = Status(
             frame=frame.index,
             seen=len(result.sightings),
@@ -95,9 +95,3 @@ class VideoView:
         """
         with contextlib.nullcontext() if complete else contextlib.suppress(OutputError):
             self._writer.close()
-
-
-def hidden_objects(result: FrameResult, objects: Sequence[TrackedObject]) -> list[TrackedObject]:
-    """Return the objects of the map that a frame does not see."""
-    seen = {sighting.label for sighting in result.sightings}
-    return [item for item in objects if item.label not in seen]

@@ -17,10 +17,10 @@ from cuboid.core.palette import color_of
 from cuboid.core.results import MapPoints, names_of
 from cuboid.outputs.objects import surface_to_json
 from cuboid.outputs.text import rounded, rounded_list
-from cuboid.views.drawing import draw_frame
+from cuboid.views.drawing import draw_frame, hidden_objects
 from cuboid.views.live.watch import Moment
-from cuboid.views.report.page import SHARED, assembled, own, style
-from cuboid.views.report.pictures import encode_jpeg
+from cuboid.views.pixels import encode_jpeg
+from cuboid.views.report.page import SHARED, assembled, page_source, style
 from cuboid.views.report.points import LARGEST, STEP_M, spacing, thinned
 from cuboid.views.report.summary import (
     TURN_DIGITS,
@@ -70,8 +70,8 @@ def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pos
         "points": {"count": 0, "total": 0, "low": [0.0, 0.0, 0.0], "step_m": STEP_M, "spacing_m": 0.01},
         **(_scene(moment) if moment is not None else {"up": None, "objects": [], "events": [], "planes": []}),
     }
-    scripts = [own(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
-    return assembled(_source("live.html"), style(own("page.css"), _source("live.css")), scripts, document)
+    scripts = [page_source(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
+    return assembled(_source("live.html"), style(page_source("page.css"), _source("live.css")), scripts, document)
 
 
 def moment_message(moment: Moment, intrinsics: Intrinsics) -> bytes:
@@ -101,7 +101,7 @@ def end_message(complete: bool, warnings: Sequence[str] = ()) -> bytes:
     return json.dumps({"ended": True, "complete": complete, "warnings": list(warnings)}).encode("ascii")
 
 
-def map_message(number: int, points: MapPoints, spacing_m: float, most: int = MAX_POINTS) -> bytes:
+def map_message(number: int, points: MapPoints, spacing_m: float, max_points: int = MAX_POINTS) -> bytes:
     """Return a map in the binary format of the page.
 
     Four bytes with the length of a JSON text, the text (padded with spaces to a multiple of 4), then three arrays over
@@ -116,10 +116,10 @@ def map_message(number: int, points: MapPoints, spacing_m: float, most: int = MA
         N points in the world.
     spacing_m : float
         Distance between neighbouring points of the whole map.
-    most : int
+    max_points : int
         Largest number of points sent.
     """
-    kept = thinned(points.label, most)
+    kept = thinned(points.label, max_points)
     xyz = points.xyz[kept]
     low = xyz.min(axis=0).astype(np.float64) if len(xyz) else np.zeros(3)
     extent_m = float((xyz - low).max()) if len(xyz) else 0.0
@@ -153,15 +153,14 @@ def _scene(moment: Moment) -> dict[str, Any]:
     return {
         "up": None if moment.up is None else rounded_list(moment.up, TURN_DIGITS),
         "objects": [{**object_document(item), "seen": item.label in seen} for item in moment.objects],
-        "events": [event_document(one) for one in moment.events],
+        "events": [event_document(event) for event in moment.events],
         "planes": [surface_to_json(plane) for plane in moment.planes],
     }
 
 
 def _picture(moment: Moment, intrinsics: Intrinsics) -> bytes:
     """Return the reduced frame with its boxes, as JPEG."""
-    seen = {sighting.label for sighting in moment.sightings}
-    hidden = [item for item in moment.objects if item.label not in seen]
+    hidden = hidden_objects(moment.sightings, moment.objects)
     color, camera = _small(moment.color, intrinsics)
     picture = draw_frame(
         color, moment.T_world_camera, camera, moment.sightings, hidden, None, names=names_of(moment.objects)

@@ -91,10 +91,10 @@ class LiveServer:
             moment = self.view.moment_after(0, FIRST_S)
             page = page_of(self._title, self._intrinsics, moment, self.view.first_pose)
             return "text/html; charset=utf-8", page.encode("utf-8", "backslashreplace")
-        asked = ASKED.fullmatch(path)
-        if asked is None:
+        request = ASKED.fullmatch(path)
+        if request is None:
             return None
-        return self._moment(int(asked[2])) if asked[1] == "moment" else self._map(int(asked[2]))
+        return self._moment(int(request[2])) if request[1] == "moment" else self._map(int(request[2]))
 
     def _moment(self, number: int) -> Answer:
         moment = self.view.moment_after(number, POLL_TIMEOUT_S)

@@ -174,10 +174,7 @@ class LiveView:
         self._frame_s = now_s
         self._last = frame, result, tracker
         self._follow(result.T_world_camera)
-        for one in result.events:
-            self._events.append(
-                EventRow(one.event, one.label, one.from_m, one.to_m, one.score, result.index, result.timestamp_s)
-            )
+        self._events.extend(EventRow.of(event, result) for event in result.events)
         if not (self.is_watched and self.moments.due):
             return
         self.moments.begin()

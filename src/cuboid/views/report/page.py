@@ -54,17 +54,19 @@ def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
     str
     """
     document = {**summary.to_dict(), "live": live}
-    return assembled(own("page.html"), style(own("page.css")), [own(name) for name in SCRIPTS], document)
+    return assembled(
+        page_source("page.html"), style(page_source("page.css")), [page_source(name) for name in SCRIPTS], document
+    )
 
 
-def own(name: str) -> str:
-    """Return a source file of the page."""
+def page_source(name: str) -> str:
+    """Return the text of a file of the page: HTML, style or script."""
     return (files("cuboid.views.report") / "page" / name).read_text(encoding="utf-8")
 
 
 def style(*parts: str) -> str:
     """Return the style of a page: first the palette and elements that all pages share, then its own parts."""
-    return "\n".join((own("base.css"), *parts))
+    return "\n".join((page_source("base.css"), *parts))
 
 
 def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str, Any]) -> str:
@@ -85,7 +87,7 @@ def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str
     parts = {
         "title": escape(f"{document['title']} - cuboid"),
         "style": css,
-        "mark": own("mark.svg"),
+        "mark": page_source("mark.svg"),
         "data": _json(document),
         "script": f'"use strict";\n(() => {{\n{together}\n}})();',
     }
@@ -98,12 +100,12 @@ def renamed(page: str, label: int, names: Mapping[str, Any]) -> str:
     if found is None:
         return page
     document = json.loads(found[2])
-    for one in document["objects"]:
-        if one["label"] == label:
-            one.update(names)
-    for one in document["changes"]:
-        if one["label"] == label:
-            one["name"] = names["name"]
+    for entry in document["objects"]:
+        if entry["label"] == label:
+            entry.update(names)
+    for entry in document["changes"]:
+        if entry["label"] == label:
+            entry["name"] = names["name"]
     return page[: found.start(2)] + _json(document) + page[found.end(2) :]
 
 

@@ -6,13 +6,13 @@ import base64
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from cuboid.core.errors import CuboidError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.outputs import PoseRow, TrackRow
+from cuboid.views.pixels import encode_jpeg, shrunk
 from cuboid.views.projection import wireframes
 
 # Margin of a picture around the rectangle, as a fraction of its longer side: it shows the surroundings of the object.
@@ -96,7 +96,7 @@ def cut_pictures(
             continue
         x0, y0, x1, y1 = window(color, row.rect_xyxy)
         if x0 < x1 and y0 < y1:
-            picture = _small(color[y0:y1, x0:x1])
+            picture = shrunk(color[y0:y1, x0:x1], WIDTH_PX)
             edges = wireframes([boxes[label]], poses[row.frame].T_world_camera, intrinsics)[0].front.reshape(-1, 4)
             scale = picture.shape[1] / (x1 - x0)
             shown = (edges - (x0, y0, x0, y0)) * scale
@@ -119,20 +119,3 @@ def window(color: UInt8Array, rect_xyxy: Float64Array) -> tuple[int, int, int, i
 def _shown_px(row: TrackRow) -> float:
     x0, y0, x1, y1 = row.rect_xyxy
     return float((x1 - x0) * (y1 - y0) * row.visible)
-
-
-def _small(picture: UInt8Array) -> UInt8Array:
-    """Return a picture (H, W, 3) at most `WIDTH_PX` wide."""
-    height, width = picture.shape[:2]
-    if width > WIDTH_PX:
-        size = (WIDTH_PX, max(1, round(height * WIDTH_PX / width)))
-        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return picture
-
-
-def encode_jpeg(picture: UInt8Array, quality: int) -> bytes:
-    """Return a picture (H, W, 3), RGB, as JPEG."""
-    done, content = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, quality))
-    if not done:
-        raise ValueError(f"a picture of {picture.shape[1]} x {picture.shape[0]} pixels cannot be encoded as JPEG")
-    return content.tobytes()

@@ -75,22 +75,12 @@ class PackedPoints:
         }
 
 
-def pack_points(points: MapPoints, most: int = MAX_POINTS) -> PackedPoints:
-    """Return the map in the binary format of the page.
+def pack_points(points: MapPoints) -> PackedPoints:
+    """Return at most `MAX_POINTS` points of the map in the binary format of the page.
 
-    Parameters
-    ----------
-    points : MapPoints
-        N points in the world, metres.
-    most : int
-        Largest number of packed points. They are selected evenly in the order of the map, points of objects more
-        densely.
-
-    Returns
-    -------
-    PackedPoints
+    They are selected evenly in the order of the map, points of objects more densely.
     """
-    kept = thinned(points.label, most)
+    kept = thinned(points.label, MAX_POINTS)
     xyz = points.xyz[kept].astype(np.float64)
     low = xyz.min(axis=0) if len(xyz) else np.zeros(3)
     extent_m = float((xyz - low).max()) if len(xyz) else 0.0
@@ -105,20 +95,22 @@ def pack_points(points: MapPoints, most: int = MAX_POINTS) -> PackedPoints:
     return PackedPoints(len(kept), len(points.xyz), low, step_m, spacing(points.xyz[kept]), content)
 
 
-def thinned(label: npt.NDArray[np.int32], most: int) -> npt.NDArray[np.int64]:
-    """Return the indices of at most `most` points, ascending; points with a label are preferred.
+def thinned(label: npt.NDArray[np.int32], max_points: int) -> npt.NDArray[np.int64]:
+    """Return the indices of at most `max_points` points, ascending; points with a label are preferred.
 
     Parameters
     ----------
     label : (N,) int32
         0 for points without an object.
-    most : int
+    max_points : int
     """
-    if len(label) <= most:
+    if len(label) <= max_points:
         return np.arange(len(label))
-    own, other = np.flatnonzero(label), np.flatnonzero(label == 0)
-    fraction = max(round(most * OBJECTS_FRACTION), most - len(other))
-    kept = np.concatenate((_evenly(own, fraction), _evenly(other, most - min(len(own), fraction))))
+    on_objects, elsewhere = np.flatnonzero(label), np.flatnonzero(label == 0)
+    max_on_objects = max(round(max_points * OBJECTS_FRACTION), max_points - len(elsewhere))
+    kept = np.concatenate(
+        (_evenly(on_objects, max_on_objects), _evenly(elsewhere, max_points - min(len(on_objects), max_on_objects)))
+    )
     return np.sort(kept)
 
 
@@ -148,8 +140,8 @@ def spacing(xyz: Float32Array) -> float:
     return float(np.median(nearest[:, 1])) or DEFAULT_SPACING_M
 
 
-def _evenly(numbers: npt.NDArray[np.int64], most: int) -> npt.NDArray[np.int64]:
-    count = min(len(numbers), most)
+def _evenly(numbers: npt.NDArray[np.int64], max_count: int) -> npt.NDArray[np.int64]:
+    count = min(len(numbers), max_count)
     return numbers[np.arange(count) * len(numbers) // max(count, 1)]
 
 

@@ -21,10 +21,10 @@ from cuboid.outputs.naming import name_object
 from cuboid.outputs.pending import write_whole
 from cuboid.readers import Recording
 from cuboid.text_search import TextMatch
+from cuboid.views.pixels import encode_jpeg
 from cuboid.views.redraw import KINDS, Draw, drawer
 from cuboid.views.replay import Replay, ReplayedFrame
 from cuboid.views.report.page import page_of, renamed
-from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.summary import Summary, name_document, summarise
 from cuboid.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at, path_and_query
 
@@ -124,27 +124,27 @@ class Viewer:
             self._replay.names = names_of(self._summary.found.objects)
             return named
 
-    def picture(self, index: int, what: str) -> bytes | None:
+    def picture(self, index: int, kind: str) -> bytes | None:
         """Return a frame with its objects drawn into it, as JPEG; None if there is no such picture.
 
         Parameters
         ----------
         index : int
             Frame of the recording.
-        what : str
+        kind : str
             One of `KINDS`.
         """
         with self._lock:
             found = self._frames.get(index)
-            if found is None or self._recording is None or what not in KINDS:
+            if found is None or self._recording is None or kind not in KINDS:
                 return None
-            if what not in self._drawers:
-                self._drawers[what] = drawer(what, self._folder, self._replay)
+            if kind not in self._drawers:
+                self._drawers[kind] = drawer(kind, self._folder, self._replay)
             try:
                 frame: Frame = self._recording.read(index)
             except FrameError:
                 return None
-            return encode_jpeg(self._drawers[what](frame, found), QUALITY)
+            return encode_jpeg(self._drawers[kind](frame, found), QUALITY)
 
 
 def make_server(viewer: Viewer, port: int = 0) -> PageServer:
@@ -175,9 +175,9 @@ def _answer(viewer: Viewer, address: str) -> Answer | None:
     path, query = path_and_query(address)
     if path == "/":
         return "text/html; charset=utf-8", viewer.page
-    asked = PICTURE.fullmatch(path)
-    what = parse_qs(query).get("what", ["boxes"])[0]
-    picture = viewer.picture(int(asked[1]), what) if asked else None
+    request = PICTURE.fullmatch(path)
+    kind = parse_qs(query).get("what", ["boxes"])[0]
+    picture = viewer.picture(int(request[1]), kind) if request else None
     return None if picture is None else ("image/jpeg", picture)
 
 

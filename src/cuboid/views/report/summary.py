@@ -88,8 +88,8 @@ class Summary:
             "poses": packed(matrices),
             "points": self.points.to_dict(),
             "inferno": packed(inferno()),
-            "changes": [_change(one) for one in self.changes],
-            "events": [event_document(one) for one in self.events],
+            "changes": [_change(change) for change in self.changes],
+            "events": [event_document(event) for event in self.events],
             **self._tree(),
         }
 
@@ -111,12 +111,14 @@ class Summary:
         from cuboid.relations import place_tree
 
         tree = place_tree(self.found.objects, relations, self.found.planes, self.found.up)
-        return {"tree": [_branch(one) for one in tree]}
+        return {"tree": [_branch(branch) for branch in tree]}
 
     def named(self, named: TrackedObject) -> Summary:
         """Return a summary with a renamed object."""
         objects = tuple(named if item.label == named.label else item for item in self.found.objects)
-        changes = tuple(replace(one, name=named.name) if one.label == named.label else one for one in self.changes)
+        changes = tuple(
+            replace(change, name=named.name) if change.label == named.label else change for change in self.changes
+        )
         return replace(self, found=replace(self.found, objects=objects), changes=changes)
 
     def _object(self, item: TrackedObject, seen: list[tuple[int, int]]) -> dict[str, Any]:
@@ -198,13 +200,13 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
     return found
 
 
-def _branch(one: Branch) -> dict[str, Any]:
+def _branch(branch: Branch) -> dict[str, Any]:
     """Return a part of the tree of the place in the form that the page reads."""
     return {
-        "of": one.of,
-        "kind": one.kind,
-        "height": None if one.height_m is None else round(one.height_m, 2),
-        "children": [_branch(child) for child in one.children],
+        "of": branch.of,
+        "kind": branch.kind,
+        "height": None if branch.height_m is None else round(branch.height_m, 2),
+        "children": [_branch(child) for child in branch.children],
     }
 
 
@@ -231,19 +233,19 @@ def _picture(picture: Picture) -> dict[str, Any]:
     }
 
 
-def _change(one: SceneChange) -> dict[str, Any]:
-    places = {"from": one.from_m, "to": one.to_m}
-    pictures = {"before": one.before, "after": one.after}
+def _change(change: SceneChange) -> dict[str, Any]:
+    places = {"from": change.from_m, "to": change.to_m}
+    pictures = {"before": change.before, "after": change.after}
     return {
-        **label_colors(one.label),
-        "label": one.label,
-        "name": one.name or "",
-        "change": one.change,
+        **label_colors(change.label),
+        "label": change.label,
+        "name": change.name or "",
+        "change": change.change,
         **{key: None if place is None else rounded_list(place, PLACE_DIGITS) for key, place in places.items()},
-        "size": rounded_list(one.box.size, PLACE_DIGITS),
-        "rotation": [rounded_list(row, TURN_DIGITS) for row in one.box.rotation],
-        "metres": None if one.metres is None else round(one.metres, PLACE_DIGITS),
-        "sure": round(one.sure, 2),
+        "size": rounded_list(change.box.size, PLACE_DIGITS),
+        "rotation": [rounded_list(row, TURN_DIGITS) for row in change.box.rotation],
+        "metres": None if change.metres is None else round(change.metres, PLACE_DIGITS),
+        "sure": round(change.sure, 2),
         **{
             key: None if jpeg is None else f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode('ascii')}"
             for key, jpeg in pictures.items()
@@ -251,14 +253,14 @@ def _change(one: SceneChange) -> dict[str, Any]:
     }
 
 
-def event_document(one: EventRow) -> dict[str, Any]:
+def event_document(event: EventRow) -> dict[str, Any]:
     """Return an event in the form that the page reads."""
-    metres = None if one.metres is None else round(one.metres, PLACE_DIGITS)
+    metres = None if event.metres is None else round(event.metres, PLACE_DIGITS)
     return {
-        **label_colors(one.label),
-        "label": one.label,
-        "frame": one.frame,
-        "event": one.event,
+        **label_colors(event.label),
+        "label": event.label,
+        "frame": event.frame,
+        "event": event.event,
         "metres": metres,
     }
 
