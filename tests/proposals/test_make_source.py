@@ -126,7 +126,7 @@ def test_boxes_are_clipped_sorted_and_limited() -> None:
     assert rows.tolist() == [5, 1, 0]
     assert found.tolist() == [[1, 1, 32, 24], [0, 1, 4, 4], [0, 0, 10, 10]]
     assert scores.tolist() == pytest.approx([1.0, 0.9, 0.2])
-    assert best_boxes(boxes, [0.2, 0.9, 1.0, 1.0, 1.0, 7.0], 32, 24, most=1)[2].tolist() == [5]
+    assert best_boxes(boxes, [0.2, 0.9, 1.0, 1.0, 1.0, 7.0], 32, 24, max_boxes=1)[2].tolist() == [5]
 
 
 def test_thinning_keeps_the_best_of_those_that_overlap() -> None:

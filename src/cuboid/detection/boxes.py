@@ -13,11 +13,11 @@ MAX_BOXES = 100
 
 
 def best_boxes(
-    boxes_xyxy: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int, most: int = MAX_BOXES
+    boxes_xyxy: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int, max_boxes: int = MAX_BOXES
 ) -> tuple[npt.NDArray[np.int32], Float32Array, npt.NDArray[np.intp]]:
     """Return the best boxes, clipped to the image, their scores, and their indices in the input.
 
-    Boxes outside the image, and boxes with a score that is NaN, are left out.
+    Boxes outside the image, and boxes with a score of NaN or infinity, are left out.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def best_boxes(
         0..1; clipped.
     width, height : int
         Size of the image.
-    most : int
+    max_boxes : int
     """
     values = unit_scores(scores)
     boxes = np.asarray(boxes_xyxy, dtype=np.float64).reshape(-1, 4)
@@ -35,7 +35,7 @@ def best_boxes(
     limits = np.array([width, height, width, height], dtype=np.float64)
     whole = np.clip(np.rint(np.where(finite[:, None], boxes, 0.0)), 0.0, limits).astype(np.int32)
     inside = np.flatnonzero(finite & (whole[:, 2] > whole[:, 0]) & (whole[:, 3] > whole[:, 1]))
-    order = inside[np.argsort(-values[inside], kind="stable")][:most]
+    order = inside[np.argsort(-values[inside], kind="stable")][:max_boxes]
     return whole[order], values[order], order
 
 

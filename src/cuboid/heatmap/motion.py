@@ -195,8 +195,9 @@ def _nearest_around(depth_m: Float32Array, reach: int) -> Float32Array:
     return np.ascontiguousarray(cv2.erode(depth_m, window)[::STEP, ::STEP], dtype=np.float32)
 
 
-def groups_of(marked: UInt8Array, min_pixels: int = MIN_GROUP * STEP**2) -> list[npt.NDArray[np.bool_]]:
-    """Return the groups (h, w) of adjacent marked pixels that have at least this number of pixels."""
+def groups_of(marked: UInt8Array) -> list[npt.NDArray[np.bool_]]:
+    """Return the groups (h, w) of adjacent marked pixels that are not too small for a moving thing."""
+    min_pixels = MIN_GROUP * STEP**2
     if np.count_nonzero(marked) < min_pixels:
         return []
     _, group, table, _ = cv2.connectedComponentsWithStats(marked, connectivity=8)

@@ -17,10 +17,10 @@ def refuse_options(name: str, options: str | None) -> None:
         raise InputError(f"proposal source '{name}' takes no options, got '{options}'")
 
 
-def boxes_as_proposals(
-    boxes_xyxy: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int, most: int = MAX_BOXES
-) -> Proposals:
-    """Return the best boxes, clipped to the image; boxes outside it, or with a score of NaN or infinity, are dropped.
+def boxes_as_proposals(boxes_xyxy: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int) -> Proposals:
+    """Return the best `MAX_BOXES` boxes, clipped to the image.
+
+    Boxes outside the image, or with a score of NaN or infinity, are dropped.
 
     Parameters
     ----------
@@ -30,14 +30,13 @@ def boxes_as_proposals(
         0..1; clipped.
     width, height : int
         Size of the image.
-    most : int
     """
-    boxes, values, _ = best_boxes(boxes_xyxy, scores, width, height, most)
+    boxes, values, _ = best_boxes(boxes_xyxy, scores, width, height)
     return Proposals(boxes, values)
 
 
-def masks_as_proposals(masks: npt.NDArray[np.generic], scores: npt.ArrayLike, most: int = MAX_BOXES) -> Proposals:
-    """Return the best masks, (N, H, W), each cropped to its own rectangle; empty masks are dropped."""
+def masks_as_proposals(masks: npt.NDArray[np.generic], scores: npt.ArrayLike) -> Proposals:
+    """Return the best `MAX_BOXES` of masks (N, H, W), each cropped to its own rectangle; empty masks are dropped."""
     values = unit_scores(scores)
     boxes: list[tuple[int, int, int, int]] = []
     crops: list[UInt8Array] = []
@@ -51,6 +50,6 @@ def masks_as_proposals(masks: npt.NDArray[np.generic], scores: npt.ArrayLike, mo
         boxes.append((x0, y0, x1, y1))
         crops.append(np.ascontiguousarray(mask[y0:y1, x0:x1], dtype=np.uint8))
         kept.append(float(values[k]))
-        if len(kept) == most:
+        if len(kept) == MAX_BOXES:
             break
     return Proposals(np.array(boxes, dtype=np.int32).reshape(-1, 4), np.array(kept, dtype=np.float32), tuple(crops))

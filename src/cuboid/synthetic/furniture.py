@@ -10,8 +10,8 @@ from cuboid.synthetic.material import Color, Material, Texture, paint, wood
 from cuboid.synthetic.mesh import box, grid, lathe, merged, shift, turn
 from cuboid.synthetic.shapes import Model
 
-# Height of a room, metres.
-WALL_M = 2.7
+# Height of a room and of a curtain, length of a sofa, metres.
+WALL_M, CURTAIN_M, SOFA_M = 2.7, 2.5, 1.7
 
 CLOTH: tuple[tuple[Color, Color], ...] = (
     ((0.33, 0.38, 0.45), (0.27, 0.32, 0.39)),
@@ -88,13 +88,13 @@ def wall(rng: np.random.Generator, length_m: float, height_m: float = WALL_M) ->
     return Model("wall", tuple(parts))
 
 
-def curtain(rng: np.random.Generator, length_m: float, height_m: float = 2.5) -> Model:
+def curtain(rng: np.random.Generator, length_m: float) -> Model:
     """Return a curtain with deep folds along x, facing -y: a large surface that is not planar."""
     x = np.linspace(-length_m / 2, length_m / 2, int(length_m / 0.02))
     fold = 0.09 * np.sin(2 * np.pi * x / 0.31 + rng.uniform(0, 6)) + 0.04 * np.sin(2 * np.pi * x / 0.13)
-    drop = np.linspace(0, height_m, 12)
+    drop = np.linspace(0, CURTAIN_M, 12)
     sheet = np.stack(
-        np.broadcast_arrays(x[None], fold[None] * (1 - 0.25 * drop[:, None] / height_m), drop[:, None]), -1
+        np.broadcast_arrays(x[None], fold[None] * (1 - 0.25 * drop[:, None] / CURTAIN_M), drop[:, None]), -1
     )
     color, second = CLOTH[int(rng.integers(len(CLOTH)))]
     return Model("curtain", ((grid(sheet), Material(color, second, Texture.STRIPES, 0.09)),))
@@ -116,8 +116,9 @@ def chair(rng: np.random.Generator) -> Model:
     )
 
 
-def sofa(rng: np.random.Generator, length_m: float = 1.7) -> Model:
+def sofa(rng: np.random.Generator) -> Model:
     """Return a sofa along y that faces +x."""
+    length_m = SOFA_M
     color, second = CLOTH[int(rng.integers(len(CLOTH)))]
     body = [
         box((0.8, length_m, 0.25), (0, 0, 0.08)),

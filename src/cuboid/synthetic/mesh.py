@@ -17,6 +17,8 @@ Faces = npt.NDArray[np.int32]
 CREASE_DEG = 38.0
 # Corners closer than this are one vertex, metres.
 WELD_M = 1e-6
+# Corners of the cross-section of a tube.
+TUBE_SEGMENTS = 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +70,12 @@ def box(size: Sequence[float], bottom_center: Sequence[float] = (0.0, 0.0, 0.0))
     return prism([(-x, -y), (x, -y), (x, y), (-x, y)], size[2]).moved(shift(bottom_center))
 
 
-def prism(outline: npt.ArrayLike, height: float, top_scale: float = 1.0) -> Mesh:
+def prism(outline: npt.ArrayLike, height: float) -> Mesh:
     """Return an upright prism over a star-shaped outline (K, 2), counter-clockwise, around (0, 0)."""
     ring = np.asarray(outline, np.float64)
     count = len(ring)
     low = np.column_stack([ring, np.zeros(count)])
-    high = np.column_stack([ring * top_scale, np.full(count, height)])
+    high = np.column_stack([ring, np.full(count, height)])
     vertices = np.concatenate([low, high, [[0, 0, 0], [0, 0, height]]])
     k = np.arange(count)
     n = (k + 1) % count
@@ -102,9 +104,9 @@ def lathe(profile: npt.ArrayLike, segments: int = 48) -> Mesh:
     return _without_slivers(Mesh(rings.reshape(-1, 3), _strip_faces(len(radius), segments, wrap=True)))
 
 
-def tube(path: npt.ArrayLike, radius: npt.ArrayLike, segments: int = 14) -> Mesh:
+def tube(path: npt.ArrayLike, radius: npt.ArrayLike) -> Mesh:
     """Return a round tube along a path (K, 3) in the x-z plane; `radius` is a number or (K,)."""
-    line = np.asarray(path, np.float64)
+    line, segments = np.asarray(path, np.float64), TUBE_SEGMENTS
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     side = np.array([0.0, 1.0, 0.0])
@@ -124,11 +126,11 @@ def grid(points: npt.ArrayLike) -> Mesh:
     return Mesh(sheet.reshape(-1, 3), _strip_faces(sheet.shape[0], sheet.shape[1], wrap=False))
 
 
-def corner_normals(mesh: Mesh, crease_deg: float = CREASE_DEG) -> Float64Array:
+def corner_normals(mesh: Mesh) -> Float64Array:
     """Return the shading normal of each corner of each face, (F, 3, 3), smooth up to creases.
 
     A corner's normal is the area-weighted mean over the faces around its vertex whose angle to the corner's own face is
-    below the crease angle.
+    below `CREASE_DEG`.
     """
     normals = mesh.area_normals()
     units = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -139,15 +141,15 @@ def corner_normals(mesh: Mesh, crease_deg: float = CREASE_DEG) -> Float64Array:
     starts = np.searchsorted(at[order], at)
     counts = np.bincount(at)[at]
     result = np.zeros((len(at), 3))
-    own = np.arange(len(at)) // 3
-    cosine = np.cos(np.radians(crease_deg))
+    face = np.arange(len(at)) // 3
+    cosine = np.cos(np.radians(CREASE_DEG))
     for k in range(int(counts.max())):
         here = np.flatnonzero(counts > k)
         other = order[starts[here] + k] // 3
-        smooth = np.einsum("ij,ij->i", units[own[here]], units[other]) > cosine
+        smooth = np.einsum("ij,ij->i", units[face[here]], units[other]) > cosine
         result[here[smooth]] += normals[other[smooth]]
     length = np.linalg.norm(result, axis=1, keepdims=True)
-    smooth_normals: Float64Array = np.where(length > 1e-30, result / np.maximum(length, 1e-30), units[own])
+    smooth_normals: Float64Array = np.where(length > 1e-30, result / np.maximum(length, 1e-30), units[face])
     return smooth_normals.reshape(-1, 3, 3)
 
 

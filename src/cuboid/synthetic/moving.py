@@ -145,10 +145,10 @@ class _Story:
     def _happened(self, event: str, body: SceneObject, frames: tuple[int, int], *places: Float64Array | None) -> None:
         self.events.append(SceneEvent(event, body.id, *frames, *places))
 
-    def _free_thing(self, *, narrow: bool = True) -> SceneObject | None:
+    def _free_thing(self) -> SceneObject | None:
         """Draw an object that has not been moved yet and that a hand can grip."""
         bodies = [o for o in self._draft.objects.objects if o.id not in self._busy and not o.touches]
-        bodies = [o for o in bodies if not narrow or 2 * self._grip(o)[2] <= WIDEST_M]
+        bodies = [o for o in bodies if 2 * self._grip(o)[2] <= WIDEST_M]
         if not bodies:
             return None
         body = bodies[int(self._rng.integers(len(bodies)))]

@@ -54,8 +54,8 @@ CAMERAS = {
 STILL = Style(0.0002, np.radians(0.01), 0.5, 0.0)
 
 
-def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, roll_rad: float = 0.0) -> Float64Array:
-    """Return T_room_camera (4, 4) of a camera at `eye` that looks at `target`, upright except for a roll."""
+def look_at(eye: npt.ArrayLike, target: npt.ArrayLike) -> Float64Array:
+    """Return T_room_camera (4, 4) of an upright camera at `eye` that looks at `target`."""
     place = np.asarray(eye, np.float64)
     forward = np.asarray(target, np.float64) - place
     forward /= np.linalg.norm(forward)
@@ -64,7 +64,7 @@ def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, roll_rad: float = 0.0) ->
     T = np.eye(4)
     T[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
     T[:3, 3] = place
-    return T @ turn(roll_rad)
+    return T
 
 
 def fly(waypoints: npt.ArrayLike, frames: int, style: Style, rng: np.random.Generator, *, whole: bool) -> Float64Array:
