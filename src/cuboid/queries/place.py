@@ -8,11 +8,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from datetime import datetime
-from functools import cache
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -23,10 +20,10 @@ from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs.queries import PointCloud
 from cuboid.queries.answers import About, FoundObject, FreePlace, History, Related, State, Surface, TreeNode
 from cuboid.queries.changes import ChangeLog
-from cuboid.queries.filters import LIKELY, Filters, is_surface, label_of
+from cuboid.queries.filters import Filters, is_surface
 from cuboid.queries.free import free_place
-from cuboid.queries.likeness import color_fractions, color_word
 from cuboid.queries.parameters import text_query
+from cuboid.queries.snapshot import Snapshot, color_of_mean, is_called
 from cuboid.queries.sources import Bearer, Source, vector
 from cuboid.relations import Branch, find_relations, place_tree
 from cuboid.relations.tree import number_of, plane_heights_m
@@ -37,9 +34,8 @@ T = TypeVar("T")
 # A slow result is computed again after the map has changed, but not before this many times its computing time has
 # passed. So computing takes at most a tenth of the time.
 REST = 10.0
-# With more objects than this, relations are computed only among objects within this distance, metres, of the objects
-# of the query: the relations on, in and beside depend on objects within `BESIDE_M`, and on the supports of these.
-SMALL, AROUND_M = 300, 0.3
+# With more objects than this, relations are computed only among the objects near those of the query.
+SMALL = 300
 # Default number of sightings in a history.
 SIGHTINGS = 20
 # Default free height above a footprint, metres: that of most objects on tables.
@@ -68,8 +64,8 @@ class Place:
         self._source, self.model = source, model
         self._lock, self._aside_lock = threading.Lock(), threading.Lock()
         self.changes = ChangeLog()
-        self._compared: _Objects | None = None
-        self._objects: _Kept[_Objects] = _Kept(lambda: _Objects(source))
+        self._compared: Snapshot | None = None
+        self._objects: _Kept[Snapshot] = _Kept(lambda: Snapshot(source))
         self._relations: _Kept[dict[int, tuple[Relation, ...]]] = _Kept(self._find_relations)
         self._up: _Kept[Float64Array | None] = _Kept(lambda: source.aside.up)
         self._furniture: _Kept[Sequence[Bearer]] = _Kept(lambda: source.furniture())
@@ -121,19 +117,18 @@ class Place:
         for name in ONLY_IN_A_STORE:
             if getattr(filters, name) is not None:
                 raise InputError(f"{name}: this filter needs a store")
-        asked = dict(filters.related())
-        related = bool(asked)
-        bearers = self._found_aside(self._furniture) if related else ()
-        relations = self._relations_to(to for to in asked.values() if not _surfaces(to, bearers)) if related else {}
+        targets = dict(filters.related())  # by the kind of the relation
+        bearers = self._found_aside(self._furniture) if targets else ()
+        relations = self._relations_to(to for to in targets.values() if not _surfaces(to, bearers)) if targets else {}
         vectors = {} if filters.text is None else self._found_aside(self._vectors)
         with self._lock:
             now = self._now()
-            kept = now.kept(filters)
-            for kind, to in filters.related():
+            kept = now.passing(filters)
+            for kind, to in targets.items():
                 ends = _surfaces(to, bearers)
                 if not ends or now.is_called(to):
                     ends |= {item.label for item in now.called(to)}
-                kept &= np.isin(now.labels, [k for k, those in relations.items() if _holds(those, kind, ends)])
+                kept &= np.isin(now.labels, [label for label, found in relations.items() if _holds(found, kind, ends)])
             distances = self._distances(now, filters)
             if distances is not None:
                 kept &= distances <= filters.within_m
@@ -144,13 +139,13 @@ class Place:
             away = dict(zip(now.labels[rows].tolist(), [] if distances is None else distances[rows], strict=False))
             if filters.text is not None:
                 matches = ranked(items, vectors, filters.text)
-                items, fits = [one.item for one in matches], {one.item.label: one.score for one in matches}
+                items, fits = [match.item for match in matches], {match.item.label: match.score for match in matches}
             return [
                 self._answer(
                     now,
                     item,
                     away.get(item.label),
-                    relations if related else None,
+                    relations if targets else None,
                     text_score=fits.get(item.label),
                 )
                 for item in items[: filters.limit]
@@ -170,18 +165,21 @@ class Place:
             item, state = now.find(label)
             return self._answer(now, item, None, relations if state == "present" else None, state)
 
-    def last_seen(self, what: str) -> list[FoundObject]:
+    def last_seen(self, label_or_name: str) -> list[FoundObject]:
         """Return the last sightings of objects with a label or name, gone objects included, the latest first.
 
         Parameters
         ----------
-        what : str
-            Label or name.
+        label_or_name : str
         """
         with self._lock:
             now = self._now()
-            found = [one for one in now.all if one[1] in ("present", "gone") and _is_called(one[0], what)]
-            found.sort(key=lambda one: (one[0].last_frame, one[0].label), reverse=True)
+            found = [
+                (item, state)
+                for item, state in now.all
+                if state in ("present", "gone") and is_called(item, label_or_name)
+            ]
+            found.sort(key=lambda entry: (entry[0].last_frame, entry[0].label), reverse=True)
             return [self._answer(now, item, None, None, state) for item, state in found]
 
     def history(self, label: int, limit: int = SIGHTINGS) -> History:
@@ -235,7 +233,7 @@ class Place:
         with self._lock:
             now = self._now()
             found = place_tree(now.living, relations, self._source.map.planes, up)
-            names: dict[int | str, str | None] = {f"plane:{k}": one.name for k, one in bearers.items()}
+            names: dict[int | str, str | None] = {f"plane:{k}": bearer.name for k, bearer in bearers.items()}
             names |= dict(now.names.items())
             return tuple(_node(branch, names) for branch in found)
 
@@ -261,23 +259,23 @@ class Place:
         with self._lock:
             return self._now().find(label)[0]
 
-    def _now(self) -> _Objects:
+    def _now(self) -> Snapshot:
         return self._objects.get(self._source.version())
 
     def _known_relations(self) -> dict[int, tuple[Relation, ...]]:
         """Return the relations; the caller must not hold the lock."""
         return self._found_aside(self._relations)
 
-    def _relations_to(self, what: Iterable[str]) -> Mapping[int, Sequence[Relation]]:
+    def _relations_to(self, targets: Iterable[str]) -> Mapping[int, Sequence[Relation]]:
         """Return the relations of the objects around the named ones; the caller must not hold the lock.
 
         In a large map, only the relations around the named objects are computed, unless all relations are available.
         """
         with self._lock:
             now, version, planes = self._now(), self._source.version(), tuple(self._source.map.planes)
-            named = list(what)
+            named = list(targets)
             ends = [item for to in named for item in now.called(to, gone=True)]
-            near = now.around(ends)
+            near = now.near(ends)
         all_current = self._relations.current(version, fresh=True)
         if all_current or len(near) == len(now.living) or len(now.living) <= SMALL or not named:
             return self._known_relations()
@@ -310,7 +308,7 @@ class Place:
             raise InputError("text: this place was opened without an image-text model")
         return self._source.vectors(self.model)
 
-    def _distances(self, now: _Objects, filters: Filters) -> Float64Array | None:
+    def _distances(self, now: Snapshot, filters: Filters) -> Float64Array | None:
         """Return the distance of each box from the place or object of the filters, metres, (N,); None without one."""
         if filters.near is not None:
             return now.distances_m(np.array(filters.near))
@@ -321,7 +319,7 @@ class Place:
         found[np.isin(now.labels, [other.label for other in others])] = np.inf
         return np.asarray(found)
 
-    def _near(self, now: _Objects, near: str | None) -> Float64Array | None:
+    def _near(self, now: Snapshot, near: str | None) -> Float64Array | None:
         if near is None:
             return None
         if "," in near:
@@ -335,14 +333,14 @@ class Place:
 
     def _answer(
         self,
-        now: _Objects,
+        now: Snapshot,
         item: TrackedObject,
         distance_m: float | None,
         relations: Mapping[int, Sequence[Relation]] | None,
         state: State = "present",
         text_score: float | None = None,
     ) -> FoundObject:
-        own = None if relations is None else relations.get(item.label, ())
+        of_item = None if relations is None else relations.get(item.label, ())
         w, x, y, z = (round(float(value), 6) for value in quat_wxyz_from_rotation(item.box.rotation))
         return FoundObject(
             label=item.label,
@@ -354,14 +352,14 @@ class Place:
             center_m=vector(item.box.center),
             size_m=vector(item.box.size),
             quat_wxyz=(w, x, y, z),
-            color=_color(item.mean_color.tobytes()),
+            color=color_of_mean(item.mean_color.tobytes()),
             plane=item.plane,
             first_seen=self._source.first_seen(item),
             last_seen=self._source.last_seen(item),
             frames_seen=item.frames_seen,
             distance_m=None if distance_m is None else round(float(distance_m), 4),
             text_score=None if text_score is None else round(text_score, 6),
-            relations=None if own is None else tuple(_related(one, now) for one in own),
+            relations=None if of_item is None else tuple(_related(relation, now) for relation in of_item),
         )
 
 
@@ -394,140 +392,35 @@ class _Kept(Generic[T]):
         return found
 
 
-class _Objects:
-    """The objects of a place at one moment, and arrays of the present ones."""
-
-    def __init__(self, source: Source) -> None:
-        self._source = source
-        self.all = source.objects()
-        self.living = [item for item, state in self.all if state == "present"]
-        self.labels = np.array([item.label for item in self.living], np.int64)
-        count = len(self.living)
-        self._size = np.array([item.box.size for item in self.living]).reshape(count, 3)
-        self._center = np.array([item.box.center for item in self.living]).reshape(count, 3)
-        self._rotation = np.array([item.box.rotation for item in self.living]).reshape(count, 3, 3)
-        self._score = np.array([item.score for item in self.living])
-        self._by_label = {item.label: (item, state) for item, state in self.all}
-        merged = {old: item.label for item, state in self.all if state != "merged" for old in item.merged_labels}
-        self._survivor = merged
-        self.names: Mapping[int, str | None] = {item.label: item.name for item in self.living}
-        self._called: dict[str, list[TrackedObject]] = defaultdict(list)
-        for item in self.living:
-            for name in _names_of(item):
-                self._called[name].append(item)
-
-    def find(self, label: int) -> tuple[TrackedObject, State]:
-        """Return an object and its state, by its label or by a merged label; raises InputError if there is none."""
-        found = self._by_label.get(self._survivor.get(label, label))
-        if found is None:
-            raise InputError(f"no object has the label {label}")
-        return found
-
-    def called(self, what: str, *, gone: bool = False) -> list[TrackedObject]:
-        """Return the present objects with a label or a name; with `gone`, former objects with the label too.
-
-        Raises
-        ------
-        InputError
-            There is no such object.
-        """
-        label = label_of(what)
-        if label is None:
-            found = self._called.get(what.strip().lower(), [])
-        else:
-            one = self._by_label.get(self._survivor.get(label, label))
-            found = [] if one is None or not (gone or one[1] == "present") else [one[0]]
-        if not found:
-            raise InputError(f"no present object has the label or the name {shown(what)}")
-        return found
-
-    def is_called(self, what: str) -> bool:
-        """Return whether a present object has a label or a name."""
-        label = label_of(what)
-        return what.strip().lower() in self._called if label is None else label in self.labels
-
-    def around(self, items: Sequence[TrackedObject]) -> list[TrackedObject]:
-        """Return the present objects whose boxes are near the given objects, these included."""
-        near = np.zeros(len(self.living), bool)
-        for item in items:
-            near |= self.distances_m(item.box.center) <= AROUND_M + float(np.linalg.norm(item.box.size)) / 2.0
-        return [self.living[k] for k in np.flatnonzero(near)]
-
-    def kept(self, filters: Filters) -> Any:
-        """Return which objects, (N,), pass the filters that depend on one object alone."""
-        kept = np.ones(len(self.living), bool)
-        if filters.size_m is not None and len(kept):
-            longest = self._size.max(1)
-            kept &= (longest >= filters.size_m[0]) & (longest <= filters.size_m[1])
-        if filters.min_score is not None:
-            kept &= self._score >= filters.min_score
-        if filters.name is not None:
-            called = [item.label for item in self._called.get(filters.name.strip().lower(), [])]
-            kept &= np.isin(self.labels, called)
-        if filters.color is not None:
-            kept &= np.array([_color(item.mean_color.tobytes()) == filters.color for item in self.living], bool)
-        if filters.since is not None or filters.until is not None:
-            kept &= np.array([self._was_seen(item, filters.since, filters.until) for item in self.living], bool)
-        return kept
-
-    def _was_seen(self, item: TrackedObject, since: datetime | None, until: datetime | None) -> bool:
-        seen = self._source.last_seen(item).time
-        if seen is None:
-            raise InputError("since, until: this recording has no calendar times")
-        moment = datetime.fromisoformat(seen)
-        return (since is None or moment >= since) and (until is None or moment < until)
-
-    def distances_m(self, point: Float64Array) -> Float64Array:
-        """Return the distance of a point (3,) from each box, metres, (N,); 0 inside."""
-        local = np.abs(np.einsum("ni,nij->nj", point - self._center, self._rotation))
-        return np.asarray(np.linalg.norm(np.maximum(local - self._size / 2.0, 0.0), axis=1))
-
-
 def _holds(relations: Sequence[Relation], kind: str, ends: set[int | str]) -> bool:
-    return any(one.kind == kind and one.to in ends for one in relations)
+    return any(relation.kind == kind and relation.to in ends for relation in relations)
 
 
 def _surfaces(to: str, bearers: Sequence[Bearer]) -> set[int | str]:
     """Return the surfaces that a text names: a surface, or the planes of furniture with this label or name."""
     if is_surface(to):
         return {to.strip()}
-    return {f"plane:{k}" for one in bearers if one.is_called(to) for k in one.planes}
+    return {f"plane:{k}" for bearer in bearers if bearer.is_called(to) for k in bearer.planes}
 
 
 def _by_plane(bearers: Sequence[Bearer]) -> dict[int, Bearer]:
-    """Return the furniture by the planes that it bears; of several labels of a piece the oldest, its own."""
-    return {k: one for one in sorted(bearers, key=lambda one: one.label, reverse=True) for k in one.planes}
+    """Return the furniture by the planes that it bears; of several labels of a piece the oldest."""
+    oldest_last = sorted(bearers, key=lambda bearer: bearer.label, reverse=True)
+    return {k: bearer for bearer in oldest_last for k in bearer.planes}
 
 
-def _names_of(item: TrackedObject) -> set[str]:
-    """Return the names of an object in lower case: its name, and its likely classes."""
-    own = set() if item.name is None else {item.name.lower()}
-    return own | {name.lower() for name, score in item.names if score >= LIKELY}
-
-
-def _is_called(item: TrackedObject, what: str) -> bool:
-    label = label_of(what)
-    return what.strip().lower() in _names_of(item) if label is None else label in (item.label, *item.merged_labels)
-
-
-@cache
-def _color(mean_rgb: bytes) -> str | None:
-    """Return the color word of a mean color, given as the bytes of a (3,) float64."""
-    rgb = np.clip(np.frombuffer(mean_rgb, np.float64).round(), 0, 255).astype(np.uint8)
-    return color_word(color_fractions(rgb[None]))
-
-
-def _related(one: Relation, now: _Objects) -> Related:
-    name = now.names.get(one.to) if isinstance(one.to, int) else None
-    return Related(one.kind, one.to, name, round(one.score, 3))
+def _related(relation: Relation, now: Snapshot) -> Related:
+    name = now.names.get(relation.to) if isinstance(relation.to, int) else None
+    return Related(relation.kind, relation.to, name, round(relation.score, 3))
 
 
 def _surface(
     k: int, plane: SupportPlane, height_m: float, objects: Sequence[TrackedObject], bearer: Bearer | None
 ) -> Surface:
     center = plane.extent.mean(0) if len(plane.extent) else -plane.offset * plane.normal
-    around = np.cross(plane.extent, np.roll(plane.extent, -1, axis=0)).sum(axis=0) if len(plane.extent) else np.zeros(3)
-    area = 0.5 * abs(float(around @ plane.normal))
+    # twice the area of a polygon in space: the sum of the cross products of successive corners, along the normal
+    products = np.cross(plane.extent, np.roll(plane.extent, -1, axis=0)) if len(plane.extent) else np.zeros((1, 3))
+    area = 0.5 * abs(float(products.sum(axis=0) @ plane.normal))
     labels = tuple(item.label for item in objects if item.plane == k)
     furniture, name = (None, None) if bearer is None else (bearer.label, bearer.name)
     measured = vector(center), vector(plane.normal), round(height_m, 4), round(area, 4)
