@@ -399,6 +399,11 @@ class MapPoints:
     def __repr__(self) -> str:
         return f"MapPoints({len(self.xyz)} points)"
 
+    def of_object(self, label: int) -> MapPoints:
+        """Return the points with a label."""
+        chosen = self.label == label
+        return MapPoints(self.xyz[chosen], self.rgb[chosen], self.heat[chosen], self.label[chosen])
+
     def counted(self, objects: Iterable[TrackedObject]) -> tuple[TrackedObject, ...]:
         """Return the objects with their numbers of points in this map."""
         items = tuple(objects)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.palette import color_of
-from cuboid.core.results import MapPoints, TrackedObject
+from cuboid.core.results import TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.box import EDGES
 from cuboid.outputs import Results, write_map
@@ -34,9 +34,7 @@ def write(run: Results, folder: Path) -> list[str]:
     objects, points = run.found.objects, run.map_points()
     digits = max(3, len(str(max((item.label for item in objects), default=0))))
     for item in objects:
-        own = points.label == item.label
-        chosen = MapPoints(points.xyz[own], points.rgb[own], points.heat[own], points.label[own])
-        write_map(folder / f"object_{item.label:0{digits}d}.ply", chosen)
+        write_map(folder / f"object_{item.label:0{digits}d}.ply", points.of_object(item.label))
     (folder / "boxes.ply").write_bytes(boxes_ply(objects))
     return []
 

@@ -134,9 +134,8 @@ class MapQueries(ABC):
         InputError
             No object of the map has the label.
         """
-        item, points = self.objects.find(label), self.map_points()
-        of_object = points.label == item.label
-        return PointCloud(points.xyz[of_object], points.rgb[of_object])
+        points = self.map_points().of_object(self.objects.find(label).label)
+        return PointCloud(points.xyz, points.rgb)
 
     def mesh(self, label: int, *, close: bool = False, complete: bool = False) -> ObjectMesh:
         """Return the surface of one object, fused from the depth of its views.

@@ -151,5 +151,5 @@ def _sighting(seen: Sighting, result: FrameResult, frame: Frame) -> SightingAnsw
 
 
 def _cloud(points: MapPoints, label: int) -> PointCloud:
-    own = points.label == label
-    return PointCloud(points.xyz[own], points.rgb[own])
+    chosen = points.of_object(label)
+    return PointCloud(chosen.xyz, chosen.rgb)
