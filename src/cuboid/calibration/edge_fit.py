@@ -245,9 +245,9 @@ def gain_of(
     """
     gains = []
     for k in np.flatnonzero(np.bincount(part) >= MIN_EDGES).tolist():
-        own = part == k
-        other = of_odd if even[own][0] else of_even
-        before, after = edges.chosen(own).agreement_inside(np.stack([NOWHERE, other]))
+        in_part = part == k
+        move = of_odd if even[in_part][0] else of_even
+        before, after = edges.chosen(in_part).agreement_inside(np.stack([NOWHERE, move]))
         gains.append(after - before)
     if len(gains) < 2:
         return 0.0, float("inf"), len(gains)

@@ -75,11 +75,11 @@ def skipped_lines(found: RecordingInfo) -> list[str]:
 
 
 def _time(found: RecordingInfo) -> str:
-    own = "times of the recording" if found.has_timestamps else "the recording has no times: 30 Hz assumed"
+    origin = "times of the recording" if found.has_timestamps else "the recording has no times: 30 Hz assumed"
     if found.rate_hz is None or found.duration_s is None:
-        return own
+        return origin
     gaps = f", {found.gaps} gap{'s' * (found.gaps != 1)}" if found.gaps else ""
-    return f"{found.duration_s:.2f} s at {found.rate_hz:.4g} Hz{gaps} ({own})"
+    return f"{found.duration_s:.2f} s at {found.rate_hz:.4g} Hz{gaps} ({origin})"
 
 
 def _depth(found: RecordingInfo) -> str:

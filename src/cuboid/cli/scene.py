@@ -169,14 +169,20 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
     lines.append("  at {:.3f}, {:.3f}, {:.3f} m".format(*item.box.center))
     visits: list[dict[str, Any]] = []
     for number in sorted({past.recording for past in history}):
-        own = [past for past in history if past.recording == number]
-        first, last = own[0].frame, own[-1].frame
-        center = [round(float(value), 6) for value in own[-1].box.center]
+        visit = [past for past in history if past.recording == number]
+        first, last = visit[0].frame, visit[-1].frame
+        center = [round(float(value), 6) for value in visit[-1].box.center]
         visits.append(
-            {"recording": number, "first_frame": first, "last_frame": last, "sightings": len(own), "center": center}
+            {
+                "recording": number,
+                "first_frame": first,
+                "last_frame": last,
+                "sightings": len(visit),
+                "center": center,
+            }
         )
-        place = "{:.3f}, {:.3f}, {:.3f}".format(*own[-1].box.center)
-        lines.append(f"  recording {number}: frames {first} to {last}, {len(own)} of them, at {place} m")
+        place = "{:.3f}, {:.3f}, {:.3f}".format(*visit[-1].box.center)
+        lines.append(f"  recording {number}: frames {first} to {last}, {len(visit)} of them, at {place} m")
     events = scene.events(args.label)
     lines += [f"  recording {one.recording}, frame {one.frame}: {one.event}" for one in events]
     past = scene.relation_history(args.label)

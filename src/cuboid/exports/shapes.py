@@ -111,9 +111,9 @@ def shape_scene(run: Results, *, close: bool = False, complete: bool = False, co
         T_world_body = np.eye(4)
         T_world_body[:3, :3] = item.box.rotation
         T_world_body[:3, 3] = item.box.center - item.box.up * item.box.size[2] / 2.0
-        own = mesh.moved(se3.inverse(T_world_body))
+        local = mesh.moved(se3.inverse(T_world_body))
         name = node_name(item, digits)
-        bodies.append(Body(item, name, T_scene_world @ T_world_body, own, collision_of(own, item, collision)))
+        bodies.append(Body(item, name, T_scene_world @ T_world_body, local, collision_of(local, item, collision)))
     notes = [f"no view shows a surface of {', '.join(bare)}: left out"] if bare else []
     return ShapeScene(T_scene_world, bodies, [_outline(plane, T_scene_world) for plane in run.planes], notes)
 

@@ -28,9 +28,9 @@ def write(run: Results, folder: Path, **options: Any) -> list[str]:
     made = shape_scene(run, **options)
     parts = []
     for body in made.bodies:
-        own = body.mesh.vertices[body.mesh.faces]
-        (folder / f"{body.name}.stl").write_bytes(stl_bytes(own))
-        parts.append(se3.transform(body.T_scene_body, own.reshape(-1, 3)).reshape(-1, 3, 3))
+        corners_m = body.mesh.vertices[body.mesh.faces]
+        (folder / f"{body.name}.stl").write_bytes(stl_bytes(corners_m))
+        parts.append(se3.transform(body.T_scene_body, corners_m.reshape(-1, 3)).reshape(-1, 3, 3))
     (folder / "scene.stl").write_bytes(stl_bytes(np.concatenate([np.zeros((0, 3, 3)), *parts])))
     return made.notes
 

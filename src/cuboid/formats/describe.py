@@ -109,8 +109,8 @@ def _fields(schema: dict[str, Any], name: str) -> str:
 
 def _what(item: dict[str, Any]) -> str:
     """Return the kind of a value, its range and its meaning."""
-    kind, said = _kind(item), item.get("description", "")
-    return f"{kind}: {said}" if said and said not in kind else kind
+    kind, meaning = _kind(item), item.get("description", "")
+    return f"{kind}: {meaning}" if meaning and meaning not in kind else kind
 
 
 def _kind(item: dict[str, Any]) -> str:

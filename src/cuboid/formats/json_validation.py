@@ -57,8 +57,8 @@ def read_any(path: Path) -> dict[str, Any]:
 
 def format_in(path: Path) -> str | None:
     """Return the declared format of a JSON document, if any; raises as `read_json`."""
-    said = checked(path, read_bytes(path, MAX_JSON_BYTES), _Head).format
-    return said if isinstance(said, str) else None
+    declared = checked(path, read_bytes(path, MAX_JSON_BYTES), _Head).format
+    return declared if isinstance(declared, str) else None
 
 
 def checked(path: Path, content: bytes, kind: type[T]) -> T:
@@ -100,27 +100,26 @@ def format_of(kind: type[Any]) -> tuple[str, int] | None:
 
 def _explained(error: msgspec.ValidationError, content: bytes, kind: type[Any]) -> str:
     """Return what is wrong in a document: where, what was expected, and what is there."""
-    said, _, place = str(error).partition(" - at `$")
+    message, _, place = str(error).partition(" - at `$")
     place = place.rstrip("`").lstrip(".")
     found = ""
-    if re.match(r"Expected|Invalid|Number out", said) and not re.search(r", got [\d.]+$", said):
+    if re.match(r"Expected|Invalid|Number out", message) and not re.search(r", got [\d.]+$", message):
         found = _found(content, place)
-        said = re.sub(r", got `\w+`$", "", said) if found else said
-    said = in_words(said)
-    if not place and ("unknown" in said or said == "expected an object"):
-        said += f"{' with' if found else ', expected'} {', '.join(getattr(kind, '__struct_fields__', ('fields',)))}"
-    return (f"{place}: " if place else "") + said + found
+        message = re.sub(r", got `\w+`$", "", message) if found else message
+    message = in_words(message)
+    if not place and ("unknown" in message or message == "expected an object"):
+        message += f"{' with' if found else ', expected'} {', '.join(getattr(kind, '__struct_fields__', ('fields',)))}"
+    return (f"{place}: " if place else "") + message + found
 
 
-def in_words(said: str) -> str:
+def in_words(message: str) -> str:
     """Return an error message of msgspec in plain words."""
-    said = re.sub(
-        r"`(float|int|str|bool|array|object)( \| null)?`", lambda m: _WORDS[m[1]] + (" or null" if m[2] else ""), said
-    )
-    said = re.sub(r"^Object missing required field `(\w+)`", r"field '\1' is missing", said)
-    said = re.sub(r"^Object contains unknown field `(.*)`", r"field '\1' is unknown", said)
-    said = re.sub(r"(>=|<=|>) (\S+)", lambda m: f"{_BOUNDS[m[1]]} {float(m[2]):g}", said)
-    return said.replace("`", "'")[:1].lower() + said.replace("`", "'")[1:]
+    types = r"`(float|int|str|bool|array|object)( \| null)?`"
+    message = re.sub(types, lambda found: _WORDS[found[1]] + (" or null" if found[2] else ""), message)
+    message = re.sub(r"^Object missing required field `(\w+)`", r"field '\1' is missing", message)
+    message = re.sub(r"^Object contains unknown field `(.*)`", r"field '\1' is unknown", message)
+    message = re.sub(r"(>=|<=|>) (\S+)", lambda m: f"{_BOUNDS[m[1]]} {float(m[2]):g}", message)
+    return message.replace("`", "'")[:1].lower() + message.replace("`", "'")[1:]
 
 
 def _found(content: bytes, place: str) -> str:
@@ -136,9 +135,9 @@ def _found(content: bytes, place: str) -> str:
 
 def _placed(error: msgspec.DecodeError, content: bytes) -> str:
     """Return what is wrong with a text that is no JSON, with its line."""
-    said = str(error).removeprefix("JSON is malformed: ").removeprefix("Input data was ")
-    at = re.search(r" \(byte (\d+)\)$", said)
+    message = str(error).removeprefix("JSON is malformed: ").removeprefix("Input data was ")
+    at = re.search(r" \(byte (\d+)\)$", message)
     if at is None:
-        return said
+        return message
     line = content.count(b"\n", 0, int(at[1])) + 1
-    return f"line {line}: {said[: at.start()]}"
+    return f"line {line}: {message[: at.start()]}"

@@ -105,11 +105,11 @@ def _columns(path: Path, header: list[str], kind: type[Row], any_order: bool) ->
 
 def _explained(error: msgspec.ValidationError, cells: Sequence[str], kind: type[Row]) -> str:
     """Return what is wrong in a row: the column, what was expected, and what is there."""
-    said, _, place = str(error).partition(" - at `$[")
+    message, _, place = str(error).partition(" - at `$[")
     number = place.rstrip("`]")
     if not number.isdigit():
-        return in_words(said)  # of the row as a whole
-    said = in_words(said.partition(", got ")[0])
+        return in_words(message)  # of the row as a whole
+    message = in_words(message.partition(", got ")[0])
     if cells[int(number)].strip("+- ").lower() in ("nan", "inf", "infinity"):
-        said = "expected a finite number"
-    return f"{kind.__struct_fields__[int(number)]}: {said}, got {shown(cells[int(number)])}"
+        message = "expected a finite number"
+    return f"{kind.__struct_fields__[int(number)]}: {message}, got {shown(cells[int(number)])}"

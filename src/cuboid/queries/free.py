@@ -86,8 +86,8 @@ def _plan(
     blocks = (feet.high > level_m + FLAT_M) & (feet.low < level_m + height_m)
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     for k in np.flatnonzero(blocks):
-        own = corners * (feet.half[k] + CLEARANCE_M)
-        cv2.fillPoly(plan, [_cells(feet.center[k] + own @ feet.axes[k].T, low, cell_m)], 0)
+        local = corners * (feet.half[k] + CLEARANCE_M)
+        cv2.fillPoly(plan, [_cells(feet.center[k] + local @ feet.axes[k].T, low, cell_m)], 0)
     return plan
 
 

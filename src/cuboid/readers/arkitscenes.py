@@ -138,11 +138,11 @@ def _color(file: Path, cameras: Path, fx: float, factor: int) -> UInt8Array:
     camera = cameras / f"{file.stem}.pincam"
     if camera.is_file():
         try:
-            own = _camera(camera)[2]
+            color_fx = _camera(camera)[2]
         except InputError as error:
             raise FrameError(str(error)) from None
-        if abs(own / fx - 1) > SAME_FOCAL:
-            raise FrameError(f"the camera of {file.name} differs from the others: fx {own:.1f}, median {fx:.1f}")
+        if abs(color_fx / fx - 1) > SAME_FOCAL:
+            raise FrameError(f"the camera of {file.name} differs from the others: fx {color_fx:.1f}, median {fx:.1f}")
     return shrunk(decode_color(file, f"{file.parent.name}/{file.name}"), factor)
 
 

@@ -86,8 +86,8 @@ def up_world(listing: Listing) -> tuple[float, float, float] | None:
         If `camera.json` cannot be read.
     """
     found = _find_file(listing.camera_folders)
-    own = read_json(found, CameraDocument).up_world if found is not None and found.suffix == ".json" else None
-    return own or listing.up_world
+    measured = read_json(found, CameraDocument).up_world if found is not None and found.suffix == ".json" else None
+    return measured or listing.up_world
 
 
 # Minimum and maximum focal length, in image widths: fields of view of 179.4 degrees and of 3.4 arc minutes.

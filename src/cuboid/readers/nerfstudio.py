@@ -87,17 +87,17 @@ def _calibration(
     file: Path, document: Mapping[str, Any], frames: list[Any], entries: list[FrameEntry]
 ) -> Calibration | None:
     """Return the camera of all frames, or of the first one; None if there is neither."""
-    said = document if "fl_x" in document else frames[0]
-    if "fl_x" not in said:
+    entry = document if "fl_x" in document else frames[0]
+    if "fl_x" not in entry:
         return None
-    values = {name: said.get(key, said.get("fl_x") if key == "fl_y" else None) for name, key in _CAMERA.items()}
+    values = {name: entry.get(key, entry.get("fl_x") if key == "fl_y" else None) for name, key in _CAMERA.items()}
     for name, value in values.items():
         check_number(name, value, str(file))
     fx, fy, cx, cy, width, height = (float(value) for value in values.values())
     cx, cy = cx - 0.5, cy - 0.5
     for name in _LENS:
-        check_number("cx", said.get(name, 0.0), str(file), f"{name}, as ")  # any finite number
-    lens = tuple(float(said.get(name, 0.0)) for name in _LENS)
+        check_number("cx", entry.get(name, 0.0), str(file), f"{name}, as ")  # any finite number
+    lens = tuple(float(entry.get(name, 0.0)) for name in _LENS)
     size = (int(width), int(height))
     depth_size = next(
         (found for one in entries if isinstance(one.depth, Path) and (found := image_dimensions(one.depth))), size

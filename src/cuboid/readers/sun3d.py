@@ -84,10 +84,10 @@ def _extrinsics(path: Path) -> Path | None:
 
 
 def _pose(rows: list[tuple[int, list[float]]], k: int, name: str) -> Float64Array:
-    own = rows[3 * k : 3 * k + 3]
-    if len(own) < 3:
+    pose_rows = rows[3 * k : 3 * k + 3]
+    if len(pose_rows) < 3:
         raise FrameError(f"{name} has {len(rows)} rows, none for image {k + 1}")
-    return pose_from_matrix([*(row for _, row in own), [0.0, 0.0, 0.0, 1.0]], f"{name} line {own[0][0]}")
+    return pose_from_matrix([*(row for _, row in pose_rows), [0.0, 0.0, 0.0, 1.0]], f"{name} line {pose_rows[0][0]}")
 
 
 def _calibration(path: Path) -> Calibration:

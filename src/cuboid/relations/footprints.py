@@ -114,8 +114,8 @@ class Footprints:
 
     def _points(self, which: IntArray, units: Float64Array) -> Float64Array:
         """Return points of footprints on the ground, (P, K, 2), from positions in units of half sides (K, 2)."""
-        own = units[None] * self.half[which][:, None]
-        return np.asarray(self.center[which][:, None] + np.einsum("pij,pkj->pki", self.axes[which], own))
+        local = units[None] * self.half[which][:, None]
+        return np.asarray(self.center[which][:, None] + np.einsum("pij,pkj->pki", self.axes[which], local))
 
     def _in_frame(self, which: IntArray, points: Float64Array) -> Float64Array:
         """Return points (P, K, 2) on the ground in the frames of footprints: origin at centre, axes along sides."""

@@ -120,12 +120,12 @@ def find_furniture(planes: Sequence[SupportPlane], points: MapPoints, up: Float6
     part = _connected(local[used])
     bears = _parts_that_bear(part, beneath[:, used], heights[:, used])
     found = []
-    for members, of_it in _pieces(bears, part):
-        cubes = used[of_it]
-        own = free[np.isin(cube, cubes)]
+    for members, in_piece in _pieces(bears, part):
+        cubes = used[in_piece]
+        indices = free[np.isin(cube, cubes)]
         tops = np.concatenate([_on(areas[k], local[on[k]], heights[k, on[k]]) for k in members.tolist()])
         plane, foot_m = _stands_on(areas, members, local[cubes])
-        found.append(Furniture(_box(local[cubes], tops, foot_m, R), tuple(members.tolist()), plane, own))
+        found.append(Furniture(_box(local[cubes], tops, foot_m, R), tuple(members.tolist()), plane, indices))
     return tuple(found)
 
 

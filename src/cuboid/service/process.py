@@ -48,14 +48,14 @@ class ServedRun:
 
     def __init__(self, title: str, listening: socket.socket, token: str | None, hosts: tuple[str, ...]) -> None:
         context = get_context("spawn")
-        own, other = context.Pipe()
+        parent_end, child_end = context.Pipe()
         self._process = context.Process(
-            target=answer_about_run, args=(other, listening, title, token, hosts), name="cuboid serve", daemon=True
+            target=answer_about_run, args=(child_end, listening, title, token, hosts), name="cuboid serve", daemon=True
         )
         self._process.start()
-        other.close()
+        child_end.close()
         listening.close()
-        self.feed = MapFeed(own)
+        self.feed = MapFeed(parent_end)
 
     @property
     def pid(self) -> int | None:

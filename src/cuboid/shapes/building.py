@@ -129,13 +129,13 @@ def _foreign(
     """Return a mask (X, Y, Z) of the voxels in `band` far from the object's points, or nearer to another object's."""
     reach = replace(item.box, size=item.box.size + 2 * (MARGIN_M + OWN_M))
     around = reach.contains(points.xyz, MARGIN_M)
-    own = points.xyz[around & (points.label == item.label)]
+    of_item = points.xyz[around & (points.label == item.label)]
     others = points.xyz[around & (points.label != item.label) & (points.label > 0)]
     foreign = np.zeros(band.shape, np.bool_)
-    if not len(own):
+    if not len(of_item):
         return foreign
     places = se3.transform(volume.T_world_grid, np.argwhere(band) * volume.voxel_m)
-    distance = cKDTree(own).query(places, distance_upper_bound=OWN_M)[0]
+    distance = cKDTree(of_item).query(places, distance_upper_bound=OWN_M)[0]
     away = ~np.isfinite(distance)
     if len(others):
         away |= cKDTree(others).query(places, distance_upper_bound=OWN_M)[0] < distance

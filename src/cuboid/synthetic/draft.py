@@ -68,11 +68,11 @@ class Draft:
 
     def models(self, count: int, names: Sequence[str] = tuple(MAKERS)) -> list[Model]:
         """Draw random models, the user's first; a kind is repeated only after all kinds are used."""
-        own = [self.meshes[int(k)] for k in self.rng.permutation(len(self.meshes))][:count]
+        user_models = [self.meshes[int(k)] for k in self.rng.permutation(len(self.meshes))][:count]
         drawn: list[str] = []
-        while len(drawn) < count - len(own):
+        while len(drawn) < count - len(user_models):
             drawn += [names[int(k)] for k in self.rng.permutation(len(names))]
-        return own + [MAKERS[name](self.rng) for name in drawn[: count - len(own)]]
+        return user_models + [MAKERS[name](self.rng) for name in drawn[: count - len(user_models)]]
 
 
 def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float) -> Scene:

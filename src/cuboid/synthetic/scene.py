@@ -42,12 +42,12 @@ class Surface:
     round: bool = False
 
     def contains(self, points: Float64Array, margin_m: float) -> bool:
-        """Tell whether all points (N, 2) of the room lie on the surface, at least `margin_m` from its edge."""
+        """Return whether all points (N, 2) of the room lie on the surface, at least `margin_m` from its edge."""
         c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        own = (points - self.center) @ np.array([[c, -s], [s, c]])
+        local = (points - self.center) @ np.array([[c, -s], [s, c]])
         if self.round:
-            return bool((np.linalg.norm(own, axis=1) <= self.half[0] - margin_m).all())
-        return bool((np.abs(own) <= self.half - margin_m).all())
+            return bool((np.linalg.norm(local, axis=1) <= self.half[0] - margin_m).all())
+        return bool((np.abs(local) <= self.half - margin_m).all())
 
     def at(self, first: float, second: float) -> Float64Array:
         """Return the point (2,) in the room at coordinates -1..1 along the surface's axes."""
@@ -234,5 +234,5 @@ class Scene:
         )
 
     def is_round(self, placed: Placed) -> bool:
-        """Tell whether an upright body looks the same from all sides."""
+        """Return whether an upright body looks the same from all sides."""
         return is_round(hull(placed.mesh().vertices[:, :2]))

@@ -179,7 +179,7 @@ def render_visits(
 
 def _from(progress: Progress | None, done: int, frames: int) -> Progress | None:
     """Return the progress callback for one of several recordings."""
-    return None if progress is None else lambda own, _: progress(done + own, frames)
+    return None if progress is None else lambda frames_done, _: progress(done + frames_done, frames)
 
 
 def changes_between(before: Scene, after: Scene, shown: Shown) -> list[dict[str, Any]]:

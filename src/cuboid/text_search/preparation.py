@@ -96,18 +96,18 @@ def read_preparation(folder: Path, fixed: tuple[int, int] | None) -> Preparation
     path = folder / PREPROCESSOR
     if not path.is_file():
         return Preparation(*(fixed or (CLIP_SIDE, CLIP_SIDE)))
-    said = read_json(path, _Preprocessor)
-    named = said.crop_size if said.do_center_crop and said.crop_size is not None else said.size
+    settings = read_json(path, _Preprocessor)
+    named = settings.crop_size if settings.do_center_crop and settings.crop_size is not None else settings.size
     height, width = _sides(named, path)
     if fixed is not None and fixed != (height, width):
         raise InputError(f"{path}: images of {width} x {height} pixels, but the model needs {fixed[1]} x {fixed[0]}")
     return Preparation(
         height,
         width,
-        said.rescale_factor if said.do_rescale else 1.0,
-        said.image_mean if said.do_normalize else (0.0, 0.0, 0.0),
-        said.image_std if said.do_normalize else (1.0, 1.0, 1.0),
-        FILTERS.get(said.resample, cv2.INTER_CUBIC),
+        settings.rescale_factor if settings.do_rescale else 1.0,
+        settings.image_mean if settings.do_normalize else (0.0, 0.0, 0.0),
+        settings.image_std if settings.do_normalize else (1.0, 1.0, 1.0),
+        FILTERS.get(settings.resample, cv2.INTER_CUBIC),
     )
 
 
