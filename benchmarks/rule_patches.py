@@ -140,7 +140,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "outlines: ends alone",
         6,
-        ((OUTLINES, "if far > max(1.0, END_FRACTION * (high - low)):", "if far < 0.0:"),),
+        ((OUTLINES, "if to_end > max(1.0, END_FRACTION * (high - low)):", "if far < 0.0:"),),
     ),
     Rule(
         "outlines: color",

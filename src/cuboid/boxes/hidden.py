@@ -40,16 +40,16 @@ def with_hidden(
 
     See `mirrored_points` for the parameters.
     """
-    more = mirrored_points(points, normal, offset, box, near, voxels)
-    if len(more):
-        whole = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
+    far_side = mirrored_points(points, normal, offset, box, near, voxels)
+    if len(far_side):
+        extended = fit_box(np.concatenate([box.corners(), far_side]), normal, offset, 0.0)
         # A far side that would overlap a neighbour is not added.
-        if is_clear_of(whole, near):
-            return whole
+        if is_clear_of(extended, near):
+            return extended
     return box
 
 
-def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], least_m: float) -> Box:
+def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], resolution_m: float) -> Box:
     """Return the box of a distant object, made as deep as wide unless the camera could have seen that it is less deep.
 
     From the front an object shows its width and little of its depth; most objects are about as deep as wide. More depth
@@ -63,7 +63,7 @@ def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], least_m: f
         Position of the camera, world, metres.
     near : sequence of Box
         Boxes of other objects nearby; a depth that would overlap one is refused.
-    least_m : float
+    resolution_m : float
         Smallest distance that the map resolves, metres.
     """
     ray = box.rotation.T @ (box.center - eye)
@@ -74,12 +74,12 @@ def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], least_m: f
     deep = int(np.abs(ray[:2]).argmax())
     more_m = box.size[1 - deep] - box.size[deep]
     across = math.sqrt(max(0.0, 1.0 - ray[deep] ** 2))
-    if more_m <= 0.0 or more_m * across > least_m:
+    if more_m <= 0.0 or more_m * across > resolution_m:
         return box
     size = box.size.copy()
     size[deep] += more_m
-    whole = Box(box.center + math.copysign(more_m / 2.0, ray[deep]) * box.rotation[:, deep], size, box.rotation)
-    return whole if is_clear_of(whole, near) else box
+    extended = Box(box.center + math.copysign(more_m / 2.0, ray[deep]) * box.rotation[:, deep], size, box.rotation)
+    return extended if is_clear_of(extended, near) else box
 
 
 def is_clear_of(box: Box, near: Sequence[Box]) -> bool:
@@ -127,8 +127,8 @@ def mirrored_points(
     layer = points[height >= top - max(TOP_LAYER_FRACTION * top, voxels.voxel_m)]
     axis = (layer.min(0) + layer.max(0)) / 2.0
     # Rotate by 180 degrees about the normal.
-    away = points - axis
-    mirrored = axis - away + 2.0 * np.outer(away @ normal, normal)
+    from_axis = points - axis
+    mirrored = axis - from_axis + 2.0 * np.outer(from_axis @ normal, normal)
     beyond = _beyond(mirrored, box)
     out = np.flatnonzero(beyond > voxels.voxel_m)
     # A part that sticks out on one side, such as a handle or a spout, has no counterpart on the other side.
@@ -163,5 +163,5 @@ def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.N
 
 def _beyond(points: Float64Array, box: Box) -> Float64Array:
     """Return the horizontal distance (N,) of points (N, 3) from a box, metres; 0 or less inside its footprint."""
-    away = np.abs((points - box.center) @ box.rotation) - box.size / 2.0
-    return np.asarray(away[:, :2].max(1), dtype=np.float64)
+    outside_m = np.abs((points - box.center) @ box.rotation) - box.size / 2.0
+    return np.asarray(outside_m[:, :2].max(1), dtype=np.float64)

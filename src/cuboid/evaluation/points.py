@@ -178,9 +178,9 @@ def _nearest_heat(
     """Return the heat at spots (M, 3), 0 where no map point is near, and whether one is near."""
     if not (len(xyz) and len(spots)):
         return np.zeros(len(spots)), np.zeros(len(spots), bool)
-    which = np.asarray(KDTree(xyz).query(spots, distance_upper_bound=REACH_M)[1])
-    near = which < len(xyz)
-    return np.append(heat, 0.0)[which], near  # spots without a neighbour have the index after the last point
+    nearest = np.asarray(KDTree(xyz).query(spots, distance_upper_bound=REACH_M)[1])
+    near = nearest < len(xyz)
+    return np.append(heat, 0.0)[nearest], near  # spots without a neighbour have the index after the last point
 
 
 def _at(heat: float, taken: int, hits: npt.NDArray[np.int64], total: int) -> HeatAt:

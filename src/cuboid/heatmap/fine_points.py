@@ -78,17 +78,17 @@ class FinePoints:
         fused_in = stored.fuse(pixels, far_m, seen.frame, seen.frame, seen.keyframe, rows, FINE)
         stored.last_viewed[fused_in] = stored.carving_passes
 
-    def fine_replacements(self, xyz: Float32Array, which: npt.NDArray[np.bool_]) -> tuple[Rows, Rows]:
+    def fine_replacements(self, xyz: Float32Array, replaced: npt.NDArray[np.bool_]) -> tuple[Rows, Rows]:
         """Return the rows (M,) of fine points that replace points of the map, and the indices (M,) of the latter.
 
         Parameters
         ----------
         xyz : (N, 3) float32
             Points of the map in the world.
-        which : (N,) bool
+        replaced : (N,) bool
             The points to replace.
         """
-        fine, indices = self._stored.living(fine=True), np.flatnonzero(which)
+        fine, indices = self._stored.living(fine=True), np.flatnonzero(replaced)
         keys, wanted = self._voxels_of(xyz[indices]), self._voxels_of(self._stored.xyz(fine))
         order = np.argsort(keys, kind="stable")
         at = np.searchsorted(keys, wanted, sorter=order)

@@ -79,10 +79,10 @@ class RowMemory:
     def shrink(self, cube: int, before: int) -> None:
         """Release the memory of a cube's table, and of rows that it no longer uses; it had `before` rows."""
         for block in self.blocks_of(cube):
-            used = -(-self.rows_in(block) * ROW.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
-            had = min(max(before - int(self.cubes.turn[block]) * BLOCK_ROWS, 0), BLOCK_ROWS) * ROW.itemsize
-            if used < had:
-                _discard_pages(self._rows, block * BLOCK_BYTES + used, BLOCK_BYTES - used)
+            used_now = -(-self.rows_in(block) * ROW.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
+            used_before = min(max(before - int(self.cubes.turn[block]) * BLOCK_ROWS, 0), BLOCK_ROWS) * ROW.itemsize
+            if used_now < used_before:
+                _discard_pages(self._rows, block * BLOCK_BYTES + used_now, BLOCK_BYTES - used_now)
         if self.cubes.bits[cube]:
             _discard_pages(self._index, cube << (TABLE_BITS + 1), 2 << int(self.cubes.bits[cube]))
             self.cubes.bits[cube] = 0

@@ -172,9 +172,9 @@ class Fitting:
         seat = self._planes.seat_of(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS], plane)
         if not len(seat) or any(o.confirmed and o.box.contains(foot[None], DRIFT_M)[0] for o in near):
             return box
-        corners = np.concatenate([bare.corners(), seat])
-        whole = fit_box(np.concatenate([corners, seat - np.outer(seat @ normal + offset, normal)]), normal, offset, 0.0)
-        return box if too_large(whole, self._config) else whole
+        feet = seat - np.outer(seat @ normal + offset, normal)
+        extended = fit_box(np.concatenate([bare.corners(), seat, feet]), normal, offset, 0.0)
+        return box if too_large(extended, self._config) else extended
 
     def _above(self, points: Float32Array, normal: Float64Array, offset: float) -> npt.NDArray[np.bool_]:
         """Return which points lie above the supporting plane; lower points belong to the plane or its rim.

@@ -233,8 +233,8 @@ class Following:
         return [entry for entry in self._store.confirmed() if entry.number in near] if near else []
 
     @staticmethod
-    def _count(counts: dict[int, int], entry: MapObject, more: bool) -> None:
-        if more:
+    def _count(counts: dict[int, int], entry: MapObject, again: bool) -> None:
+        if again:
             counts[entry.number] = counts.get(entry.number, 0) + 1
         else:
             counts.pop(entry.number, None)

@@ -231,13 +231,13 @@ class ObjectMap:
         """Add evidence on pairs: objects covered by one segment, and objects whose segments lie side by side."""
         affinity = self.store.affinity
         numbers = [o.number for o in found.objects]
-        whole = (found.object_pixels >= MIN_READINGS) & (found.overlap >= COVERED_FRACTION * found.object_pixels)
-        for i in np.flatnonzero(whole.sum(1) > 1):
-            for a, b in combinations(np.flatnonzero(whole[i]).tolist(), 2):
+        covered = (found.object_pixels >= MIN_READINGS) & (found.overlap >= COVERED_FRACTION * found.object_pixels)
+        for i in np.flatnonzero(covered.sum(1) > 1):
+            for a, b in combinations(np.flatnonzero(covered[i]).tolist(), 2):
                 affinity.add_evidence(numbers[a], numbers[b], same=True, novelty=novelty)
         matched, match = found.match >= 0, found.match.tolist()
-        beside = np.triu(frame_segments.contact + frame_segments.contact.T > 0, 1) & matched & matched[:, None]
-        for i, j in zip(*(k.tolist() for k in np.nonzero(beside)), strict=True):
+        adjacent = np.triu(frame_segments.contact + frame_segments.contact.T > 0, 1) & matched & matched[:, None]
+        for i, j in zip(*(k.tolist() for k in np.nonzero(adjacent)), strict=True):
             a, b = found.objects[match[i]], found.objects[match[j]]
             if self._are_separate(frame_segments, i, j) and not self._are_attached(a, b):
                 affinity.add_evidence(a.number, b.number, same=False, novelty=novelty)

@@ -87,19 +87,19 @@ def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) ->
         Whether it stands beside another object and is certainly separate from it.
     """
     judged = outline[:, :HIDDEN].sum(1)
-    whole = outline.sum(1)
+    total = outline.sum(1)
     min_fraction = np.full(4, KNOWN_SIDE_FRACTION)
     min_fraction[TOP] = KNOWN_TOP_FRACTION
     # The part of the top that the image border cuts off is ignored, if frames saw some of the top.
-    uncut = whole.copy()
+    uncut = total.copy()
     uncut[TOP] -= outline[TOP, BORDER]
-    observed = (outline[:, :CONTACT].sum(1) >= min_fraction * uncut) & (uncut >= KNOWN_SIDE_FRACTION * whole)
+    observed = (outline[:, :CONTACT].sum(1) >= min_fraction * uncut) & (uncut >= KNOWN_SIDE_FRACTION * total)
     structure = outline[:, CONTACT] > MAJORITY * judged
     hidden = beside * outline[:, HIDDEN]
-    cut = cut_off * outline[:, BORDER] + hidden > MAJORITY * whole
+    cut = cut_off * outline[:, BORDER] + hidden > MAJORITY * total
     ends = observed & ~structure
     # An object that hides a side usually touches it.
-    behind = hidden > MAJORITY * whole
+    behind = hidden > MAJORITY * total
     sides = (ends | (~observed & (behind | (cut & ~structure))))[[LEFT, RIGHT]]
     return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())
 

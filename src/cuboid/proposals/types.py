@@ -94,11 +94,11 @@ class Proposals:
     def __len__(self) -> int:
         return len(self.scores)
 
-    def best(self, most: int) -> Proposals:
-        """Return the `most` proposals with the highest scores, in their current order."""
-        if len(self) <= most:
+    def best(self, max_count: int) -> Proposals:
+        """Return the `max_count` proposals with the highest scores, in their current order."""
+        if len(self) <= max_count:
             return self
-        kept = np.sort(np.argsort(-self.scores, kind="stable")[:most])
+        kept = np.sort(np.argsort(-self.scores, kind="stable")[:max_count])
         masks = None if self.masks is None else tuple(self.masks[k] for k in kept.tolist())
         return Proposals(self.boxes_xyxy[kept], self.scores[kept], masks, self.mask_step)
 

@@ -170,9 +170,9 @@ class Changes:
                 _distance_m(first.box, second.box),
                 _distance_m(first_old.box, second_old.box),
             )
-            beside = abs(distance_m - distance_before_m) <= STILL_MIDDLE_M and _level(tracker, first, second)
+            side_by_side = abs(distance_m - distance_before_m) <= STILL_MIDDLE_M and _level(tracker, first, second)
             if (
-                beside
+                side_by_side
                 and fraction_near(first.points, second.points, PIECE_M) > 0
                 and fraction_near(first_old.points, second_old.points, PIECE_M) > 0
                 and all(self._change_of(tracker, o, True).change == "moved" for o in (first, second))

@@ -59,22 +59,23 @@ class Layout:
 def layout_of(cls: Any) -> Layout:
     """Return the layout of a class of records, from the annotations of its fields."""
     hints, names = get_type_hints(cls), saved_fields(cls)
-    one = {name: hints[name] for name in names if _is_record(hints[name])}
-    many = {
+    records = {name: hints[name] for name in names if _is_record(hints[name])}
+    record_dicts = {
         name: get_args(hints[name])[1]
         for name in names
         if get_origin(hints[name]) is dict and _is_record(get_args(hints[name])[1])
     }
     added = added_fields(cls)
     columns = [
-        (name, tuple[int, ...] if name in many else hints[name])
+        (name, tuple[int, ...] if name in record_dicts else hints[name])
         if name not in added
         else (name, hints[name], msgspec.field(default_factory=added[name]))
         for name in names
-        if name not in one
+        if name not in records
     ]
     values = attrgetter(*names) if len(names) > 1 else lambda record: (getattr(record, names[0]),)
-    return Layout(names, values, one, many, msgspec.defstruct(cls.__name__, columns, forbid_unknown_fields=True))
+    fields = msgspec.defstruct(cls.__name__, columns, forbid_unknown_fields=True)
+    return Layout(names, values, records, record_dicts, fields)
 
 
 def _is_record(kind: object) -> bool:

@@ -69,12 +69,12 @@ def find_layout(scene_objects: Sequence[MapObject], seen: Sequence[MapObject], u
 
 
 def same_place(
-    scene_points: Float32Array, seen: Float32Array, T_scene_seen: Float64Array, around: Float64Array
+    scene_points: Float32Array, seen: Float32Array, T_scene_seen: Float64Array, center: Float64Array
 ) -> bool:
-    """Return whether points of a part (N, 3) around a place in it coincide with points of the scene (M, 3)."""
-    near = seen[np.linalg.norm(seen - around, axis=1) < AROUND_M].astype(np.float64)
+    """Return whether points of a part (N, 3) around a center in it coincide with points of the scene (M, 3)."""
+    near = seen[np.linalg.norm(seen - center, axis=1) < AROUND_M].astype(np.float64)
     moved = transform(T_scene_seen, near)
-    scene_points = scene_points[np.linalg.norm(scene_points - transform(T_scene_seen, around), axis=1) < 1.5 * AROUND_M]
+    scene_points = scene_points[np.linalg.norm(scene_points - transform(T_scene_seen, center), axis=1) < 1.5 * AROUND_M]
     if not len(near) or not len(scene_points):
         return False
     distance, _ = cKDTree(scene_points).query(moved, distance_upper_bound=SAME_M)

@@ -253,11 +253,11 @@ def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:
     return data.tobytes() if success else b""
 
 
-def _same(before: tuple[object, ...] | None, now: tuple[object, ...]) -> bool:
+def _same(before: tuple[object, ...] | None, after: tuple[object, ...]) -> bool:
     """Return whether values are unchanged; arrays and boxes are compared by identity: they are never modified."""
     if before is None:
         return False
-    return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(before, now, strict=True))
+    return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(before, after, strict=True))
 
 
 def _object_row(entry: MapObject, label: int = 0) -> dict[str, Any]:

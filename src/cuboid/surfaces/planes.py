@@ -392,7 +392,7 @@ class PlaneTracker:
         self._windows.retain(keep)
         heirs = {identity: _survivor(plane) for identity, plane in self._of.items()}
         self._of = {identity: heir for identity, heir in heirs.items() if heir is not None}
-        self._stale, self._changed = ({p for p in some if p.index >= 0} for some in (self._stale, self._changed))
+        self._stale, self._changed = ({p for p in planes if p.index >= 0} for planes in (self._stale, self._changed))
 
     def find(self, identity: int | None) -> Plane | None:
         """Return the plane with an identity, or the plane that absorbed it; None if there is none in use."""

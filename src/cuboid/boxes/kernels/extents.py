@@ -57,7 +57,7 @@ def reach(points, weights, directions, fraction, low, high):
 def spans(points, directions, low, high):
     """Find the smallest and largest coordinate of all points along each direction; see `reach`."""
     x, y, count = directions[:, 0].copy(), directions[:, 1].copy(), points.shape[0]
-    least, most = np.full(x.size, np.inf), np.full(x.size, -np.inf)
+    smallest, largest = np.full(x.size, np.inf), np.full(x.size, -np.inf)
     for i in range(0, count, 4):
         # Four points at a time (the last ones may repeat), to reduce memory traffic between iterations.
         j, k = min(i + 1, count - 1), min(i + 2, count - 1)
@@ -68,9 +68,9 @@ def spans(points, directions, low, high):
         for d in range(x.size):
             first, second = xi * x[d] + yi * y[d], xj * x[d] + yj * y[d]
             third, fourth = xk * x[d] + yk * y[d], xm * x[d] + ym * y[d]
-            least[d] = min(least[d], min(min(first, second), min(third, fourth)))
-            most[d] = max(most[d], max(max(first, second), max(third, fourth)))
-    low[:], high[:] = least, most
+            smallest[d] = min(smallest[d], min(min(first, second), min(third, fourth)))
+            largest[d] = max(largest[d], max(max(first, second), max(third, fourth)))
+    low[:], high[:] = smallest, largest
 
 
 @kernel

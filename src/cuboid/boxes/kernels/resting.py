@@ -53,8 +53,8 @@ def fit_each(points, first, normals, offsets, fraction, directions, solvers, box
 def plane_axes(normal, axes):
     """Write two axes that form a right-handed frame with a unit normal (3,), and the normal: (3, 3), row by row."""
     x, y, z = normal[0], normal[1], normal[2]
-    least = min(abs(x), abs(y), abs(z))
-    a, b, c = (0.0, -z, y) if abs(x) == least else (z, 0.0, -x) if abs(y) == least else (-y, x, 0.0)
+    smallest = min(abs(x), abs(y), abs(z))
+    a, b, c = (0.0, -z, y) if abs(x) == smallest else (z, 0.0, -x) if abs(y) == smallest else (-y, x, 0.0)
     long = np.sqrt(a * a + b * b + c * c)
     a, b, c = a / long, b / long, c / long
     axes[0, 0], axes[0, 1], axes[0, 2] = a, b, c
@@ -186,18 +186,18 @@ def disc(low, high, directions, solvers):
     # In the second half of the turn, the directions and extents are the negative ones of the first half. The arrays
     # hold one and a half turns, so that no arc wraps around.
     reached, turned = np.concatenate((high, -low, high)), np.concatenate((directions, -directions, directions))
-    least = np.inf
+    best_residual = np.inf
     for k in range(arcs):
         first = k * 2 * half // arcs
         a = b = r = 0.0
         for j in range(long):
-            here = reached[first + j]
-            a, b, r = a + solvers[k, 0, j] * here, b + solvers[k, 1, j] * here, r + solvers[k, 2, j] * here
+            value = reached[first + j]
+            a, b, r = a + solvers[k, 0, j] * value, b + solvers[k, 1, j] * value, r + solvers[k, 2, j] * value
         if not (narrow < 2.0 * r - MISSING_M and r <= ROUND_RADIUS * wide):
             continue
         off = 0.0
         for d in range(first, first + long):
             off = max(off, abs(reached[d] - (a * turned[d, 0] + b * turned[d, 1] + r)))
-        if off < least * r:
-            least, x, y, radius = off / r, a, b, r
-    return (x, y, radius) if least <= ROUND_RESIDUAL else (0.0, 0.0, 0.0)
+        if off < best_residual * r:
+            best_residual, x, y, radius = off / r, a, b, r
+    return (x, y, radius) if best_residual <= ROUND_RESIDUAL else (0.0, 0.0, 0.0)

@@ -99,8 +99,8 @@ def fit_axis(plan, layer, weights, rounds, center, radius, residual):
 
 
 @kernel
-def widest_layer(distance, layer, weights, layers, least, rim):
-    """Return the radius of the widest layer with at least this weight.
+def widest_layer(distance, layer, weights, layers, min_weight, rim):
+    """Return the radius of the widest layer with at least `min_weight`.
 
     The radius of a layer is the mean distance of its rim: points inside a filled layer, such as a top, do not count.
 
@@ -111,7 +111,7 @@ def widest_layer(distance, layer, weights, layers, least, rim):
     layer : (N,) int64
     weights : (N,) float64
     layers : int
-    least : float
+    min_weight : float
         Smallest weight of a layer that counts.
     rim : float
         Points belong to the rim from this fraction of the mean distance of the outer half.
@@ -134,6 +134,6 @@ def widest_layer(distance, layer, weights, layers, least, rim):
                 sums[layer[i], 1] += weights[i] * distance[i]
     widest = 0.0
     for k in range(layers):
-        if weight[k] >= least:
+        if weight[k] >= min_weight:
             widest = max(widest, bound[k])
     return widest

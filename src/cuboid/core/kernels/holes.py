@@ -193,17 +193,17 @@ def sweep(runs, ahead, wide, change, per_level, cost, limit, source):
         for j in range(end - begin):
             place = start - ahead * j
             # Unsigned: numba then skips the handling of negative indices.
-            here, over = np.uintp(place), np.uintp(place + ahead * wide)
+            pixel, over = np.uintp(place), np.uintp(place + ahead * wide)
             over_before, over_after = np.uintp(place + ahead * wide - 1), np.uintp(place + ahead * wide + 1)
-            old_cost = cost[here]
+            old_cost = cost[pixel]
             # A color difference is stored at the pixel with the lower index.
             a, b, c = (
                 (change_forth[over_before], change_up[over], change_back[over_after])
                 if ahead < 0
-                else (change_back[here], change_up[here], change_forth[here])
+                else (change_back[pixel], change_up[pixel], change_forth[pixel])
             )
-            side = change_across[np.uintp(place - 1)] if ahead < 0 else change_across[here]
-            best, via = old_cost, here
+            side = change_across[np.uintp(place - 1)] if ahead < 0 else change_across[pixel]
+            best, via = old_cost, pixel
             total = by_way_of(cost[over_before], np.float32(1.4), a, per_level, limit[over_before])
             best, via = (total, over_before) if total < best else (best, via)
             total = by_way_of(cost[over], np.float32(1.0), b, per_level, limit[over])
@@ -215,7 +215,7 @@ def sweep(runs, ahead, wide, change, per_level, cost, limit, source):
             closer = (total < old_cost) & (total <= best)
             last_cost = total if closer else best
             last_limit, last_source = last_limit if closer else limit[via], last_source if closer else source[via]
-            cost[here], limit[here], source[here] = last_cost, last_limit, last_source
+            cost[pixel], limit[pixel], source[pixel] = last_cost, last_limit, last_source
 
 
 @kernel(inline="always")

@@ -104,10 +104,10 @@ def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
     m = np.zeros(9)
     a, b, c = cell_plane(cells[seed], camera)
     while head < tail:
-        here = queue[head]
+        cell = queue[head]
         head += 1
-        u, v, w = seen_at(cells[here], camera)
-        area += cells[here, AREA]
+        u, v, w = seen_at(cells[cell], camera)
+        area += cells[cell, AREA]
         m[0], m[1], m[2], m[3], m[4] = m[0] + u * u, m[1] + u * v, m[2] + u, m[3] + v * v, m[4] + v
         m[5], m[6], m[7], m[8] = m[5] + 1.0, m[6] + u * w, m[7] + v * w, m[8] + w
         if head >= MIN_CELLS and head >= 1.5 * fitted:
@@ -115,7 +115,7 @@ def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
             a, b, c = solve3(m, a, b, c)
         nx, ny, nz = plane_normal(a, b, c, camera)
         for k in range(4):
-            r, q = here // columns + (k == 0) - (k == 1), here % columns + (k == 2) - (k == 3)
+            r, q = cell // columns + (k == 0) - (k == 1), cell % columns + (k == 2) - (k == 3)
             if r < 0 or q < 0 or r >= rows or q >= columns or member[r, q] >= 0 or tried[r, q] == attempt:
                 continue
             neighbour = cells[r * columns + q]

@@ -108,11 +108,11 @@ def assign_planes(depth, camera, T_grid_camera, planes, noise, floor, bias, max_
         over_cells(depth[v], across, ry, T_grid_camera, origin, cell, wide, high, max_depth, place)
         best[:] = np.inf
         support[v] = -1
-        here = along[pr]
+        in_row = along[pr]
         for u in range(columns):
-            here |= over[place[u]] if place[u] >= 0 else np.uint64(0)
+            in_row |= over[place[u]] if place[u] >= 0 else np.uint64(0)
         for p in range(count):
-            if here & bits[p] == 0:
+            if in_row & bits[p] == 0:
                 continue
             heights_above(depth[v], across, ry, planes_camera[p], noise, floor, bias, height)
             if along[pr] & bits[p] and pr < patches.shape[0]:

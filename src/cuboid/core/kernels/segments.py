@@ -63,24 +63,26 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
             k = min(max(int(length * focal * w + 0.5), 2), LONGEST)
             slant = (k * 3 + 2) // 4
             reach, min_sag = reaches[k] * w, sags[k] * w
-            here = (v + LONGEST) * long + u + LONGEST
+            center = (v + LONGEST) * long + u + LONGEST
             # All four directions without a branch: the branch predictor cannot predict which one is a crease.
-            creased = is_crease(flat, here, k, w, reach, min_sag)
-            creased |= is_crease(flat, here, k * long, w, reach, min_sag)
-            creased |= is_crease(flat, here, slant * (long + 1), w, reach, min_sag)
-            creased |= is_crease(flat, here, slant * (long - 1), w, reach, min_sag)
+            creased = is_crease(flat, center, k, w, reach, min_sag)
+            creased |= is_crease(flat, center, k * long, w, reach, min_sag)
+            creased |= is_crease(flat, center, slant * (long + 1), w, reach, min_sag)
+            creased |= is_crease(flat, center, slant * (long - 1), w, reach, min_sag)
             marks[v, u] |= CREASE if creased else 0
 
 
 @kernel(inline="always")
-def is_crease(smooth, here, away, w, reach, min_sag):
-    """Return whether the surface lies behind the chord between the pixels `away` flat indices before and after it.
+def is_crease(smooth, center, arm, w, reach, min_sag):
+    """Return whether the surface at a pixel lies behind the chord between the pixels `arm` before and after it.
+
+    `center` and `arm` are flat indices.
 
     `reach` and `min_sag` are in 1/z: the largest difference from either end of the chord, and the smallest (doubled)
     depth of the surface behind the chord.
     """
     # Unsigned: numba then skips the handling of negative indices.
-    p, q = smooth[np.uintp(here - away)], smooth[np.uintp(here + away)]
+    p, q = smooth[np.uintp(center - arm)], smooth[np.uintp(center + arm)]
     near = (p > 0.0) & (q > 0.0) & (abs(p - w) <= reach) & (abs(q - w) <= reach)
     return near & (p + q - 2.0 * w > min_sag)
 
@@ -124,13 +126,16 @@ def mark_jumps(inverse, kind, noise, jump, smooth, marks):
 
 
 @kernel(inline="always")
-def jumps(before, here, there, after, limit):
-    """Return whether depth jumps from `here` to `there`, unless the step continues the slope of either surface."""
-    step = abs(here - there)
+def jumps(before, first, second, after, limit):
+    """Return whether depth jumps between two neighbours, unless the step continues the slope of either surface.
+
+    The arguments are 1/z of four pixels in a row, and the largest step.
+    """
+    step = abs(first - second)
     none = np.float32(0.0)
-    far = (here > none) & (there > none) & (step > limit)
-    as_before = (before > none) & (abs(here + here - before - there) < limit) & (abs(here - before) < step + step)
-    as_after = (after > none) & (abs(there + there - after - here) < limit)
+    far = (first > none) & (second > none) & (step > limit)
+    as_before = (before > none) & (abs(first + first - before - second) < limit) & (abs(first - before) < step + step)
+    as_after = (after > none) & (abs(second + second - after - first) < limit)
     return far & ~(as_before | as_after)
 
 

@@ -36,11 +36,11 @@ def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, 
     last_column, run = 0, 0
     for v in range(owner.shape[0]):
         for u in range(owner.shape[1]):
-            here = place[owner[v, u]]
-            column[v, u] = here
-            if here != last_column:
+            pixel_column = place[owner[v, u]]
+            column[v, u] = pixel_column
+            if pixel_column != last_column:
                 object_pixels[last_column] += run
-                last_column, run = here, 0
+                last_column, run = pixel_column, 0
             run += 1
     object_pixels[last_column] += run
     for k in range(rectangles.shape[0]):
@@ -84,11 +84,11 @@ def segment_overlaps(claim, owner, mapped, place, table, size):
     for v in range(claim.shape[0]):
         for u in range(claim.shape[1]):
             k = claim[v, u] if claim[v, u] >= 0 else no_segment
-            here = place[owner[v, u]]
-            if k != last_segment or here != last_column:
+            pixel_column = place[owner[v, u]]
+            if k != last_segment or pixel_column != last_column:
                 table[last_segment, last_column] += run
                 size[last_segment] += seen
-                last_segment, last_column, run, seen = k, here, 0, 0
+                last_segment, last_column, run, seen = k, pixel_column, 0, 0
             run += 1
             seen += mapped[v, u]
     table[last_segment, last_column] += run
@@ -96,7 +96,7 @@ def segment_overlaps(claim, owner, mapped, place, table, size):
 
 
 @kernel
-def assign_pixels(order, rectangles, starts, covered, least, free_fraction, claim):
+def assign_pixels(order, rectangles, starts, covered, min_pixels, free_fraction, claim):
     """Assign each candidate pixel to at most one proposal, strongest first, if the proposal is mostly free.
 
     Parameters
@@ -107,7 +107,7 @@ def assign_pixels(order, rectangles, starts, covered, least, free_fraction, clai
     starts : (N + 1,) int64
     covered : (L,) uint8
         See `votes.weigh`.
-    least : int
+    min_pixels : int
         Smallest number of free pixels of a proposal.
     free_fraction : float
         A proposal is dropped if a smaller fraction of it is free.
@@ -126,7 +126,7 @@ def assign_pixels(order, rectangles, starts, covered, least, free_fraction, clai
                 total += covers[u]
                 free += covers[u] if row[u] < 0 else 0
             at += x1 - x0
-        if free < least or free < free_fraction * total:
+        if free < min_pixels or free < free_fraction * total:
             continue
         at = starts[k]
         for v in range(y0, y1):
@@ -137,7 +137,7 @@ def assign_pixels(order, rectangles, starts, covered, least, free_fraction, clai
 
 
 @kernel
-def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, owner, confidence, voted):
+def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, max_votes, owner, confidence, voted):
     """Let the pixels of a frame vote for the owners of their voxels: a majority vote with one counter per voxel.
 
     By Boyer and Moore 1981: the owner of a voxel gains a vote if a frame agrees and loses one if it does not; the
@@ -160,7 +160,7 @@ def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, 
         Voxel of each pixel, -1: none.
     hits : (C,) int32
         Number of frames that saw each voxel, including this one.
-    most : int
+    max_votes : int
         Largest number of votes of a voxel.
     owner : (C,) int32, in and out
     confidence : (C,) uint8, in and out
@@ -193,7 +193,7 @@ def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, 
                 continue
             present = owner[row]
             if present == number:
-                if number > 0 and confidence[row] < most:
+                if number > 0 and confidence[row] < max_votes:
                     confidence[row] += 1
             elif confidence[row] <= 1:
                 owner[row] = number

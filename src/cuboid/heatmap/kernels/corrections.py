@@ -24,12 +24,12 @@ from cuboid.heatmap.kernels.voxels import MAX_HITS
 
 
 @kernel
-def pending_rows(which, cubes, points, rows):
+def pending_rows(chosen, cubes, points, rows):
     """Find the living rows of some cubes with a pending motion.
 
     Parameters
     ----------
-    which : (N,) int64
+    chosen : (N,) int64
         Cubes in memory.
     cubes : Cubes
     points : Points
@@ -42,7 +42,7 @@ def pending_rows(which, cubes, points, rows):
         Number of rows.
     """
     count = 0
-    for cube in which:
+    for cube in chosen:
         for k in range(cubes.rows[cube]):
             row = row_of(cube, k, cubes.blocks)
             if cubes.pending[points.anchor[row]] and points.weight[row] > 0.0:
@@ -52,9 +52,9 @@ def pending_rows(which, cubes, points, rows):
 
 
 @kernel
-def remove_pending(which, cubes, points):
+def remove_pending(chosen, cubes, points):
     """Remove all rows of some cubes (N,) with a pending motion."""
-    for cube in which:
+    for cube in chosen:
         for k in range(cubes.rows[cube]):
             row = row_of(cube, k, cubes.blocks)
             if cubes.pending[points.anchor[row]] and points.weight[row] > 0.0:

@@ -287,23 +287,23 @@ def allocate_rows(keys, voxel, anchor, cubes, points, rows):
             rows[i] = add_row(cube, voxel[i], place, anchor[i], cubes, points)
 
 
-def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
-    """Return tables for at most this many cubes and blocks; memory is used only as they are added."""
+def empty_cubes(max_cubes: int, tables: npt.NDArray[np.uint16]) -> Cubes:
+    """Return tables for at most `max_cubes` cubes and blocks; memory is used only as they are added."""
     return Cubes(
-        table=np.zeros(2 * most, np.int32),
-        key=np.zeros(most, np.int64),
-        bounds=np.zeros((-(-most // BATCH), 6), np.int64),
-        blocks=np.zeros((most, MAX_BLOCKS), np.int32),
-        rows=np.zeros(most, np.int32),
-        dead=np.zeros(most, np.int32),
-        bits=np.zeros(most, np.uint8),
+        table=np.zeros(2 * max_cubes, np.int32),
+        key=np.zeros(max_cubes, np.int64),
+        bounds=np.zeros((-(-max_cubes // BATCH), 6), np.int64),
+        blocks=np.zeros((max_cubes, MAX_BLOCKS), np.int32),
+        rows=np.zeros(max_cubes, np.int32),
+        dead=np.zeros(max_cubes, np.int32),
+        bits=np.zeros(max_cubes, np.uint8),
         tables=tables,
-        cube_of=np.zeros(most + 1, np.int32),
-        turn=np.zeros(most + 1, np.uint8),
-        changed=np.zeros(most + 1, bool),
+        cube_of=np.zeros(max_cubes + 1, np.int32),
+        turn=np.zeros(max_cubes + 1, np.uint8),
+        changed=np.zeros(max_cubes + 1, bool),
         used=np.array([0, 1]),
         pending=np.zeros(ANCHORS, bool),
-        index_stale=np.zeros(most, bool),
+        index_stale=np.zeros(max_cubes, bool),
     )
 
 

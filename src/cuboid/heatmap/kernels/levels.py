@@ -55,12 +55,12 @@ def copy(words, row, to_words, to):
 
 
 @kernel
-def thin(which, since, cubes, words, points, made_words, made, moved):
+def thin(chosen, since, cubes, words, points, made_words, made, moved):
     """Merge voxels that have no owner and lie in one cell into one row, if their properties agree.
 
     Parameters
     ----------
-    which : (C,) int64
+    chosen : (C,) int64
         Cubes whose rows are in memory; their tables are invalid afterwards.
     since : int
         Rows seen from this frame on are not merged with older ones.
@@ -80,7 +80,7 @@ def thin(which, since, cubes, words, points, made_words, made, moved):
         Number of these entries.
     """
     moved_count = np.int64(0)
-    for cube in which:
+    for cube in chosen:
         moved_count = thin_one(cube, since, cubes, words, points, made_words, made, moved, moved_count)
     return moved_count
 
@@ -180,13 +180,13 @@ def merge_rows(cube, first, following, cubes, words, points, made_words, made, t
 
 
 @kernel
-def split_cells(which, cubes, words, points, made_words, made, parted):
+def split_cells(chosen, cubes, words, points, made_words, made, parted):
     """Give each voxel represented by a row of a cell its own row again, and rebuild the tables of the cubes.
 
     See `thin`; `parted` (C,) bool is set for the cubes that had such rows.
     """
-    for i in range(which.size):
-        cube = which[i]
+    for i in range(chosen.size):
+        cube = chosen[i]
         kept = np.int64(cubes.rows[cube])
         while kept > 0 and points.mark[row_of(cube, kept - 1, cubes.blocks)] > 0:
             kept -= 1

@@ -38,7 +38,7 @@ def rows_of(number, blocks, size, owner, rows):
 
 
 @kernel
-def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, hot, votes, ratio, most, rows):
+def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, hot, votes, ratio, max_frames, rows):
     """Gather the living rows of an object that are hot and have enough votes; see `rows_of`.
 
     Parameters
@@ -52,8 +52,8 @@ def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, h
     heat : (N,) uint16
     hot : float32
         Smallest heat, 0..1.
-    votes, ratio, most : int
-        The votes must be at least `votes`, and at least 1/`ratio` of the frames, of which at most `most` count.
+    votes, ratio, max_frames : int
+        The votes must be at least `votes`, and at least 1/`ratio` of the frames, of which at most `max_frames` count.
     rows : (B * size,) int64, output
 
     Returns
@@ -67,7 +67,7 @@ def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, h
             if owner[row] != number or not weight[row] > 0.0 or np.float32(heat[row]) / np.float32(HEATS - 1) < hot:
                 continue
             votes_of_row = np.int64(confidence[row])
-            if votes_of_row >= votes and ratio * votes_of_row >= min(np.int64(hits[row]), most):
+            if votes_of_row >= votes and ratio * votes_of_row >= min(np.int64(hits[row]), max_frames):
                 rows[n] = row
                 n += 1
     return n

@@ -207,7 +207,7 @@ def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, 
 
 
 @kernel
-def carve_free_space(which, depth, camera, T_camera_world, noise, margin, step, voxel_m, cubes, points):
+def carve_free_space(chosen, depth, camera, T_camera_world, noise, margin, step, voxel_m, cubes, points):
     """Carve free space: count the rays that pass the points of some cubes; remove points passed more often than hit.
 
     A ray passes a voxel if the readings at its pixel and at the eight around it all lie behind it by more than the
@@ -217,7 +217,7 @@ def carve_free_space(which, depth, camera, T_camera_world, noise, margin, step, 
     T = T_camera_world
     mask = CUBE_SIDE - 1
     weight, hits, passes, place = points.weight, points.hits, points.passes, points.place
-    for cube in which:
+    for cube in chosen:
         (x0, y0, z0), edge_m = corner(cubes.key[cube]), edge_of(cubes.key[cube], voxel_m)
         for k in range(cubes.rows[cube]):
             row = row_of(cube, k, cubes.blocks)

@@ -53,12 +53,12 @@ def highest_rim(points, order, begins, ends, axes, gap):
 
 
 @kernel
-def plan_of(points, which, axes):
+def plan_of(points, chosen, axes):
     """Return plan coordinates (M, 2) float32 of selected points; of many points only every n-th."""
-    which = which[:: 1 + len(which) // SAMPLE_POINTS]
-    plan = np.empty((len(which), 2), np.float32)
-    for i in range(len(which)):
-        x, y, z = points[which[i]]
+    chosen = chosen[:: 1 + len(chosen) // SAMPLE_POINTS]
+    plan = np.empty((len(chosen), 2), np.float32)
+    for i in range(len(chosen)):
+        x, y, z = points[chosen[i]]
         for k in range(2):
             plan[i, k] = x * axes[0, k] + y * axes[1, k] + z * axes[2, k]
     return plan

@@ -96,7 +96,7 @@ def count_seen(surfaces, view, noise, agree, alike, counts, corners):
     across, down = np.empty(2 * points.shape[0]), np.empty(2 * points.shape[0])
     places = np.empty((3, 2 * points.shape[0]))
     for k in range(ends.size):
-        seen = hidden = unknown = around = 0
+        seen = hidden = unknown = in_rect = 0
         count = ends[k] - begin
         total = count + (count + 1) // 2
         pictured(points[begin : ends[k]], feet[k], T, camera, places[:, :total])
@@ -104,30 +104,30 @@ def count_seen(surfaces, view, noise, agree, alike, counts, corners):
             i = begin + (n if n < count else 2 * (n - count))
             u, v, ahead = places[0, n], places[1, n], places[2, n]
             z = max(ahead, NEAREST_M)
-            reading, same, mine = 0.0, False, False
+            reading, same, of_object = 0.0, False, False
             if ahead > NEAREST_M:
                 x, y = int(np.rint(u)), int(np.rint(v))
                 if 0 <= x < width and 0 <= y < height:
                     reading, row, same = depth[y, x], slots[y, x], True
-                    mine = row >= 0 and owner[row] == numbers[k]
+                    of_object = row >= 0 and owner[row] == numbers[k]
                     for c in range(3):
                         same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
             within = max(agree, SIGMAS * noise * z * z)
-            if ahead > NEAREST_M and (mine or not 0.0 < reading < z - within):
+            if ahead > NEAREST_M and (of_object or not 0.0 < reading < z - within):
                 # Limited to one image width or height outside: a point beside the camera would be infinitely far.
-                across[around], down[around] = min(max(u, -width), 2.0 * width), min(max(v, -height), 2.0 * height)
-                around += 1
+                across[in_rect], down[in_rect] = min(max(u, -width), 2.0 * width), min(max(v, -height), 2.0 * height)
+                in_rect += 1
             if n >= count:
                 continue
             if abs(reading - z) <= within if reading > 0.0 else same:
                 seen += 1
             elif reading <= 0.0:
                 unknown += 1
-            elif not (mine and reading < z - within):
+            elif not (of_object and reading < z - within):
                 hidden += 1
         counts[k, 0], counts[k, 1], counts[k, 2] = seen, hidden, unknown
-        corners[k, 0], corners[k, 2] = ends_at(across[:around])
-        corners[k, 1], corners[k, 3] = ends_at(down[:around])
+        corners[k, 0], corners[k, 2] = ends_at(across[:in_rect])
+        corners[k, 1], corners[k, 3] = ends_at(down[:in_rect])
         begin = ends[k]
 
 

@@ -47,10 +47,10 @@ def mark_freed(depth, camera, references, cameras, T_reference_camera, error_m, 
                 continue
             x, y = (u - camera[2]) * fx * z, (v - camera[3]) * fy * z
             for k in range(references.shape[0]):
-                there = P[k, 2, 0] * x + P[k, 2, 1] * y + P[k, 2, 2] * z + P[k, 2, 3]
-                if there < NEAREST_M:
+                depth_there = P[k, 2, 0] * x + P[k, 2, 1] * y + P[k, 2, 2] * z + P[k, 2, 3]
+                if depth_there < NEAREST_M:
                     continue
-                scale = 1.0 / there
+                scale = 1.0 / depth_there
                 # To the nearest pixel.
                 column = (P[k, 0, 0] * x + P[k, 0, 1] * y + P[k, 0, 2] * z + P[k, 0, 3]) * scale + 0.5
                 row = (P[k, 1, 0] * x + P[k, 1, 1] * y + P[k, 1, 2] * z + P[k, 1, 3]) * scale + 0.5
@@ -58,7 +58,7 @@ def mark_freed(depth, camera, references, cameras, T_reference_camera, error_m, 
                     continue
                 behind = references[k, int(row), int(column)]
                 # Both readings err: the farther one more.
-                if behind - there > error_m[k] + JUMP_SIGMAS * noise * behind * behind:
+                if behind - depth_there > error_m[k] + JUMP_SIGMAS * noise * behind * behind:
                     bits |= 1 << k
             freed[v, u] = bits
 
@@ -93,15 +93,15 @@ def mark_unseen(depth, camera, references, T_reference_camera, error_m, noise, u
             x, y = (u - camera[2]) / camera[0] * z, (v - camera[3]) / camera[1] * z
             for k in range(references.shape[0]):
                 T = T_reference_camera[k]
-                there = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-                if there < NEAREST_M:
+                depth_there = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+                if depth_there < NEAREST_M:
                     continue
-                column = camera[0] * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / there + camera[2] + 0.5
-                row = camera[1] * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / there + camera[3] + 0.5
+                column = camera[0] * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth_there + camera[2] + 0.5
+                row = camera[1] * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth_there + camera[3] + 0.5
                 if column < 0.0 or row < 0.0 or column >= width or row >= height:
                     continue
                 farthest = references[k, int(row), int(column)]
-                if there - farthest <= error_m + JUMP_SIGMAS * noise * there * there:
+                if depth_there - farthest <= error_m + JUMP_SIGMAS * noise * depth_there * depth_there:
                     unseen[v, u] = 0
                     break
 
@@ -133,12 +133,12 @@ def spread(depth, marked, allowed, step_m, noise):
         v, u = reached[at, 0], reached[at, 1]
         at += 1
         z = depth[v, u]
-        most = step_m + JUMP_SIGMAS * noise * z * z
+        max_step = step_m + JUMP_SIGMAS * noise * z * z
         for dv, du in ((-1, 0), (1, 0), (0, -1), (0, 1)):
             i, j = v + dv, u + du
             if not (0 <= i < height and 0 <= j < width) or marked[i, j] or not allowed[i, j]:
                 continue
-            if depth[i, j] > 0.0 and abs(depth[i, j] - z) < most:
+            if depth[i, j] > 0.0 and abs(depth[i, j] - z) < max_step:
                 marked[i, j] = 1
                 reached[count, 0], reached[count, 1] = i, j
                 count += 1

@@ -26,8 +26,8 @@ EDGE_LEVELS, INNER_PIXELS = 90, 2
 def surrounded(claim, v, u):
     """Return whether all four neighbours of a pixel belong to its segment; the pixel must not lie at the border."""
     a = claim[v, u]
-    beside = (claim[v, u - 1] == a) & (claim[v, u + 1] == a)
-    return beside & (claim[v - 1, u] == a) & (claim[v + 1, u] == a)
+    both_sides = (claim[v, u - 1] == a) & (claim[v, u + 1] == a)
+    return both_sides & (claim[v - 1, u] == a) & (claim[v + 1, u] == a)
 
 
 @kernel(inline="always")
@@ -164,9 +164,9 @@ def outlines(picture, corners, plane_of, side_of, focal, noise, jump, gap_m, out
                 if side_of[k] <= BOTTOM:
                     # Top and bottom are counted only at the ends, not at the steps of a slanted side.
                     low, high = (corners[a, 1], corners[a, 3]) if k < 2 else (corners[a, 0], corners[a, 2])
-                    here = v if k < 2 else u
-                    far = high - here if dv + du > 0 else here - low
-                    if far > max(1.0, END_FRACTION * (high - low)):
+                    position = v if k < 2 else u
+                    to_end = high - position if dv + du > 0 else position - low
+                    if to_end > max(1.0, END_FRACTION * (high - low)):
                         continue
                 z = depth[v, u]
                 limit = jump + JUMP_SIGMAS * noise * z * z

@@ -42,39 +42,39 @@ def label_regions(depth, assigned, noise, jump, parent, labels):
     for v in range(rows):
         row, above, row_depth, above_depth = assigned[v], assigned[max(v - 1, 0)], depth[v], depth[max(v - 1, 0)]
         for u in range(columns):
-            here = v * columns + u
+            pixel = v * columns + u
             if row[u] < 0:
-                parent[here] = -1
+                parent[pixel] = -1
                 continue
-            parent[here] = root = here
+            parent[pixel] = root = pixel
             z, proposal = row_depth[u], row[u]
             limit = jump + JUMP_SIGMAS * noise * z * z
             for k in range(4):
                 uu = u + k - 1 if k < 3 else u - 1
                 if uu < 0 or uu >= columns or (v == 0 and k < 3):
                     continue
-                beside = here - columns + k - 1 if k < 3 else here - 1
+                neighbour = pixel - columns + k - 1 if k < 3 else pixel - 1
                 # Most neighbours already belong to the same region.
-                if parent[beside] == root:
+                if parent[neighbour] == root:
                     continue
                 if (above[uu] if k < 3 else row[uu]) == proposal and abs(
                     (above_depth[uu] if k < 3 else row_depth[uu]) - z
                 ) < limit:
-                    other = find_root(parent, beside)
-                    if root < other:
-                        parent[other] = root
-                    elif other < root:
-                        parent[root] = other
-                        root = other
+                    neighbour_root = find_root(parent, neighbour)
+                    if root < neighbour_root:
+                        parent[neighbour_root] = root
+                    elif neighbour_root < root:
+                        parent[root] = neighbour_root
+                        root = neighbour_root
     number, flat = 0, labels.reshape(-1)
     for v in range(rows):
         for u in range(columns):
-            here = v * columns + u
-            if parent[here] < 0:
+            pixel = v * columns + u
+            if parent[pixel] < 0:
                 labels[v, u] = 0
                 continue
-            root = find_root(parent, here)
-            if root == here:
+            root = find_root(parent, pixel)
+            if root == pixel:
                 number += 1
                 labels[v, u] = number
             else:
@@ -124,7 +124,7 @@ def measure_regions(labels, assigned, depth, readings, sizes, read, total, owner
 
 
 @kernel
-def judge_regions(labels, assigned, depth, readings, least, focal, major, deep, become, sizes, owner):
+def judge_regions(labels, assigned, depth, readings, min_readings, focal, major, deep, become, sizes, owner):
     """Decide which regions are joined and which are dropped.
 
     Regions of a proposal are joined with its largest one if they are nearly as large and at a similar depth.
@@ -137,7 +137,7 @@ def judge_regions(labels, assigned, depth, readings, least, focal, major, deep, 
     depth : (H, W) float32
     readings : (H, W) float32
         Metres, 0 for filled holes.
-    least : int
+    min_readings : int
         Smallest number of readings of a region; smaller ones are dropped.
     focal : float
         Pixels.
@@ -171,14 +171,14 @@ def judge_regions(labels, assigned, depth, readings, least, focal, major, deep, 
         if m != k:
             sizes[m], read[m], sizes[k] = sizes[m] + sizes[k], read[m] + read[k], 0
     for k in range(1, count):
-        if read[become[k]] < least:
+        if read[become[k]] < min_readings:
             sizes[become[k]] = 0
             become[k] = 0
 
 
 @kernel
 def gather_regions(
-    labels, become, sizes, least, readings, heat, support, first, pixels, corners, claim, warmth, beneath
+    labels, become, sizes, min_pixels, readings, heat, support, first, pixels, corners, claim, warmth, beneath
 ):
     """Gather the readings and properties of each region that is large enough, in the order of the region numbers.
 
@@ -188,7 +188,7 @@ def gather_regions(
         Number of the region, from 1; 0: none.
     become, sizes
         See `judge_regions`.
-    least : int
+    min_pixels : int
         Smallest number of pixels of a region; smaller ones are dropped.
     readings : (H, W) float32
         Metres, 0 for filled holes.
@@ -216,7 +216,7 @@ def gather_regions(
     rows, columns = labels.shape
     kept, total, place = 0, 0, np.full(sizes.size, -1, np.int32)
     for k in range(1, sizes.size):
-        if sizes[k] >= least:
+        if sizes[k] >= min_pixels:
             place[k], first[kept, 0], first[kept, 1] = kept, total, total
             kept, total = kept + 1, total + sizes[k]
     warmth[:kept] = 0.0
