@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.core.errors import FrameError, shown
+from cuboid.core.errors import FrameError, InputError, shown
+from cuboid.core.values import LATEST_S
 from cuboid.geometry.se3 import rigid
 
 Float32Array = npt.NDArray[np.float32]
@@ -57,6 +60,11 @@ class Intrinsics(Pinhole):
         Principal point in pixels; the centre of the top-left pixel is (0, 0).
     width, height : int
         Image size in pixels.
+
+    Raises
+    ------
+    InputError
+        If a value is not a number, not finite or out of its range.
     """
 
     width: int
@@ -64,10 +72,15 @@ class Intrinsics(Pinhole):
 
     def __post_init__(self) -> None:
         values = (self.fx, self.fy, self.cx, self.cy)
-        if not all(np.isfinite(values)) or self.fx <= 0 or self.fy <= 0:
-            raise ValueError(f"intrinsics need finite values and fx, fy > 0, got fx, fy, cx, cy = {values}")
-        if self.width < 1 or self.height < 1:
-            raise ValueError(f"intrinsics need a positive image size, got {self.width} x {self.height}")
+        if not _finite(*values) or self.fx <= 0 or self.fy <= 0:
+            raise InputError(f"intrinsics need finite values and fx, fy > 0, got fx, fy, cx, cy = {values}")
+        size = (self.width, self.height)
+        if not _finite(*size) or min(size) < 1 or any(side != int(side) for side in size):
+            raise InputError(f"intrinsics need a positive image size in whole pixels, got {size[0]} x {size[1]}")
+        for name in ("fx", "fy", "cx", "cy"):  # kernels are compiled for 64-bit floats, also if NumPy's are given
+            object.__setattr__(self, name, float(getattr(self, name)))
+        for name in ("width", "height"):
+            object.__setattr__(self, name, int(getattr(self, name)))
 
     @property
     def pinhole(self) -> Float64Array:
@@ -100,7 +113,7 @@ class Frame:
     color : (H, W, 3) uint8
         RGB.
     depth_m : (H, W) float32
-        Depth along the optical axis in metres; 0 is no reading.
+        Depth along the optical axis in metres; 0 is no reading. NaN, infinite, negative and masked values become 0.
     T_world_camera : (4, 4) float64 or None
         Transform from camera coordinates (x right, y down, z forward) to world coordinates. Rounding errors of the
         rotation are removed.
@@ -110,7 +123,8 @@ class Frame:
     Raises
     ------
     FrameError
-        If the pose is not rigid or not finite, or if up is zero or not finite.
+        If an image has another shape or type, if the time is not a finite number of seconds, if the pose is not rigid
+        or not finite, or if up is zero or not finite.
     """
 
     index: int
@@ -136,15 +150,17 @@ class Frame:
         return replace(self, T_world_camera=T_world_camera)
 
     def __post_init__(self) -> None:
-        if self.color.ndim != 3 or self.color.shape[2] != 3 or self.color.dtype != np.uint8:
-            raise ValueError(
-                f"frame {self.index}: color must be (H, W, 3) uint8, got {self.color.shape} {self.color.dtype}"
+        color, depth_m = self.color, self.depth_m
+        if not isinstance(color, np.ndarray) or color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
+            raise FrameError(f"frame {self.index}: color must be (H, W, 3) uint8, got {_form(color)}")
+        if not isinstance(depth_m, np.ndarray) or depth_m.shape != color.shape[:2] or depth_m.dtype != np.float32:
+            raise FrameError(
+                f"frame {self.index}: depth must be {color.shape[:2]} float32 in metres like the color image, "
+                f"got {_form(depth_m)}"
             )
-        if self.depth_m.shape != self.color.shape[:2] or self.depth_m.dtype != np.float32:
-            raise ValueError(
-                f"frame {self.index}: depth must be {self.color.shape[:2]} float32 like the color image, "
-                f"got {self.depth_m.shape} {self.depth_m.dtype}"
-            )
+        object.__setattr__(self, "depth_m", _with_zeros(depth_m))
+        if not _finite(self.timestamp_s) or abs(self.timestamp_s) > LATEST_S:
+            raise FrameError(f"frame {self.index}: expected a time in seconds, got {shown(self.timestamp_s)}")
         if self.T_world_camera is not None:
             try:
                 object.__setattr__(self, "T_world_camera", rigid(self.T_world_camera))
@@ -176,6 +192,28 @@ class SkippedFrame:
     def sightings(self) -> tuple[()]:
         """An empty tuple: loops over all frames can read the sightings of a skipped frame too."""
         return ()
+
+
+def _finite(*values: object) -> bool:
+    """Tell whether all values are finite real numbers, of Python or of NumPy."""
+    try:
+        return all(isinstance(value, Real) and math.isfinite(value) for value in values)
+    except OverflowError:  # a whole number beyond the floats
+        return False
+
+
+def _form(image: object) -> str:
+    """Return shape and type of an array, for messages; of any other value its type."""
+    return f"{image.shape} {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
+
+
+def _with_zeros(depth_m: Float32Array) -> Float32Array:
+    """Return depth with 0 in place of NaN, infinite, negative and masked values; the array itself if it has none."""
+    if isinstance(depth_m, np.ma.MaskedArray):
+        depth_m = depth_m.filled(0)
+    if depth_m.size == 0 or (depth_m.min() >= 0 and depth_m.max() < np.inf):  # both are False if there is a NaN
+        return depth_m
+    return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, np.float32(0))
 
 
 def unit(vector: npt.ArrayLike) -> Float64Array:

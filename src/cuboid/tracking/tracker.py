@@ -63,7 +63,7 @@ class Tracker(KeptMap):
     Raises
     ------
     InputError
-        If no proposal source or detector has that name.
+        If the intrinsics are of another type, or no proposal source or detector has that name.
     ValueError
         If `poses` is none of these words, or `detector_every` is less than 1.
 
@@ -92,6 +92,11 @@ class Tracker(KeptMap):
     ) -> None:
         from cuboid.tracking.posed_tracker import PosedTracker
 
+        if not isinstance(intrinsics, Intrinsics):
+            raise InputError(
+                "expected intrinsics as cuboid.Intrinsics(fx, fy, cx, cy, width, height), "
+                f"got {type(intrinsics).__name__}"
+            )
         config, rows = config or TrackerConfig(), RowLog()
         origin = None if poses is None else checked_origin(poses)
         mapper = PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
