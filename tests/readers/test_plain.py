@@ -31,6 +31,24 @@ def test_no_poses_file_is_a_recording_without_poses(tmp_path):
     assert recording.read(0).T_world_camera is None
 
 
+@pytest.mark.parametrize("name", ["groundtruth.txt", "Poses.txt", "poses.csv", "pose/", "sparse/"])
+def test_poses_in_another_place_are_not_left_out_in_silence(tmp_path, name):
+    path = make_plain(tmp_path, poses=False).path
+    if name.endswith("/"):
+        (path / name).mkdir()
+    else:
+        (path / name).write_text("0 0 0 0 0 0 0 1\n")
+    assert open_recording(path).warnings == (
+        "the recording counts as one without poses: the layout 'plain' does not read "
+        f"{name.rstrip('/')}; docs/recordings.md says where it expects poses",
+    )
+
+
+def test_other_pose_files_beside_the_poses_are_no_matter(plain):
+    (plain.path / "trajectory.txt").write_text("")
+    assert open_recording(plain.path).warnings == ()
+
+
 def test_numbers_put_files_together(plain):
     """Frame 1's images are gone, depth has names of its own: the numbers decide, not the order."""
     plain.color(1).unlink()

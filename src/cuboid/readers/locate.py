@@ -21,6 +21,8 @@ from cuboid.readers.recording import Recording
 FOLDERS, LAYOUTS = 4, 3
 # The format for users' own recordings.
 PLAIN = "plain"
+# Names of files and folders that usually hold camera poses: of TUM, COLMAP, nerfstudio, odometry programs.
+POSES_LIKE = re.compile(r"pose|traj|odom|ground[_-]?truth|extrinsic|colmap|^sparse$|^transforms\.json$", re.IGNORECASE)
 
 
 def nothing_found(given: Path, readers: Iterable[tuple[str, Reader]]) -> InputError:
@@ -157,10 +159,24 @@ def open_recording(
     except ValueError:  # a NUL, or half a character, in the name
         raise InputError(f"{shown(str(path))}: no recording can have this name") from None
     calibration, depth_units_per_metre = calibrations.choose(listing, intrinsics, depth_scale, found)
-    stray = left_out_warning(found, left_out(listing.frames))
-    warnings = listing.warnings if stray is None else (*listing.warnings, stray)
+    more = (left_out_warning(found, left_out(listing.frames)), _unread_poses(found, name, listing))
+    warnings = (*listing.warnings, *(warning for warning in more if warning is not None))
     listing = dataclasses.replace(listing, up_world=calibrations.up_world(listing), warnings=warnings)
     return Recording(found, f"{name}:{text}" if text else name, listing, calibration, depth_units_per_metre)
+
+
+def _unread_poses(path: Path, name: str, listing: Listing) -> str | None:
+    """Return a warning if no frame has a pose, but files beside the images look as if they held poses."""
+    if path.is_file() or any(entry.pose is not None for entry in listing.frames):
+        return None
+    unread = [file for file in sorted(_names(path)) if POSES_LIKE.search(file) and not file.startswith(".")]
+    if not unread:
+        return None
+    more = f" and {len(unread) - FOLDERS} more" if len(unread) > FOLDERS else ""
+    return (
+        f"the recording counts as one without poses: the layout '{name}' does not read {', '.join(unread[:FOLDERS])}"
+        f"{more}; docs/recordings.md says where it expects poses"
+    )
 
 
 def _read_with(name: str, reader: Reader, path: Path, text: str) -> Listing:
