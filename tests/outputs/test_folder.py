@@ -78,9 +78,37 @@ def test_a_folder_that_comes_into_being_meanwhile_is_not_touched(tmp_path: Path)
         fill(folder, "objects.json")
         path.mkdir()
         (path / "theirs").write_text("x")
-        with pytest.raises(OutputError, match="out: cannot be written"):
+        with pytest.raises(OutputError, match="out: the output folder came into being during the run, and is not"):
             folder.commit()
     assert [file.name for file in path.iterdir()] == ["theirs"]
+
+
+def test_with_force_a_folder_that_comes_into_being_meanwhile_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+    with ResultFolder(path, force=True) as second:
+        with ResultFolder(path, force=True) as first:
+            fill(first, "run.json", "map.ply")
+            first.commit()
+        fill(second, "run.json", "objects.json")
+        (path / "theirs").write_text("x")
+        second.commit()
+    assert sorted(file.name for file in path.iterdir()) == ["objects.json", "run.json", "theirs"]
+
+
+def test_a_second_run_into_one_folder_is_refused_before_it_works(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+    with ResultFolder(path) as first:
+        with pytest.raises(OutputError, match="out: another run is writing this folder; name another output folder"):
+            ResultFolder(path)
+        fill(first, "run.json")
+        first.commit()
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]
+
+
+def test_what_a_killed_run_left_is_no_run(tmp_path: Path) -> None:
+    (tmp_path / ".out.01234567.partial").mkdir()
+    with ResultFolder(tmp_path / "out") as folder:
+        folder.commit()
 
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:

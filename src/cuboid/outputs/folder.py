@@ -104,20 +104,22 @@ class ResultFolder:
     Raises
     ------
     OutputError
-        The folder exists and `force` is not given, it is a file, or it cannot be written.
+        The folder exists, or another run is writing it, and `force` is not given; it is a file, or it cannot be
+        written.
     """
 
     def __init__(self, path: PathLike, *, force: bool = False) -> None:
         self.path = as_path(path)
         with writing(self.path):
-            self._real = Path(os.path.realpath(path))
+            self._real, self._force = Path(os.path.realpath(path)), force
             self._replace = self._real.is_dir()
             self._refuse(force)
             place = self._real if self._replace else self._real.parent
             place.mkdir(parents=True, exist_ok=True)
             if self._replace:
                 finish_replacing(self._real)
-            _remove_abandoned(place, self._real.name)
+            if _remove_abandoned(place, self._real.name) and not force:
+                raise OutputError(f"{self.path}: another run is writing this folder; name another output folder")
             self._working = place / f".{self._real.name}.{secrets.token_hex(4)}.partial"
             self._working.mkdir()
             self._lock = lock_folder(self._working)
@@ -150,9 +152,11 @@ class ResultFolder:
             The output folder was created by another program during the run, or is no longer writable.
         """
         with writing(self.path):
-            if not self._replace:
+            if not self._real.is_dir():
                 self._working.rename(self._real)
                 return
+            if not self._replace:
+                self._enter()
             lock = lock_folder(self._real)  # of two runs into one folder, the second to end replaces the first
             try:
                 finish_replacing(self._real, locked=True)
@@ -162,6 +166,16 @@ class ResultFolder:
                 finish_replacing(self._real, locked=True)
             finally:
                 release(lock)
+
+    def _enter(self) -> None:
+        """Move the working folder into the output folder, which another run made meanwhile."""
+        if not self._force:
+            raise OutputError(
+                f"{self.path}: the output folder came into being during the run, and is not replaced without --force; "
+                "nothing was written"
+            )
+        self._working = self._working.rename(self._real / self._working.name)
+        self._replace = True
 
 
 def finish_replacing(folder: Path, *, locked: bool = False) -> None:
@@ -201,14 +215,19 @@ def finish_replacing(folder: Path, *, locked: bool = False) -> None:
             release(lock)
 
 
-def _remove_abandoned(place: Path, name: str) -> None:
-    """Remove the working folders of runs that were killed."""
+def _remove_abandoned(place: Path, name: str) -> bool:
+    """Remove the working folders of runs that were killed; return whether another run is alive."""
+    alive = False
     for abandoned in place.glob(f".{glob.escape(name)}.*.partial"):
         with suppress(OSError):
-            if time.time() - abandoned.stat().st_mtime < YOUNG_S:
-                continue
-            lock = lock_folder(abandoned, wait=False, required=True)
             try:
-                shutil.rmtree(abandoned, ignore_errors=True)
+                lock = lock_folder(abandoned, wait=False, required=True)
+            except BlockingIOError:
+                alive = True
+                continue
+            try:
+                if time.time() - abandoned.stat().st_mtime >= YOUNG_S:
+                    shutil.rmtree(abandoned, ignore_errors=True)
             finally:
                 release(lock)
+    return alive
