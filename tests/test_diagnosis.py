@@ -83,8 +83,20 @@ def test_a_good_run_has_no_warnings() -> None:
         ),
         ({"pose_fit": _fit(jump=Jump(41, 10.0))}, "the given poses jump by 10.0 m at frame 41"),
         ({"pose_fit": _fit(given=0.2)}, "the given poses do not explain the frames: only 20 % of the depth"),
-        ({"depth_median_m": 13.0}, "the median depth is 13 m; at --depth-scale 10000 it is 1.3 m"),
-        ({"depth_median_m": 0.11}, "the median depth is 0.11 m; at --depth-scale 100 it is 1.1 m"),
+        (
+            {"depth_median_m": 13.0, "pose_fit": None},
+            "probably wrong: the median depth is 13 m; at --depth-scale 10000 it is 1.3 m",
+        ),
+        (
+            {"depth_median_m": 0.11, "pose_fit": _fit(scaled=0.8)},
+            "probably wrong: the median depth is 0.11 m; at --depth-scale 100 it is 1.1 m",
+        ),
+        ({"depth_median_m": 13.0, "pose_fit": _fit(moves=False)}, "probably wrong: the median depth is 13 m"),
+        (
+            {"depth_median_m": 13.0},
+            "the median depth is 13 m, and depth and poses agree in scale: if the scene is not that far away, both",
+        ),
+        ({"depth_median_m": 0.11}, "if the scene is not that near, both are in another unit than metres"),
     ],
 )
 def test_each_fault_alone_gives_its_line_and_what_helps(change: dict, expected: str) -> None:
@@ -118,7 +130,7 @@ def test_an_empty_result_with_a_cause_is_not_explained_twice() -> None:
 
 
 def test_causes_come_first() -> None:
-    facts = dataclasses.replace(GOOD, depth_median_m=13.0, frames_lost=60)
+    facts = dataclasses.replace(GOOD, pose_fit=None, depth_median_m=13.0, frames_lost=60)
     assert [warning.partition(" ")[2].split()[0] for warning in diagnose(facts)] == ["depth", "camera"]
 
 

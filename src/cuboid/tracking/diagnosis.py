@@ -158,6 +158,11 @@ def explains(fit: PoseFit) -> bool:
     return other < _enough(fit) and (fit.given is None or fit.given >= UNEXPLAINED)
 
 
+def _proves_scale(fit: PoseFit) -> bool:
+    """Return whether the frames agree with the poses at this depth scale, and clearly less at any other scale."""
+    return fit.moves and (fit.given or 0.0) >= max(EXPLAINED, fit.scaled + CLEARLY_MORE, fit.still + CLEARLY_MORE)
+
+
 def _enough(fit: PoseFit) -> float:
     """Return the fraction of the depth that a clearly better hypothesis than the given poses must explain."""
     return max((fit.given or 0.0) + CLEARLY_MORE, EXPLAINED)
@@ -172,6 +177,12 @@ def _scale_or_poses(facts: RunFacts) -> str | None:
             return better
     median_m = facts.depth_median_m
     if median_m is not None and not NEAR_M <= median_m <= FAR_M:
+        if fit is not None and _proves_scale(fit):
+            where = "far away" if median_m > FAR_M else "near"
+            return (
+                f"the median depth is {median_m:.2g} m, and depth and poses agree in scale: if the scene is not that "
+                f"{where}, both are in another unit than metres"
+            )
         likely = units * (10 if median_m > FAR_M else 0.1)
         return (
             f"the depth scale of {units:g} units per metre is probably wrong: the median depth is {median_m:.2g} m; "
