@@ -129,6 +129,14 @@ def test_an_empty_result_with_a_cause_is_not_explained_twice() -> None:
     assert warning.startswith("depth has few readings")
 
 
+def test_a_world_with_a_far_origin_is_named_since_points_are_32_bit_numbers() -> None:
+    assert diagnose(dataclasses.replace(GOOD, farthest_m=1000.0)) == ()
+    (warning,) = diagnose(dataclasses.replace(GOOD, farthest_m=583e3))
+    assert "583 km from the origin of its world: points of the map are stored in steps of 6.2 cm" in warning
+    # it explains no empty result
+    assert len(diagnose(dataclasses.replace(GOOD, farthest_m=583e3, objects=0))) == 2
+
+
 def test_causes_come_first() -> None:
     facts = dataclasses.replace(GOOD, pose_fit=None, depth_median_m=13.0, frames_lost=60)
     assert [warning.partition(" ")[2].split()[0] for warning in diagnose(facts)] == ["depth", "camera"]

@@ -202,7 +202,9 @@ def refuse_nowhere(numbers: npt.ArrayLike) -> None:
     if not np.isfinite(largest):
         raise ValueError("the pose has NaN or infinite numbers")
     if largest > FARTHEST_M:
-        raise ValueError(f"the pose is {largest:.3g} m away, expected at most {FARTHEST_M:g} m")
+        raise ValueError(
+            f"the pose is {largest:.3g} m away, expected at most {FARTHEST_M:g} m; subtract an offset from all poses"
+        )
 
 
 def interpolate(T_a_b0: npt.ArrayLike, T_a_b1: npt.ArrayLike, s: float) -> Float64Array:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cuboid.core.errors import FrameError
 from cuboid.poses.sources import ESTIMATED, LOST, NO_POSE
 from cuboid.tracking.diagnosis import RunFacts, diagnose, explains, median_or_none
@@ -66,6 +68,7 @@ def run_facts(
         planes=len(tracker.planes),
         proposals=tracker.counts.proposals,
         objects=len(tracker.objects),
+        farthest_m=max((float(np.abs(T[:3, 3]).max()) for T in tracker.T_world_camera.values()), default=0.0),
     )
 
 

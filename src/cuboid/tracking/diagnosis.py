@@ -24,6 +24,9 @@ FEW_READINGS = 0.15
 NEAR_M, FAR_M = 0.2, 8.0
 # Largest distance at which objects are found, metres.
 REACH_M = 4.0
+# Points in results are 32-bit numbers; above this step between two such numbers, metres, rounding is larger than the
+# noise of a depth camera at half a metre (about 1 mm), and shapes of small objects show it.
+COARSE_STEP_M = 0.002
 # The poses of real recordings at hand explain 79 to 98 % of the depth of other frames; wrong poses explain up to 35 %
 # unless the camera hardly moves. Another convention or scale must explain at least CLEARLY_MORE than the given poses,
 # and at least EXPLAINED.
@@ -91,6 +94,8 @@ class RunFacts:
     up_known : bool
     planes, proposals, objects : int
         Numbers of supporting planes, of 3D proposals in all frames, and of confirmed objects.
+    farthest_m : float
+        Largest coordinate of a camera in the world.
     """
 
     frames_read: int
@@ -106,6 +111,7 @@ class RunFacts:
     planes: int
     proposals: int
     objects: int
+    farthest_m: float = 0.0
 
 
 def median_or_none(values: list[float]) -> float | None:
@@ -119,8 +125,9 @@ def diagnose(facts: RunFacts) -> tuple[str, ...]:
     An empty result is a separate warning, if no other warning explains it.
     """
     causes = (_scale_or_poses(facts), _few_readings(facts), _lost(facts), _without_pose(facts))
-    found = tuple(cause for cause in causes if cause is not None)
-    return (_no_object(facts),) if not (found or facts.objects) and facts.frames_used else found
+    explained = any(cause is not None for cause in causes)
+    found = tuple(cause for cause in (*causes, _far_world(facts)) if cause is not None)
+    return (*found, _no_object(facts)) if not (explained or facts.objects) and facts.frames_used else found
 
 
 def _lost(facts: RunFacts) -> str | None:
@@ -140,6 +147,17 @@ def _without_pose(facts: RunFacts) -> str | None:
     return (
         f"{facts.frames_without_pose} of {facts.frames_read} frames have no camera pose and were not used; "
         "--bridge estimates these poses"
+    )
+
+
+def _far_world(facts: RunFacts) -> str | None:
+    """Return the warning about a world whose origin is so far away that 32-bit coordinates of points are coarse."""
+    step_m = float(np.spacing(np.float32(facts.farthest_m)))
+    if step_m <= COARSE_STEP_M:
+        return None
+    return (
+        f"the camera is {facts.farthest_m / 1000:.0f} km from the origin of its world: points of the map are stored in "
+        f"steps of {100 * step_m:.2g} cm (32-bit numbers), boxes exactly; subtract an offset from all poses"
     )
 
 
