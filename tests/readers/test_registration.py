@@ -80,7 +80,9 @@ def test_a_depth_image_of_another_size_is_a_bad_frame(tmp_path):
 
 
 def test_without_a_depth_camera_sizes_must_be_equal(tmp_path):
-    with pytest.raises(InputError, match="color is 160x120 but depth 64x48, they must be aligned"):
+    with pytest.raises(
+        InputError, match=r"color is 160x120 but depth 64x48, .* must describe the 'depth_camera': color"
+    ):
         open_recording(make(tmp_path, depth=None, T=None).path)
 
 

@@ -306,7 +306,8 @@ class Recording:
                 raise FrameError(f"depth is {_size(raw)}, its camera {width}x{height}: {depth_name}")
         elif color.shape[:2] != raw.shape:
             raise FrameError(
-                f"color is {_size(color)} but depth {_size(raw)}, they must be aligned: {color_name}, {depth_name}"
+                f"color is {_size(color)} but depth {_size(raw)}, they must be aligned, or camera.json must describe "
+                f"the 'depth_camera': {color_name}, {depth_name}"
             )
         return color, raw, depth_name
 
