@@ -125,6 +125,8 @@ def test_what_was_not_finished_does_not_count(tmp_path: Path) -> None:
 def test_no_store_and_a_broken_one_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match="expected a store that 'cuboid batch' wrote"):
         Tables(str(tmp_path))
+    with pytest.raises(InputError, match="nowhere: does not exist"):
+        Tables(str(tmp_path / "nowhere"))
     place = filled(tmp_path / "store")
     compact(place)
     next(tmp_path.glob("store/_manifests/*.json")).write_text('{"format": "cuboid-store", "version": 9}')

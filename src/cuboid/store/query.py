@@ -48,7 +48,10 @@ class Tables:
         for attempt in range(ATTEMPTS):
             self._files = snapshot(self._place)
             if self._files.empty:
-                raise InputError(f"{self.url}: expected a store that 'cuboid batch' wrote, found no runs in it")
+                fault = "expected a store that 'cuboid batch' wrote, found no runs in it"
+                raise InputError(
+                    f"{self.url}: {fault if self._place.fs.exists(self._place.root) else 'does not exist'}"
+                )
             try:
                 self._connect()
                 return
