@@ -14,6 +14,10 @@ NOISE = 1e-3
 SIZE = 8
 
 
+def empty_borders(segments: int) -> regions.Borders:
+    return regions.Borders(*np.empty((4, segments, segments), np.float32))
+
+
 def ray(v: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.stack([(u - PINHOLE[2]) / PINHOLE[0], (v - PINHOLE[3]) / PINHOLE[1], np.ones(u.shape)], axis=-1)
 
@@ -67,7 +71,7 @@ def marks_of(depth: np.ndarray) -> np.ndarray:
     inverse = np.where(depth > 0, 1.0 / np.maximum(depth, 1e-6), 0.0).astype(np.float32)
     kind = np.where(depth > 0, segments.SURFACE, segments.NONE).astype(np.uint8)
     marks, smooth = np.empty(SHAPE, np.uint8), np.empty(SHAPE, np.float32)
-    segments.mark(inverse, kind, PINHOLE[0], NOISE, 0.012, 0.015, 0.4, smooth, marks)
+    segments.mark(inverse, kind, PINHOLE[0], NOISE, 0.012, 0.015, 0.4, 0.8, smooth, marks)
     return marks
 
 
@@ -84,6 +88,22 @@ def test_a_concave_crease_is_marked_where_it_is_and_a_convex_one_is_not() -> Non
     assert not concave[:, :74].any()
     assert not concave[:, 87:].any()
     assert not (marks_of(roof(-1.0)) & segments.CREASE).any()
+
+
+def valley(half_angle_deg: float) -> np.ndarray:
+    """Two planes that meet in column 80, 1 m away; half of the angle between them is given."""
+    x = (np.arange(SHAPE[1]) - 80.0) / PINHOLE[0]
+    z = 1.0 / (1.0 + np.abs(x) / np.tan(np.radians(half_angle_deg)))
+    return np.tile(z.astype(np.float32), (SHAPE[0], 1))
+
+
+def test_a_groove_is_sharper_than_a_right_angle() -> None:
+    for half_angle_deg, grooved in ((60.0, False), (50.0, False), (38.0, True), (30.0, True)):
+        marks = marks_of(valley(half_angle_deg))
+        groove = (marks & segments.GROOVE) > 0
+        assert groove[10:-10, 80].all() == grooved, half_angle_deg
+        assert groove.any() == grooved, half_angle_deg
+        assert ((marks & segments.CREASE) > 0)[10:-10, 80].all(), "a groove is a crease"
 
 
 def test_a_step_is_marked_on_its_pixel_and_a_slant_is_not() -> None:
@@ -202,11 +222,11 @@ def test_segments_are_measured_as_numpy_counts_them() -> None:
     labels = np.repeat(np.repeat(rng.integers(1, 4, (6, 8)), 4, axis=0), 4, axis=1).astype(np.int16)
     inverse = np.array([0.0, 1.0, 0.7, 1.4])[labels].astype(np.float32)
     kind, marks = np.full(labels.shape, segments.SURFACE, np.uint8), np.zeros(labels.shape, np.uint8)
-    table, contact = np.empty((4, regions.COLUMNS)), np.empty((4, 4), np.float32)
-    weight, level = np.empty((4, 4), np.float32), np.empty((4, 4), np.float32)
+    table, borders = np.empty((4, regions.COLUMNS)), empty_borders(4)
     planes = np.empty((0, regions.COLUMNS))
-    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, level, planes)
-    assert not level.any(), "depth jumps between all of them"
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, borders, planes)
+    assert not borders.level.any(), "depth jumps between all of them"
+    contact, weight = borders.contact, borders.weight
     framed = np.pad(labels, 1)
     pairs = np.vstack(
         [
@@ -223,7 +243,6 @@ def test_segments_are_measured_as_numpy_counts_them() -> None:
         assert (row[regions.LEFT], row[regions.TOP]) == (columns.min(), rows.min())
         assert (row[regions.RIGHTMOST], row[regions.BOTTOM]) == (columns.max(), rows.max())
         assert row[regions.OUTLINE] == (pairs == a).any(1).sum()
-        assert row[regions.BORDER] == ((pairs == a).any(1) & (pairs == 0).any(1)).sum()
         for b in (1, 2, 3):
             both = (pairs == a).any(1) & (pairs == b).any(1)
             assert contact[a, b] == (both.sum() if a != b else 0)
@@ -240,42 +259,45 @@ def test_a_plane_is_measured_by_what_lies_along_its_outline() -> None:
     labels[8:10, 8:10] = 1
     rows, table = np.empty((2, regions.COLUMNS)), np.empty((2, regions.COLUMNS))
     kind, marks = np.full(labels.shape, segments.PLANE, np.uint8), np.zeros(labels.shape, np.uint8)
-    contact, weight, level = (np.empty((2, 2), np.float32) for _ in range(3))
-    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, level, rows)
+    borders = empty_borders(2)
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, borders, rows)
     lower, plane = rows
     assert plane[regions.PIXELS] == 96
     assert [plane[k] for k in (regions.LEFT, regions.TOP, regions.RIGHTMOST, regions.BOTTOM)] == [5, 5, 14, 14]
     assert plane[regions.OUTLINE] == 40 + 8
     assert plane[regions.STRENGTH] == pytest.approx(30 * 1.0 + 10 * 0.6 + 8 * 0.2)
-    assert lower[regions.BORDER] == 5 + 5 + 20
+    assert lower[regions.PIXELS] == 100
 
 
 def test_two_planes_that_touch_change_no_segment() -> None:
     labels = np.full((10, 10), regions.BACKGROUND - 1, np.int16)
     labels[:, 5:] = regions.BACKGROUND - 2
     labels[2:4, 2:4] = 1
-    table, contact = np.empty((2, regions.COLUMNS)), np.empty((2, 2), np.float32)
+    table, borders = np.empty((2, regions.COLUMNS)), empty_borders(2)
     kind, marks = np.full(labels.shape, segments.PLANE, np.uint8), np.zeros(labels.shape, np.uint8)
     inverse = np.ones(labels.shape, np.float32)
-    weight, level = np.empty((2, 2), np.float32), np.empty((2, 2), np.float32)
     planes = np.empty((2, regions.COLUMNS))
-    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, level, planes)
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, borders, planes)
     assert table[1, regions.OUTLINE] == 8
     assert table[1, regions.STRENGTH] == 8
-    assert not contact.any()
+    assert not borders.contact.any()
 
 
 def test_where_depth_does_not_jump_the_strength_of_a_border_is_known_apart() -> None:
-    # 1 and 2 lie level, with a crease between them in the upper half; 3 lies behind both
+    # 1 and 2 lie level, with a crease between them in the upper half, half of it a groove; 3 lies behind both
     labels = np.ones((8, 12), np.int16)
     labels[:, 4:8], labels[:, 8:] = 2, 3
     inverse = np.where(labels == 3, 0.7, 1.0).astype(np.float32)
     kind, marks = np.full(labels.shape, segments.SURFACE, np.uint8), np.zeros(labels.shape, np.uint8)
     marks[:4, 4] = segments.CREASE
-    table, contact = np.empty((4, regions.COLUMNS)), np.empty((4, 4), np.float32)
-    weight, level, planes = np.empty_like(contact), np.empty_like(contact), np.empty((0, regions.COLUMNS))
-    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, level, planes)
+    marks[:2, 4] |= segments.GROOVE
+    marks[:, 8] = segments.CREASE | segments.GROOVE
+    table, borders, planes = np.empty((4, regions.COLUMNS)), empty_borders(4), np.empty((0, regions.COLUMNS))
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, borders, planes)
+    weight, level, grooves = borders.weight, borders.level, borders.grooves
     assert level[1, 2] == level[2, 1] == pytest.approx(4 * 0.4 + 4 * 0.1)
+    assert grooves[1, 2] == grooves[2, 1] == 2
+    assert grooves.sum() == 4, "no groove where depth jumps"
     assert weight[1, 2] == level[1, 2]
     assert weight[2, 3] > 0
     assert level[2, 3] == level[3, 2] == 0
@@ -299,13 +321,14 @@ def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None
         table[k, [regions.PIXELS, regions.READINGS, regions.INVERSE]] = 100.0
         table[k, [regions.LEFT, regions.RIGHTMOST, regions.TOP, regions.BOTTOM]] = left, right, 0, 9
         table[k, [regions.OUTLINE, regions.STRENGTH]] = 40.0, 30.0
-    contact, weight = np.zeros((5, 5), np.float32), np.zeros((5, 5), np.float32)
+    borders = regions.Borders(*np.zeros((4, 5, 5), np.float32))
     for a, b, strength in ((1, 2, 0.2), (2, 3, 0.9), (3, 4, 0.1)):
-        contact[a, b] = contact[b, a] = 10.0
-        weight[a, b] = weight[b, a] = strength * 10.0
+        borders.contact[a, b] = borders.contact[b, a] = 10.0
+        borders.weight[a, b] = borders.weight[b, a] = strength * 10.0
+        borders.grooves[a, b] = borders.grooves[b, a] = 10.0 * (strength > 0.8)
     members, found = np.empty((10, 5), np.uint8), np.empty((10, regions.COLUMNS))
     parts = np.empty((10, 2), np.int32)
-    n = unions.join(table, contact, weight, 4, 100.0, 1.0, members, found, parts)
+    n = unions.join(table, borders, 4, 100.0, 1.0, members, found, parts)
     assert members[:n, 1:].tolist() == [
         [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1, 1, 0, 0], [1, 1, 1, 0]
     ]  # fmt: skip
@@ -314,6 +337,7 @@ def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None
     assert union[regions.PIXELS] == 300
     assert union[regions.OUTLINE] == 40 * 3 - 4 * 10
     assert union[regions.STRENGTH] == pytest.approx(90 - 4 - 18)
+    assert found[4:n, regions.GROOVES].tolist() == [0, 10], "2 and 3 meet in a groove"
     assert (union[regions.LEFT], union[regions.RIGHTMOST]) == (0, 29)
 
 
@@ -324,15 +348,17 @@ def test_pairs_are_the_neighbours_that_joining_never_took_alone() -> None:
         table[k, [regions.PIXELS, regions.READINGS, regions.INVERSE]] = 100.0, 100.0, 100.0 if k < 4 else 40.0
         table[k, [regions.LEFT, regions.RIGHTMOST, regions.BOTTOM]] = 10 * k, 10 * k + 9, 9
         table[k, [regions.OUTLINE, regions.STRENGTH]] = 40.0, 30.0
-    contact, weight = np.zeros((5, 5), np.float32), np.zeros((5, 5), np.float32)
+    borders = regions.Borders(*np.zeros((4, 5, 5), np.float32))
     for a, b, strength in ((1, 2, 0.5), (2, 3, 0.1), (3, 4, 0.9)):
-        contact[a, b] = contact[b, a] = 10.0
-        weight[a, b] = weight[b, a] = strength * 10.0
+        borders.contact[a, b] = borders.contact[b, a] = 10.0
+        borders.weight[a, b] = borders.weight[b, a] = strength * 10.0
+        borders.grooves[a, b] = borders.grooves[b, a] = 10.0 * (strength > 0.8)
     members, found = np.empty((20, 5), np.uint8), np.empty((20, regions.COLUMNS))
     parts = np.empty((20, 2), np.int32)
-    n = unions.join(table.copy(), contact.copy(), weight.copy(), 4, 100.0, 1.0, members, found, parts)
+    joined = regions.Borders(*(matrix.copy() for matrix in borders))
+    n = unions.join(table.copy(), joined, 4, 100.0, 1.0, members, found, parts)
     assert members[4:n, 1:].tolist() == [[0, 1, 1, 0], [1, 1, 1, 0]]
-    m = unions.pair(table, contact, weight, 4, 100.0, 1.0, n, members, found, parts)
+    m = unions.pair(table, borders, 4, 100.0, 1.0, n, members, found, parts)
     assert members[n:m, 1:].tolist() == [[1, 1, 0, 0]]
     assert parts[n].tolist() == [0, 1]
     assert found[n, regions.PIXELS] == 200

@@ -45,7 +45,9 @@ def test_a_pair_in_one_place_is_told_once_a_frame_however_many_of_it_have_labels
         entry.points = voxels.stored.xyz(voxels.stored.rows_of(entry.number))
     for entry in pair[:labelled]:
         objects.store.confirm(entry)
-    objects._add_overlaps(pair, novelty=0.5)
+    objects._add_overlaps(pair, 0.5, {frozenset((1, 2))})
+    assert not objects.store.affinity.of(1, 2), "the frame shows them side by side"
+    objects._add_overlaps(pair, 0.5, set())
     assert objects.store.affinity.of(1, 2) == pytest.approx(0.5 * SAME_LOG_ODDS)
 
 

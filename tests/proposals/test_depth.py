@@ -84,6 +84,22 @@ def test_what_meets_in_a_crease_is_more_likely_two_things_where_it_has_two_color
     assert min(parts_of_two) > max(parts) + 0.05
 
 
+def test_two_balls_of_two_colors_that_touch_are_less_likely_one_object() -> None:
+    r = solids.rays()
+    balls = [solids.sphere(r, solids.on_table(x, 0.8, 0.05), 0.05) for x in (0.0, 0.1)]
+    frame, owner = solids.frame(balls, NOISE)
+    scores = []
+    for second in ((200, 180, 40), (40, 60, 190)):
+        color = np.full((*owner.shape, 3), 120, np.uint8)
+        color[owner == 1], color[owner == 2] = (200, 180, 40), second
+        proposals = make_source("depth")(dataclasses.replace(frame, color=color), solids.CAMERA)
+        fits = overlaps(proposals, owner > 0)
+        assert fits.max() > 0.9
+        scores.append(float(proposals.scores[fits.argmax()]))
+    of_one_color, of_two_colors = scores
+    assert of_two_colors < of_one_color - 0.03, "the groove between them is a border"
+
+
 def test_table_and_floor_are_no_proposals() -> None:
     frame, _ = solids.frame([], NOISE)
     proposals = make_source("depth")(frame, solids.CAMERA)
@@ -189,8 +205,8 @@ def test_most_objects_of_real_stills_are_proposed(data_dir: Path) -> None:
     assert proposed <= 45 * stills
 
 
-def test_readings_without_end_are_background() -> None:
-    depth = np.full((120, 160), np.inf, np.float32)
+def test_readings_beyond_the_range_are_background() -> None:
+    depth = np.full((120, 160), 12.0, np.float32)
     depth[40:80, 60:100] = 1.0
     depth[:, :20] = 2.0
     frame = Frame(0, 0.0, np.zeros((120, 160, 3), np.uint8), depth)

@@ -78,6 +78,15 @@ def test_a_share_is_parted_where_depth_jumps() -> None:
     assert (things.claim >= 0).sum() == 600
 
 
+def test_a_part_behind_a_depth_jump_that_is_a_proposal_too_belongs_to_that_one() -> None:
+    # The first proposal covers both boxes. The third one covers the right box, the second one little of the left box.
+    boxes = [(15, 10, 45, 30), (15, 10, 20, 30), (31, 10, 45, 30)]
+    both = found(*scene(), boxes, [0.8, 0.5, 0.4])
+    assert [one.rect_xyxy.tolist() for one in both.segments] == [[15, 10, 30, 30], [30, 10, 45, 30]]
+    assert both.proposal.tolist() == [0, 2]
+    assert both.segments[1].score == np.float32(0.8), "its pixels were taken by the first one"
+
+
 def test_surfaces_of_one_proposal_that_are_about_as_large_and_near_are_one_thing() -> None:
     depth, support, heights = scene()
     depth[10:30, 30:45] = 1.1
@@ -120,7 +129,7 @@ def test_points_are_in_the_world() -> None:
 def test_what_the_map_expects_wins_over_what_is_a_little_stronger() -> None:
     boxes = [(15, 10, 30, 30), (15, 10, 45, 30)]
     one = found(*scene(), boxes, [0.5, 0.6])
-    assert one.proposal.tolist() == [0, 0], "the larger one has all"
+    assert [segment.score for segment in one.segments] == [np.float32(0.6)] * 2, "the larger one has all"
     other = found(*scene(), boxes, [0.5, 0.6], [2.0, 1.0])
     assert len(other.segments) == 1, "of the larger one too little is left"
     assert other.segments[0].rect_xyxy.tolist() == [15, 10, 30, 30]

@@ -142,8 +142,8 @@ class ObjectMap:
         number_of = self._update_objects(seen, segments, frame.boxes, found)
         allowed = self._allowed_transfers(number_of, found)
         self._voxels.vote_owners(segments.claim, number_of, *allowed, frame.candidate, frame.voxels.slots)
-        self._update_affinity(segments, found, novelty)
-        self._add_overlaps(objects, novelty)
+        separate = self._update_affinity(segments, found, novelty)
+        self._add_overlaps(objects, novelty, separate)
         self._add_attachments(objects, novelty)
         self._penalise_missed(found)
         changed = [o.number for o in objects] + [int(n) for n in number_of if n]
@@ -227,8 +227,14 @@ class ObjectMap:
                 allowed[i, columns[columns > 0]] = 1
         return place, allowed
 
-    def _update_affinity(self, frame_segments: FrameSegments, found: Association, novelty: float) -> None:
-        """Add evidence on pairs: objects covered by one segment, and objects whose segments lie side by side."""
+    def _update_affinity(
+        self, frame_segments: FrameSegments, found: Association, novelty: float
+    ) -> set[frozenset[int]]:
+        """Add evidence on pairs: objects covered by one segment, and objects whose segments lie side by side.
+
+        Return the pairs of numbers of the objects that lie side by side.
+        """
+        separate = set()
         affinity = self.store.affinity
         numbers = [o.number for o in found.objects]
         covered = (found.object_pixels >= MIN_READINGS) & (found.overlap >= COVERED_FRACTION * found.object_pixels)
@@ -241,6 +247,8 @@ class ObjectMap:
             a, b = found.objects[match[i]], found.objects[match[j]]
             if self._are_separate(frame_segments, i, j) and not self._are_attached(a, b):
                 affinity.add_evidence(a.number, b.number, same=False, novelty=novelty)
+                separate.add(frozenset((a.number, b.number)))
+        return separate
 
     @staticmethod
     def _are_attached(a: MapObject, b: MapObject) -> bool:
@@ -254,8 +262,12 @@ class ObjectMap:
             if entry.holder and entry.holder in self.store and self.store[entry.holder].state is not State.RETIRED:
                 self.store.affinity.add_attachment(entry.number, entry.holder, novelty)
 
-    def _add_overlaps(self, objects: Sequence[MapObject], novelty: float) -> None:
-        """Add evidence that objects which overlap in space are one: solids do not overlap."""
+    def _add_overlaps(self, objects: Sequence[MapObject], novelty: float, separate: set[frozenset[int]]) -> None:
+        """Add evidence that objects which overlap in space are one: solids do not overlap.
+
+        Pairs in `separate`, which this frame shows side by side, are left out: a box that was fitted to both objects
+        overlaps the second one until the voxels have their new owner.
+        """
         # An object that was seen to move is not a part of the object in which it lies now.
         entries = [o for o in objects if len(o.points) and not o.moved]
         labelled = [o for o in entries if o.confirmed]
@@ -263,9 +275,9 @@ class ObjectMap:
             return
         for i, j in zip(*(k.tolist() for k in np.nonzero(self.store.overlapping(entries, labelled))), strict=True):
             first, second = entries[i], labelled[j]
-            if not (
-                first.confirmed and first.number >= second.number
-            ):  # count each pair once, and no object with itself
+            # Count each pair once, and no object with itself.
+            counted = first.confirmed and first.number >= second.number
+            if not counted and frozenset((first.number, second.number)) not in separate:
                 self.store.affinity.add_evidence(first.number, second.number, same=True, novelty=novelty)
 
     def _penalise_missed(self, found: Association) -> None:

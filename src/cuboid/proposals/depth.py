@@ -48,9 +48,14 @@ JUMP_M = 0.012
 # Smallest depth of a crease behind the chord over it, in arm lengths: 0.4 is a bend of 44 degrees; the inside of a bowl
 # with 7 cm radius has 0.11.
 BEND = 0.4
+# The same for a groove: a right angle, seen from the middle. Faces of one solid rarely meet at less; two solids that
+# touch do.
+GROOVE = 1.0
 # Color difference of two segments that probably belong to different surfaces, levels over three channels; one surface
 # in light and in half shadow differs by half of it.
 SAME_COLOR_LEVELS = 25.0
+# The same for the two sides of a groove: the inside of a cup and its outside may differ by light and shadow.
+GROOVE_COLOR_LEVELS = 50.0
 # Exponents of closure and roundness in a score. Closure has more weight, because long things are objects too, and their
 # parts are rounder than the whole.
 CLOSURE_POWER, ROUNDNESS_POWER = 1.25, 0.4
@@ -118,25 +123,22 @@ def _regions(depth: DepthImage, color: UInt8Array, step: int, config: TrackerCon
     labels, queue = np.empty(shape, np.int16), np.empty(depth.depth_m.size, np.int32)
     # The crease arm is half the smallest object. A depth step of twice the smallest object certainly separates two
     # objects.
-    segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, smooth, marks)
+    segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, GROOVE, smooth, marks)
     last = segments.label_surfaces(kind, marks, MIN_PIXELS, SEGMENTS, labels, queue)
     fill_holes(kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse)
     segment_measures = np.empty((last + 1, regions.COLUMNS))
-    contact = np.empty((last + 1, last + 1), np.float32)
-    weight, level = np.empty_like(contact), np.empty_like(contact)
+    borders = regions.Borders(*np.empty((4, last + 1, last + 1), np.float32))
     plane_measures = np.empty((planes, regions.COLUMNS))
     certain_m = 2.0 * config.min_size_m
-    regions.measure(
-        kind, labels, inverse, marks, noise, JUMP_M, certain_m, segment_measures, contact, weight, level, plane_measures
-    )
-    _weaken(labels, color, step, level, segment_measures, weight)
+    regions.measure(kind, labels, inverse, marks, noise, JUMP_M, certain_m, segment_measures, borders, plane_measures)
+    _weaken(labels, color, step, segment_measures, borders)
     capacity = 2 * last + 1 + NEIGHBOURS * last
     members = np.zeros((capacity + planes, last + 1 + planes), np.uint8)
     measures = np.empty((capacity + planes, regions.COLUMNS))
     parts = np.full((capacity + planes, 2), -1, np.int32)
-    neighbours = contact, weight, last, camera.fx, config.max_size_m
-    n = unions.join(segment_measures.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
-    n = unions.pair(segment_measures, *neighbours, n, members[:capacity], measures, parts)
+    limits, joined = (last, camera.fx, config.max_size_m), regions.Borders(*(one.copy() for one in borders))
+    n = unions.join(segment_measures.copy(), joined, *limits, members, measures, parts)
+    n = unions.pair(segment_measures, borders, *limits, n, members[:capacity], measures, parts)
     # Planes are appended after the segments: they bound these, and each is a proposal by itself.
     members[n + np.arange(planes), -1 - np.arange(planes)] = 1
     measures[n : n + planes] = plane_measures
@@ -144,34 +146,27 @@ def _regions(depth: DepthImage, color: UInt8Array, step: int, config: TrackerCon
     return _Regions(labels, members[:n], measures[:n], parts[:n])
 
 
-def _weaken(
-    labels: Int16Array,
-    color: UInt8Array,
-    step: int,
-    level: Float32Array,
-    measures: Float64Array,
-    weight: Float32Array,
-) -> None:
+def _weaken(labels: Int16Array, color: UInt8Array, step: int, measures: Float64Array, borders: regions.Borders) -> None:
     """Weaken the borders between segments of similar color, where depth does not jump.
 
     A crease alone may be a bend of one solid, noise, or the border of two solids; different colors indicate two solids.
+    Grooves between similar colors are left out likewise.
 
     Parameters
     ----------
     labels : (h, w) int16
     color : (step h, step w, 3) uint8
     step : int
-    level : (S, S) float32
-        See `regions.measure`.
     measures : (S, COLUMNS) float64, in and out
-    weight : (S, S) float32, in and out
+    borders : Borders, in and out
     """
     means = np.empty((len(measures), 3))
     regions.mean_colors(labels, np.ascontiguousarray(color), step, means)
-    color_distance = np.linalg.norm(means[:, None] - means, axis=2) / SAME_COLOR_LEVELS
-    weakened = np.exp(-(color_distance**2)) * level
-    weight -= weakened.astype(np.float32)
+    color_distance = np.linalg.norm(means[:, None] - means, axis=2)
+    weakened = np.exp(-((color_distance / SAME_COLOR_LEVELS) ** 2)) * borders.level
+    borders.weight[:] -= weakened.astype(np.float32)
     measures[:, regions.STRENGTH] -= weakened.sum(1)
+    borders.grooves[:] *= 1.0 - np.exp(-((color_distance / GROOVE_COLOR_LEVELS) ** 2))
 
 
 def _segment_planes(
@@ -195,7 +190,8 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     """Return how likely each region is an object, from the strength of its outline, its compactness and its size."""
     m = measures.T
     outline = np.maximum(m[regions.OUTLINE], 1.0)
-    closure = np.maximum(0.0, m[regions.STRENGTH]) / outline
+    # The sides of a groove within a region are outlines too, of its parts, and do not close the region.
+    closure = np.maximum(0.0, m[regions.STRENGTH]) / (outline + 2.0 * m[regions.GROOVES])
     # The length along pixel edges overestimates an outline by 4/pi on average over directions: a disc has roundness 1.
     roundness = 4.0 * np.pi * m[regions.PIXELS] / (outline * np.pi / 4.0) ** 2
     wide = m[regions.RIGHTMOST] - m[regions.LEFT] + 1.0

@@ -15,7 +15,7 @@ from cuboid.core.limits import MAX_SEGMENTS
 from cuboid.core.observation import Observation
 from cuboid.core.tolerances import JUMP_M, MIN_READINGS
 from cuboid.core.working import WorkingImage
-from cuboid.heatmap.kernels.claims import assign_pixels
+from cuboid.heatmap.kernels.claims import assign_pixels, proposal_overlaps
 from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.surfaces.kernels.outlines import KINDS, Picture, outlines
 from cuboid.surfaces.kernels.pieces import gather_regions, judge_regions, label_regions
@@ -26,6 +26,9 @@ MIN_PIXELS = 24
 TOUCHING_PX = 7
 # A proposal is dropped if a smaller fraction of it is free of stronger proposals.
 FREE_FRACTION = 0.7
+# Of several segments of one proposal, each belongs to the proposal with the largest IoU with it, from this IoU on: what
+# lies in a box is a proposal too.
+OWN_IOU = 0.7
 # A depth jump separates surfaces of one proposal, as the inside and the outside of a mug. They belong to one object if
 # each has at least MAJOR_FRACTION of the size of the largest one, and differs from it in depth by at most DEEP_FRACTION
 # of its length. Smaller ones are slivers of the background; farther ones are the background itself.
@@ -78,7 +81,7 @@ class FrameSegments:
     contact : (n, n) int64
         [i, j]: number of outline pixels of i at which j begins.
     proposal : (n,) int64
-        The proposal of each segment.
+        The proposal of each segment, by strength; see `_own_proposals`.
     touched : (n,) bool
         Segments at which something moves, or of a body that moves elsewhere: their outlines are no evidence.
     left_out : int
@@ -176,8 +179,52 @@ def segment_frame(
     for k, (begin, end) in enumerate(first[:kept].tolist()):
         supports = {name: count for name, count in zip(names, beneath_lists[k], strict=True) if count}
         segments.append(FrameSegment(pixels[begin:end], supports, warm[k], scores[k], rects[k], outline[k], read[k]))
+    proposal_of = _own_proposals(segment_of, proposal_of, weighed, order)
     touched = _touched(segment_of, kept, seen, planes, config.depth_noise_per_m)
     return FrameSegments(segments, segment_of, contact, proposal_of, touched, left_out)
+
+
+def _own_proposals(
+    segment_of: npt.NDArray[np.int32],
+    proposal_of: npt.NDArray[np.int64],
+    weighed: WeighedProposals,
+    order: npt.NDArray[np.int64],
+) -> npt.NDArray[np.int64]:
+    """Return the proposal of each segment (n,): if several have the same one, a better one for each if there is one.
+
+    A box and the objects in it have one closed outline, so that one proposal may cover them all; depth jumps separate
+    its segments. The inside and the outside of a mug have no proposals of their own that are strong enough to be kept.
+
+    Parameters
+    ----------
+    segment_of : (h, w) int32
+        Segment of each working pixel, -1: none.
+    proposal_of : (n,) int64
+        The proposal from which each segment was cut, as an index in `order`.
+    weighed : WeighedProposals
+    order : (m,) int64
+        The proposals by strength.
+    """
+    count = len(proposal_of)
+    shared = np.bincount(proposal_of)[proposal_of] > 1 if count else np.zeros(0, bool)
+    if not shared.any():
+        return proposal_of
+    table, pixels = np.empty((len(weighed.weights), count + 1), np.int64), np.empty(count + 1, np.int64)
+    columns = np.array([count, *range(count)])
+    proposal_overlaps(
+        segment_of + np.int32(1),
+        columns,
+        weighed.rectangles,
+        weighed.starts,
+        weighed.covered,
+        np.empty_like(segment_of),
+        table,
+        pixels,
+    )
+    table = table[order]
+    common = table[:, :count]
+    iou = common / (table.sum(1)[:, None] + pixels[:count] - common)
+    return np.where(shared & (iou.max(0) >= OWN_IOU), iou.argmax(0), proposal_of)
 
 
 def _touched(

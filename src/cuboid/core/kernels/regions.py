@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cuboid.core.compiled import kernel
-from cuboid.core.kernels.segments import CREASE, NONE
+from cuboid.core.frame import Float32Array
+from cuboid.core.kernels.segments import CREASE, GROOVE, NONE
 from cuboid.core.tolerances import JUMP_SIGMAS
 
 # Columns of a segment: pixels, readings, sum of 1/z, rectangle (end inclusive), length of the outline, sum of the
-# outline's strengths, and length of the outline at the image border.
-PIXELS, READINGS, INVERSE, LEFT, TOP, RIGHTMOST, BOTTOM, OUTLINE, STRENGTH, BORDER = range(10)
+# outline's strengths, and length of the grooves between its parts (0 for a segment).
+PIXELS, READINGS, INVERSE, LEFT, TOP, RIGHTMOST, BOTTOM, OUTLINE, STRENGTH, GROOVES = range(10)
 COLUMNS = 10
 # Strength of a piece of outline, i.e. how clearly it separates a segment from its surroundings, 0..1. BEFORE: in front
 # of a surface behind it, the least value; it grows to 1 with the jump. HALF: at a hole or a crease, which may separate
@@ -18,6 +21,27 @@ COLUMNS = 10
 BEFORE, HALF, AFTER, GAP = 0.3, 0.4, 0.2, 0.1
 # Label of pixels that are too far away; plane p has the label BACKGROUND - 1 - p.
 BACKGROUND = -1
+
+
+class Borders(NamedTuple):
+    """The borders between segments, each (S, S) float32.
+
+    Attributes
+    ----------
+    contact
+        Length of the outline that two segments share, pixels.
+    weight
+        [i, j]: sum of the strengths of i's outline towards j.
+    level
+        The part of `weight` from places without a depth jump.
+    grooves
+        The part of `contact` in grooves without a depth jump.
+    """
+
+    contact: Float32Array
+    weight: Float32Array
+    level: Float32Array
+    grooves: Float32Array
 
 
 @kernel(inline="always")
@@ -35,7 +59,6 @@ def measure_run(row, v, first, end, height, width, readings, inverse):
     row[BOTTOM] = max(row[BOTTOM], v)
     at_border = ((v == 0) + (v == height - 1)) * (end - first) + (first == 0) + (end == width)
     row[OUTLINE] += at_border
-    row[BORDER] += at_border
 
 
 @kernel
@@ -61,7 +84,7 @@ def measure_row(v, kind, labels, inverse, segments, planes):
 
 
 @kernel(error_model="numpy")  # an infinite reading has 1/z = 0
-def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, weight, level, planes):
+def measure(kind, labels, inverse, marks, noise, jump, sure, segments, borders, planes):
     """Measure each segment and large plane, and how strongly its outline separates it from its surroundings.
 
     The strength of a piece of a segment's outline is in 0..1. It is 1 towards a plane or a far surface; towards another
@@ -79,19 +102,15 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
         Smallest jump, and the jump that certainly separates two objects, metres.
     segments : (S, COLUMNS) float64, output
         Row k belongs to label k.
-    contact : (S, S) float32, output
-        Length of the outline that two segments share, pixels.
-    weight : (S, S) float32, output
-        [i, j]: sum of the strengths of i's outline towards j.
-    level : (S, S) float32, output
-        The part of `weight` from places without a depth jump.
+    borders : Borders, output
     planes : (P, COLUMNS) float64, output
         Measures of the large planes.
     """
     height, width = labels.shape
-    contact[:] = 0.0
-    weight[:] = 0.0
-    level[:] = 0.0
+    borders.contact[:] = 0.0
+    borders.weight[:] = 0.0
+    borders.level[:] = 0.0
+    borders.grooves[:] = 0.0
     for rows in (segments, planes):
         rows[:] = 0.0
         rows[:, LEFT] = width
@@ -108,8 +127,7 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
                 wa, wb = inverse[v, u], inverse[vv, uu]
                 limit = jump * min(wa, wb) * min(wa, wb) + JUMP_SIGMAS * noise
                 if a > 0 or b > 0:
-                    creased = ((marks[v, u] | marks[vv, uu]) & CREASE) != 0
-                    between(a, b, wa, wb, limit, creased, sure, segments, contact, weight, level)
+                    between(a, b, wa, wb, limit, marks[v, u] | marks[vv, uu], sure, segments, borders)
                 if a < BACKGROUND or b < BACKGROUND:
                     along_planes(a, b, wa, wb, limit, sure, planes)
 
@@ -124,8 +142,11 @@ def along_planes(a, b, wa, wb, limit, sure, planes):
 
 
 @kernel(error_model="numpy")
-def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight, level):
-    """Add a piece of outline between two labels with these 1/z, at least one of them a segment; see `measure`."""
+def between(a, b, wa, wb, limit, marked, sure, segments, borders):
+    """Add a piece of outline between two labels with these 1/z, at least one of them a segment; see `measure`.
+
+    `marked` are the marks of the pixels on both sides.
+    """
     if a > 0:
         segments[a, OUTLINE] += 1
     if b > 0:
@@ -141,7 +162,7 @@ def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight, level
         behind = BEFORE + (1.0 - BEFORE) * min(1.0, step / sure)
         strength_a = behind if wa > wb else AFTER
         strength_b = behind if wb > wa else AFTER
-    elif creased:
+    elif marked & CREASE:
         strength_a = strength_b = HALF
     if a < 0:
         segments[b, STRENGTH] += 1.0 if gap <= limit or wb > wa else AFTER
@@ -150,13 +171,16 @@ def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight, level
     else:
         segments[a, STRENGTH] += strength_a
         segments[b, STRENGTH] += strength_b
-        contact[a, b] += 1
-        contact[b, a] += 1
-        weight[a, b] += strength_a
-        weight[b, a] += strength_b
+        borders.contact[a, b] += 1
+        borders.contact[b, a] += 1
+        borders.weight[a, b] += strength_a
+        borders.weight[b, a] += strength_b
         if gap <= limit:
-            level[a, b] += strength_a
-            level[b, a] += strength_b
+            borders.level[a, b] += strength_a
+            borders.level[b, a] += strength_b
+            if marked & GROOVE:
+                borders.grooves[a, b] += 1
+                borders.grooves[b, a] += 1
 
 
 @kernel

@@ -13,8 +13,9 @@ from cuboid.core.tolerances import JUMP_SIGMAS
 
 # Kinds of pixels: without a reading, on a large plane, on another surface, too far away.
 NONE, PLANE, SURFACE, FAR = 0, 1, 2, 3
-# Bits of the marks of a pixel: depth jump to the right, depth jump below, concave crease at the pixel.
-RIGHT, DOWN, CREASE = 1, 2, 4
+# Bits of the marks of a pixel: depth jump to the right, depth jump below, concave crease at the pixel; GROOVE: a crease
+# sharper than those of one solid.
+RIGHT, DOWN, CREASE, GROOVE = 1, 2, 4, 8
 # Longest arm of the crease test to either side, pixels.
 LONGEST = 10
 # A pixel in a queue is its row, shifted by this many bits, plus its column: a division takes ten times longer.
@@ -23,7 +24,7 @@ COLUMN_MASK = (1 << PLACE_BITS) - 1
 
 
 @kernel(error_model="numpy")
-def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
+def mark(inverse, kind, focal, noise, jump, arm, bend, groove, smooth, marks):
     """Mark depth jumps between neighbours, and concave creases on surfaces.
 
     Parameters
@@ -39,10 +40,12 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
         Half the length of surface over which a crease is judged, metres; longer where noise requires it.
     bend : float
         Smallest depth of a crease behind the chord over it, as a fraction of the arm.
+    groove : float
+        The same for a groove.
     smooth : (H, W) float32, output
         1/z averaged over the 3 x 3 neighbours on the same surface; 0 off surfaces.
     marks : (H, W) uint8, output
-        Bits RIGHT, DOWN, CREASE.
+        Bits RIGHT, DOWN, CREASE, GROOVE.
     """
     height, width = inverse.shape
     mark_jumps(inverse, kind, noise, jump, smooth, marks)
@@ -65,26 +68,24 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
             reach, min_sag = reaches[k] * w, sags[k] * w
             center = (v + LONGEST) * long + u + LONGEST
             # All four directions without a branch: the branch predictor cannot predict which one is a crease.
-            creased = is_crease(flat, center, k, w, reach, min_sag)
-            creased |= is_crease(flat, center, k * long, w, reach, min_sag)
-            creased |= is_crease(flat, center, slant * (long + 1), w, reach, min_sag)
-            creased |= is_crease(flat, center, slant * (long - 1), w, reach, min_sag)
-            marks[v, u] |= CREASE if creased else 0
+            deepest = sag(flat, center, k, w, reach)
+            deepest = max(deepest, sag(flat, center, k * long, w, reach))
+            deepest = max(deepest, sag(flat, center, slant * (long + 1), w, reach))
+            deepest = max(deepest, sag(flat, center, slant * (long - 1), w, reach))
+            marks[v, u] |= (CREASE if deepest > min_sag else 0) | (GROOVE if deepest > groove / bend * min_sag else 0)
 
 
 @kernel(inline="always")
-def is_crease(smooth, center, arm, w, reach, min_sag):
-    """Return whether the surface at a pixel lies behind the chord between the pixels `arm` before and after it.
+def sag(smooth, center, arm, w, reach):
+    """Return twice the depth, in 1/z, of the surface behind the chord between the pixels `arm` before and after one.
 
-    `center` and `arm` are flat indices.
-
-    `reach` and `min_sag` are in 1/z: the largest difference from either end of the chord, and the smallest (doubled)
-    depth of the surface behind the chord.
+    `center` and `arm` are flat indices. It is 0 if an end of the chord differs from the pixel by more than `reach` in
+    1/z.
     """
     # Unsigned: numba then skips the handling of negative indices.
     p, q = smooth[np.uintp(center - arm)], smooth[np.uintp(center + arm)]
     near = (p > 0.0) & (q > 0.0) & (abs(p - w) <= reach) & (abs(q - w) <= reach)
-    return near & (p + q - 2.0 * w > min_sag)
+    return p + q - 2.0 * w if near else 0.0
 
 
 @kernel(inline="always")

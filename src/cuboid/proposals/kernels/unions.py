@@ -6,8 +6,8 @@ import numpy as np
 
 from cuboid.core.compiled import kernel
 from cuboid.core.kernels.regions import (
-    BORDER,
     BOTTOM,
+    GROOVES,
     INVERSE,
     LEFT,
     OUTLINE,
@@ -20,13 +20,13 @@ from cuboid.core.kernels.regions import (
 
 
 @kernel
-def join(segments, contact, weight, count, focal, largest, members, found, parts):
+def join(segments, borders, count, focal, largest, members, found, parts):
     """Join neighbouring segments step by step, weakest outline first, and keep all intermediate unions.
 
     Parameters
     ----------
-    segments, contact, weight : see `measure`
-        Changed in place.
+    segments, borders : see `measure`
+        Changed in place; `level` is not used.
     count : int
         The last label.
     focal : float
@@ -45,6 +45,7 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
     int
         Number of regions: the segments themselves, then the unions.
     """
+    contact, weight, grooves = borders.contact, borders.weight, borders.grooves
     members[:] = 0
     alive = np.zeros(count + 1, np.uint8)
     current = np.zeros(count + 1, np.int32)
@@ -74,7 +75,7 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
         if best == np.inf:
             return n
         first, second = segments[i], segments[j]
-        unite(first, second, contact[i, j], weight[i, j] + weight[j, i], first)
+        unite(first, second, contact[i, j], weight[i, j] + weight[j, i], grooves[i, j], first)
         alive[j] = 0
         for k in range(1, count + 1):
             if alive[k] and k != i:
@@ -82,6 +83,8 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
                 contact[k, i] = contact[i, k]
                 weight[i, k] += weight[j, k]
                 weight[k, i] += weight[k, j]
+                grooves[i, k] += grooves[j, k]
+                grooves[k, i] = grooves[i, k]
         for k in range(1, count + 1):
             members[n, k] = members[current[i], k] | members[current[j], k]
         found[n] = first
@@ -91,7 +94,7 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
 
 
 @kernel
-def pair(segments, contact, weight, count, focal, largest, n, members, found, parts):
+def pair(segments, borders, count, focal, largest, n, members, found, parts):
     """Add the unions of two neighbouring segments that `join` did not make.
 
     `join` uses each segment in only one tree of unions: if the inside of a mug was joined with the wall behind it, no
@@ -99,7 +102,7 @@ def pair(segments, contact, weight, count, focal, largest, n, members, found, pa
 
     Parameters
     ----------
-    segments, contact, weight, count, focal, largest : see `join`
+    segments, borders, count, focal, largest : see `join`
         As `measure` returned them.
     n : int
         Number of regions that `join` found.
@@ -111,6 +114,7 @@ def pair(segments, contact, weight, count, focal, largest, n, members, found, pa
     int
         Number of regions.
     """
+    contact, weight, grooves = borders.contact, borders.weight, borders.grooves
     place = np.full(count + 1, -1, np.int64)
     single = np.zeros(n, np.int64)
     for i in range(n):
@@ -127,7 +131,8 @@ def pair(segments, contact, weight, count, focal, largest, n, members, found, pa
             if contact[a, b] == 0 or made[a, b] or n == len(members):
                 continue
             if can_join(segments[a], segments[b], focal, largest):
-                unite(segments[a], segments[b], contact[a, b], weight[a, b] + weight[b, a], found[n])
+                strength = weight[a, b] + weight[b, a]
+                unite(segments[a], segments[b], contact[a, b], strength, grooves[a, b], found[n])
                 members[n, a] = members[n, b] = 1
                 parts[n, 0], parts[n, 1] = place[a], place[b]
                 n += 1
@@ -181,7 +186,7 @@ def distinct(order, members, pixels, weight, same, kept):
 
 
 @kernel(inline="always")
-def unite(first, second, shared, strength, union):
+def unite(first, second, shared, strength, grooves, union):
     """Compute the measures of the union of two segments; the output may be one of them.
 
     Parameters
@@ -191,6 +196,8 @@ def unite(first, second, shared, strength, union):
         Length of the shared outline, pixels.
     strength : float
         Sum of the strengths of the shared outline, in both directions.
+    grooves : float
+        Length of the shared outline in grooves, pixels.
     union : (COLUMNS,) float64, output
     """
     union[PIXELS] = first[PIXELS] + second[PIXELS]
@@ -201,7 +208,7 @@ def unite(first, second, shared, strength, union):
     union[BOTTOM] = max(first[BOTTOM], second[BOTTOM])
     union[OUTLINE] = first[OUTLINE] + second[OUTLINE] - 2.0 * shared
     union[STRENGTH] = first[STRENGTH] + second[STRENGTH] - strength
-    union[BORDER] = first[BORDER] + second[BORDER]
+    union[GROOVES] = first[GROOVES] + second[GROOVES] + grooves
 
 
 @kernel(inline="always")
