@@ -193,7 +193,7 @@ def _own_proposals(
     """Return the proposal of each segment (n,): if several have the same one, a better one for each if there is one.
 
     A box and the objects in it have one closed outline, so that one proposal may cover them all; depth jumps separate
-    its segments. The inside and the outside of a mug have no proposals of their own that are strong enough to be kept.
+    its segments.
 
     Parameters
     ----------
