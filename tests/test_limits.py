@@ -13,7 +13,7 @@ from cuboid.outputs import read_run
 from cuboid.pipeline.options import TrackOptions
 from cuboid.pipeline.run import track_recording
 from cuboid.proposals.types import Proposals
-from cuboid.surfaces.frame_segments import MIN_PIXELS, _leave_out
+from cuboid.surfaces.frame_segments import MIN_PIXELS, _drop_excess
 from cuboid.tracking.posed_tracker import PosedTracker
 from fakes import FakeRecording
 
@@ -73,7 +73,7 @@ def test_the_pieces_of_the_strongest_proposals_stay_and_of_these_the_largest() -
     sizes = np.array([*range(30, 90), *range(30, 170), *[MIN_PIXELS - 1] * 50])
     share_of = np.repeat([0, 1, 0], [60, 140, 50])
     left = np.array([0, *sizes])
-    assert _leave_out(left, np.array([-1, *share_of])) == 200 - MAX_SEGMENTS
+    assert _drop_excess(left, np.array([-1, *share_of])) == 200 - MAX_SEGMENTS
     stay = np.flatnonzero(left[1:] >= MIN_PIXELS)
     assert stay.tolist() == [*range(60), *range(200 - (MAX_SEGMENTS - 60), 200)]
 

@@ -209,6 +209,7 @@ def test_on_a_phone_list_and_timeline_take_turns(page: Page) -> None:
     page.click("[data-below=time]")
     assert page.locator("#plot").is_visible()
     assert not page.locator("#objects").is_visible()
+    page.wait_for_function("document.querySelector('#plot .seen').getBoundingClientRect().right > 0")
     last = rects(page, "#plot .seen")[0]
     assert 300 < last["right"] <= 390
     page.click("[data-below=list]")
