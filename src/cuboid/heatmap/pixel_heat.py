@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.config import TrackerConfig
-from cuboid.core.frame import Float32Array, UInt8Array
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.working import WorkingImage
 from cuboid.heatmap.kernels import votes as kernel
+from cuboid.heatmap.kernels.claims import proposal_overlaps
 from cuboid.proposals.types import JoinedMasks, Proposals
 
 # Lower limit of the mean weight to which votes are compared: weak proposals alone make no heat.
@@ -84,6 +85,28 @@ def _working(boxes: npt.NDArray[np.int32], image: WorkingImage) -> npt.NDArray[n
     inside = (boxes.astype(np.int64) - np.array([*image.phase, *image.phase]) + image.step - 1) // image.step
     inside = np.clip(inside, 0, [width, height, width, height])
     return np.asarray(np.maximum(inside, np.tile(inside[:, :2], 2)))
+
+
+def proposal_iou(
+    weighed: WeighedProposals, owner: npt.NDArray[np.int32], place: npt.NDArray[np.int64], columns: int
+) -> Float64Array:
+    """Return the IoU of each proposal with each set of pixels, (N, columns).
+
+    Parameters
+    ----------
+    weighed : WeighedProposals
+    owner : (h, w) int32
+        Number of the set of each working pixel, 0: none.
+    place : (M,) int64
+        Column of each set by number, `columns` for 0 and for sets that do not count.
+    columns : int
+    """
+    table = np.empty((len(weighed.weights), columns + 1), np.int64)
+    sizes, column = np.empty(columns + 1, np.int64), np.empty(owner.shape, np.int32)
+    masks = weighed.rectangles, weighed.starts, weighed.covered
+    proposal_overlaps(owner, place, *masks, column, table, sizes)
+    common = table[:, :columns]
+    return np.asarray(common / np.maximum(table.sum(1)[:, None] + sizes[:columns] - common, 1))
 
 
 def pixel_heat(image: WorkingImage, weighed: WeighedProposals) -> Float32Array:

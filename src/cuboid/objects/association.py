@@ -11,8 +11,8 @@ import numpy.typing as npt
 from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
-from cuboid.heatmap.kernels.claims import proposal_overlaps, segment_overlaps
-from cuboid.heatmap.pixel_heat import WeighedProposals
+from cuboid.heatmap.kernels.claims import segment_overlaps
+from cuboid.heatmap.pixel_heat import WeighedProposals, proposal_iou
 from cuboid.heatmap.voxel_map import PixelVoxels
 from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
@@ -162,11 +162,5 @@ def prior_of(
     if n == 0 or m == 0:
         return np.ones(n)
     place = index_table([o.number for o in labelled], int(pixel_owner.max()))
-    table, object_pixels = np.empty((n, m + 1), np.int64), np.empty(m + 1, np.int64)
-    column = np.empty(pixel_owner.shape, np.int32)
-    proposal_overlaps(
-        pixel_owner, place, weighed.rectangles, weighed.starts, weighed.covered, column, table, object_pixels
-    )
-    pixels = table[:, :m]
-    iou = pixels / np.maximum(table.sum(1)[:, None] + object_pixels[:m] - pixels, 1)
+    iou = proposal_iou(weighed, pixel_owner, place, m)
     return np.asarray(1.0 + (iou * np.array([o.score for o in labelled])).max(1))

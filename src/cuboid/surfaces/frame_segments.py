@@ -15,8 +15,8 @@ from cuboid.core.limits import MAX_SEGMENTS
 from cuboid.core.observation import Observation
 from cuboid.core.tolerances import JUMP_M, MIN_READINGS
 from cuboid.core.working import WorkingImage
-from cuboid.heatmap.kernels.claims import assign_pixels, proposal_overlaps
-from cuboid.heatmap.pixel_heat import WeighedProposals
+from cuboid.heatmap.kernels.claims import assign_pixels
+from cuboid.heatmap.pixel_heat import WeighedProposals, proposal_iou
 from cuboid.surfaces.kernels.outlines import KINDS, Picture, outlines
 from cuboid.surfaces.kernels.pieces import gather_regions, judge_regions, label_regions
 
@@ -26,8 +26,8 @@ MIN_PIXELS = 24
 TOUCHING_PX = 7
 # A proposal is dropped if a smaller fraction of it is free of stronger proposals.
 FREE_FRACTION = 0.7
-# Of several segments of one proposal, each belongs to the proposal with the largest IoU with it, from this IoU on: what
-# lies in a box is a proposal too.
+# If several segments come from one proposal, each belongs to the proposal with the largest IoU, if that is at least
+# this: objects in a box have proposals of their own.
 OWN_IOU = 0.7
 # A depth jump separates surfaces of one proposal, as the inside and the outside of a mug. They belong to one object if
 # each has at least MAJOR_FRACTION of the size of the largest one, and differs from it in depth by at most DEEP_FRACTION
@@ -209,21 +209,7 @@ def _own_proposals(
     shared = np.bincount(proposal_of)[proposal_of] > 1 if count else np.zeros(0, bool)
     if not shared.any():
         return proposal_of
-    table, pixels = np.empty((len(weighed.weights), count + 1), np.int64), np.empty(count + 1, np.int64)
-    columns = np.array([count, *range(count)])
-    proposal_overlaps(
-        segment_of + np.int32(1),
-        columns,
-        weighed.rectangles,
-        weighed.starts,
-        weighed.covered,
-        np.empty_like(segment_of),
-        table,
-        pixels,
-    )
-    table = table[order]
-    common = table[:, :count]
-    iou = common / (table.sum(1)[:, None] + pixels[:count] - common)
+    iou = proposal_iou(weighed, segment_of + np.int32(1), np.array([count, *range(count)]), count)[order]
     return np.where(shared & (iou.max(0) >= OWN_IOU), iou.argmax(0), proposal_of)
 
 
