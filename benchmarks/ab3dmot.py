@@ -15,9 +15,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from cuboid.core.frame import Float64Array
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import iou_matrix, pack
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import iou_matrix, pack
 
 MIN_IOU, MIN_HITS, MAX_AGE = 0.01, 3, 2
 # State: x, y, z, heading, length, width, height, and the velocity of x, y, z; all but the velocity is measured.

@@ -29,22 +29,22 @@ from unittest.mock import patch
 
 from distributed import Client, Worker, WorkerPlugin
 
-from cuboid.batch.batch import Order, carry_out, plan
-from cuboid.batch.cluster import Workers
-from cuboid.batch.sources import expand
-from cuboid.core.config import TrackerConfig
-from cuboid.core.threads import limit_threads
-from cuboid.store.compact import compact
-from cuboid.store.place import Place
+from cuboid.fleet.batch.batch import Order, carry_out, plan
+from cuboid.fleet.batch.cluster import Workers
+from cuboid.fleet.batch.sources import expand
+from cuboid.fleet.store.compact import compact
+from cuboid.fleet.store.place import Place
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.threads import limit_threads
 from scenes import MadeScene, made
 from suite import Settings
 from tables import dump, show
 
 DISTINCT = 20
 TRACKING = (
-    "cuboid.recordings.opening.open_recording",
-    "cuboid.pipeline.run.track_recording",
-    "cuboid.tracking.saving.write_page",
+    "cuboid.inputs.recordings.opening.open_recording",
+    "cuboid.runs.pipeline.run.track_recording",
+    "cuboid.runs.tracking.saving.write_page",
 )
 HEADER = (
     "workers",
@@ -67,12 +67,12 @@ class Clocks(WorkerPlugin):
 
     def setup(self, worker: Worker) -> None:
         """Begin, for as long as the worker lives."""
-        from cuboid.batch import task
+        from cuboid.fleet.batch import task
 
         self.sums = {"task": [0.0, 0.0], "tracking": [0.0, 0.0]}
         for name in TRACKING:
             patch(name, self._timed("tracking", resolve_name(name))).start()
-        patch("cuboid.batch.task._tracked", self._timed("task", task._tracked)).start()
+        patch("cuboid.fleet.batch.task._tracked", self._timed("task", task._tracked)).start()
         worker.cuboid_clocks = self.sums
 
     def _timed(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -112,7 +112,7 @@ def measure(folder: Path, work: Path, workers: int) -> dict[str, Any]:
         begun_s, dask_s = time.perf_counter(), time.process_time()
         planned = plan(client, expand([str(folder)]), order)
         gathering_s: list[float] = []
-        with patch("cuboid.batch.batch.compact", _timed_compact(gathering_s)):
+        with patch("cuboid.fleet.batch.batch.compact", _timed_compact(gathering_s)):
             carry_out(client, planned, order, lambda one: None)
         seconds = time.perf_counter() - begun_s
         dask_s = time.process_time() - dask_s
@@ -164,7 +164,7 @@ def by_processor(one: dict[str, Any], many: dict[str, Any]) -> float:
 
 def _warm(client: Client, folder: Path, work: Path, settings: dict[str, Any]) -> None:
     """Let each worker load its kernels, which is no part of what is measured."""
-    from cuboid.batch.task import Task, track
+    from cuboid.fleet.batch.task import Task, track
 
     store = work / "store-warm"
     shutil.rmtree(store, ignore_errors=True)

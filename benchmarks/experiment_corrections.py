@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from cuboid import Frame
-from cuboid.geometry import se3
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.geometry import se3
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from experiment_growth import SCENE, Lap
 from scenes import made
 from tables import cell, dump, show

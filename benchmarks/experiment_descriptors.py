@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cuboid.core.frame import Float64Array
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import pack
-from cuboid.objects.matching import assign
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import pack
+from cuboid.method.objects.matching import assign
 from features import FEATURES, KEYPOINTS, make_surface
 from memories import KEPT, Boxes, Features
 from observations import Observation, Observed, as_result, observe

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.core.config import TrackerConfig
-from cuboid.core.frame import Intrinsics
-from cuboid.core.results import FrameResult
-from cuboid.evaluation import evaluate
-from cuboid.evaluation.figures import figures
-from cuboid.evaluation.result import BoxRows, MapBoxes, Result
-from cuboid.geometry.overlap import pack
-from cuboid.pipeline.options import RunHooks, TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.tracking.posed_tracker import PosedTracker
-from cuboid.tracking.types import Progress
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.results import FrameResult
+from cuboid.ground.geometry.overlap import pack
+from cuboid.lab.evaluation import evaluate
+from cuboid.lab.evaluation.figures import figures
+from cuboid.lab.evaluation.result import BoxRows, MapBoxes, Result
+from cuboid.runs.pipeline.options import RunHooks, TrackOptions
+from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.tracking.posed_tracker import PosedTracker
+from cuboid.runs.tracking.types import Progress
 from scenes import Case, cases
 from scoring import mean, total
 from tables import dump, show

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.core.frame import Float64Array, Frame
-from cuboid.evaluation.truth import NAME as TRUTH
-from cuboid.tracking.measuring import peak_memory_mb
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.frame import Float64Array, Frame
+from cuboid.lab.evaluation.truth import NAME as TRUTH
+from cuboid.runs.tracking.measuring import peak_memory_mb
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from scenes import MadeScene, made
 from scoring import processor_time
 from tables import cell, dump, show

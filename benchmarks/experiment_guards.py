@@ -18,15 +18,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.evaluation import evaluate
-from cuboid.formats.json_validation import read_json
-from cuboid.formats.objects_file import ObjectsDocument
-from cuboid.formats.rows_files import ProposalEntry, TrackEntry
-from cuboid.formats.run_file import RunDocument
-from cuboid.formats.table_validation import read_table
-from cuboid.formats.truth_file import TruthDocument
-from cuboid.pipeline.options import TrackOptions
-from cuboid.readers.images import IMAGE_ENDINGS, decode_color, decode_depth
+from cuboid.ground.formats.json_validation import read_json
+from cuboid.ground.formats.objects_file import ObjectsDocument
+from cuboid.ground.formats.rows_files import ProposalEntry, TrackEntry
+from cuboid.ground.formats.run_file import RunDocument
+from cuboid.ground.formats.table_validation import read_table
+from cuboid.ground.formats.truth_file import TruthDocument
+from cuboid.inputs.readers.images import IMAGE_ENDINGS, decode_color, decode_depth
+from cuboid.lab.evaluation import evaluate
+from cuboid.runs.pipeline.options import TrackOptions
 from scenes import cases
 from scoring import run_and_score
 from tables import cell, dump, show

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.geometry.box import Box
-from cuboid.heatmap.kernels.cubes import make_cube, pack_key
-from cuboid.proposals import Proposals
-from cuboid.tracking.measuring import peak_memory_mb
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.geometry.box import Box
+from cuboid.method.heatmap.kernels.cubes import make_cube, pack_key
+from cuboid.method.proposals import Proposals
+from cuboid.runs.tracking.measuring import peak_memory_mb
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from tables import cell, dump, show
 
 CAMERA = Intrinsics(125.0, 125.0, 79.5, 59.5, 160, 120)

@@ -14,16 +14,16 @@ from unittest.mock import patch
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.core.frame import Float64Array, Frame
-from cuboid.evaluation import evaluate
-from cuboid.evaluation.figures import figures
-from cuboid.geometry import se3
-from cuboid.objects.object_map import ObjectMap
-from cuboid.outputs import read_tracks
-from cuboid.outputs.folder import TRACKS
-from cuboid.pipeline.options import TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.synthetic.paths import POSE_NOISES
+from cuboid.ground.core.frame import Float64Array, Frame
+from cuboid.ground.geometry import se3
+from cuboid.lab.evaluation import evaluate
+from cuboid.lab.evaluation.figures import figures
+from cuboid.lab.synthetic.paths import POSE_NOISES
+from cuboid.method.objects.object_map import ObjectMap
+from cuboid.results.files import read_tracks
+from cuboid.results.files.folder import TRACKS
+from cuboid.runs.pipeline.options import TrackOptions
+from cuboid.runs.pipeline.run import track_recording
 from scenes import Case, cases
 from scoring import mean, total
 from tables import cell, dump, show

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from cuboid.core.config import TrackerConfig
-from cuboid.synthetic import KINDS
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.lab.synthetic import KINDS
 from scenes import MadeScene, scene_01
 from scoring import mean, run_and_score, total
 from suite import SEEDS, Settings, run_suite

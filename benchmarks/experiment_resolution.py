@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cuboid.core.config import TrackerConfig
-from cuboid.pipeline.options import TrackOptions
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.runs.pipeline.options import TrackOptions
 from scenes import SIZE, cases
 from scoring import mean, run_and_score, total
 from tables import cell, dump, show

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.proposals import Proposals
-from cuboid.scene import Scene, Source
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.method.proposals import Proposals
+from cuboid.runs.scene import Scene, Source
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from experiment_memory import CAMERA, places_in_rows
 from scenes import scene_01
 from tables import cell, dump, show

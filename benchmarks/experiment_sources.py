@@ -11,8 +11,8 @@ import numpy as np
 import scipy.io
 
 from cuboid import open_recording
-from cuboid.pipeline.options import TrackOptions
-from cuboid.proposals import Proposals, make_source
+from cuboid.method.proposals import Proposals, make_source
+from cuboid.runs.pipeline.options import TrackOptions
 from scenes import Case, cases
 from scoring import mean, run_and_score
 from tables import cell, dump, show

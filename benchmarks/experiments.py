@@ -28,7 +28,7 @@ from pathlib import Path
 
 from cuboid import CuboidError
 from cuboid.cli.synth import KINDS
-from cuboid.core.threads import limit_threads
+from cuboid.ground.core.threads import limit_threads
 
 NAMES = (
     "descriptors",

@@ -33,10 +33,10 @@ import cv2
 import numpy as np
 
 from cuboid import CuboidError, open_recording
-from cuboid.core.frame import Frame
-from cuboid.geometry import se3
-from cuboid.readers import Recording
-from cuboid.recordings.converting import pose_text
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.geometry import se3
+from cuboid.inputs.readers import Recording
+from cuboid.inputs.recordings.converting import pose_text
 from tables import dump, show
 
 HEADER = (
@@ -312,8 +312,8 @@ def held_mb() -> float:
 
 def measure(path: Path, poses: Path) -> dict[str, Any]:
     """Open a container and track it, in this process; poses are taken from beside where it has none."""
-    from cuboid.core.threads import limit_threads
-    from cuboid.tracking.posed_tracker import PosedTracker
+    from cuboid.ground.core.threads import limit_threads
+    from cuboid.runs.tracking.posed_tracker import PosedTracker
 
     limit_threads(1)
     known = np.load(poses)

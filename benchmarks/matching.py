@@ -11,8 +11,8 @@ import time
 
 import numpy as np
 
-from cuboid.geometry.overlap import overlaps
-from cuboid.objects.matching import assign
+from cuboid.ground.geometry.overlap import overlaps
+from cuboid.method.objects.matching import assign
 
 CURRENT = 10
 REPEATS = 200

@@ -6,9 +6,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cuboid.boxes.fit import fit_box
-from cuboid.core.frame import Float64Array
-from cuboid.geometry.overlap import iou_matrix, pack
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.geometry.overlap import iou_matrix, pack
+from cuboid.method.boxes.fit import fit_box
 from features import FEATURES, KEYPOINTS, make_surface
 from observations import Observation, Observed
 

@@ -19,13 +19,13 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
-from cuboid.queries.filters import Filters
-from cuboid.queries.likeness import COLOR_WORDS, SHAPE_BINS
-from cuboid.store.find import find
-from cuboid.store.place import Place
-from cuboid.store.query import Tables
-from cuboid.store.schema import DONE, OBJECTS, RUNS, TABLES, TIME
-from cuboid.store.snapshot import Manifest, manifest_name, name_of
+from cuboid.fleet.store.find import find
+from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.query import Tables
+from cuboid.fleet.store.schema import DONE, OBJECTS, RUNS, TABLES, TIME
+from cuboid.fleet.store.snapshot import Manifest, manifest_name, name_of
+from cuboid.services.queries.filters import Filters
+from cuboid.services.queries.likeness import COLOR_WORDS, SHAPE_BINS
 from tables import show
 
 QUESTIONS = {

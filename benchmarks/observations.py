@@ -12,18 +12,18 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid import open_recording
-from cuboid.core import observation
-from cuboid.core.config import TrackerConfig
-from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.core.results import FrameResult
-from cuboid.core.working import WorkingImage
-from cuboid.evaluation.result import BoxRows, MapBoxes, Result
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import pack
-from cuboid.pipeline.options import RunHooks, TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, points_of, segment_frame
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core import observation
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.results import FrameResult
+from cuboid.ground.core.working import WorkingImage
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import pack
+from cuboid.lab.evaluation.result import BoxRows, MapBoxes, Result
+from cuboid.method.surfaces.frame_segments import FrameSegment, FrameSegments, points_of, segment_frame
+from cuboid.runs.pipeline.options import RunHooks, TrackOptions
+from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from scenes import Case
 
 
@@ -90,7 +90,7 @@ class _Listening(PosedTracker):
             images.append(seen.image)
             return things
 
-        with patch("cuboid.tracking.posed_tracker.segment_frame", listen):
+        with patch("cuboid.runs.tracking.posed_tracker.segment_frame", listen):
             result = super().update(frame, anchor)
         if frame.index % self._every == 0:
             parts = tuple(

@@ -26,14 +26,14 @@ import cv2
 import numpy as np
 
 from cuboid import CuboidError, open_recording
-from cuboid.core.downscaling import downscale
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.threads import limit_threads
-from cuboid.evaluation.timed_poses import TimedPoses
-from cuboid.evaluation.trajectory import evaluate_trajectory
-from cuboid.poses import PoseEstimator
-from cuboid.readers import Recording
+from cuboid.ground.core.downscaling import downscale
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.threads import limit_threads
+from cuboid.inputs.readers import Recording
+from cuboid.lab.evaluation.timed_poses import TimedPoses
+from cuboid.lab.evaluation.trajectory import evaluate_trajectory
+from cuboid.method.poses import PoseEstimator
 from following import Follower
 from tables import cell, dump, show
 

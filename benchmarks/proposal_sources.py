@@ -23,11 +23,11 @@ import cv2
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.threads import limit_threads
-from cuboid.evaluation.truth import read_truth
-from cuboid.geometry.se3 import inverse, transform
-from cuboid.proposals import Proposals, ProposalSource, make_source
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.threads import limit_threads
+from cuboid.ground.geometry.se3 import inverse, transform
+from cuboid.lab.evaluation.truth import read_truth
+from cuboid.method.proposals import Proposals, ProposalSource, make_source
 
 FIT = 0.5
 VISIBLE = 0.5

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from cuboid import open_recording, open_results
-from cuboid.core.results import RELATIONS
-from cuboid.evaluation import evaluate, read_truth
-from cuboid.evaluation.matching import ratio
-from cuboid.pipeline.options import ResultOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.relations.footprints import Footprints
+from cuboid.ground.core.results import RELATIONS
+from cuboid.lab.evaluation import evaluate, read_truth
+from cuboid.lab.evaluation.matching import ratio
+from cuboid.method.relations.footprints import Footprints
+from cuboid.runs.pipeline.options import ResultOptions
+from cuboid.runs.pipeline.run import track_recording
 from scenes import Case, cases, source_digest
 from tables import dump, show
 

@@ -32,10 +32,10 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import Reader
 
-from cuboid.core.limits import FRAMES_WAITING
-from cuboid.formats.ros_messages import RosMessages
-from cuboid.middleware.dds import DdsTransport
-from cuboid.middleware.transport import Qos
+from cuboid.ground.core.limits import FRAMES_WAITING
+from cuboid.ground.formats.ros_messages import RosMessages
+from cuboid.ground.middleware.dds import DdsTransport
+from cuboid.ground.middleware.transport import Qos
 
 DETECTIONS = "vision_msgs/msg/Detection3DArray"
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"

@@ -31,9 +31,13 @@ class Rule:
     changes: tuple[Change, ...]
 
 
-CONFIRMATION, OUTLINE = "objects/confirmation.py", "objects/outline.py"
-OBJECT_MAP, FITTING, BOXING = "objects/object_map.py", "objects/fitting.py", "objects/boxing.py"
-BODIES, EXTENTS, OUTLINES = "boxes/kernels/bodies.py", "boxes/kernels/extents.py", "surfaces/kernels/outlines.py"
+CONFIRMATION, OUTLINE = "method/objects/confirmation.py", "method/objects/outline.py"
+OBJECT_MAP, FITTING, BOXING = "method/objects/object_map.py", "method/objects/fitting.py", "method/objects/boxing.py"
+BODIES, EXTENTS, OUTLINES = (
+    "method/boxes/kernels/bodies.py",
+    "method/boxes/kernels/extents.py",
+    "method/surfaces/kernels/outlines.py",
+)
 
 
 def _conjunct(name: str, lines: int, condition: str) -> Rule:
@@ -156,12 +160,12 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "segments: prior of the map",
         45,
-        (("tracking/posed_tracker.py", "prior = prior_of(objects, voxels.owner, weighed)", "prior = np.ones(len(proposals))"),),
+        (("runs/tracking/posed_tracker.py", "prior = prior_of(objects, voxels.owner, weighed)", "prior = np.ones(len(proposals))"),),
     ),
     Rule(
         "segments: two surfaces join",
         14,
-        (("surfaces/kernels/pieces.py", "become[k] = m if joins else k", "become[k] = m if joins and m == k else k"),),
+        (("method/surfaces/kernels/pieces.py", "become[k] = m if joins else k", "become[k] = m if joins and m == k else k"),),
     ),
     Rule(
         "segments: parts beside",
@@ -177,7 +181,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "holes: color",
         20,
-        (("core/kernels/holes.py", "total = cost + (step + np.float32(change) * per_level)", "total = cost + step"),),
+        (("ground/core/kernels/holes.py", "total = cost + (step + np.float32(change) * per_level)", "total = cost + step"),),
     ),
     # What two objects are to each other.
     Rule(
@@ -189,7 +193,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "pairs: hollow",
         14,
-        (("objects/store.py", "found[i, j] = not _is_inside_hollow(entries[i], others[j])", "pass"),),
+        (("method/objects/store.py", "found[i, j] = not _is_inside_hollow(entries[i], others[j])", "pass"),),
     ),
     Rule(
         "pairs: novelty",
@@ -291,7 +295,7 @@ RULES: tuple[Rule, ...] = (
         20,
         (
             (
-                "boxes/hidden.py",
+                "method/boxes/hidden.py",
                 "if gap > MIN_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):",
                 "if gap > MIN_GAP_M:",
             ),
@@ -320,7 +324,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "box: disc",
         36,
-        (("boxes/kernels/resting.py", "    if radius > 0.0:\n", "    if radius > 1e9:\n"),),
+        (("method/boxes/kernels/resting.py", "    if radius > 0.0:\n", "    if radius > 1e9:\n"),),
     ),
     Rule(
         "box: trust",
@@ -350,7 +354,7 @@ RULES: tuple[Rule, ...] = (
         30,
         (
             (
-                "boxes/revolved.py",
+                "method/boxes/revolved.py",
                 "find_body(*seen, True, center, part) or find_body(*seen, False, center, part)",
                 "find_body(*seen, False, center, part)",
             ),
@@ -361,7 +365,7 @@ RULES: tuple[Rule, ...] = (
         3,
         (
             (
-                "boxes/revolved.py",
+                "method/boxes/revolved.py",
                 "find_body(*seen, True, center, part) or find_body(*seen, False, center, part)",
                 "find_body(*seen, True, center, part)",
             ),
@@ -370,7 +374,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "round: along what sticks out",
         14,
-        (("boxes/revolved.py", "        towards = _lengthwise(plan[beyond] - center, trust[beyond])\n", ""),),
+        (("method/boxes/revolved.py", "        towards = _lengthwise(plan[beyond] - center, trust[beyond])\n", ""),),
     ),
     Rule("round: rim all round", 12, ((BODIES, "rim[k] = out > RIM_FRACTION * sectors_seen", "rim[k] = False"),)),
     Rule(
@@ -394,7 +398,7 @@ RULES: tuple[Rule, ...] = (
         17,
         (
             (
-                "surfaces/planes.py",
+                "method/surfaces/planes.py",
                 "if is_lid(plane, self._config.max_size_m**2, partial(self._at, plane.mean[None])):",
                 "if False:",
             ),
@@ -405,7 +409,7 @@ RULES: tuple[Rule, ...] = (
         15,
         (
             (
-                "surfaces/plane_rules.py",
+                "method/surfaces/plane_rules.py",
                 "    return np.asarray(members[group == np.argmax(np.bincount(group, area_m2[members]))])",
                 "    return np.asarray(members[group >= 0])",
             ),
@@ -414,23 +418,23 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "planes: as the frame sees them",
         32,
-        (("surfaces/planes.py", "adapted = self._as_seen.get(plane.identity)", "adapted = None"),),
+        (("method/surfaces/planes.py", "adapted = self._as_seen.get(plane.identity)", "adapted = None"),),
     ),
-    Rule("planes: level", 11, (("surfaces/planes.py", "        self._level()\n", ""),)),
+    Rule("planes: level", 11, (("method/surfaces/planes.py", "        self._level()\n", ""),)),
     Rule(
         "up: faces of things",
         6,
-        (("surfaces/standing.py", "faces = area_m2 <= FACE_FRACTION * area_m2[:, None]", "faces = area_m2 < 0.0 * area_m2[:, None]"),),
+        (("method/surfaces/standing.py", "faces = area_m2 <= FACE_FRACTION * area_m2[:, None]", "faces = area_m2 < 0.0 * area_m2[:, None]"),),
     ),
-    Rule("up: camera turns about it", 4, (("surfaces/up.py", "self.seen[:, 4] * self._constancy(self.seen[:, :3])", "self.seen[:, 4]"),)),
-    Rule("up: level in the images", 8, (("surfaces/up.py", "level = self._level_in_images()", "level = None"),)),
+    Rule("up: camera turns about it", 4, (("method/surfaces/up.py", "self.seen[:, 4] * self._constancy(self.seen[:, :3])", "self.seen[:, 4]"),)),
+    Rule("up: level in the images", 8, (("method/surfaces/up.py", "level = self._level_in_images()", "level = None"),)),
     # Sightings.
     Rule(
         "sighting: blended rectangle",
         8,
         (
             (
-                "objects/visibility.py",
+                "method/objects/visibility.py",
                 "rect_xyxy = blended_rectangle(view.rect_xyxy, rect.get(entry.number))",
                 "rect_xyxy = view.rect_xyxy",
             ),
@@ -444,12 +448,12 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "sighting: color where no depth",
         6,
-        (("objects/kernels/sightings.py", "reading, row, same = depth[y, x], slots[y, x], True", "reading, row, same = depth[y, x], slots[y, x], False"),),
+        (("method/objects/kernels/sightings.py", "reading, row, same = depth[y, x], slots[y, x], True", "reading, row, same = depth[y, x], slots[y, x], False"),),
     ),
     Rule(
         "sighting: down to the foot",
         12,
-        (("objects/kernels/sightings.py", "total = count + (count + 1) // 2", "total = count"),),
+        (("method/objects/kernels/sightings.py", "total = count + (count + 1) // 2", "total = count"),),
     ),
 )  # fmt: skip
 

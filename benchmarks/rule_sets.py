@@ -22,14 +22,14 @@ from unittest.mock import patch
 import numpy as np
 
 from cuboid import TrackerConfig, open_recording
-from cuboid.core.frame import Frame
-from cuboid.core.threads import limit_threads
-from cuboid.evaluation import evaluate, evaluate_keyframes
-from cuboid.evaluation.figures import figures
-from cuboid.pipeline.options import ResultOptions, TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.readers.recording import Recording
-from cuboid.synthetic.kinds import FRAMES
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.threads import limit_threads
+from cuboid.inputs.readers.recording import Recording
+from cuboid.lab.evaluation import evaluate, evaluate_keyframes
+from cuboid.lab.evaluation.figures import figures
+from cuboid.lab.synthetic.kinds import FRAMES
+from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
+from cuboid.runs.pipeline.run import track_recording
 from scenes import Case, MadeScene, made
 
 TRUTH = Path(__file__).resolve().parent / "truth"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cuboid
-from cuboid.core.errors import InputError, OutputError
-from cuboid.evaluation.truth import NAME as TRUTH
-from cuboid.synthetic import KINDS, make_scene, render_recording
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.lab.evaluation.truth import NAME as TRUTH
+from cuboid.lab.synthetic import KINDS, make_scene, render_recording
 
 SOURCE = Path(cuboid.__file__).parent
 SIZE = (640, 480)
@@ -79,7 +79,7 @@ def source_digest(folder: str = "") -> str:
 
 def made(scene: MadeScene, work: Path, workers: int = 1) -> Case:
     """Return a made recording, rendering it unless `work` has it; another generator makes it anew."""
-    folder = work / "recordings" / source_digest("synthetic") / scene.name
+    folder = work / "recordings" / source_digest("lab/synthetic") / scene.name
     if not (folder / TRUTH).is_file():
         folder.parent.mkdir(parents=True, exist_ok=True)
         try:

@@ -14,11 +14,11 @@ from unittest.mock import patch
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.evaluation import Result, evaluate
-from cuboid.evaluation.figures import figures
-from cuboid.pipeline.options import TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.tracking.types import RunOutcome
+from cuboid.lab.evaluation import Result, evaluate
+from cuboid.lab.evaluation.figures import figures
+from cuboid.runs.pipeline.options import TrackOptions
+from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.tracking.types import RunOutcome
 from scenes import Case
 
 
@@ -46,7 +46,7 @@ def processor_time() -> Iterator[None]:
     It holds for one thread, which the benchmarks are run with.
     """
     clock = SimpleNamespace(perf_counter=time.process_time)
-    with patch("cuboid.core.compiletime.time", clock):
+    with patch("cuboid.ground.core.compiletime.time", clock):
         yield
 
 

@@ -28,13 +28,13 @@ from mcp.client.client import Client
 
 from cuboid import open_recording
 from cuboid.cli.serving import HOST, listen
-from cuboid.core.frame import Intrinsics
-from cuboid.core.results import MapPoints, SupportPlane, TrackedObject
-from cuboid.geometry.box import Box
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport, Timing
-from cuboid.pipeline.options import RunHooks
-from cuboid.pipeline.run import track_recording
-from cuboid.service.process import ServedRun
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.results import MapPoints, SupportPlane, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.results.files import ObjectsFile, ResultWriter, RunReport, Timing
+from cuboid.runs.pipeline.options import RunHooks
+from cuboid.runs.pipeline.run import track_recording
+from cuboid.services.service.process import ServedRun
 from scenes import Case, cases
 from tables import dump, show
 

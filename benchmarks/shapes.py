@@ -23,10 +23,10 @@ import trimesh
 from scipy.spatial import cKDTree
 
 import cuboid
-from cuboid.geometry.overlap import iou_matrix, pack
-from cuboid.outputs import read_map
-from cuboid.synthetic import make_scene
-from cuboid.synthetic.mesh import Mesh, sample_surface
+from cuboid.ground.geometry.overlap import iou_matrix, pack
+from cuboid.lab.synthetic import make_scene
+from cuboid.lab.synthetic.mesh import Mesh, sample_surface
+from cuboid.results.files import read_map
 
 MIN_IOU = 0.25
 DENSITY, ON_MESH = 1e7, 20_000

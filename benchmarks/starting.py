@@ -17,11 +17,11 @@ from tables import dump, markdown
 
 TRACKER = """
 import cuboid
-from cuboid.pipeline.warmup import CAMERA
+from cuboid.runs.pipeline.warmup import CAMERA
 tracker = cuboid.Tracker(CAMERA)
 """
 FRAME = """
-from cuboid.pipeline.warmup import WarmUpRecording
+from cuboid.runs.pipeline.warmup import WarmUpRecording
 tracker.update(WarmUpRecording().read(0))
 """
 CALLS = {

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.core.threads import limit_threads
-from cuboid.evaluation.matching import match
-from cuboid.geometry.rectangles import rect_iou_matrix
-from cuboid.proposals import make_source
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.threads import limit_threads
+from cuboid.ground.geometry.rectangles import rect_iou_matrix
+from cuboid.lab.evaluation.matching import match
+from cuboid.method.proposals import make_source
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from proposal_sources import FIT, View, stills
 
 # What a hand that holds still moves by, metres, in a direction of the image.

@@ -20,16 +20,16 @@ from typing import Any
 from distributed import Client, Worker, WorkerPlugin
 
 from cuboid import CuboidError, TrackerConfig, __version__
-from cuboid.batch.batch import Order, carry_out, plan
-from cuboid.batch.cluster import Workers
-from cuboid.batch.sources import Source
-from cuboid.batch.task import Ended
-from cuboid.core.errors import InputError
-from cuboid.core.threads import limit_threads
-from cuboid.store.judging import judge_store
-from cuboid.store.rows import settings_text
-from cuboid.synthetic import KINDS
-from cuboid.synthetic.kinds import FRAMES
+from cuboid.fleet.batch.batch import Order, carry_out, plan
+from cuboid.fleet.batch.cluster import Workers
+from cuboid.fleet.batch.sources import Source
+from cuboid.fleet.batch.task import Ended
+from cuboid.fleet.store.judging import judge_store
+from cuboid.fleet.store.rows import settings_text
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.threads import limit_threads
+from cuboid.lab.synthetic import KINDS
+from cuboid.lab.synthetic.kinds import FRAMES
 from scenes import MadeScene, made, source_digest
 from scoring import mean, processor_time, summed_counts, total
 from tables import cell, dump, markdown

@@ -25,25 +25,25 @@ from typing import Any
 import numpy as np
 
 from cuboid import CuboidError, open_recording
-from cuboid.core.errors import FrameError
-from cuboid.core.threads import limit_threads
-from cuboid.evaluation import evaluate
-from cuboid.evaluation.timed_poses import read_poses
-from cuboid.evaluation.trajectory import associate, evaluate_trajectory, rigid_fit
-from cuboid.evaluation.truth import read_truth
-from cuboid.evaluation.visits import evaluate_visits, is_visits
-from cuboid.geometry.se3 import transform
-from cuboid.outputs import PoseRow
-from cuboid.pipeline.options import ResultOptions, TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.readers import Recording
-from cuboid.recordings.converting import convert_recording
-from cuboid.scene import Scene
-from cuboid.scene.database import open_to_read
-from cuboid.scene.localisation import ESTIMATED
-from cuboid.scene.running import IntoScene
-from cuboid.scene.saving import load_state
-from cuboid.synthetic import make_visits, render_visits
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.threads import limit_threads
+from cuboid.ground.geometry.se3 import transform
+from cuboid.inputs.readers import Recording
+from cuboid.inputs.recordings.converting import convert_recording
+from cuboid.lab.evaluation import evaluate
+from cuboid.lab.evaluation.timed_poses import read_poses
+from cuboid.lab.evaluation.trajectory import associate, evaluate_trajectory, rigid_fit
+from cuboid.lab.evaluation.truth import read_truth
+from cuboid.lab.evaluation.visits import evaluate_visits, is_visits
+from cuboid.lab.synthetic import make_visits, render_visits
+from cuboid.results.files import PoseRow
+from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
+from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.scene import Scene
+from cuboid.runs.scene.database import open_to_read
+from cuboid.runs.scene.localisation import ESTIMATED
+from cuboid.runs.scene.running import IntoScene
+from cuboid.runs.scene.saving import load_state
 from scenes import SIZE, MadeScene, made, scene_01, source_digest
 from tables import dump, show
 
@@ -100,7 +100,7 @@ def _visits(kind: str, seed: int, args: argparse.Namespace) -> Path:
     """Return a folder of made visits, rendering it unless it is there."""
     width, height = args.size
     name = f"{kind}-{seed}-{args.frames}f-{width}x{height}"
-    folder: Path = args.work / "visits" / source_digest("synthetic") / name
+    folder: Path = args.work / "visits" / source_digest("lab/synthetic") / name
     if not is_visits(folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(folder, ignore_errors=True)

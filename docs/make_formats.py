@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from cuboid.formats.describe import DOCUMENTS, markdown, schema_of
+from cuboid.ground.formats.describe import DOCUMENTS, markdown, schema_of
 
 HERE = Path(__file__).resolve().parent
 

@@ -23,11 +23,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.proposals import make_source
-from cuboid.readers import Recording
-from cuboid.views.redraw import KINDS, drawer
-from cuboid.views.replay import Replay, ReplayedFrame
-from cuboid.views.text import put_text
+from cuboid.inputs.readers import Recording
+from cuboid.method.proposals import make_source
+from cuboid.results.views.redraw import KINDS, drawer
+from cuboid.results.views.replay import Replay, ReplayedFrame
+from cuboid.results.views.text import put_text
 
 GALLERY = Path(__file__).resolve().parent / "gallery"
 MADE = ("table", "clutter", "room")

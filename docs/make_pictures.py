@@ -27,22 +27,22 @@ import cv2
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
-import cuboid.surfaces.frame_segments as frame_segments
-import cuboid.surfaces.kernels.outlines as kernels
-import cuboid.tracking.posed_tracker
+import cuboid.method.surfaces.frame_segments as frame_segments
+import cuboid.method.surfaces.kernels.outlines as kernels
+import cuboid.runs.tracking.posed_tracker
 from cuboid import Frame, FrameResult, Tracker, open_recording
-from cuboid.annotation import Annotator, KeyframesFile, make_server
-from cuboid.core.palette import color_of
-from cuboid.evaluation import read_truth
-from cuboid.outputs import Results
-from cuboid.outputs.naming import renamed_object
-from cuboid.proposals import make_source
-from cuboid.surfaces.kernels.outlines import CONTACT, FREE, HIDDEN, SUPPORT, UNSURE
-from cuboid.views.drawing import DARK, WHITE, draw_frame
-from cuboid.views.overlays import heat_over
-from cuboid.views.projection import visible_rect
-from cuboid.views.report import summarise, write_report
-from cuboid.views.text import put_text
+from cuboid.ground.core.palette import color_of
+from cuboid.lab.annotation import Annotator, KeyframesFile, make_server
+from cuboid.lab.evaluation import read_truth
+from cuboid.method.proposals import make_source
+from cuboid.method.surfaces.kernels.outlines import CONTACT, FREE, HIDDEN, SUPPORT, UNSURE
+from cuboid.results.files import Results
+from cuboid.results.files.naming import renamed_object
+from cuboid.results.views.drawing import DARK, WHITE, draw_frame
+from cuboid.results.views.overlays import heat_over
+from cuboid.results.views.projection import visible_rect
+from cuboid.results.views.report import summarise, write_report
+from cuboid.results.views.text import put_text
 
 DOCS = Path(__file__).resolve().parent
 WIDTH, HEIGHT = 1280, 800
@@ -95,14 +95,14 @@ def named_page(demo: Path, folder: Path) -> Path:
 def method_picture(demo: Path) -> np.ndarray:
     """Track the demo up to a frame; return that frame at four stages of the method, (H, W, 3), RGB."""
     recording = open_recording(demo / "recording")
-    tracker = cuboid.tracking.posed_tracker.PosedTracker(recording.intrinsics)
+    tracker = cuboid.runs.tracking.posed_tracker.PosedTracker(recording.intrinsics)
     for frame in recording.iterate():
         assert isinstance(frame, Frame)
         if frame.index < SHOWN:
             tracker.update(frame)
             continue
         with (
-            watching(cuboid.tracking.posed_tracker, "segment_frame") as shared,
+            watching(cuboid.runs.tracking.posed_tracker, "segment_frame") as shared,
             watching(frame_segments, "outlines") as outlined,
         ):
             result = tracker.update(frame)

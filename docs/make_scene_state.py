@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import get_type_hints
 
-from cuboid.core.state import Record
-from cuboid.scene.codec import layout_of
-from cuboid.scene.saving import SceneState
+from cuboid.ground.core.state import Record
+from cuboid.runs.scene.codec import layout_of
+from cuboid.runs.scene.saving import SceneState
 
 PAGE = Path(__file__).resolve().parent / "scene-state.md"
 HEAD = """# The state in a scene file

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from cuboid.exports import registry
-from cuboid.store import schema
+from cuboid.fleet.store import schema
+from cuboid.results.exports import registry
 
 HERE = Path(__file__).resolve().parent
 TABLES = {"store.md": ("tables", schema.markdown), "exports.md": ("exports", registry.markdown)}

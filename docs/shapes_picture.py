@@ -17,8 +17,8 @@ import numpy as np
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import cuboid
-from cuboid.exports.shapes import GUESSED_RGB
-from cuboid.shapes import ObjectMesh
+from cuboid.method.shapes import ObjectMesh
+from cuboid.results.exports.shapes import GUESSED_RGB
 
 DOCS = Path(__file__).resolve().parent
 # The table, and the labels shown.

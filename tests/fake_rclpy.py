@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cuboid.formats.ros_messages import RosMessages, request_of, response_of
+from cuboid.ground.formats.ros_messages import RosMessages, request_of, response_of
 
 
 class FakeRos:

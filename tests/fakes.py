@@ -9,13 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
-from cuboid.geometry.box import Box
-from cuboid.outputs import RunReport, Timing
-from cuboid.outputs.object_table import ObjectTable
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.results.files import RunReport, Timing
+from cuboid.results.files.object_table import ObjectTable
 
 INTRINSICS = Intrinsics(500.0, 500.0, 31.5, 23.5, 64, 48)
 

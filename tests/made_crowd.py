@@ -8,12 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.core.frame import Float64Array, Intrinsics
-from cuboid.core.palette import color_of
-from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
-from cuboid.geometry.box import Box
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport, Timing
-from cuboid.views.projection import visible_rect
+from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.core.palette import color_of
+from cuboid.ground.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.results.files import ObjectsFile, ResultWriter, RunReport, Timing
+from cuboid.results.views.projection import visible_rect
 from fakes import write_recording
 
 FRAMES = 12

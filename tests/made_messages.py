@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.formats.ros_messages import RosMessages
+from cuboid.ground.formats.ros_messages import RosMessages
 
 BASE, MESSAGE, ARRAY, SEQUENCE = 1, 2, 3, 4
 NUMBERS = {"bool": "?", "byte": "u1", "octet": "u1", "char": "u1"}

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.core.frame import Intrinsics
-from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
-from cuboid.geometry.box import Box
-from cuboid.outputs import ObjectsFile, ResultWriter
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.results.files import ObjectsFile, ResultWriter
 from fakes import run_report, write_recording
 
 UP = np.array([0.0, 0.0, 1.0])

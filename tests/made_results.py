@@ -7,10 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.core.frame import Float64Array, Intrinsics
-from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
-from cuboid.geometry.box import Box
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport, Timing
+from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.results.files import ObjectsFile, ResultWriter, RunReport, Timing
 from fakes import write_recording
 
 FRAMES = 40

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.geometry.box import Box
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.geometry.box import Box
 
 CAMERA = Intrinsics(270.0, 270.0, 159.5, 119.5, 320, 240)
 

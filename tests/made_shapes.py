@@ -8,11 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.core.frame import Frame
-from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
-from cuboid.geometry.box import Box
-from cuboid.outputs import ObjectsFile, ResultWriter
-from cuboid.shapes.keeping import ViewKeeper
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.method.shapes.keeping import ViewKeeper
+from cuboid.results.files import ObjectsFile, ResultWriter
 from fakes import run_report
 from made_scenes import CAMERA, frame_of, look_at, upright
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.core.frame import Frame
-from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 LENGTH_M, WIDTH_M, HEIGHT_M = 1.1, 0.7, 0.6

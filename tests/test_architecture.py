@@ -13,54 +13,56 @@ from packaging.requirements import Requirement
 REPOSITORY = Path(__file__).resolve().parents[1]
 SOURCE = REPOSITORY / "src" / "cuboid"
 
+# Rooms of `src/cuboid`, and the packages in each.
+ROOMS = {
+    "ground": ("geometry", "core", "formats", "middleware"),
+    "inputs": ("readers", "calibration", "recordings", "cameras"),
+    "method": (
+        *("poses", "detection", "proposals", "heatmap", "surfaces", "boxes", "objects"),
+        *("relations", "shapes", "text_search"),
+    ),
+    "results": ("files", "views", "exports"),
+    "runs": ("tracking", "scene", "pipeline"),
+    "services": ("queries", "service", "ros2"),
+    "lab": ("synthetic", "evaluation", "annotation"),
+    "fleet": ("store", "batch"),
+    "cli": (),
+}
 # All packages in the order of the data's path: each imports only those before it.
 PACKAGES = (
-    *(
-        "geometry",
-        "core",
-        "formats",
-        "middleware",
-        "readers",
-        "poses",
-        "detection",
-        "proposals",
-        "heatmap",
-        "surfaces",
-        "boxes",
-        "objects",
-        "shapes",
-        "relations",
-        "text_search",
-        "outputs",
-    ),
-    *("views", "calibration", "tracking", "scene", "pipeline", "recordings", "cameras", "ros2", "exports", "synthetic"),
-    *("evaluation", "annotation", "queries", "store", "service", "batch", "cli"),
+    *("geometry", "core", "formats", "middleware", "readers", "poses", "detection", "proposals", "heatmap", "surfaces"),
+    *("boxes", "objects", "shapes", "relations", "text_search", "files", "views", "calibration", "tracking", "scene"),
+    *("pipeline", "recordings", "cameras", "ros2", "exports", "synthetic", "evaluation", "annotation", "queries"),
+    *("store", "service", "batch", "cli"),
 )
+ROOM_OF = {package: room for room, packages in ROOMS.items() for package in packages}
 # These two know each other: a frame has a rigid pose, and geometry names the arrays that it works on.
 GROUND = {"geometry", "core"}
 
 
 def imported_packages(path: Path) -> set[str]:
-    """Return the folders of this package that a module imports, at its top or inside."""
+    """Return the packages that a module imports, at its top or inside."""
     names = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module:
             names.add(node.module)
         elif isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
-    return {name.split(".")[1] for name in names if name.startswith("cuboid.")}
+    found = [name.split(".") for name in names if name.startswith("cuboid.")]
+    return {parts[1] if parts[1] == "cli" else parts[2] for parts in found}
 
 
 def test_every_package_has_its_place() -> None:
-    found = {path.parent.name for path in SOURCE.glob("*/__init__.py")}
-    assert found == set(PACKAGES)
+    assert {path.parent.name for path in SOURCE.glob("*/__init__.py")} == set(ROOMS)
+    for room, packages in ROOMS.items():
+        assert {path.parent.name for path in (SOURCE / room).glob("*/__init__.py")} == set(packages), room
     assert {path.name for path in SOURCE.glob("*.py")} == {"__init__.py", "__main__.py"}
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_package_imports_only_those_before_it(package: str) -> None:
     later = {*PACKAGES[PACKAGES.index(package) + 1 :]} - (GROUND if package in GROUND else set())
-    for path in sorted((SOURCE / package).glob("**/*.py")):
+    for path in sorted((SOURCE / ROOM_OF.get(package, "") / package).glob("**/*.py")):
         wrong = imported_packages(path) & later
         assert not wrong, f"{path.relative_to(SOURCE)} imports {', '.join(sorted(wrong))}"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 TABLE = upright((0, 0), (1.6, 1.2, 0.04), z=-0.04)

@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from cuboid.core import compiletime, kernelcache
-from cuboid.core.compiled import KERNELS
-from cuboid.core.kernelcache import KEPT_VERSIONS, UNUSED_S, cache_folder, prune
-from cuboid.core.kernelstamp import stamp_of
+from cuboid.ground.core import compiletime, kernelcache
+from cuboid.ground.core.compiled import KERNELS
+from cuboid.ground.core.kernelcache import KEPT_VERSIONS, UNUSED_S, cache_folder, prune
+from cuboid.ground.core.kernelstamp import stamp_of
 
 SOURCE = """
 from typing import NamedTuple
 import numpy as np
-from cuboid.core.compiled import kernel
+from cuboid.ground.core.compiled import kernel
 
 FACTOR = 2.0
 TABLE = np.array([1, 2])
@@ -96,7 +96,7 @@ def test_a_stamp_changes_with_all_that_a_kernel_is_made_of_and_with_nothing_else
 
 
 def test_a_kernel_may_not_use_a_module_of_ours() -> None:
-    made = module("from cuboid.core import tolerances\n" + SOURCE, ("pair.first -", "tolerances.JUMP_M -"))
+    made = module("from cuboid.ground.core import tolerances\n" + SOURCE, ("pair.first -", "tolerances.JUMP_M -"))
     with pytest.raises(TypeError, match=r"made_kernels\.other: tolerances: a kernel uses a module"):
         stamp_of(made.other.py_func, {})
 
@@ -197,9 +197,9 @@ def test_compiling_a_kernel_is_timed_and_told(folder: Path) -> None:
 NOT_WARMED_UP = {"allocate_rows"}
 
 WARM_UP = """
-from cuboid.pipeline.warmup import compile_kernels
+from cuboid.runs.pipeline.warmup import compile_kernels
 compile_kernels()
-from cuboid.core.compiled import KERNELS
+from cuboid.ground.core.compiled import KERNELS
 assert len(KERNELS) > 100
 print(*sorted(kernel.function.__name__ for kernel in KERNELS.values() if not kernel.cached))
 """

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.geometry import se3
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.geometry import se3
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 SCENE = [

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from cuboid.calibration.pose_fit import Jump, PoseFit
-from cuboid.tracking.diagnosis import RunFacts, diagnose, explains
+from cuboid.inputs.calibration.pose_fit import Jump, PoseFit
+from cuboid.runs.tracking.diagnosis import RunFacts, diagnose, explains
 
 GOOD = RunFacts(
     frames_read=100,

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from cuboid.core.errors import MissingExtraError
-from cuboid.core.extras import how_to_install, need_cluster, require
+from cuboid.ground.core.errors import MissingExtraError
+from cuboid.ground.core.extras import how_to_install, need_cluster, require
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SOURCE = REPOSITORY / "src" / "cuboid"
@@ -32,7 +32,7 @@ def test_the_message_names_package_extra_and_call() -> None:
 
 
 def test_all_missing_packages_of_the_cluster_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cuboid.core.extras.CLUSTER", ("numpy", "no_such_package", "nor_this"))
+    monkeypatch.setattr("cuboid.ground.core.extras.CLUSTER", ("numpy", "no_such_package", "nor_this"))
     with pytest.raises(MissingExtraError, match=r"needs no_such_package, nor_this, which are not installed: .*cluster"):
         need_cluster("cuboid batch")
 

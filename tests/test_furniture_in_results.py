@@ -14,14 +14,14 @@ from rosbags.highlevel import AnyReader
 
 import cuboid
 from cuboid import cli
-from cuboid.core.errors import InputError
-from cuboid.core.results import TrackedObject
-from cuboid.evaluation import evaluate
-from cuboid.outputs import Results, read_objects
-from cuboid.queries.filters import Filters
-from cuboid.queries.opening import open_place
-from cuboid.scene import Scene
-from cuboid.tracking.furniture import labels_of
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.results import TrackedObject
+from cuboid.lab.evaluation import evaluate
+from cuboid.results.files import Results, read_objects
+from cuboid.runs.scene import Scene
+from cuboid.runs.tracking.furniture import labels_of
+from cuboid.services.queries.filters import Filters
+from cuboid.services.queries.opening import open_place
 from made_scenes import CAMERA
 from made_table import CENTER_M, SIDES_M, THINGS, table_frames, write_table
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.core.results import FrameResult, Sighting
-from cuboid.geometry.box import Box
-from cuboid.readers import open_recording
-from cuboid.tracking.posed_tracker import PosedTracker
-from cuboid.tracking.rolling import Roll
-from cuboid.tracking.tracker import Tracker
+from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.results import FrameResult, Sighting
+from cuboid.ground.geometry.box import Box
+from cuboid.inputs.readers import open_recording
+from cuboid.runs.tracking.posed_tracker import PosedTracker
+from cuboid.runs.tracking.rolling import Roll
+from cuboid.runs.tracking.tracker import Tracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 SCENE = [

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.limits import MAX_CANDIDATES, MAX_PROPOSALS, MAX_SEGMENTS
-from cuboid.outputs import read_run
-from cuboid.pipeline.options import TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.proposals.types import Proposals
-from cuboid.surfaces.frame_segments import MIN_PIXELS, _drop_excess
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.limits import MAX_CANDIDATES, MAX_PROPOSALS, MAX_SEGMENTS
+from cuboid.method.proposals.types import Proposals
+from cuboid.method.surfaces.frame_segments import MIN_PIXELS, _drop_excess
+from cuboid.results.files import read_run
+from cuboid.runs.pipeline.options import TrackOptions
+from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from fakes import FakeRecording
 
 WIDTH, HEIGHT = 640, 480

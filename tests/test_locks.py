@@ -13,12 +13,12 @@ from types import ModuleType
 
 import pytest
 
-from cuboid.core import locks
+from cuboid.ground.core import locks
 
 HOLDER = """
 import sys
 from pathlib import Path
-from cuboid.core import locks
+from cuboid.ground.core import locks
 handle = locks.{call}(Path({path!r}))
 print("locked", flush=True)
 sys.stdin.read()

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from cuboid.cli.tables import detector_lines
-from cuboid.tracking.measuring import WARM_UP_FRAMES, DetectorCost, FrameLog
+from cuboid.runs.tracking.measuring import WARM_UP_FRAMES, DetectorCost, FrameLog
 
 
 def log_of(frames: int) -> FrameLog:
@@ -40,7 +40,7 @@ def test_a_run_without_frames_has_no_times() -> None:
 
 def test_peak_memory_counts_what_was_given_back() -> None:
     script = (
-        "from cuboid.tracking.measuring import peak_memory_mb\n"
+        "from cuboid.runs.tracking.measuring import peak_memory_mb\n"
         "before = peak_memory_mb()\n"
         "block = b'x' * (200 << 20)\n"
         "del block\n"

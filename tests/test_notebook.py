@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
-from cuboid.core.errors import FrameError, MissingExtraError
-from cuboid.core.palette import color_of
-from cuboid.core.results import FrameResult, Sighting
-from cuboid.outputs.object_table import COLUMNS, ObjectTable
-from cuboid.pipeline.options import RunHooks
-from cuboid.pipeline.run import track_recording
-from cuboid.readers import open_recording
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.errors import FrameError, MissingExtraError
+from cuboid.ground.core.palette import color_of
+from cuboid.ground.core.results import FrameResult, Sighting
+from cuboid.inputs.readers import open_recording
+from cuboid.results.files.object_table import COLUMNS, ObjectTable
+from cuboid.runs.pipeline.options import RunHooks
+from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from fakes import INTRINSICS, FakeRecording, FakeTracker, box, write_recording
 
 

@@ -15,21 +15,21 @@ import pytest
 import trimesh
 
 import cuboid
-from cuboid.annotation import KeyframesFile
-from cuboid.core.paths import PathLike
-from cuboid.evaluation import evaluate, evaluate_keyframes, read_keyframes, read_result, read_truth
-from cuboid.evaluation.timed_poses import read_poses
-from cuboid.evaluation.trajectory import evaluate_trajectory
-from cuboid.evaluation.visits import evaluate_visits
-from cuboid.exports import export
-from cuboid.outputs import Results, ResultWriter
-from cuboid.pipeline.slam import estimate_trajectory
-from cuboid.recordings.converting import convert_recording
-from cuboid.scene.running import IntoScene
-from cuboid.synthetic import make_scene, make_visits, render_recording, render_visits
-from cuboid.synthetic.user_meshes import load_meshes
-from cuboid.views.replay import Replay
-from cuboid.views.report import summarise, write_report
+from cuboid.ground.core.paths import PathLike
+from cuboid.inputs.recordings.converting import convert_recording
+from cuboid.lab.annotation import KeyframesFile
+from cuboid.lab.evaluation import evaluate, evaluate_keyframes, read_keyframes, read_result, read_truth
+from cuboid.lab.evaluation.timed_poses import read_poses
+from cuboid.lab.evaluation.trajectory import evaluate_trajectory
+from cuboid.lab.evaluation.visits import evaluate_visits
+from cuboid.lab.synthetic import make_scene, make_visits, render_recording, render_visits
+from cuboid.lab.synthetic.user_meshes import load_meshes
+from cuboid.results.exports import export
+from cuboid.results.files import Results, ResultWriter
+from cuboid.results.views.replay import Replay
+from cuboid.results.views.report import summarise, write_report
+from cuboid.runs.pipeline.slam import estimate_trajectory
+from cuboid.runs.scene.running import IntoScene
 from fakes import FakeTracker, write_recording
 from made_results import write_results
 

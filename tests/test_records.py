@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Float64Array
-from cuboid.core.records import column, columns_of, names_in, plain_fields, table_columns_of
-from cuboid.core.results import Proposal3D, Sighting, TrackedObject
-from cuboid.core.values import Count, Fraction, Level
-from cuboid.exports import csv_table
-from cuboid.formats.objects_file import ObjectEntry
-from cuboid.formats.rows_files import ProposalEntry, TrackEntry
-from cuboid.outputs.object_table import COLUMNS
-from cuboid.scene import schema
-from cuboid.store.schema import OBJECTS, TABLES
+from cuboid.fleet.store.schema import OBJECTS, TABLES
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.core.records import column, columns_of, names_in, plain_fields, table_columns_of
+from cuboid.ground.core.results import Proposal3D, Sighting, TrackedObject
+from cuboid.ground.core.values import Count, Fraction, Level
+from cuboid.ground.formats.objects_file import ObjectEntry
+from cuboid.ground.formats.rows_files import ProposalEntry, TrackEntry
+from cuboid.results.exports import csv_table
+from cuboid.results.files.object_table import COLUMNS
+from cuboid.runs.scene import schema
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.results import FrameResult, Proposal3D, Sighting
-from cuboid.geometry.box import Box
-from cuboid.proposals.types import Proposals
-from cuboid.tracking.rolling import Roll, farther_up
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.results import FrameResult, Proposal3D, Sighting
+from cuboid.ground.geometry.box import Box
+from cuboid.method.proposals.types import Proposals
+from cuboid.runs.tracking.rolling import Roll, farther_up
 from made_scenes import frame_of, look_at, upright
 
 CAMERA = Intrinsics(50.0, 60.0, 30.5, 21.0, 64, 40)

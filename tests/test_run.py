@@ -10,13 +10,22 @@ import av
 import numpy as np
 import pytest
 
-from cuboid.core.errors import InputError, OutputError
-from cuboid.outputs import read_objects, read_run, read_tracks, read_trajectory
-from cuboid.outputs.folder import AGENTS, EMBEDDINGS, EVENTS, OUTPUT_NAMES, REPORT, TRAJECTORY_ONLINE, VIDEO, VIEWS
-from cuboid.pipeline.options import ResultOptions, RunHooks, TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.poses.sources import GivenPoses
-from cuboid.tracking.types import RunOutcome
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.method.poses.sources import GivenPoses
+from cuboid.results.files import read_objects, read_run, read_tracks, read_trajectory
+from cuboid.results.files.folder import (
+    AGENTS,
+    EMBEDDINGS,
+    EVENTS,
+    OUTPUT_NAMES,
+    REPORT,
+    TRAJECTORY_ONLINE,
+    VIDEO,
+    VIEWS,
+)
+from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
+from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.tracking.types import RunOutcome
 from fakes import FakeRecording, FakeTracker
 
 RESULTS = sorted(set(OUTPUT_NAMES) - {EVENTS, AGENTS, VIDEO, TRAJECTORY_ONLINE, VIEWS, EMBEDDINGS})

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from cuboid import open_recording
-from cuboid.core.errors import InputError
-from cuboid.geometry.se3 import inverse, quat_wxyz_from_rotation
-from cuboid.outputs import RunReport
-from cuboid.pipeline.options import ResultOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.synthetic import make_scene, render_recording
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.geometry.se3 import inverse, quat_wxyz_from_rotation
+from cuboid.lab.synthetic import make_scene, render_recording
+from cuboid.results.files import RunReport
+from cuboid.runs.pipeline.options import ResultOptions
+from cuboid.runs.pipeline.run import track_recording
 from made_scenes import CAMERA, cast, look_at, upright
 
 FRAMES = 48

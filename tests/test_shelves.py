@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import iou
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import iou
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 FLOOR = upright((0, 0), (8, 8, 0.1), z=-0.1)

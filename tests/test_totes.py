@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from cuboid import open_recording
-from cuboid.evaluation.truth import read_truth
-from cuboid.geometry.overlap import iou
-from cuboid.synthetic import make_scene, render_recording
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.geometry.overlap import iou
+from cuboid.lab.evaluation.truth import read_truth
+from cuboid.lab.synthetic import make_scene, render_recording
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 
 
 def test_objects_that_touch_in_a_tote_have_boxes_of_their_own(tmp_path: Path) -> None:

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.results import FrameResult
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import iou
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.results import FrameResult
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import iou
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, cast, frame_of, look_at, upright
 
 FLOOR = upright((0, 0), (8, 8, 0.1), z=-0.85)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import cuboid
-from cuboid.core.errors import CuboidError, FrameError, OutputError
-from cuboid.evaluation import evaluate_keyframes
-from cuboid.outputs import Results
-from cuboid.pipeline.options import ResultOptions, TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.poses.sources import NO_POSE
+from cuboid.ground.core.errors import CuboidError, FrameError, OutputError
+from cuboid.lab.evaluation import evaluate_keyframes
+from cuboid.method.poses.sources import NO_POSE
+from cuboid.results.files import Results
+from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
+from cuboid.runs.pipeline.run import track_recording
 from fakes import INTRINSICS, FakeRecording
 from made_scenes import CAMERA, frame_of, look_at, upright
 

@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
-from cuboid.core.config import TrackerConfig
-from cuboid.geometry import se3
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.geometry import se3
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from worlds import CAMERA, TABLE, Proposer, Watch, World
 
 WAYS = ("round", "jump", "down", "upside down", "on its side")
@@ -23,7 +23,7 @@ SPOILT = ("far and near", "noise", "one value", "empty")
 def finely() -> Iterator[None]:
     """Let the coarse pictures of these worlds be near enough for fine points."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cuboid.tracking.posed_tracker.resolves_m", lambda *_: 3.0)
+        patch.setattr("cuboid.runs.tracking.posed_tracker.resolves_m", lambda *_: 3.0)
         yield
 
 

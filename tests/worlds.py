@@ -5,15 +5,23 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.results import FrameResult
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import pack
-from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, CUBE_SIDE, KEY_BITS, KEY_OFFSET, keys_of
-from cuboid.heatmap.voxel_map import MAX_VOTES
-from cuboid.objects.entry import State
-from cuboid.proposals.types import Proposals
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.results import FrameResult
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import pack
+from cuboid.method.heatmap.kernels.cubes import (
+    BLOCK_BITS,
+    BLOCK_ROWS,
+    CUBE_BITS,
+    CUBE_SIDE,
+    KEY_BITS,
+    KEY_OFFSET,
+    keys_of,
+)
+from cuboid.method.heatmap.voxel_map import MAX_VOTES
+from cuboid.method.objects.entry import State
+from cuboid.method.proposals.types import Proposals
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from made_scenes import cast, look_at, upright
 
 CAMERA = Intrinsics(68.0, 68.0, 39.5, 29.5, 80, 60)

@@ -22,99 +22,107 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from cuboid.core.display import draw_with
-from cuboid.core.errors import CuboidError as CuboidError
+from cuboid.ground.core.display import draw_with
+from cuboid.ground.core.errors import CuboidError as CuboidError
 
 # "import X as X" exports a name to type checkers. There is no `__all__`: with it, `help(cuboid)` would print each class
 # in full, some thousand lines.
 if TYPE_CHECKING:
-    from cuboid.cameras import LiveCamera as LiveCamera
-    from cuboid.cameras import open_camera as open_camera
-    from cuboid.core.config import TrackerConfig as TrackerConfig
-    from cuboid.core.errors import ConfigError as ConfigError
-    from cuboid.core.errors import FrameError as FrameError
-    from cuboid.core.errors import InputError as InputError
-    from cuboid.core.errors import MissingExtraError as MissingExtraError
-    from cuboid.core.errors import OutputError as OutputError
-    from cuboid.core.frame import Frame as Frame
-    from cuboid.core.frame import Intrinsics as Intrinsics
-    from cuboid.core.frame import SkippedFrame as SkippedFrame
-    from cuboid.core.results import FrameResult as FrameResult
-    from cuboid.core.results import MapPoints as MapPoints
-    from cuboid.core.results import ObjectEvent as ObjectEvent
-    from cuboid.core.results import Proposal3D as Proposal3D
-    from cuboid.core.results import Relation as Relation
-    from cuboid.core.results import SceneChange as SceneChange
-    from cuboid.core.results import Sighting as Sighting
-    from cuboid.core.results import SupportPlane as SupportPlane
-    from cuboid.core.results import TrackedObject as TrackedObject
-    from cuboid.core.results import Wall as Wall
-    from cuboid.detection.types import Detections as Detections
-    from cuboid.detection.types import Detector as Detector
-    from cuboid.geometry.box import Box as Box
-    from cuboid.outputs import FrameRecord as FrameRecord
-    from cuboid.outputs import LimitReached as LimitReached
-    from cuboid.outputs import Results as Results
-    from cuboid.outputs import RunReport as RunReport
-    from cuboid.outputs import Timing as Timing
-    from cuboid.outputs import TrackRow as TrackRow
-    from cuboid.outputs import open_results as open_results
-    from cuboid.outputs.object_table import ObjectTable as ObjectTable
-    from cuboid.outputs.queries import MapQueries as MapQueries
-    from cuboid.outputs.queries import PointCloud as PointCloud
-    from cuboid.pipeline.options import ResultOptions as ResultOptions
-    from cuboid.pipeline.options import RunHooks as RunHooks
-    from cuboid.pipeline.options import TrackOptions as TrackOptions
-    from cuboid.pipeline.run import track_recording as track_recording
-    from cuboid.pipeline.streaming import FrameSource as FrameSource
-    from cuboid.poses import DriftCorrection as DriftCorrection
-    from cuboid.proposals.types import Proposals as Proposals
-    from cuboid.proposals.types import ProposalSource as ProposalSource
-    from cuboid.readers import Recording as Recording
-    from cuboid.readers.depth_camera import DepthCamera as DepthCamera
-    from cuboid.recordings.opening import open_recording as open_recording
-    from cuboid.relations import Branch as Branch
-    from cuboid.scene import Scene as Scene
-    from cuboid.scene import SceneObject as SceneObject
-    from cuboid.scene import ScenePast as ScenePast
-    from cuboid.scene import SceneRecording as SceneRecording
-    from cuboid.scene import SceneTracker as SceneTracker
-    from cuboid.scene import Source as Source
-    from cuboid.scene.running import IntoScene as IntoScene
-    from cuboid.shapes import ObjectMesh as ObjectMesh
-    from cuboid.text_search import TextMatch as TextMatch
-    from cuboid.tracking.tracker import Tracker as Tracker
-    from cuboid.tracking.types import Progress as Progress
-    from cuboid.tracking.types import RecordingLike as RecordingLike
-    from cuboid.tracking.types import RunOutcome as RunOutcome
-    from cuboid.tracking.types import TrackerLike as TrackerLike
+    from cuboid.ground.core.config import TrackerConfig as TrackerConfig
+    from cuboid.ground.core.errors import ConfigError as ConfigError
+    from cuboid.ground.core.errors import FrameError as FrameError
+    from cuboid.ground.core.errors import InputError as InputError
+    from cuboid.ground.core.errors import MissingExtraError as MissingExtraError
+    from cuboid.ground.core.errors import OutputError as OutputError
+    from cuboid.ground.core.frame import Frame as Frame
+    from cuboid.ground.core.frame import Intrinsics as Intrinsics
+    from cuboid.ground.core.frame import SkippedFrame as SkippedFrame
+    from cuboid.ground.core.results import FrameResult as FrameResult
+    from cuboid.ground.core.results import MapPoints as MapPoints
+    from cuboid.ground.core.results import ObjectEvent as ObjectEvent
+    from cuboid.ground.core.results import Proposal3D as Proposal3D
+    from cuboid.ground.core.results import Relation as Relation
+    from cuboid.ground.core.results import SceneChange as SceneChange
+    from cuboid.ground.core.results import Sighting as Sighting
+    from cuboid.ground.core.results import SupportPlane as SupportPlane
+    from cuboid.ground.core.results import TrackedObject as TrackedObject
+    from cuboid.ground.core.results import Wall as Wall
+    from cuboid.ground.geometry.box import Box as Box
+    from cuboid.inputs.cameras import LiveCamera as LiveCamera
+    from cuboid.inputs.cameras import open_camera as open_camera
+    from cuboid.inputs.readers import Recording as Recording
+    from cuboid.inputs.readers.depth_camera import DepthCamera as DepthCamera
+    from cuboid.inputs.recordings.opening import open_recording as open_recording
+    from cuboid.method.detection.types import Detections as Detections
+    from cuboid.method.detection.types import Detector as Detector
+    from cuboid.method.poses import DriftCorrection as DriftCorrection
+    from cuboid.method.proposals.types import Proposals as Proposals
+    from cuboid.method.proposals.types import ProposalSource as ProposalSource
+    from cuboid.method.relations import Branch as Branch
+    from cuboid.method.shapes import ObjectMesh as ObjectMesh
+    from cuboid.method.text_search import TextMatch as TextMatch
+    from cuboid.results.files import FrameRecord as FrameRecord
+    from cuboid.results.files import LimitReached as LimitReached
+    from cuboid.results.files import Results as Results
+    from cuboid.results.files import RunReport as RunReport
+    from cuboid.results.files import Timing as Timing
+    from cuboid.results.files import TrackRow as TrackRow
+    from cuboid.results.files import open_results as open_results
+    from cuboid.results.files.object_table import ObjectTable as ObjectTable
+    from cuboid.results.files.queries import MapQueries as MapQueries
+    from cuboid.results.files.queries import PointCloud as PointCloud
+    from cuboid.runs.pipeline.options import ResultOptions as ResultOptions
+    from cuboid.runs.pipeline.options import RunHooks as RunHooks
+    from cuboid.runs.pipeline.options import TrackOptions as TrackOptions
+    from cuboid.runs.pipeline.run import track_recording as track_recording
+    from cuboid.runs.pipeline.streaming import FrameSource as FrameSource
+    from cuboid.runs.scene import Scene as Scene
+    from cuboid.runs.scene import SceneObject as SceneObject
+    from cuboid.runs.scene import ScenePast as ScenePast
+    from cuboid.runs.scene import SceneRecording as SceneRecording
+    from cuboid.runs.scene import SceneTracker as SceneTracker
+    from cuboid.runs.scene import Source as Source
+    from cuboid.runs.scene.running import IntoScene as IntoScene
+    from cuboid.runs.tracking.tracker import Tracker as Tracker
+    from cuboid.runs.tracking.types import Progress as Progress
+    from cuboid.runs.tracking.types import RecordingLike as RecordingLike
+    from cuboid.runs.tracking.types import RunOutcome as RunOutcome
+    from cuboid.runs.tracking.types import TrackerLike as TrackerLike
 
-draw_with("cuboid.views.notebook")
+draw_with("cuboid.results.views.notebook")
 
 __version__ = "0.2.0"
 
 # The public names of each module. One is imported when it is first used: `cuboid --help` answers at once, and
 # `--threads` can size the pools of libraries, which read their limits when they are imported.
 _MODULES = {
-    "cuboid.recordings.opening": ("open_recording",),
-    "cuboid.cameras": ("open_camera", "LiveCamera"),
-    "cuboid.outputs": ("open_results", "RunReport", "Timing", "LimitReached", "Results", "FrameRecord", "TrackRow"),
-    "cuboid.readers": ("Recording",),
-    "cuboid.pipeline.streaming": ("FrameSource",),
-    "cuboid.core.frame": ("Frame", "SkippedFrame", "Intrinsics"),
-    "cuboid.readers.depth_camera": ("DepthCamera",),
-    "cuboid.tracking.tracker": ("Tracker",),
-    "cuboid.core.config": ("TrackerConfig",),
-    "cuboid.proposals.types": ("Proposals", "ProposalSource"),
-    "cuboid.detection.types": ("Detections", "Detector"),
-    "cuboid.poses": ("DriftCorrection",),
-    "cuboid.pipeline.options": ("TrackOptions", "ResultOptions", "RunHooks"),
-    "cuboid.pipeline.run": ("track_recording",),
-    "cuboid.tracking.types": ("RecordingLike", "TrackerLike", "Progress", "RunOutcome"),
-    "cuboid.scene.running": ("IntoScene",),
-    "cuboid.outputs.queries": ("MapQueries", "PointCloud"),
-    "cuboid.outputs.object_table": ("ObjectTable",),
-    "cuboid.core.results": (
+    "cuboid.inputs.recordings.opening": ("open_recording",),
+    "cuboid.inputs.cameras": ("open_camera", "LiveCamera"),
+    "cuboid.results.files": (
+        "open_results",
+        "RunReport",
+        "Timing",
+        "LimitReached",
+        "Results",
+        "FrameRecord",
+        "TrackRow",
+    ),
+    "cuboid.inputs.readers": ("Recording",),
+    "cuboid.runs.pipeline.streaming": ("FrameSource",),
+    "cuboid.ground.core.frame": ("Frame", "SkippedFrame", "Intrinsics"),
+    "cuboid.inputs.readers.depth_camera": ("DepthCamera",),
+    "cuboid.runs.tracking.tracker": ("Tracker",),
+    "cuboid.ground.core.config": ("TrackerConfig",),
+    "cuboid.method.proposals.types": ("Proposals", "ProposalSource"),
+    "cuboid.method.detection.types": ("Detections", "Detector"),
+    "cuboid.method.poses": ("DriftCorrection",),
+    "cuboid.runs.pipeline.options": ("TrackOptions", "ResultOptions", "RunHooks"),
+    "cuboid.runs.pipeline.run": ("track_recording",),
+    "cuboid.runs.tracking.types": ("RecordingLike", "TrackerLike", "Progress", "RunOutcome"),
+    "cuboid.runs.scene.running": ("IntoScene",),
+    "cuboid.results.files.queries": ("MapQueries", "PointCloud"),
+    "cuboid.results.files.object_table": ("ObjectTable",),
+    "cuboid.ground.core.results": (
         "TrackedObject",
         "MapPoints",
         "SupportPlane",
@@ -126,12 +134,12 @@ _MODULES = {
         "Relation",
         "Wall",
     ),
-    "cuboid.relations.tree": ("Branch",),
-    "cuboid.text_search.embeddings": ("TextMatch",),
-    "cuboid.shapes.mesh": ("ObjectMesh",),
-    "cuboid.geometry.box": ("Box",),
-    "cuboid.scene": ("Scene", "SceneTracker", "SceneObject", "SceneRecording", "ScenePast", "Source"),
-    "cuboid.core.errors": ("InputError", "ConfigError", "FrameError", "OutputError", "MissingExtraError"),
+    "cuboid.method.relations.tree": ("Branch",),
+    "cuboid.method.text_search.embeddings": ("TextMatch",),
+    "cuboid.method.shapes.mesh": ("ObjectMesh",),
+    "cuboid.ground.geometry.box": ("Box",),
+    "cuboid.runs.scene": ("Scene", "SceneTracker", "SceneObject", "SceneRecording", "ScenePast", "Source"),
+    "cuboid.ground.core.errors": ("InputError", "ConfigError", "FrameError", "OutputError", "MissingExtraError"),
 }
 _PLACES = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from cuboid import cli, open_recording
-from cuboid.annotation import Annotator, KeyframesFile, make_server
-from cuboid.annotation.propagate import propagated
-from cuboid.evaluation import read_keyframes
-from cuboid.readers import Recording
-from cuboid.views.serving import HOST, PageServer
+from cuboid.inputs.readers import Recording
+from cuboid.lab.annotation import Annotator, KeyframesFile, make_server
+from cuboid.lab.annotation.propagate import propagated
+from cuboid.lab.evaluation import read_keyframes
+from cuboid.results.views.serving import HOST, PageServer
 from fakes import write_recording
 
 FRAMES, HEIGHT, WIDTH = 12, 120, 160
@@ -138,7 +138,7 @@ def test_a_full_disk_leaves_the_file_as_it_was(
         path.write_text('{"format": "cuboid-key')
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("cuboid.annotation.store.write_json", full)
+    monkeypatch.setattr("cuboid.lab.annotation.store.write_json", full)
     status, reason = send(server, "/keyframes", {"revision": 1, "document": document_of([5, 5, 9, 9])})
     assert (status, "the disk is full" in reason) == (422, True)
     assert file.path.read_bytes() == before
@@ -305,7 +305,7 @@ def test_more_rectangles_than_a_frame_can_have_are_refused(server: PageServer, m
     def never(*args: object) -> None:
         raise AssertionError("must not be called")
 
-    monkeypatch.setattr("cuboid.annotation.server.propagated", never)
+    monkeypatch.setattr("cuboid.lab.annotation.server.propagated", never)
     rects = [[100, 40, 130, 80]] * 200_000
     found = send(server, "/carry", {"from": 0, "to": 5, "rects": rects})
     assert found == (413, "expected at most 1000 rectangles, got 200000")

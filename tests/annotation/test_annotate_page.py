@@ -16,8 +16,8 @@ from playwright.sync_api import Page
 
 from browser import VIEWPORT, Watched, browser, pixels
 from cuboid import open_recording
-from cuboid.annotation import Annotator, KeyframesFile, make_server
-from cuboid.evaluation import evaluate_keyframes, read_keyframes
+from cuboid.lab.annotation import Annotator, KeyframesFile, make_server
+from cuboid.lab.evaluation import evaluate_keyframes, read_keyframes
 from fakes import write_recording
 
 FRAMES, HEIGHT, WIDTH, EVERY = 12, 120, 160, 5

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pyarrow as pa
 
-from cuboid.store.query import Tables
-from cuboid.store.schema import MEASURED, RUNS, TABLES
+from cuboid.fleet.store.query import Tables
+from cuboid.fleet.store.schema import MEASURED, RUNS, TABLES
 from fakes import write_recording
 
 HERE = Path(__file__).resolve().parent

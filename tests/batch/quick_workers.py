@@ -6,9 +6,9 @@ import os
 import signal
 import time
 
-import cuboid.pipeline.run
-from cuboid.core.frame import Frame
-from cuboid.core.results import FrameResult
+import cuboid.runs.pipeline.run
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.results import FrameResult
 from fakes import FakeTracker
 
 FRAME_S = float(os.environ.get("CUBOID_TEST_FRAME_S", "0"))
@@ -28,4 +28,4 @@ class Quick(FakeTracker):
 
 def dask_setup(worker: object) -> None:
     """Let the worker track so."""
-    cuboid.pipeline.run._tracker = Quick
+    cuboid.runs.pipeline.run._tracker = Quick

@@ -14,15 +14,15 @@ import dask
 import pytest
 
 from batches import paint, recordings, run, states, surroundings
-from cuboid.batch import cluster
-from cuboid.batch.batch import Order, carry_out, plan
-from cuboid.batch.cluster import Workers
-from cuboid.batch.sources import Source
-from cuboid.batch.task import Ended
 from cuboid.cli import main
 from cuboid.cli.batch import add_arguments, settings_from
-from cuboid.core.errors import InputError
-from cuboid.store.query import Tables
+from cuboid.fleet.batch import cluster
+from cuboid.fleet.batch.batch import Order, carry_out, plan
+from cuboid.fleet.batch.cluster import Workers
+from cuboid.fleet.batch.sources import Source
+from cuboid.fleet.batch.task import Ended
+from cuboid.fleet.store.query import Tables
+from cuboid.ground.core.errors import InputError
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from pathlib import Path
 import psutil
 
 from batches import LIMIT_S, call, content, recordings, run, states, surroundings
-from cuboid.batch.claim import claimed
-from cuboid.store.place import Place
+from cuboid.fleet.batch.claim import claimed
+from cuboid.fleet.store.place import Place
 
 # More with CUBOID_CHAOS=200.
 COUNT = int(os.environ.get("CUBOID_CHAOS", "12"))

@@ -11,10 +11,10 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from cuboid.batch import claim
-from cuboid.batch.claim import LOCK, claimed
-from cuboid.core.errors import OutputError
-from cuboid.store.place import Place
+from cuboid.fleet.batch import claim
+from cuboid.fleet.batch.claim import LOCK, claimed
+from cuboid.fleet.store.place import Place
+from cuboid.ground.core.errors import OutputError
 
 
 @pytest.fixture(params=["folder", "object store"])
@@ -58,7 +58,7 @@ def test_a_batch_that_did_nothing_leaves_no_folder(tmp_path: Path) -> None:
 
 def test_the_lock_of_a_killed_batch_ends(tmp_path: Path) -> None:
     script = (
-        "import os, sys; from cuboid.batch.claim import claimed; from cuboid.store.place import Place\n"
+        "import os, sys; from cuboid.fleet.batch.claim import claimed; from cuboid.fleet.store.place import Place\n"
         "with claimed(Place(sys.argv[1]), print): os._exit(9)"
     )
     store = tmp_path / "store"

@@ -9,9 +9,9 @@ import pytest
 
 from cuboid import __version__
 from cuboid.cli import main
-from cuboid.evaluation import evaluate
-from cuboid.evaluation.figures import figures
-from cuboid.synthetic import make_scene, render_recording
+from cuboid.lab.evaluation import evaluate
+from cuboid.lab.evaluation.figures import figures
+from cuboid.lab.synthetic import make_scene, render_recording
 
 
 def test_the_figures_of_a_store_are_those_of_its_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

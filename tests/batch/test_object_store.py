@@ -9,11 +9,11 @@ import fsspec
 import pytest
 
 from batches import content, recordings, run, states
-from cuboid.queries.filters import Filters
-from cuboid.store.compact import compact
-from cuboid.store.find import find
-from cuboid.store.place import Place
-from cuboid.store.query import Tables
+from cuboid.fleet.store.compact import compact
+from cuboid.fleet.store.find import find
+from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.query import Tables
+from cuboid.services.queries.filters import Filters
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cuboid.batch.sources import expand
-from cuboid.core.errors import InputError
+from cuboid.fleet.batch.sources import expand
+from cuboid.ground.core.errors import InputError
 from fakes import write_recording
 
 

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-import cuboid.pipeline.run
+import cuboid.runs.pipeline.run
 from batches import content, recordings
-from cuboid.batch.sources import Source
-from cuboid.batch.task import Task, head_of, track
 from cuboid.cli import main
 from cuboid.cli.batch import add_arguments, settings_from
-from cuboid.core.frame import Frame
-from cuboid.core.results import FrameResult
+from cuboid.fleet.batch.sources import Source
+from cuboid.fleet.batch.task import Task, head_of, track
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.results import FrameResult
 from fakes import FakeTracker
 from made_shapes import finished, frames, write_frames
 from made_text_models import made_text_model
@@ -26,7 +26,7 @@ from made_text_models import made_text_model
 
 @pytest.fixture
 def task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Task:
-    monkeypatch.setattr(cuboid.pipeline.run, "_tracker", FakeTracker)
+    monkeypatch.setattr(cuboid.runs.pipeline.run, "_tracker", FakeTracker)
     source = Source("rec-00", str(recordings(tmp_path / "source", 1) / "rec-00"))
     parser = argparse.ArgumentParser()
     add_arguments(parser)
@@ -48,7 +48,7 @@ def test_what_is_whole_is_not_tracked_again_though_its_worker_died(
     (results,) = tmp_path.glob("store/results/rec-00/*")
     files = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in results.iterdir()}
     rows = content(tmp_path / "store")
-    monkeypatch.setattr(cuboid.pipeline.run, "_tracker", Unasked)
+    monkeypatch.setattr(cuboid.runs.pipeline.run, "_tracker", Unasked)
     assert track(task) == first
     assert {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in results.iterdir()} == files
     assert content(tmp_path / "store") == rows
@@ -62,7 +62,7 @@ def test_results_appear_when_they_are_whole(task: Task, tmp_path: Path, monkeypa
             seen.extend(path.name for path in tmp_path.glob("store/results/rec-00/*"))
             return super().update(frame, anchor)
 
-    monkeypatch.setattr(cuboid.pipeline.run, "_tracker", Watched)
+    monkeypatch.setattr(cuboid.runs.pipeline.run, "_tracker", Watched)
     track(task)
     assert seen
     assert all(name.startswith(".") and name.endswith(".partial") for name in seen)
@@ -105,8 +105,8 @@ def test_vectors_of_an_image_text_model_stand_in_the_table(
         """Results whose objects are known: what tracking finds is another test's."""
         finished(output, tmp_path / "again")
 
-    monkeypatch.setattr(cuboid.pipeline.run, "track_recording", lambda *given, **options: made(*given, **options))
-    monkeypatch.setattr("cuboid.outputs.pending.new_folder", plain_folder)
+    monkeypatch.setattr(cuboid.runs.pipeline.run, "track_recording", lambda *given, **options: made(*given, **options))
+    monkeypatch.setattr("cuboid.results.files.pending.new_folder", plain_folder)
     track(Task(source, head_of(source, settings, "1"), settings, store, tables_only=False))
     assert main(["find", store, "--text", "red", "--text-model", str(model), "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["objects"]

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from cuboid import open_recording
-from cuboid.evaluation import read_keyframes
-from cuboid.evaluation.keyframes import check_frames
+from cuboid.lab.evaluation import read_keyframes
+from cuboid.lab.evaluation.keyframes import check_frames
 
 FOLDER = Path(__file__).resolve().parents[2] / "benchmarks" / "truth"
 FILES = sorted(FOLDER.glob("*.json"))

@@ -9,12 +9,12 @@ import pytest
 
 from ab3dmot import track
 from cuboid import open_recording
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.geometry.box import Box
-from cuboid.objects.object_map import ObjectMap
-from cuboid.proposals import Proposals, make_source
-from cuboid.synthetic import make_scene, render_recording
-from cuboid.synthetic.paths import POSE_NOISES
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.geometry.box import Box
+from cuboid.lab.synthetic import make_scene, render_recording
+from cuboid.lab.synthetic.paths import POSE_NOISES
+from cuboid.method.objects.object_map import ObjectMap
+from cuboid.method.proposals import Proposals, make_source
 from experiment_poses import Shaken, merging
 from experiment_sources import write_cpmc, write_mcg
 from memories import KEPT, Features

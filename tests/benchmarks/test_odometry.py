@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.geometry import se3
-from cuboid.synthetic import make_scene, render_recording
+from cuboid.ground.geometry import se3
+from cuboid.lab.synthetic import make_scene, render_recording
 from following import Follower
 from odometry import compare
 

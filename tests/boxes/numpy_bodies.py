@@ -8,8 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.boxes.kernels import revolve as kernel
-from cuboid.boxes.kernels.bodies import (
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.core.tolerances import (
+    DRIFT_M,
+    JUMP_M,
+    JUMP_SIGMAS,
+    MIN_READINGS,
+    MIN_SIGMA_M,
+    SIGMAS,
+)
+from cuboid.method.boxes.kernels import revolve as kernel
+from cuboid.method.boxes.kernels.bodies import (
     KEPT_LAYER_FRACTION,
     MIN_ARC,
     MIN_BODY,
@@ -19,17 +28,8 @@ from cuboid.boxes.kernels.bodies import (
     STEPS,
     TORN_FRACTION,
 )
-from cuboid.boxes.kernels.extents import side_spread
-from cuboid.boxes.kernels.resting import ROUND_RADIUS
-from cuboid.core.frame import Float64Array
-from cuboid.core.tolerances import (
-    DRIFT_M,
-    JUMP_M,
-    JUMP_SIGMAS,
-    MIN_READINGS,
-    MIN_SIGMA_M,
-    SIGMAS,
-)
+from cuboid.method.boxes.kernels.extents import side_spread
+from cuboid.method.boxes.kernels.resting import ROUND_RADIUS
 
 Layers = npt.NDArray[np.int64]
 

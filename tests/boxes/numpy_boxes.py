@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.boxes.fit import ARC_DESIGNS, ARC_SOLVERS, ARCS, DIRECTIONS, plane_axes
-from cuboid.boxes.kernels.resting import (
+from cuboid.ground.core.tolerances import JUMP_M
+from cuboid.ground.geometry.box import Box
+from cuboid.method.boxes.fit import ARC_DESIGNS, ARC_SOLVERS, ARCS, DIRECTIONS, plane_axes
+from cuboid.method.boxes.kernels.resting import (
     ALIKE_M,
     BETTER_SIDES,
     MISSING_M,
@@ -14,8 +16,6 @@ from cuboid.boxes.kernels.resting import (
     ROUND_RADIUS,
     ROUND_RESIDUAL,
 )
-from cuboid.core.tolerances import JUMP_M
-from cuboid.geometry.box import Box
 
 BINS = 256
 

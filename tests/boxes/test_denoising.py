@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.boxes.denoising import denoised
-from cuboid.boxes.fit import fit_box
-from cuboid.boxes.kernels.shifts import shift_means
-from cuboid.boxes.revolved import revolved
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import iou
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import iou
+from cuboid.method.boxes.denoising import denoised
+from cuboid.method.boxes.fit import fit_box
+from cuboid.method.boxes.kernels.shifts import shift_means
+from cuboid.method.boxes.revolved import revolved
 
 UP = np.array([0.0, 0.0, 1.0])
 VOXEL_M = 0.01

@@ -6,10 +6,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.boxes.faces import to_faces
-from cuboid.boxes.fit import fit_box
-from cuboid.boxes.kernels.extents import side_layers
-from cuboid.geometry.box import Box
+from cuboid.ground.geometry.box import Box
+from cuboid.method.boxes.faces import to_faces
+from cuboid.method.boxes.fit import fit_box
+from cuboid.method.boxes.kernels.extents import side_layers
 
 UP = np.array([0.0, 0.0, 1.0])
 SIZE = np.array([0.2, 0.14, 0.1])

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy_boxes import numpy_box
 
-from cuboid.boxes.fit import DIRECTIONS, box_within, fit_box, fit_boxes, plane_axes
+from cuboid.method.boxes.fit import DIRECTIONS, box_within, fit_box, fit_boxes, plane_axes
 
 UP = np.array([0.0, 0.0, 1.0])
 

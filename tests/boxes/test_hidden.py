@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.boxes.fit import fit_box
-from cuboid.boxes.hidden import as_deep_as_wide, foot_is_hidden, mirrored_points
-from cuboid.core.config import TrackerConfig
-from cuboid.core.working import WorkingImage
-from cuboid.geometry.box import Box
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.working import WorkingImage
+from cuboid.ground.geometry.box import Box
+from cuboid.method.boxes.fit import fit_box
+from cuboid.method.boxes.hidden import as_deep_as_wide, foot_is_hidden, mirrored_points
+from cuboid.method.heatmap.voxel_map import VoxelMap
 from made_scenes import CAMERA, cast, look_at, upright
 
 UP = np.array([0.0, 0.0, 1.0])

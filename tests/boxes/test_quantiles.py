@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.boxes.quantiles import quantile
+from cuboid.method.boxes.quantiles import quantile
 
 
 def test_a_quantile_is_that_of_numpy_to_the_last_bit() -> None:

@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy_bodies import numpy_body
 
-from cuboid.boxes.fit import fit_box
-from cuboid.boxes.kernels import bodies
-from cuboid.boxes.kernels import revolve as kernel
-from cuboid.boxes.revolved import revolved
-from cuboid.core.tolerances import MIN_SIGMA_M, SIGMAS
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import iou
-from cuboid.synthetic.footprint import hull, smallest_rectangle
+from cuboid.ground.core.tolerances import MIN_SIGMA_M, SIGMAS
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import iou
+from cuboid.lab.synthetic.footprint import hull, smallest_rectangle
+from cuboid.method.boxes.fit import fit_box
+from cuboid.method.boxes.kernels import bodies
+from cuboid.method.boxes.kernels import revolve as kernel
+from cuboid.method.boxes.revolved import revolved
 
 UP = np.array([0.0, 0.0, 1.0])
 NOISE_M = 0.002

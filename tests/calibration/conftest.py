@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from posed import Posed
 
-from cuboid.calibration import spread_out
-from cuboid.core.frame import Frame
-from cuboid.readers import Recording, open_recording
-from cuboid.synthetic import make_scene, render_recording
-from cuboid.synthetic.paths import POSE_NOISES
+from cuboid.ground.core.frame import Frame
+from cuboid.inputs.calibration import spread_out
+from cuboid.inputs.readers import Recording, open_recording
+from cuboid.lab.synthetic import make_scene, render_recording
+from cuboid.lab.synthetic.paths import POSE_NOISES
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from cuboid.core.frame import Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 
 Posed = Callable[..., list[Frame]]
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from posed import Posed, scaled
 
-from cuboid.calibration import calibrate, quick_check, spread_out
 from cuboid.cli import main
-from cuboid.core.errors import InputError
-from cuboid.core.frame import Frame
-from cuboid.geometry import se3
-from cuboid.outputs import read_run
-from cuboid.readers import Recording, open_recording
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.geometry import se3
+from cuboid.inputs.calibration import calibrate, quick_check, spread_out
+from cuboid.inputs.readers import Recording, open_recording
+from cuboid.results.files import read_run
 from fakes import write_recording
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cuboid.calibration.comparing import PARAMETERS, disagreements, warp
-from cuboid.calibration.views import CELL_PX, ScaledPinhole, View, build_view, factors
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.geometry import se3
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.geometry import se3
+from cuboid.inputs.calibration.comparing import PARAMETERS, disagreements, warp
+from cuboid.inputs.calibration.views import CELL_PX, ScaledPinhole, View, build_view, factors
 
 PINHOLE = ScaledPinhole(130.0, 128.0, 79.0, 61.0)
 T_OTHER_VIEW = se3.exp([0.05, -0.03, 0.04, 0.05, -0.08, 0.03])

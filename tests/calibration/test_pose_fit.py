@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cuboid.calibration.pose_fit import DEPTH_FACTORS, POSE_CONVENTIONS, pose_fit
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.geometry.se3 import exp
-from cuboid.readers.pose_convention import converted
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.geometry.se3 import exp
+from cuboid.inputs.calibration.pose_fit import DEPTH_FACTORS, POSE_CONVENTIONS, pose_fit
+from cuboid.inputs.readers.pose_convention import converted
 
 K = Intrinsics(160.0, 160.0, 79.5, 59.5, 160, 120)
 
@@ -128,8 +128,8 @@ def test_too_few_frames_tell_nothing() -> None:
 
 
 def test_given_poses_of_real_recordings_explain_them(data_dir) -> None:
-    from cuboid.readers import open_recording
-    from cuboid.tracking.diagnosis import explains
+    from cuboid.inputs.readers import open_recording
+    from cuboid.runs.tracking.diagnosis import explains
 
     for name in ("office-scan", "rgbd-scenes-v2/imgs/scene_01", "rgbd_dataset_freiburg1_xyz", "desk-realsense"):
         recording = open_recording(data_dir / name)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import cuboid
-from cuboid.calibration.registering import register_recording, registration_warning
 from cuboid.cli import main
-from cuboid.core.frame import Intrinsics
-from cuboid.readers import open_recording
-from cuboid.synthetic.kinds import make_scene
-from cuboid.synthetic.recording import DEPTH_UNITS_PER_M, encode_color, encode_depth
-from cuboid.synthetic.truth import pose_lines
-from cuboid.synthetic.view import SceneView
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.inputs.calibration.registering import register_recording, registration_warning
+from cuboid.inputs.readers import open_recording
+from cuboid.lab.synthetic.kinds import make_scene
+from cuboid.lab.synthetic.recording import DEPTH_UNITS_PER_M, encode_color, encode_depth
+from cuboid.lab.synthetic.truth import pose_lines
+from cuboid.lab.synthetic.view import SceneView
 
 COLOR = Intrinsics(262.5, 262.5, 160.0, 120.0, 320, 240)
 # A depth camera of a longer focal length, 3 cm to the left, that looks a little higher: as 7-Scenes has it.

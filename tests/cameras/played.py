@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cuboid.cameras import Shot, StreamEndedError
-from cuboid.readers import Calibration
+from cuboid.inputs.cameras import Shot, StreamEndedError
+from cuboid.inputs.readers import Calibration
 
 SIZE = (64, 48)
 CALIBRATION = Calibration(64.0, 64.0, 32.0, 24.0, SIZE, "the fake")

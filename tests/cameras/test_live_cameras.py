@@ -10,14 +10,14 @@ import pytest
 from played import CALIBRATION, SIZE, PlayedDriver, color_image, depth_image, pose
 
 import cuboid
-from cuboid.cameras import CAMERAS, LiveCamera, Shot
-from cuboid.cameras.latest import LatestQueue
-from cuboid.core.errors import InputError, OutputError
-from cuboid.outputs import read_run, read_tracks
-from cuboid.pipeline.options import RunHooks, TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.pipeline.streaming import FrameSource
-from cuboid.readers import Calibration, DepthCamera, open_recording
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.inputs.cameras import CAMERAS, LiveCamera, Shot
+from cuboid.inputs.cameras.latest import LatestQueue
+from cuboid.inputs.readers import Calibration, DepthCamera, open_recording
+from cuboid.results.files import read_run, read_tracks
+from cuboid.runs.pipeline.options import RunHooks, TrackOptions
+from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.pipeline.streaming import FrameSource
 from fakes import FakeTracker
 
 

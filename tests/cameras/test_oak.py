@@ -11,8 +11,8 @@ import pytest
 from played import color_image, depth_image, install, lacking
 
 import cuboid
-from cuboid.cameras.oak import COLOR, DEPTH, WAITING, calibration_of, shot_of
-from cuboid.core.errors import InputError, MissingExtraError
+from cuboid.ground.core.errors import InputError, MissingExtraError
+from cuboid.inputs.cameras.oak import COLOR, DEPTH, WAITING, calibration_of, shot_of
 
 K = [[64.0, 0.0, 32.0], [0.0, 64.0, 24.0], [0.0, 0.0, 1.0]]
 

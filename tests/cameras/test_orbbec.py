@@ -10,8 +10,8 @@ import pytest
 from played import color_image, depth_image, install, lacking
 
 import cuboid
-from cuboid.cameras.orbbec import CONVERSIONS, rgb_of
-from cuboid.core.errors import FrameError, InputError, MissingExtraError
+from cuboid.ground.core.errors import FrameError, InputError, MissingExtraError
+from cuboid.inputs.cameras.orbbec import CONVERSIONS, rgb_of
 
 
 class OBError(Exception):

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import cuboid
-from cuboid.cameras import LiveCamera
-from cuboid.cameras.realsense import RealSense
 from cuboid.cli import main
-from cuboid.core.errors import InputError
-from cuboid.outputs import read_run
+from cuboid.ground.core.errors import InputError
+from cuboid.inputs.cameras import LiveCamera
+from cuboid.inputs.cameras.realsense import RealSense
+from cuboid.results.files import read_run
 
 rs = pytest.importorskip(
     "pyrealsense2",

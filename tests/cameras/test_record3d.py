@@ -12,7 +12,7 @@ import pytest
 from played import install, lacking
 
 import cuboid
-from cuboid.core.errors import InputError, MissingExtraError
+from cuboid.ground.core.errors import InputError, MissingExtraError
 
 
 class DeviceInfo:

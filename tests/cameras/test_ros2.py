@@ -18,7 +18,7 @@ pytest.importorskip("cyclonedds", reason="DDS is not installed: pip install '.[r
 pytest.importorskip("rosbags", reason="messages are read with rosbags: pip install '.[ros2]'")
 
 import cuboid
-from cuboid.core.errors import InputError
+from cuboid.ground.core.errors import InputError
 
 HERE = Path(__file__).resolve().parent
 

@@ -11,10 +11,10 @@ import pytest
 
 pytest.importorskip("rosbags", reason="messages are made with rosbags: pip install '.[ros2]'")
 
-from cuboid.cameras.ros_poses import RosPoses
-from cuboid.core.errors import InputError
-from cuboid.formats.ros_messages import RosMessages
-from cuboid.geometry import se3
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.formats.ros_messages import RosMessages
+from cuboid.ground.geometry import se3
+from cuboid.inputs.cameras.ros_poses import RosPoses
 
 CAMERA, START_NS = "camera_optical", 5_000_000_000
 

@@ -10,19 +10,19 @@ from pathlib import Path
 import pytest
 from played import PlayedDriver
 
-from cuboid.cameras.live import LiveCamera
 from cuboid.cli import main
-from cuboid.core.errors import InputError
-from cuboid.outputs import read_run
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import InputError
+from cuboid.inputs.cameras.live import LiveCamera
+from cuboid.inputs.readers import open_recording
+from cuboid.results.files import read_run
 
 HERE = Path(__file__).resolve().parent
 
 SCRIPT = """
 import sys
 sys.path[:0] = [{here!r}, {tests!r}]
-import cuboid.pipeline.run
-from cuboid.cameras import CAMERAS
+import cuboid.runs.pipeline.run
+from cuboid.inputs.cameras import CAMERAS
 from cuboid.cli import main
 from fakes import FakeTracker
 from played import PlayedDriver
@@ -32,7 +32,7 @@ class Telling(FakeTracker):
         print("frame", frame.index, file=sys.stderr, flush=True)
         return super().update(frame, anchor)
 
-cuboid.pipeline.run._tracker = Telling
+cuboid.runs.pipeline.run._tracker = Telling
 then = {then}
 CAMERAS.register("toy")(lambda options: PlayedDriver({frames}, paced=False, every_s=0.01, then=then))
 sys.exit(main(sys.argv[1:]))
@@ -67,8 +67,8 @@ def test_ctrl_c_ends_with_a_whole_result(tmp_path: Path, silent: bool) -> None:
 @pytest.mark.parametrize(
     ("command", "opens"),
     [
-        (["track", "--camera", "oak", "--output", "never"], "cuboid.cameras.live.LiveCamera.__iter__"),
-        (["ros2"], "cuboid.ros2.opening.open_node"),
+        (["track", "--camera", "oak", "--output", "never"], "cuboid.inputs.cameras.live.LiveCamera.__iter__"),
+        (["ros2"], "cuboid.services.ros2.opening.open_node"),
     ],
 )
 def test_the_kernels_are_loaded_before_frames_are_taken(
@@ -80,8 +80,8 @@ def test_the_kernels_are_loaded_before_frames_are_taken(
         done.append("frames")
         raise InputError("no frames")
 
-    monkeypatch.setattr("cuboid.pipeline.warmup.load_kernels", lambda progress: done.append("kernels"))
-    monkeypatch.setattr("cuboid.cameras.open_camera", lambda *_, **__: LiveCamera(PlayedDriver(3)))
+    monkeypatch.setattr("cuboid.runs.pipeline.warmup.load_kernels", lambda progress: done.append("kernels"))
+    monkeypatch.setattr("cuboid.inputs.cameras.open_camera", lambda *_, **__: LiveCamera(PlayedDriver(3)))
     monkeypatch.setattr(opens, take)
     assert main(command) == 2
     assert done == ["kernels", "frames"]

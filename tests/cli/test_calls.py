@@ -14,7 +14,7 @@ import pytest
 
 from cuboid import __version__
 from cuboid.cli import COMMANDS, GROUPS, main
-from cuboid.outputs import read_run
+from cuboid.results.files import read_run
 from fakes import FakeTracker, write_recording
 
 Call = Callable[..., tuple[int, str, str]]
@@ -23,7 +23,7 @@ Call = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def call(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
     """Return a function that calls the command line and gives status, output and errors."""
-    monkeypatch.setattr("cuboid.pipeline.run._tracker", FakeTracker)
+    monkeypatch.setattr("cuboid.runs.pipeline.run._tracker", FakeTracker)
 
     def run(*words: str | Path) -> tuple[int, str, str]:
         try:

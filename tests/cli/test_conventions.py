@@ -17,10 +17,10 @@ import pytest
 
 from cuboid.cli import COMMANDS, main
 from cuboid.cli.names import without_guessing
-from cuboid.core.config import TrackerConfig
-from cuboid.exports import EXPORTS
-from cuboid.proposals import SOURCES
-from cuboid.readers import READERS
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.inputs.readers import READERS
+from cuboid.method.proposals import SOURCES
+from cuboid.results.exports import EXPORTS
 from fakes import FakeTracker, write_recording
 
 MODULES = {name: import_module(f"cuboid.cli.{name.replace(' ', '_')}") for name in COMMANDS}
@@ -128,7 +128,7 @@ def test_a_file_that_exists_is_replaced_with_force_only(
 @pytest.fixture
 def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Results of a short run with a quick tracker."""
-    monkeypatch.setattr("cuboid.pipeline.run._tracker", FakeTracker)
+    monkeypatch.setattr("cuboid.runs.pipeline.run._tracker", FakeTracker)
     recording = write_recording(tmp_path / "recording", 3, (120, 160))
     assert main(["track", str(recording), "-o", str(tmp_path / "results"), "--video"]) == 0
     return tmp_path / "results"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cuboid.outputs import read_objects, read_run
+from cuboid.results.files import read_objects, read_run
 
 
 def demo(*words: str | Path) -> subprocess.CompletedProcess[str]:

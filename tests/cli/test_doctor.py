@@ -10,7 +10,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from cuboid.cli import doctor, main
-from cuboid.core.extras import how_to_install
+from cuboid.ground.core.extras import how_to_install
 
 
 def lines_of(capsys: pytest.CaptureFixture[str]) -> dict[str, tuple[str, str]]:

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "readers"))
 from made_recordings import CAMERA, make_plain, write_image
 
 from cuboid.cli import main
-from cuboid.readers import open_recording
+from cuboid.inputs.readers import open_recording
 from fakes import write_recording
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cuboid.outputs import read_run, read_tracks
+from cuboid.results.files import read_run, read_tracks
 from fakes import write_recording
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -18,7 +18,7 @@ TESTS = Path(__file__).resolve().parents[1]
 SCRIPT = """
 import sys, time
 sys.path.insert(0, {tests!r})
-import cuboid.pipeline.run
+import cuboid.runs.pipeline.run
 from cuboid.cli import main
 from fakes import FakeTracker
 
@@ -28,7 +28,7 @@ class Slow(FakeTracker):
         time.sleep(1.0 if frame.index == 4 else 0.01)
         return super().update(frame, anchor)
 
-cuboid.pipeline.run._tracker = Slow
+cuboid.runs.pipeline.run._tracker = Slow
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.outputs import (
+from cuboid.results.files import (
     read_map,
     read_objects,
     read_proposals,

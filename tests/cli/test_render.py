@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from cuboid.cli import render
-from cuboid.core.errors import InputError
-from cuboid.core.frame import UInt8Array
-from cuboid.pipeline.options import ResultOptions, RunHooks, TrackOptions
-from cuboid.pipeline.run import track_recording
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import UInt8Array
+from cuboid.inputs.readers import open_recording
+from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
+from cuboid.runs.pipeline.run import track_recording
 from fakes import FakeTracker, write_recording
 
 FRAMES = 7

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from cuboid.cli import main
-from cuboid.outputs import Results
-from cuboid.scene import Scene
+from cuboid.results.files import Results
+from cuboid.runs.scene import Scene
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scene"))
 from made_scene import THINGS, Shown, record

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from cuboid.cli import tables
 from cuboid.cli.tables import EVENTS_SHOWN, event_lines, new_table
-from cuboid.outputs.rows import EventRow
+from cuboid.results.files.rows import EventRow
 
 HEADINGS = ("map, IoU", "precision", "recall", "F1", "AP", "found", "wrong", "mean IoU", "centre off", "size off")
 CELLS = ("0.25", "1.000", "0.875", "0.933", "0.870", "7 of 8", "12", "0.863", "10.74 cm", "0.70 cm")

@@ -17,9 +17,9 @@ sys.path.insert(0, {tests!r})
 from cuboid.cli import main
 from cuboid.cli import track
 def run(args):
-    import cuboid.pipeline.run, scipy.linalg
+    import cuboid.runs.pipeline.run, scipy.linalg
     from fakes import FakeTracker
-    cuboid.pipeline.run._tracker = FakeTracker
+    cuboid.runs.pipeline.run._tracker = FakeTracker
     return original(args)
 original, track.run = track.run, run
 main(sys.argv[1:])

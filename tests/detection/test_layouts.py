@@ -8,13 +8,13 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto
 
-from cuboid.core.errors import InputError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.detection import Detections, make_detector
-from cuboid.detection.session import Session
-from cuboid.detection.vocabulary import COCO
-from cuboid.geometry.rectangles import rect_iou_matrix
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.geometry.rectangles import rect_iou_matrix
+from cuboid.inputs.readers import open_recording
+from cuboid.method.detection import Detections, make_detector
+from cuboid.method.detection.session import Session
+from cuboid.method.detection.vocabulary import COCO
 from made_models import SIDE, made_model
 from made_text_models import made_text_model
 

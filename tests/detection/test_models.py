@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from cuboid.cli import main
-from cuboid.core.errors import InputError, OutputError
-from cuboid.detection import models
-from cuboid.detection.fetching import fetch
-from cuboid.detection.models import MODELS, Model, models_folder
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.method.detection import models
+from cuboid.method.detection.fetching import fetch
+from cuboid.method.detection.models import MODELS, Model, models_folder
 
 # A file of a release, or of one revision: a branch may change.
 PUBLISHED = re.compile(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from cuboid import ResultOptions, TrackOptions, open_recording, track_recording
-from cuboid.evaluation import evaluate_keyframes
-from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation
+from cuboid.lab.evaluation import evaluate_keyframes
+from cuboid.lab.evaluation.evaluate_keyframes import KeyframeEvaluation
 
 # The keyframes up to here show the desk with its screens, keyboard and mice.
 FRAMES = 120

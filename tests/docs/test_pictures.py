@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cuboid import cli
-from cuboid.surfaces.kernels.outlines import FREE, SUPPORT
+from cuboid.method.surfaces.kernels.outlines import FREE, SUPPORT
 
 SCRIPT = Path(__file__).resolve().parents[2] / "docs" / "make_pictures.py"
 

@@ -23,7 +23,7 @@ from given import FRAMES, SIZE, Given
 
 from cuboid.cli import COMMANDS, main
 from cuboid.cli.names import without_guessing
-from cuboid.views.serving import PageServer
+from cuboid.results.views.serving import PageServer
 
 LANGUAGES = {SHELL, "python", "json", "toml", "text"}
 # What is added to a command: it is short here, and takes no port that another program may have.

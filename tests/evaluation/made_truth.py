@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.core.frame import Intrinsics
-from cuboid.core.results import TrackedObject
-from cuboid.evaluation.matching import FrameOverlap
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import pack
-from cuboid.geometry.se3 import quat_wxyz_from_rotation
-from cuboid.outputs import ObjectsFile, RunReport, write_objects, write_run
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.results import TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import pack
+from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.lab.evaluation.matching import FrameOverlap
+from cuboid.results.files import ObjectsFile, RunReport, write_objects, write_run
 
 LEVEL = np.eye(3)
 

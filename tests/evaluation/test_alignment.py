@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_truth import cube, truth_document, write_csv, write_folder, write_truth
 
-from cuboid.core.errors import InputError
-from cuboid.evaluation import evaluate
-from cuboid.evaluation.alignment import mean_motion
-from cuboid.geometry import se3
-from cuboid.geometry.box import Box
-from cuboid.outputs import PoseRow
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.geometry import se3
+from cuboid.ground.geometry.box import Box
+from cuboid.lab.evaluation import evaluate
+from cuboid.lab.evaluation.alignment import mean_motion
+from cuboid.results.files import PoseRow
 
 TURN = se3.compose([0.5, 0.5, -0.5, 0.5], [3.0, -2.0, 1.0])
 

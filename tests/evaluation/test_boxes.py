@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from made_truth import LEVEL, as_json, cube, frame, rows, truth_document, write_truth
 
-from cuboid.evaluation.boxes import (
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import iou_matrix
+from cuboid.lab.evaluation.boxes import (
     MapQuality,
     ObjectBox,
     average_precision,
@@ -17,11 +19,9 @@ from cuboid.evaluation.boxes import (
     proposal_quality,
     size_errors,
 )
-from cuboid.evaluation.result import MapBoxes
-from cuboid.evaluation.scope import Scope
-from cuboid.evaluation.truth import read_truth
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import iou_matrix
+from cuboid.lab.evaluation.result import MapBoxes
+from cuboid.lab.evaluation.scope import Scope
+from cuboid.lab.evaluation.truth import read_truth
 
 
 def judge(

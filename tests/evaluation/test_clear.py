@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_truth import frame
 
-from cuboid.evaluation.clear import Clear, clear, correspondences
-from cuboid.evaluation.matching import FrameOverlap, match
+from cuboid.lab.evaluation.clear import Clear, clear, correspondences
+from cuboid.lab.evaluation.matching import FrameOverlap, match
 
 
 def judged(frames: list[FrameOverlap], threshold: float = 0.5) -> Clear:

@@ -9,9 +9,9 @@ import pytest
 from made_truth import as_json, cube, follow, truth_document, write_csv, write_folder, write_truth
 
 from cuboid.cli import evaluate as command
-from cuboid.core.errors import InputError
-from cuboid.evaluation import Evaluation, evaluate
-from cuboid.geometry.box import Box
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.geometry.box import Box
+from cuboid.lab.evaluation import Evaluation, evaluate
 
 
 def judge(folder: Path, sightings: list[tuple[int, int, Box]], document: dict[str, object]) -> Evaluation:

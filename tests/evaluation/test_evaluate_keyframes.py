@@ -10,14 +10,14 @@ import pytest
 from made_keyframes import drawn, keyframes_document, square, write_keyframes, write_sightings
 
 from cuboid import cli, open_recording, open_results
-from cuboid.core.errors import InputError
-from cuboid.core.frame import Intrinsics
-from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, TrackedObject
-from cuboid.evaluation import evaluate_keyframes
-from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation
-from cuboid.geometry.box import Box
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
-from cuboid.readers import Recording
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.results import FrameResult, MapPoints, Proposal3D, Sighting, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.inputs.readers import Recording
+from cuboid.lab.evaluation import evaluate_keyframes
+from cuboid.lab.evaluation.evaluate_keyframes import KeyframeEvaluation
+from cuboid.results.files import ObjectsFile, ResultWriter, RunReport
 from made_results import SKIPPED, write_results
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.errors import InputError
-from cuboid.evaluation.events import event_quality, labels_on_agents, objects_of_labels
-from cuboid.evaluation.matching import FrameOverlap
-from cuboid.evaluation.result import BoxRows
-from cuboid.evaluation.scope import Scope
-from cuboid.evaluation.truth import Path3D, Truth, TruthAgent, TruthEvent, TruthObject
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import pack
-from cuboid.geometry.se3 import compose
-from cuboid.outputs.rows import EVENTS_HEADER, EventRow, read_events
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import pack
+from cuboid.ground.geometry.se3 import compose
+from cuboid.lab.evaluation.events import event_quality, labels_on_agents, objects_of_labels
+from cuboid.lab.evaluation.matching import FrameOverlap
+from cuboid.lab.evaluation.result import BoxRows
+from cuboid.lab.evaluation.scope import Scope
+from cuboid.lab.evaluation.truth import Path3D, Truth, TruthAgent, TruthEvent, TruthObject
+from cuboid.results.files.rows import EVENTS_HEADER, EventRow, read_events
 
 HERE, THERE = np.array([0.0, 0, 0]), np.array([0.5, 0, 0])
 SIZE = np.full(3, 0.1)

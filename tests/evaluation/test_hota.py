@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_truth import frame
 
-from cuboid.evaluation.hota import hota
+from cuboid.lab.evaluation.hota import hota
 
 
 def test_a_label_that_changes_half_way_halves_the_association() -> None:

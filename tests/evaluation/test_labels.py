@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.evaluation.labels import (
+from cuboid.lab.evaluation.labels import (
     Timelines,
     consistency,
     object_labels,

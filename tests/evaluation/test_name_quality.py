@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cuboid.detection.vocabulary import COCO
-from cuboid.evaluation.names import class_of, name_quality
-from cuboid.outputs.objects import read_objects, write_objects
+from cuboid.lab.evaluation.names import class_of, name_quality
+from cuboid.method.detection.vocabulary import COCO
+from cuboid.results.files.objects import read_objects, write_objects
 from made_results import made_objects, write_results
 
 

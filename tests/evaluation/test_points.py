@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from made_truth import as_json, cube, truth_document, write_truth
 
-from cuboid.core.errors import InputError
-from cuboid.core.results import MapPoints
-from cuboid.evaluation.points import (
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.results import MapPoints
+from cuboid.lab.evaluation.points import (
     REACH_M,
     HeatAt,
     LabelledCloud,
     heat_quality,
     read_labelled_cloud,
 )
-from cuboid.evaluation.truth import Truth, read_truth
-from cuboid.outputs import write_map
+from cuboid.lab.evaluation.truth import Truth, read_truth
+from cuboid.results.files import write_map
 
 
 def line(count: int) -> np.ndarray:

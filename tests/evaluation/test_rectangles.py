@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_keyframes import drawn, keyframes_document, square
 
-from cuboid.evaluation.keyframes import Keyframe, keyframes_from_json
-from cuboid.evaluation.rectangles import Outcome, judge_frame
+from cuboid.lab.evaluation.keyframes import Keyframe, keyframes_from_json
+from cuboid.lab.evaluation.rectangles import Outcome, judge_frame
 
 
 def keyframe(boxes: list[dict[str, Any]], ignore: list[list[float]] | None = None) -> Keyframe:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_truth import cube, write_csv
 
-from cuboid.core.errors import InputError
-from cuboid.evaluation.result import read_result
+from cuboid.ground.core.errors import InputError
+from cuboid.lab.evaluation.result import read_result
 
 HEADER = "frame,label,cx,cy,cz,length,width,height,qw,qx,qy,qz"
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.evaluation.statistics import compare, interval, intervals
+from cuboid.lab.evaluation.statistics import compare, interval, intervals
 
 
 def test_the_interval_of_a_mean_is_that_of_the_normal_theory_where_that_holds() -> None:

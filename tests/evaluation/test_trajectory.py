@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cuboid.cli import main
-from cuboid.core.errors import InputError, MissingExtraError
-from cuboid.evaluation.timed_poses import TimedPoses, read_poses
-from cuboid.evaluation.trajectory import associate, evaluate_trajectory, rigid_fit
-from cuboid.evaluation.trajectory_plot import plot
-from cuboid.geometry import se3
-from cuboid.outputs import PoseRow
+from cuboid.ground.core.errors import InputError, MissingExtraError
+from cuboid.ground.geometry import se3
+from cuboid.lab.evaluation.timed_poses import TimedPoses, read_poses
+from cuboid.lab.evaluation.trajectory import associate, evaluate_trajectory, rigid_fit
+from cuboid.lab.evaluation.trajectory_plot import plot
+from cuboid.results.files import PoseRow
 from fakes import write_recording
 
 

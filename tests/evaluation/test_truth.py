@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from made_truth import as_json, cube, truth_document, write_truth
 
-from cuboid.core.errors import InputError
-from cuboid.evaluation.truth import JudgedRegion, read_truth
+from cuboid.ground.core.errors import InputError
+from cuboid.lab.evaluation.truth import JudgedRegion, read_truth
 
 
 def test_the_truth_of_a_real_scene_is_read(data_dir: Path) -> None:

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from cuboid.core.errors import InputError
-from cuboid.evaluation.visits import evaluate_visits
-from cuboid.formats.json_validation import read_json
-from cuboid.formats.visits_file import VisitsDocument
-from cuboid.synthetic import make_visits, render_visits
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.formats.json_validation import read_json
+from cuboid.ground.formats.visits_file import VisitsDocument
+from cuboid.lab.evaluation.visits import evaluate_visits
+from cuboid.lab.synthetic import make_visits, render_visits
 
 CHANGE = {"id": 1, "change": "moved", "judged": True, "metres": 0.3, "empty_frames": 4, "seen_frames": 9}
 

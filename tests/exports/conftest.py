@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from made_run import FRAMES, finished
 
-from cuboid.outputs import Results
+from cuboid.results.files import Results
 from fakes import write_recording
 
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.core.frame import Float64Array, Intrinsics
-from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
-from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import rotation_from_quat_wxyz
-from cuboid.outputs import ObjectsFile, ResultWriter
+from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
+from cuboid.results.files import ObjectsFile, ResultWriter
 from fakes import run_report
 
 FRAMES = 5

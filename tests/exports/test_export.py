@@ -16,16 +16,16 @@ from pycocotools.coco import COCO
 from rosbags.highlevel import AnyReader
 
 from cuboid.cli import main
-from cuboid.core.errors import InputError, OutputError
-from cuboid.core.palette import color_of
-from cuboid.exports import EXPORTS, export
-from cuboid.exports.kitti import COLUMNS, KittiRow, in_camera, kitti_row
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import iou
-from cuboid.geometry.se3 import rotation_from_quat_wxyz
-from cuboid.outputs import Results, TrackRow, read_map
-from cuboid.outputs.objects import write_objects
-from cuboid.outputs.rows import EVENTS_HEADER
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.ground.core.palette import color_of
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import iou
+from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
+from cuboid.results.exports import EXPORTS, export
+from cuboid.results.exports.kitti import COLUMNS, KittiRow, in_camera, kitti_row
+from cuboid.results.files import Results, TrackRow, read_map
+from cuboid.results.files.objects import write_objects
+from cuboid.results.files.rows import EVENTS_HEADER
 
 OWN = ("coco", "csv", "graphml", "json", "kitti", "mcap", "ply")
 SUFFIXES = {name: form.suffix for name, form in EXPORTS.items()}

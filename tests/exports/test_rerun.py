@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cuboid.core.errors import InputError, MissingExtraError
-from cuboid.exports import export
-from cuboid.outputs import Results
+from cuboid.ground.core.errors import InputError, MissingExtraError
+from cuboid.results.exports import export
+from cuboid.results.files import Results
 
 
 def printed(path: Path, *options: str) -> str:

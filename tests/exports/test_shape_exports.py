@@ -14,10 +14,10 @@ from pxr import Usd, UsdGeom, UsdPhysics
 import cuboid
 import made_shapes
 from cuboid.cli import main
-from cuboid.core.errors import InputError, OutputError
-from cuboid.exports import EXPORTS, export
-from cuboid.exports.shapes import HULL_VERTICES, upright
-from cuboid.outputs import Results
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.results.exports import EXPORTS, export
+from cuboid.results.exports.shapes import HULL_VERTICES, upright
+from cuboid.results.files import Results
 from made_shapes import BOXES
 
 NAMES = {1: "object_001", 2: "object_002_tea_box"}

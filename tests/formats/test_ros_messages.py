@@ -8,8 +8,8 @@ import pytest
 pytest.importorskip("rosbags", reason="messages are made with rosbags: pip install '.[ros]'")
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from cuboid.core.errors import FrameError
-from cuboid.formats.ros_messages import OWN, SERVICES, VISION, RosMessages, request_of, response_of
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.formats.ros_messages import OWN, SERVICES, VISION, RosMessages, request_of, response_of
 
 # All that a node sends or takes.
 KINDS = (

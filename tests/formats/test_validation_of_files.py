@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.core.errors import CuboidError, FrameError, InputError, one_line, shown
-from cuboid.core.frame import Frame
-from cuboid.formats import reading
-from cuboid.formats.json_validation import read_json
-from cuboid.formats.objects_file import ObjectsDocument
-from cuboid.formats.reading import UnreadableError, opened, read_bytes, text_lines
-from cuboid.formats.rows_files import TrackEntry
-from cuboid.formats.table_validation import read_table
-from cuboid.outputs.rows import TRACKS_HEADER
+from cuboid.ground.core.errors import CuboidError, FrameError, InputError, one_line, shown
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.formats import reading
+from cuboid.ground.formats.json_validation import read_json
+from cuboid.ground.formats.objects_file import ObjectsDocument
+from cuboid.ground.formats.reading import UnreadableError, opened, read_bytes, text_lines
+from cuboid.ground.formats.rows_files import TrackEntry
+from cuboid.ground.formats.table_validation import read_table
+from cuboid.results.files.rows import TRACKS_HEADER
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

@@ -23,9 +23,9 @@ from made_bags import START_NS, make_bag, time_of, writing
 from made_recordings import CAMERA, color_image, depth_image
 from targets import files_of, read_all
 
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Intrinsics
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.inputs.readers import open_recording
 
 
 def _recording(make: Callable[[Path], object]) -> Target:

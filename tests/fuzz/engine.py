@@ -22,7 +22,7 @@ import psutil
 from changes import Change, changed, keep
 from mutations import mutated
 
-from cuboid.core.errors import LONGEST_MESSAGE, CuboidError
+from cuboid.ground.core.errors import LONGEST_MESSAGE, CuboidError
 
 LIMIT_S = 5.0
 # What hangs outside of Python does not hear the alarm: then the process ends, with a traceback of where it was.

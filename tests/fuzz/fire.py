@@ -26,11 +26,11 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 from hostile import hostile  # noqa: E402
 
-from cuboid.core.config import TrackerConfig  # noqa: E402
-from cuboid.core.errors import FrameError  # noqa: E402
-from cuboid.core.frame import Intrinsics  # noqa: E402
-from cuboid.geometry import se3  # noqa: E402
-from cuboid.tracking.posed_tracker import PosedTracker  # noqa: E402
+from cuboid.ground.core.config import TrackerConfig  # noqa: E402
+from cuboid.ground.core.errors import FrameError  # noqa: E402
+from cuboid.ground.core.frame import Intrinsics  # noqa: E402
+from cuboid.ground.geometry import se3  # noqa: E402
+from cuboid.runs.tracking.posed_tracker import PosedTracker  # noqa: E402
 from worlds import Watch  # noqa: E402
 
 # Seconds of one core that a frame may take, the first ones of a process left out: these load the kernels. What other

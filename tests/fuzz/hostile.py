@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame, Intrinsics
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame, Intrinsics
 
 Array = np.ndarray[Any, np.dtype[Any]]
 

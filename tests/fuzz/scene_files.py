@@ -20,8 +20,8 @@ from engine import Target
 from made_scene import CAMERA, THINGS, Shown, record
 from mutations import VALUES, mutated, of_bytes
 
-from cuboid.scene import Scene
-from cuboid.scene.checking import problems, rescue
+from cuboid.runs.scene import Scene
+from cuboid.runs.scene.checking import problems, rescue
 
 NAME = "a.cuboid"
 

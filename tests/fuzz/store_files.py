@@ -22,8 +22,8 @@ def make_store(folder: Path) -> None:
     """Write a store of two runs that were gathered, and one that was not."""
     from made_stores import put_run, thing
 
-    from cuboid.store.compact import compact
-    from cuboid.store.place import Place
+    from cuboid.fleet.store.compact import compact
+    from cuboid.fleet.store.place import Place
 
     place = Place(str(folder))
     put_run(place, 1, [thing(1), thing(2, longest_m=0.3)])
@@ -75,10 +75,10 @@ def of_columns(rng: random.Random, content: bytes) -> bytes:
 
 def ask(folder: Path) -> None:
     """Ask for objects, in each way."""
-    from cuboid.queries.filters import Filters
-    from cuboid.store.find import find
-    from cuboid.store.page import found_page
-    from cuboid.store.query import Tables
+    from cuboid.fleet.store.find import find
+    from cuboid.fleet.store.page import found_page
+    from cuboid.fleet.store.query import Tables
+    from cuboid.services.queries.filters import Filters
 
     tables = Tables(str(folder))
     for filters in (Filters(), Filters(size_m=(0.0, 1.0), near=(0.0, 0.0, 0.0)), Filters(color="grey", min_score=0.5)):
@@ -88,15 +88,15 @@ def ask(folder: Path) -> None:
 
 def sum_up(folder: Path) -> None:
     """Make the page."""
-    from cuboid.store.page import write_summary
+    from cuboid.fleet.store.page import write_summary
 
     write_summary(str(folder))
 
 
 def gather(folder: Path) -> None:
     """Gather what is there; what that removes comes back."""
-    from cuboid.store.compact import compact
-    from cuboid.store.place import Place
+    from cuboid.fleet.store.compact import compact
+    from cuboid.fleet.store.place import Place
 
     tables = [path for path in folder.rglob("*.parquet") if path.is_file() and path.stat().st_size < SMALL_BYTES]
     before = {path: path.read_bytes() for path in tables}
@@ -110,8 +110,8 @@ def gather(folder: Path) -> None:
 
 def batch(folder: Path) -> None:
     """Ask what was tracked before."""
-    from cuboid.store.place import Place
-    from cuboid.store.snapshot import snapshot
+    from cuboid.fleet.store.place import Place
+    from cuboid.fleet.store.snapshot import snapshot
 
     snapshot(Place(str(folder)), every_key=True)
 

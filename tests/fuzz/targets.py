@@ -19,17 +19,17 @@ for _folder in (HERE.parent, HERE.parent / "readers", HERE.parent / "exports"):
 from engine import Target  # noqa: E402
 from made_run import finished  # noqa: E402
 
-from cuboid.core.errors import CuboidError  # noqa: E402
-from cuboid.evaluation import evaluate  # noqa: E402
-from cuboid.evaluation.timed_poses import read_poses  # noqa: E402
-from cuboid.exports import EXPORTS, export  # noqa: E402
-from cuboid.outputs import Results  # noqa: E402
-from cuboid.proposals.files import LOADERS  # noqa: E402
-from cuboid.readers import open_recording  # noqa: E402
-from cuboid.synthetic.user_meshes import load_mesh  # noqa: E402
-from cuboid.views.redraw import KINDS, drawer  # noqa: E402
-from cuboid.views.replay import Replay  # noqa: E402
-from cuboid.views.report import page_of, summarise  # noqa: E402
+from cuboid.ground.core.errors import CuboidError  # noqa: E402
+from cuboid.inputs.readers import open_recording  # noqa: E402
+from cuboid.lab.evaluation import evaluate  # noqa: E402
+from cuboid.lab.evaluation.timed_poses import read_poses  # noqa: E402
+from cuboid.lab.synthetic.user_meshes import load_mesh  # noqa: E402
+from cuboid.method.proposals.files import LOADERS  # noqa: E402
+from cuboid.results.exports import EXPORTS, export  # noqa: E402
+from cuboid.results.files import Results  # noqa: E402
+from cuboid.results.views.redraw import KINDS, drawer  # noqa: E402
+from cuboid.results.views.replay import Replay  # noqa: E402
+from cuboid.results.views.report import page_of, summarise  # noqa: E402
 
 SHAPE = (48, 64)
 CAMERA = {"fx": 60.0, "fy": 61.0, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}

@@ -12,7 +12,7 @@ from mutations import WORDS
 from scene_files import SCENES
 from targets import TARGETS
 
-import cuboid.pipeline.run
+import cuboid.runs.pipeline.run
 from cuboid.cli import main
 from fakes import FakeTracker
 
@@ -65,7 +65,7 @@ def test_any_command_line_is_done_or_refused_in_one_line(
     TARGETS["results"].make(tmp_path)
     SCENES["scenes"].make(tmp_path)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cuboid.pipeline.run, "_tracker", FakeTracker)
+    monkeypatch.setattr(cuboid.runs.pipeline.run, "_tracker", FakeTracker)
     done = 0
     for number in range(LINES):
         words = line(random.Random(number))

@@ -15,7 +15,7 @@ from scene_files import SCENES
 from store_files import STORES
 from targets import TARGETS
 
-from cuboid.core.errors import InputError
+from cuboid.ground.core.errors import InputError
 
 HERE = Path(__file__).resolve().parent
 # 2,000 in all, under a minute; one call each, drawn at random.

@@ -6,7 +6,7 @@ import numpy as np
 from fire import Fired, fire, load_kernels
 from hostile import KINDS, hostile
 
-from cuboid.geometry.se3 import is_rigid
+from cuboid.ground.geometry.se3 import is_rigid
 
 
 def test_a_seed_gives_the_same_frames() -> None:

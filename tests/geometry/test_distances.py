@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from cuboid.objects.distances import points_near, touch
+from cuboid.method.objects.distances import points_near, touch
 
 
 @pytest.mark.parametrize("dimensions", [2, 3])

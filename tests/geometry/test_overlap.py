@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Polygon
 
-from cuboid.geometry.box import CORNER_SIGNS, EDGES, Box
-from cuboid.geometry.overlap import (
+from cuboid.ground.geometry.box import CORNER_SIGNS, EDGES, Box
+from cuboid.ground.geometry.overlap import (
     intersection_matrix,
     iou,
     iou_matrix,

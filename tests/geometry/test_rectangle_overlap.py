@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.geometry.rectangles import rect_iou, rect_iou_matrix
+from cuboid.ground.geometry.rectangles import rect_iou, rect_iou_matrix
 
 
 def test_two_alone_overlap_as_they_do_among_many() -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cuboid.geometry import se3
+from cuboid.ground.geometry import se3
 
 metres = st.floats(-50, 50)
 unit_range = st.floats(-1, 1)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from cuboid.geometry import se3
+from cuboid.ground.geometry import se3
 
 length = st.floats(-3, 3)
 turn = st.floats(-1.7, 1.7)  # a rotation vector below pi

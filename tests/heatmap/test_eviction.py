@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.working import WorkingImage
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.ground.core.working import WorkingImage
+from cuboid.method.heatmap.voxel_map import VoxelMap
 from made_scenes import CAMERA, cast, look_at, upright
 
 SCENE = [upright((0, 0), (2, 2, 0.02), z=-0.02)]

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.depth import resolves_m
-from cuboid.core.observation import Observation
-from cuboid.core.working import WorkingImage
-from cuboid.geometry import se3
-from cuboid.heatmap.kernels import owners
-from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.depth import resolves_m
+from cuboid.ground.core.observation import Observation
+from cuboid.ground.core.working import WorkingImage
+from cuboid.ground.geometry import se3
+from cuboid.method.heatmap.kernels import owners
+from cuboid.method.heatmap.voxel_map import VoxelMap
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, cast, look_at, upright
 from worlds import CAMERA as SMALL
 from worlds import Proposer, World
@@ -182,7 +182,7 @@ def test_results_are_the_same_and_the_map_has_more_points(monkeypatch: pytest.Mo
         frames.append((frame, proposer(frame, SMALL)))
     told, points = [], []
     for far_m in (0.0, 3.0):
-        monkeypatch.setattr("cuboid.tracking.posed_tracker.resolves_m", lambda *_, far_m=far_m: far_m)
+        monkeypatch.setattr("cuboid.runs.tracking.posed_tracker.resolves_m", lambda *_, far_m=far_m: far_m)
         tracker = PosedTracker(SMALL, TrackerConfig(), lambda frame, _: frames[frame.index][1])
         results = [tracker.update(frame) for frame, _ in frames]
         told.append([[(s.label, s.box.center.tobytes(), s.rect_xyxy.tobytes()) for s in r.sightings] for r in results])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.working import WorkingImage
-from cuboid.geometry import se3
-from cuboid.heatmap import levels
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.ground.core.working import WorkingImage
+from cuboid.ground.geometry import se3
+from cuboid.method.heatmap import levels
+from cuboid.method.heatmap.voxel_map import VoxelMap
 from made_scenes import CAMERA, cast, look_at, upright
 
 # A floor, and a wall that is tilted so that it goes through voxels at all heights.

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.working import thin
-from cuboid.geometry import se3
-from cuboid.geometry.box import Box
-from cuboid.heatmap.motion import REST_S, Motion
+from cuboid.ground.core.working import thin
+from cuboid.ground.geometry import se3
+from cuboid.ground.geometry.box import Box
+from cuboid.method.heatmap.motion import REST_S, Motion
 from made_scenes import CAMERA, cast, frame_of, look_at, upright
 
 FLOOR = upright((0.0, 0.0), (6.0, 6.0, 0.02), z=-0.72)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from cuboid.core.working import WorkingImage
-from cuboid.geometry import se3
-from cuboid.heatmap.kernels.cubes import ANCHORS, BLOCK_BITS, PLACES, ROW
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.ground.core.working import WorkingImage
+from cuboid.ground.geometry import se3
+from cuboid.method.heatmap.kernels.cubes import ANCHORS, BLOCK_BITS, PLACES, ROW
+from cuboid.method.heatmap.voxel_map import VoxelMap
 from made_scenes import CAMERA, cast, look_at, upright
 from worlds import cubes_of, voxels_of
 
@@ -204,7 +204,7 @@ def test_looks_here_and_there_between_corrections_leave_the_map_that_looks_every
 
 
 def test_numbers_of_anchors_do_not_run_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cuboid.heatmap.anchors.LAST_KEYFRAME", ANCHORS - 50)
+    monkeypatch.setattr("cuboid.method.heatmap.anchors.LAST_KEYFRAME", ANCHORS - 50)
     voxels, rng = wide(8, 5_000), np.random.default_rng(8)
     count = len(voxels.stored.living())
     for k in range(30):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.frame import Intrinsics
-from cuboid.core.working import WorkingImage
-from cuboid.heatmap.kernels.cubes import BLOCK_ROWS
-from cuboid.heatmap.voxel_map import MAX_VOTES, VOTES_RATIO, VoxelMap
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.working import WorkingImage
+from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS
+from cuboid.method.heatmap.voxel_map import MAX_VOTES, VOTES_RATIO, VoxelMap
 
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
 

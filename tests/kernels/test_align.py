@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cuboid.geometry import se3
-from cuboid.poses.kernels import align
+from cuboid.ground.geometry import se3
+from cuboid.method.poses.kernels import align
 
 CAMERA = np.array([60.0, 62.0, 31.0, 23.0])
 NOISE = np.array([0.001, 1.4e-3])

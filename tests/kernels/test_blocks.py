@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.kernels.blocks import take_one
+from cuboid.ground.core.kernels.blocks import take_one
 
 
 def test_one_pixel_of_each_block_is_taken_as_slices_do() -> None:

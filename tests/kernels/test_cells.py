@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.core.kernels import cells as kernel
-from cuboid.core.tolerances import MIN_SIGMA_M
+from cuboid.ground.core.kernels import cells as kernel
+from cuboid.ground.core.tolerances import MIN_SIGMA_M
 
 CAMERA = np.array([130.0, 128.0, 80.3, 59.1])
 

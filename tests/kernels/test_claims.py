@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.core.tolerances import JUMP_SIGMAS
-from cuboid.heatmap.kernels.claims import assign_pixels, proposal_overlaps, segment_overlaps, vote_owners
-from cuboid.surfaces.kernels.outlines import (
+from cuboid.ground.core.tolerances import JUMP_SIGMAS
+from cuboid.method.heatmap.kernels.claims import assign_pixels, proposal_overlaps, segment_overlaps, vote_owners
+from cuboid.method.surfaces.kernels.outlines import (
     BORDER,
     BOTTOM,
     CONTACT,

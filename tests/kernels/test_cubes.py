@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.geometry import se3
-from cuboid.heatmap.kernels.cubes import BATCH, CUBE_SIDE, empty_cubes, make_cube, pack_key
-from cuboid.heatmap.kernels.lookup import cubes_in_frustum
+from cuboid.ground.geometry import se3
+from cuboid.method.heatmap.kernels.cubes import BATCH, CUBE_SIDE, empty_cubes, make_cube, pack_key
+from cuboid.method.heatmap.kernels.lookup import cubes_in_frustum
 
 VOXEL_M, CAMERA, WIDTH, HEIGHT, FAR_M = 0.01, np.array([60.0, 55.0, 31.5, 23.5]), 64, 48, 3.0
 

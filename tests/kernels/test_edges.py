@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.calibration.kernels.edges import depth_edges, edge_agreement
+from cuboid.inputs.calibration.kernels.edges import depth_edges, edge_agreement
 
 
 def ends(depth, jump=0.05, gap=3):

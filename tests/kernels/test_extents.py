@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.boxes.kernels.extents import BINS, beyond_sides, ends_at, reach
+from cuboid.method.boxes.kernels.extents import BINS, beyond_sides, ends_at, reach
 
 # How far beyond its sides places are put, metres.
 STEPS = np.array([0.02, 0.03, 0.04])

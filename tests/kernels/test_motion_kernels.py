@@ -6,12 +6,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.core.tolerances import JUMP_SIGMAS, NEAREST_M
-from cuboid.geometry import se3
-from cuboid.heatmap.kernels.motion import grow
-from cuboid.objects.kernels.clusters import score_shifts
-from cuboid.objects.kernels.leaving import count_passed
-from cuboid.poses.kernels.free_space import mark_freed, mark_unseen, spread
+from cuboid.ground.core.tolerances import JUMP_SIGMAS, NEAREST_M
+from cuboid.ground.geometry import se3
+from cuboid.method.heatmap.kernels.motion import grow
+from cuboid.method.objects.kernels.clusters import score_shifts
+from cuboid.method.objects.kernels.leaving import count_passed
+from cuboid.method.poses.kernels.free_space import mark_freed, mark_unseen, spread
 
 CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
 SHAPE = (30, 40)

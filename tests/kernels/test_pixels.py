@@ -5,9 +5,9 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.core.kernels.pixels import PlanesInView, assign_planes, back_project, drop_mixed
-from cuboid.core.tolerances import JUMP_SIGMAS
-from cuboid.surfaces.kernels.pieces import gather_regions, judge_regions, label_regions
+from cuboid.ground.core.kernels.pixels import PlanesInView, assign_planes, back_project, drop_mixed
+from cuboid.ground.core.tolerances import JUMP_SIGMAS
+from cuboid.method.surfaces.kernels.pieces import gather_regions, judge_regions, label_regions
 
 CAMERA = np.array([50.0, 50.0, 31.5, 23.5])
 

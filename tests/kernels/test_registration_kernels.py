@@ -4,7 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from cuboid.readers.kernels.registration import COVERS_PX, NEAREST_M, NOISE_PER_M, STEEPEST, project_depth, splat_depth
+from cuboid.inputs.readers.kernels.registration import (
+    COVERS_PX,
+    NEAREST_M,
+    NOISE_PER_M,
+    STEEPEST,
+    project_depth,
+    splat_depth,
+)
 
 DEPTH_K = np.array([70.0, 71.0, 31.0, 24.0])
 SHAPE = (48, 64)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from cuboid.core.limits import SAMPLE_POINTS
-from cuboid.core.tolerances import MIN_READINGS
-from cuboid.objects.kernels.rims import BENEATH_FRACTION, END_FRACTION, RIM_WIDTH_FRACTION, highest_rim
+from cuboid.ground.core.limits import SAMPLE_POINTS
+from cuboid.ground.core.tolerances import MIN_READINGS
+from cuboid.method.objects.kernels.rims import BENEATH_FRACTION, END_FRACTION, RIM_WIDTH_FRACTION, highest_rim
 
 GAP_M, SLAB_M = 0.02, 0.03
 

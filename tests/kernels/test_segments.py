@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.kernels import holes, patches, regions, segments
-from cuboid.core.kernels.cells import CELL_COLUMNS, fit_cells
-from cuboid.core.tolerances import JUMP_SIGMAS
-from cuboid.proposals.kernels import unions
+from cuboid.ground.core.kernels import holes, patches, regions, segments
+from cuboid.ground.core.kernels.cells import CELL_COLUMNS, fit_cells
+from cuboid.ground.core.tolerances import JUMP_SIGMAS
+from cuboid.method.proposals.kernels import unions
 
 PINHOLE = np.array([265.0, 265.0, 79.5, 59.5])
 SHAPE = (120, 160)

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.boxes.kernels.extents import BINS
-from cuboid.geometry.kernels.overlap import BATCH, bound
-from cuboid.objects.kernels.sightings import NEAREST_M, Surfaces, View, boxes_in_frustum, count_seen
+from cuboid.ground.geometry.kernels.overlap import BATCH, bound
+from cuboid.method.boxes.kernels.extents import BINS
+from cuboid.method.objects.kernels.sightings import NEAREST_M, Surfaces, View, boxes_in_frustum, count_seen
 
 CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
 NOISE, AGREE_M, ALIKE = 1.4e-3, 0.03, 30

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.core.tolerances import JUMP_SIGMAS, SIGMAS
-from cuboid.surfaces.kernels import standing as kernel
+from cuboid.ground.core.tolerances import JUMP_SIGMAS, SIGMAS
+from cuboid.method.surfaces.kernels import standing as kernel
 
 CAMERA = np.array([30.0, 32.0, 11.5, 8.5])
 SHAPE = (18, 24)

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.frame import Intrinsics
-from cuboid.core.working import WorkingImage
-from cuboid.heatmap.pixel_heat import pixel_heat, weigh
-from cuboid.proposals.types import Proposals
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.working import WorkingImage
+from cuboid.method.heatmap.pixel_heat import pixel_heat, weigh
+from cuboid.method.proposals.types import Proposals
 
 
 def image(depth: np.ndarray, step: int = 1, phase: tuple[int, int] = (0, 0)) -> WorkingImage:

@@ -7,9 +7,9 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Intrinsics
-from cuboid.core.working import WorkingImage
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.working import WorkingImage
+from cuboid.method.heatmap.voxel_map import VoxelMap
 
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
 VOXEL = 0.05
@@ -123,7 +123,7 @@ def test_frames_from_one_place_leave_out_what_is_cold_and_look_through_once_for_
 
 def test_stray_points_go_also_while_the_map_grows(monkeypatch: pytest.MonkeyPatch) -> None:
     """A large map is looked through in turns; new points at its end must not keep the turn from coming round."""
-    monkeypatch.setattr("cuboid.heatmap.voxel_map.MAX_CARVED_POINTS", 100)
+    monkeypatch.setattr("cuboid.method.heatmap.voxel_map.MAX_CARVED_POINTS", 100)
     voxels = VoxelMap(VOXEL, 1e-3, 30.0)
     hot = np.ones((48, 64), np.float32)
     voxels.fuse(image_of(np.full((48, 64), 1.0)), hot, np.eye(4), 0)

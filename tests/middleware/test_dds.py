@@ -22,10 +22,10 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from cuboid.core.errors import InputError
-from cuboid.formats.ros_messages import VISION, RosMessages, request_of, response_of
-from cuboid.middleware.dds import DdsTransport, WireTypes
-from cuboid.middleware.transport import Qos
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.formats.ros_messages import VISION, RosMessages, request_of, response_of
+from cuboid.ground.middleware.dds import DdsTransport, WireTypes
+from cuboid.ground.middleware.transport import Qos
 from made_messages import random_message
 
 KINDS = (

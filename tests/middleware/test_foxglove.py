@@ -10,10 +10,10 @@ import pytest
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: pip install '.[foxglove]'")
 pytest.importorskip("rosbags", reason="messages are made with rosbags: pip install '.[foxglove]'")
 
-from cuboid.core.errors import InputError
-from cuboid.formats.ros_messages import RosMessages, request_of, response_of
-from cuboid.middleware.foxglove import FoxgloveServer
-from cuboid.middleware.transport import Qos
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.formats.ros_messages import RosMessages, request_of, response_of
+from cuboid.ground.middleware.foxglove import FoxgloveServer
+from cuboid.ground.middleware.transport import Qos
 from foxglove_client import FoxgloveClient
 
 

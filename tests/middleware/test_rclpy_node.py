@@ -10,10 +10,10 @@ import pytest
 
 pytest.importorskip("rosbags", reason="messages are read with rosbags: pip install '.[ros2]'")
 
-from cuboid.core.errors import InputError, MissingExtraError
-from cuboid.formats.ros_messages import RosMessages, request_of, response_of
-from cuboid.middleware.rclpy_node import RclpyTransport
-from cuboid.middleware.transport import Qos
+from cuboid.ground.core.errors import InputError, MissingExtraError
+from cuboid.ground.formats.ros_messages import RosMessages, request_of, response_of
+from cuboid.ground.middleware.rclpy_node import RclpyTransport
+from cuboid.ground.middleware.transport import Qos
 from fake_rclpy import FakeRos, install
 
 

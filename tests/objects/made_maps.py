@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.geometry.box import Box
-from cuboid.heatmap.kernels.cubes import PLACES, ROW
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.ground.geometry.box import Box
+from cuboid.method.heatmap.kernels.cubes import PLACES, ROW
+from cuboid.method.heatmap.voxel_map import VoxelMap
 from worlds import cubes_of
 
 VOXEL_M = 0.01

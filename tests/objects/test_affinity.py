@@ -6,7 +6,7 @@ from math import log
 
 import pytest
 
-from cuboid.objects.affinity import (
+from cuboid.method.objects.affinity import (
     CERTAIN_LOG_ODDS,
     DIFFERENT_LOG_ODDS,
     JOIN_RATE,

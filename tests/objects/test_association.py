@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import pack
-from cuboid.heatmap.voxel_map import PixelVoxels
-from cuboid.objects.association import Association, SegmentedFrame, associate
-from cuboid.objects.entry import MapObject
-from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments
-from cuboid.surfaces.kernels.outlines import KINDS
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import pack
+from cuboid.method.heatmap.voxel_map import PixelVoxels
+from cuboid.method.objects.association import Association, SegmentedFrame, associate
+from cuboid.method.objects.entry import MapObject
+from cuboid.method.surfaces.frame_segments import FrameSegment, FrameSegments
+from cuboid.method.surfaces.kernels.outlines import KINDS
 
 SHAPE = (20, 40)
 

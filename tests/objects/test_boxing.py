@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from made_maps import grid, map_of, shell
 
-from cuboid.boxes.hidden import with_foot
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import iou
-from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.objects.boxing import Boxing
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import iou
+from cuboid.method.boxes.hidden import with_foot
+from cuboid.method.heatmap.voxel_map import VoxelMap
+from cuboid.method.objects.boxing import Boxing
 
 UP = np.array([0.0, 0.0, 1.0])
 GROUND = (UP, 0.0)

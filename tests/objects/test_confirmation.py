@@ -6,11 +6,22 @@ import numpy as np
 import pytest
 from made_maps import box_of, grid, map_of
 
-from cuboid.core.config import TrackerConfig
-from cuboid.objects.confirmation import is_confirmable
-from cuboid.objects.entry import MapObject
-from cuboid.objects.store import ObjectStore
-from cuboid.surfaces.kernels.outlines import BORDER, BOTTOM, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.method.objects.confirmation import is_confirmable
+from cuboid.method.objects.entry import MapObject
+from cuboid.method.objects.store import ObjectStore
+from cuboid.method.surfaces.kernels.outlines import (
+    BORDER,
+    BOTTOM,
+    FREE,
+    HIDDEN,
+    KINDS,
+    LEFT,
+    RIGHT,
+    SUPPORT,
+    TOP,
+    UNSURE,
+)
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from made_maps import box_of, grid, map_of, shell
 
-from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.objects.continuation import continues, is_structure
+from cuboid.method.heatmap.voxel_map import VoxelMap
+from cuboid.method.objects.continuation import continues, is_structure
 
 FLOOR = grid((-0.6, 0.6), (-0.6, 0.6), (-0.01, 0.0))
 THING, OTHER = 3, 8

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from made_maps import box_of, map_of
 
-from cuboid.detection.types import Detections
-from cuboid.objects.affinity import DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
-from cuboid.objects.detection_votes import add_votes
-from cuboid.objects.store import ObjectStore
-from cuboid.objects.visibility import Visibility
+from cuboid.method.detection.types import Detections
+from cuboid.method.objects.affinity import DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
+from cuboid.method.objects.detection_votes import add_votes
+from cuboid.method.objects.store import ObjectStore
+from cuboid.method.objects.visibility import Visibility
 
 LEFT, RIGHT = (0, 0, 100, 100), (100, 0, 200, 100)
 BOTH = (0, 0, 200, 100)

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from made_maps import box_of, grid, map_of, shell
 
-from cuboid.core.config import TrackerConfig
-from cuboid.geometry.overlap import iou
-from cuboid.objects.boxing import Boxing
-from cuboid.objects.entry import MapObject, State
-from cuboid.objects.fitting import Fitting
-from cuboid.objects.store import ObjectStore
-from cuboid.surfaces.cells import Cells
-from cuboid.surfaces.kernels.outlines import FREE, HIDDEN, TOP
-from cuboid.surfaces.planes import PlaneTracker
-from cuboid.surfaces.standing import FlatAreas
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.geometry.overlap import iou
+from cuboid.method.objects.boxing import Boxing
+from cuboid.method.objects.entry import MapObject, State
+from cuboid.method.objects.fitting import Fitting
+from cuboid.method.objects.store import ObjectStore
+from cuboid.method.surfaces.cells import Cells
+from cuboid.method.surfaces.kernels.outlines import FREE, HIDDEN, TOP
+from cuboid.method.surfaces.planes import PlaneTracker
+from cuboid.method.surfaces.standing import FlatAreas
 
 # A camera that is held upright and looks along y.
 LEVEL = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])

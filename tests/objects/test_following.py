@@ -7,10 +7,10 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from cuboid.core.frame import Float64Array
-from cuboid.core.results import FrameResult, ObjectEvent
-from cuboid.geometry.box import Box
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.core.results import FrameResult, ObjectEvent
+from cuboid.ground.geometry.box import Box
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 FLOOR = upright((0.0, 0.0), (6.0, 6.0, 0.02), z=-0.72)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cuboid.objects.matching import assign
+from cuboid.method.objects.matching import assign
 
 
 @given(st.integers(0, 2**31), st.integers(1, 4), st.integers(1, 4), st.floats(0.05, 0.9))

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.detection.types import Detections
-from cuboid.geometry.box import Box
-from cuboid.objects.entry import MapObject
-from cuboid.objects.naming import (
+from cuboid.ground.geometry.box import Box
+from cuboid.method.detection.types import Detections
+from cuboid.method.objects.entry import MapObject
+from cuboid.method.objects.naming import (
     MAX_CLASSES,
     MISSED,
     add_evidence,

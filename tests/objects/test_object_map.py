@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from made_maps import map_of, shell
 
-from cuboid.core.config import TrackerConfig
-from cuboid.geometry.box import Box
-from cuboid.objects.affinity import CERTAIN_LOG_ODDS, DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
-from cuboid.objects.association import Association
-from cuboid.objects.object_map import ObjectMap
-from cuboid.surfaces.frame_segments import FrameSegment
-from cuboid.surfaces.kernels.outlines import KINDS
-from cuboid.surfaces.planes import PlaneTracker
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.geometry.box import Box
+from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS, DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
+from cuboid.method.objects.association import Association
+from cuboid.method.objects.object_map import ObjectMap
+from cuboid.method.surfaces.frame_segments import FrameSegment
+from cuboid.method.surfaces.kernels.outlines import KINDS
+from cuboid.method.surfaces.planes import PlaneTracker
 
 JAR = np.array([0.1, 0.1, 0.16])
 RIM = np.array([0.31, 0.02, 0.02])

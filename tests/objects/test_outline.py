@@ -7,8 +7,8 @@ from math import log
 import numpy as np
 import pytest
 
-from cuboid.objects.affinity import CERTAIN_LOG_ODDS
-from cuboid.objects.outline import (
+from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS
+from cuboid.method.objects.outline import (
     CLEAR,
     FULLY_READ_FRACTION,
     enclosed,
@@ -16,8 +16,8 @@ from cuboid.objects.outline import (
     ends_beside,
     with_viewpoint_change,
 )
-from cuboid.objects.outline import log_odds_of as told_by_each
-from cuboid.surfaces.kernels.outlines import (
+from cuboid.method.objects.outline import log_odds_of as told_by_each
+from cuboid.method.surfaces.kernels.outlines import (
     BORDER,
     BOTTOM,
     CONTACT,

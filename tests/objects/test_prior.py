@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.geometry.box import Box
-from cuboid.heatmap.pixel_heat import WeighedProposals
-from cuboid.objects.association import prior_of
-from cuboid.objects.entry import MapObject, State
+from cuboid.ground.geometry.box import Box
+from cuboid.method.heatmap.pixel_heat import WeighedProposals
+from cuboid.method.objects.association import prior_of
+from cuboid.method.objects.entry import MapObject, State
 
 OWNER = np.zeros((20, 30), np.int32)
 OWNER[5:15, 0:10], OWNER[5:15, 15:25], OWNER[0, 29] = 2, 6, 9  # the last one is not in view

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from made_maps import grid, map_of
 
-from cuboid.geometry.box import Box
-from cuboid.geometry.kernels.overlap import BATCH
-from cuboid.geometry.overlap import pack
-from cuboid.objects.entry import State
-from cuboid.objects.store import ObjectStore
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.kernels.overlap import BATCH
+from cuboid.ground.geometry.overlap import pack
+from cuboid.method.objects.entry import State
+from cuboid.method.objects.store import ObjectStore
 
 
 def box(x: float, size: float = 0.1) -> Box:

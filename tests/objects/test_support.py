@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from made_maps import box_of, grid, map_of, shell
 
-from cuboid.objects.entry import MapObject
-from cuboid.objects.support import above_support_rim, encloses, find_holder
+from cuboid.method.objects.entry import MapObject
+from cuboid.method.objects.support import above_support_rim, encloses, find_holder
 
 UP = np.array([0.0, 0.0, 1.0])
 TABLE = grid((0.0, 0.6), (0.0, 0.4), (-0.01, 0.0))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Intrinsics
-from cuboid.core.observation import Observation
-from cuboid.core.working import WorkingImage
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import pack
-from cuboid.objects.entry import MapObject
-from cuboid.objects.visibility import Visibility, blended_rectangle, measure_visibility
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.observation import Observation
+from cuboid.ground.core.working import WorkingImage
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import pack
+from cuboid.method.objects.entry import MapObject
+from cuboid.method.objects.visibility import Visibility, blended_rectangle, measure_visibility
 
 CAMERA = Intrinsics(100.0, 100.0, 79.5, 59.5, 160, 120)
 # A box of 20 x 20 x 20 cm, 1 m ahead, seen from the side; up is against the image's second axis.

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cuboid.evaluation.boxes import THRESHOLDS
-from cuboid.evaluation.clear import clear, correspondences
-from cuboid.evaluation.hota import hota
-from cuboid.evaluation.matching import FrameOverlap
+from cuboid.lab.evaluation.boxes import THRESHOLDS
+from cuboid.lab.evaluation.clear import clear, correspondences
+from cuboid.lab.evaluation.hota import hota
+from cuboid.lab.evaluation.matching import FrameOverlap
 
 HERE = Path(__file__).parent
 PYTHON = os.environ.get("CUBOID_PARITY")

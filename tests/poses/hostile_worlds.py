@@ -12,9 +12,9 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from cuboid.core.frame import Frame
-from cuboid.geometry import se3
-from cuboid.geometry.box import Box
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.geometry import se3
+from cuboid.ground.geometry.box import Box
 from made_scenes import CAMERA, cast, look_at, upright
 
 PLACE = [

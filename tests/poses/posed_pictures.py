@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.geometry.box import Box
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.geometry.box import Box
 from made_scenes import cast, look_at, upright
 
 CAMERA = Intrinsics(265.0, 265.0, 159.5, 119.5, 320, 240)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from posed_pictures import CAMERA, black, camera_path, picture
 
-from cuboid.core.frame import Frame
-from cuboid.geometry import se3
-from cuboid.poses.alignment import Prior, align, merge, pick
-from cuboid.poses.pyramid import build_levels, keep, shrink
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.geometry import se3
+from cuboid.method.poses.alignment import Prior, align, merge, pick
+from cuboid.method.poses.pyramid import build_levels, keep, shrink
 
 PATH = camera_path(25)
 

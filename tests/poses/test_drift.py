@@ -9,14 +9,14 @@ import pytest
 from hostile_worlds import DRIFTS, EXACT, FRAMES, TRUE, World, small_motion
 
 from cuboid import open_recording
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame
-from cuboid.poses import drift
-from cuboid.poses.alignment import pick
-from cuboid.poses.comparison import COMPARED_LEVEL, clearly_better, explained
-from cuboid.poses.drift import DriftCorrection
-from cuboid.poses.pyramid import build_levels, shrink
-from cuboid.poses.sources import CorrectedPoses
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame
+from cuboid.method.poses import drift
+from cuboid.method.poses.alignment import pick
+from cuboid.method.poses.comparison import COMPARED_LEVEL, clearly_better, explained
+from cuboid.method.poses.drift import DriftCorrection
+from cuboid.method.poses.pyramid import build_levels, shrink
+from cuboid.method.poses.sources import CorrectedPoses
 from made_scenes import CAMERA
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from posed_pictures import CAMERA, SCENE, ate_m, camera_path, picture
 
-from cuboid.geometry.box import Box
-from cuboid.poses.estimator import PoseEstimator
+from cuboid.ground.geometry.box import Box
+from cuboid.method.poses.estimator import PoseEstimator
 from made_scenes import upright
 
 FRAMES = 90

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 from posed_pictures import CAMERA, black, camera_path, picture
 
-from cuboid.core.frame import Frame
-from cuboid.geometry import se3
-from cuboid.poses.places import Appearance, describe, locate, votes
-from cuboid.poses.pyramid import shrink
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.geometry import se3
+from cuboid.method.poses.places import Appearance, describe, locate, votes
+from cuboid.method.poses.pyramid import shrink
 
 PATH = camera_path(25, 150.0)
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from posed_pictures import CAMERA, ate_m, black, camera_path, picture
 
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame
-from cuboid.geometry import se3
-from cuboid.poses import PoseEstimate, PoseEstimator
-from cuboid.poses.alignment import Alignment, Prior, Reference, align
-from cuboid.poses.pyramid import Level
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.geometry import se3
+from cuboid.method.poses import PoseEstimate, PoseEstimator
+from cuboid.method.poses.alignment import Alignment, Prior, Reference, align
+from cuboid.method.poses.pyramid import Level
 
 PATH = camera_path(60, 90.0)
 
@@ -70,8 +70,8 @@ def test_in_doubt_the_search_begins_at_places_that_differ(
 
     estimator = PoseEstimator(CAMERA)
     estimator.update(pictures[0])
-    monkeypatch.setattr("cuboid.poses.estimator.align", noting)
-    monkeypatch.setattr("cuboid.poses.estimator.SURE_FIT", 1.1)
+    monkeypatch.setattr("cuboid.method.poses.estimator.align", noting)
+    monkeypatch.setattr("cuboid.method.poses.estimator.SURE_FIT", 1.1)
     assert estimator.update(pictures[4]).T_world_camera is not None
     assert len(starts) == 2
     np.testing.assert_allclose(starts[0], np.eye(4))

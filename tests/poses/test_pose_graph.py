@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cuboid.geometry import se3
-from cuboid.poses.graph import Edge, deviations, optimise, optimise_around, residuals
+from cuboid.ground.geometry import se3
+from cuboid.method.poses.graph import Edge, deviations, optimise, optimise_around, residuals
 
 SURE = np.diag([1e6] * 3 + [1e6] * 3)
 

@@ -11,13 +11,13 @@ import pytest
 from posed_pictures import CAMERA, ate_m, black, camera_path, picture
 
 import cuboid
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame
-from cuboid.geometry import se3
-from cuboid.outputs import Results, read_run, read_trajectory
-from cuboid.pipeline.run import track_recording
-from cuboid.poses.sources import BridgedPoses, EstimatedPoses, GivenPoses
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.geometry import se3
+from cuboid.inputs.readers import open_recording
+from cuboid.method.poses.sources import BridgedPoses, EstimatedPoses, GivenPoses
+from cuboid.results.files import Results, read_run, read_trajectory
+from cuboid.runs.pipeline.run import track_recording
 
 PATH = camera_path(30, 45.0)
 
@@ -71,7 +71,7 @@ class Corrected:
     """An estimator whose first keyframe is corrected by a bit more with every frame."""
 
     def __init__(self, steps_m: list[float]) -> None:
-        from cuboid.poses import PoseEstimator
+        from cuboid.method.poses import PoseEstimator
 
         self._real = PoseEstimator(CAMERA)
         self._steps_m = steps_m

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from posed_pictures import ate_m
 
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame
-from cuboid.poses import PoseEstimator
-from cuboid.readers import Recording, open_recording
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame
+from cuboid.inputs.readers import Recording, open_recording
+from cuboid.method.poses import PoseEstimator
 
 
 def frames_of(recording: Recording, indices: range) -> Iterator[Frame]:

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.geometry.se3 import exp, inverse
-from cuboid.poses.single_cause import MotionPair, single_cause
+from cuboid.ground.geometry.se3 import exp, inverse
+from cuboid.method.poses.single_cause import MotionPair, single_cause
 
 
 def motions(seed: int = 0, count: int = 12) -> list[np.ndarray]:

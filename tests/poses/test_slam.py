@@ -11,7 +11,7 @@ import pytest
 from posed_pictures import CAMERA, ate_m, black, camera_path, picture
 
 from cuboid.cli import main
-from cuboid.outputs import read_run, read_trajectory
+from cuboid.results.files import read_run, read_trajectory
 
 FRAMES = 24
 COVERED = (12, 13)

@@ -19,7 +19,7 @@ TESTS = Path(__file__).resolve().parents[1]
 SCRIPT = """
 import sys, time
 sys.path.insert(0, {tests!r})
-import cuboid.pipeline.run
+import cuboid.runs.pipeline.run
 from cuboid.cli import main
 from fakes import FakeTracker
 
@@ -28,7 +28,7 @@ class Quick(FakeTracker):
         time.sleep({frame_s})
         return super().update(frame, anchor)
 
-cuboid.pipeline.run._tracker = Quick
+cuboid.runs.pipeline.run._tracker = Quick
 sys.exit(main(sys.argv[1:]))
 """
 

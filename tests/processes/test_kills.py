@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from commands import command, contents, run
 
-from cuboid.outputs import Results
-from cuboid.outputs import folder as folders
-from cuboid.outputs.folder import ResultFolder
+from cuboid.results.files import Results
+from cuboid.results.files import folder as folders
+from cuboid.results.files.folder import ResultFolder
 from fakes import write_recording
 
 # More with CUBOID_KILLS=100.

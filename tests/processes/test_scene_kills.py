@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 from commands import refused, run
 
-from cuboid.core.errors import CuboidError
-from cuboid.core.threads import limit_threads
-from cuboid.scene import Scene
-from cuboid.scene.database import Writing
-from cuboid.synthetic import make_scene, render_recording
+from cuboid.ground.core.errors import CuboidError
+from cuboid.ground.core.threads import limit_threads
+from cuboid.lab.synthetic import make_scene, render_recording
+from cuboid.runs.scene import Scene
+from cuboid.runs.scene.database import Writing
 
 # More with CUBOID_KILLS=50.
 KILLS = min(int(os.environ.get("CUBOID_KILLS", "2")), 50)

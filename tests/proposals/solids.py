@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.core.frame import Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 
 CAMERA = Intrinsics(530.0, 530.0, 319.5, 239.5, 640, 480)
 # A camera 0.6 m above a table, looking down at 35 degrees: "up" in the camera frame.

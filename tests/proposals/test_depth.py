@@ -10,11 +10,11 @@ import pytest
 import solids
 from numpy.typing import NDArray
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.downscaling import downscale
-from cuboid.core.errors import InputError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.proposals import Proposals, make_source
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.downscaling import downscale
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.method.proposals import Proposals, make_source
 
 NOISE = 1.425e-3
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import solids
 
-from cuboid.core.errors import InputError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.detection.boxes import best_boxes, thin_out
-from cuboid.proposals import DEFAULT_SOURCE, SOURCES, Proposals, make_source
-from cuboid.proposals.bing import silent_stdout
-from cuboid.proposals.boxes import masks_as_proposals
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.method.detection.boxes import best_boxes, thin_out
+from cuboid.method.proposals import DEFAULT_SOURCE, SOURCES, Proposals, make_source
+from cuboid.method.proposals.bing import silent_stdout
+from cuboid.method.proposals.boxes import masks_as_proposals
 
 
 def scene() -> Frame:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from cuboid.core.errors import InputError
-from cuboid.proposals import matlab
-from cuboid.proposals.files import load_mat
-from cuboid.proposals.matlab import MatlabReader
+from cuboid.ground.core.errors import InputError
+from cuboid.method.proposals import matlab
+from cuboid.method.proposals.files import load_mat
+from cuboid.method.proposals.matlab import MatlabReader
 
 # Stands in for the child: does what a bad file can make it do.
 CHILD = """

@@ -8,11 +8,11 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto
 
-from cuboid.core.errors import InputError, MissingExtraError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.geometry.rectangles import rect_iou_matrix
-from cuboid.proposals import Proposals, make_source
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import InputError, MissingExtraError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.geometry.rectangles import rect_iou_matrix
+from cuboid.inputs.readers import open_recording
+from cuboid.method.proposals import Proposals, make_source
 from made_models import made_model
 
 CAMERA = Intrinsics(600.0, 600.0, 319.5, 239.5, 640, 480)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.proposals import Proposals, make_source
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.method.proposals import Proposals, make_source
 
 CAMERA = Intrinsics(50.0, 50.0, 15.5, 11.5, 32, 24)
 

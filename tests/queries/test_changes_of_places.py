@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cuboid.core.results import ObjectEvent, TrackedObject
-from cuboid.queries.answers import MapChange
-from cuboid.queries.changes import KEPT, MOVED_M, ChangeLog
+from cuboid.ground.core.results import ObjectEvent, TrackedObject
+from cuboid.services.queries.answers import MapChange
+from cuboid.services.queries.changes import KEPT, MOVED_M, ChangeLog
 from made_place import OBJECTS
 
 

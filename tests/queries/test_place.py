@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from cuboid.cli import main
-from cuboid.core.errors import InputError
-from cuboid.outputs.naming import name_object
-from cuboid.queries.filters import Filters
-from cuboid.queries.opening import is_place, open_place
-from cuboid.queries.place import Place
+from cuboid.ground.core.errors import InputError
+from cuboid.results.files.naming import name_object
+from cuboid.services.queries.filters import Filters
+from cuboid.services.queries.opening import is_place, open_place
+from cuboid.services.queries.place import Place
 from made_place import OBJECTS, PLANES, write_place
 
 
@@ -66,8 +66,8 @@ def test_filters(place: Place, filters: dict[str, Any], expected: list[int]) -> 
 def test_in_a_large_map_relations_around_a_thing_are_those_of_the_whole(
     results: Path, place: Place, filters: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cuboid.queries.place.SMALL", 1)
-    monkeypatch.setattr("cuboid.queries.snapshot.NEAR_M", 0.3)
+    monkeypatch.setattr("cuboid.services.queries.place.SMALL", 1)
+    monkeypatch.setattr("cuboid.services.queries.snapshot.NEAR_M", 0.3)
     large = open_place(str(results))
     assert large.find(Filters(**filters)) == place.find(Filters(**filters))
     assert [large.object(k).relations for k in (1, 2, 5)] == [place.object(k).relations for k in (1, 2, 5)]

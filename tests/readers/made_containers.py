@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from made_bags import START_NS, encoded, time_of, writing
 
-from cuboid.core.frame import Intrinsics
-from cuboid.geometry import se3
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.geometry import se3
 
 # Camera's axes of ARKit and OpenGL.
 TURN = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from made_recordings import make_plain
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.formats import archives, cache
-from cuboid.formats.cache import local_file
-from cuboid.formats.reading import MAX_TEXT_BYTES, UnreadableError, names_in, opened, read_bytes
-from cuboid.formats.stored import STORES_OPEN, StoredPath, located
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.formats import archives, cache
+from cuboid.ground.formats.cache import local_file
+from cuboid.ground.formats.reading import MAX_TEXT_BYTES, UnreadableError, names_in, opened, read_bytes
+from cuboid.ground.formats.stored import STORES_OPEN, StoredPath, located
+from cuboid.inputs.readers import open_recording
 
 
 def pack(folder, archive, compression=zipfile.ZIP_STORED, top=True):

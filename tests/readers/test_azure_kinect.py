@@ -7,9 +7,9 @@ import av
 import numpy as np
 import pytest
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import SkippedFrame
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.frame import SkippedFrame
+from cuboid.inputs.readers import open_recording
 
 FRAMES, STEP_US = 4, 33_333
 WIDE = {"color": (1280, 720), "depth": (320, 288)}

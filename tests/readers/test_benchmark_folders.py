@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from made_recordings import color_image, depth_image, write_image
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import Intrinsics
-from cuboid.geometry import se3
-from cuboid.readers import open_recording
-from cuboid.readers.bonn import SCALE, T_MARKERS_CAMERA, T_ROS
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.geometry import se3
+from cuboid.inputs.readers import open_recording
+from cuboid.inputs.readers.bonn import SCALE, T_MARKERS_CAMERA, T_ROS
 
 FULL = (480, 640)
 

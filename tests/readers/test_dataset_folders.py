@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from made_recordings import color_image, depth_image, write_image
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import Intrinsics, SkippedFrame
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.frame import Intrinsics, SkippedFrame
+from cuboid.inputs.readers import open_recording
 
 
 def matrix_at(x):

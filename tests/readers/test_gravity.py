@@ -10,8 +10,8 @@ from made_bags import START_NS, make_bag, time_of, writing
 from made_recordings import CAMERA, color_image, depth_image, make_plain
 
 from cuboid.cli import main
-from cuboid.core.errors import FrameError, InputError
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.inputs.readers import open_recording
 
 
 def say_up(folder, up):

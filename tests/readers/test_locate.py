@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from made_recordings import color_image, depth_image, make_plain, write_image
 
-from cuboid.core.errors import FrameError, InputError, OutputError
-from cuboid.core.frame import Intrinsics
-from cuboid.readers import READERS, Calibration, FrameEntry, Listing, Reader, open_recording
-from cuboid.readers.calibration import write_camera
+from cuboid.ground.core.errors import FrameError, InputError, OutputError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.inputs.readers import READERS, Calibration, FrameEntry, Listing, Reader, open_recording
+from cuboid.inputs.readers.calibration import write_camera
 
 
 def read_npz(path):
@@ -32,7 +32,9 @@ NPZ_READER = Reader("one .npz file", lambda path: path.suffix == ".npz", read_np
 def foreign_reader(monkeypatch):
     """A reader "npz" that another package names in its entry points."""
     point = EntryPoint("npz", f"{__name__}:NPZ_READER", "cuboid.readers")
-    monkeypatch.setattr("cuboid.core.registry.entry_points", lambda group: EntryPoints([point]).select(group=group))
+    monkeypatch.setattr(
+        "cuboid.ground.core.registry.entry_points", lambda group: EntryPoints([point]).select(group=group)
+    )
     monkeypatch.setattr(READERS, "_scanned", False)
     monkeypatch.setattr(READERS, "_items", dict(READERS._items))
 

@@ -7,9 +7,9 @@ import pytest
 from made_recordings import CAMERA, color_image, depth_image, write_image
 
 from cuboid.cli import main
-from cuboid.core.errors import InputError
-from cuboid.readers import FrameEntry, open_recording
-from cuboid.readers.missing_camera import guess_camera
+from cuboid.ground.core.errors import InputError
+from cuboid.inputs.readers import FrameEntry, open_recording
+from cuboid.inputs.readers.missing_camera import guess_camera
 
 
 def _notes(path, **options):

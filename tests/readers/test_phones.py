@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from made_recordings import write_image
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.geometry import se3
-from cuboid.readers import open_recording
-from cuboid.readers.record3d_file import packed_size
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.geometry import se3
+from cuboid.inputs.readers import open_recording
+from cuboid.inputs.readers.record3d_file import packed_size
 
 
 def gap_m(recording, a, b):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_recordings import CAMERA, NO_TURN, color_image, make_plain, write_image
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import Intrinsics
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.inputs.readers import open_recording
 
 
 def test_a_whole_recording(plain):

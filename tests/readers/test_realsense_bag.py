@@ -8,10 +8,10 @@ pytest.importorskip("rosbags", reason="bags are read with rosbags: pip install '
 from made_bags import START_NS, time_of, writing
 from made_recordings import CAMERA, color_image, depth_image
 
-from cuboid.calibration.registering import find_misregistration
-from cuboid.core.errors import InputError
-from cuboid.readers import open_recording
-from cuboid.readers.bag import Bag
+from cuboid.ground.core.errors import InputError
+from cuboid.inputs.calibration.registering import find_misregistration
+from cuboid.inputs.readers import open_recording
+from cuboid.inputs.readers.bag import Bag
 
 
 def test_a_recording_of_the_sdk(data_dir):

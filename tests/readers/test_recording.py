@@ -5,9 +5,9 @@ import time
 
 import pytest
 
-from cuboid.core.frame import SkippedFrame
-from cuboid.readers import open_recording
-from cuboid.readers.prefetch import run_ahead
+from cuboid.ground.core.frame import SkippedFrame
+from cuboid.inputs.readers import open_recording
+from cuboid.inputs.readers.prefetch import run_ahead
 
 
 def decoders():

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from made_recordings import color_image, make_plain, write_image
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import Intrinsics
-from cuboid.outputs.report import RunReport
-from cuboid.readers import open_recording
-from cuboid.readers.reopen import reopen_recording
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.inputs.readers import open_recording
+from cuboid.inputs.readers.reopen import reopen_recording
+from cuboid.results.files.report import RunReport
 
 COLOR = {"fx": 120.0, "fy": 120.0, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120, "depth_units_per_metre": 1000}
 DEPTH = {"fx": 60.0, "fy": 61.0, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}

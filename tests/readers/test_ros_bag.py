@@ -12,9 +12,9 @@ from made_bags import START_NS, STEP_NS, encoded, make_bag, time_of, writing
 from made_recordings import CAMERA, color_image, depth_image, make_plain
 
 from cuboid.cli import main
-from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import Intrinsics, SkippedFrame
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.frame import Intrinsics, SkippedFrame
+from cuboid.inputs.readers import open_recording
 
 KINDS = ["bag", "db3", "mcap"]
 OPTICAL = "optical"

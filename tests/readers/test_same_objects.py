@@ -13,11 +13,11 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from made_containers import LOSSLESS, LOSSY, Frames, plain
 
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.results import TrackedObject
-from cuboid.geometry.overlap import iou
-from cuboid.readers import open_recording
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.results import TrackedObject
+from cuboid.ground.geometry.overlap import iou
+from cuboid.inputs.readers import open_recording
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from made_scenes import cast, look_at, upright
 
 FLOOR = upright((0, 0), (8, 8, 0.1), z=-0.85)
@@ -103,7 +103,7 @@ def test_frames_whose_color_was_compressed_give_the_same_labels(tmp_path, scenes
 
 def test_every_format_is_among_them():
     """All but those whose lens or depth is bent on the way in: Bonn's."""
-    from cuboid.readers import READERS
+    from cuboid.inputs.readers import READERS
 
     names = {name.partition(" ")[0] for name in LOSSLESS | LOSSY}
     assert set(READERS.names()) - names == {"bonn"}

@@ -12,9 +12,9 @@ from made_recordings import make_plain, write_image
 from servers import serving
 from test_archives import assert_same, pack
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.formats.stored import located
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.formats.stored import located
+from cuboid.inputs.readers import open_recording
 
 pytest.importorskip("fsspec", reason="URLs are read with fsspec: pip install '.[remote]'")
 

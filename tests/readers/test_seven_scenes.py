@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from made_recordings import CAMERA, Made, depth_image, write_frames, write_image
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import Intrinsics
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.inputs.readers import open_recording
 
 MATRIX = "60 0 31.5\n0 61 23.5\n0 0 1\n"
 

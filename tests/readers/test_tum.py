@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_recordings import CAMERA, NO_TURN, Made, write_frames
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import Intrinsics, SkippedFrame
-from cuboid.readers import open_recording
-from cuboid.readers.tum import associate
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.frame import Intrinsics, SkippedFrame
+from cuboid.inputs.readers import open_recording
+from cuboid.inputs.readers.tum import associate
 
 
 def make_tum(root, name="desk", frames=5, depth_later_s=0.01):

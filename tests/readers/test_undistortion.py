@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_recordings import CAMERA, make_plain, write_image
 
-from cuboid.core.errors import InputError
-from cuboid.readers import Calibration, open_recording
-from cuboid.readers.calibration import write_camera
-from cuboid.readers.reopen import reopen_recording
-from cuboid.readers.undistortion import Undistortion, rescaled
+from cuboid.ground.core.errors import InputError
+from cuboid.inputs.readers import Calibration, open_recording
+from cuboid.inputs.readers.calibration import write_camera
+from cuboid.inputs.readers.reopen import reopen_recording
+from cuboid.inputs.readers.undistortion import Undistortion, rescaled
 
 K = np.array([[60.0, 0, 31.5], [0, 61.0, 23.5], [0, 0, 1]])
 LENS = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from made_recordings import CAMERA, Made, color_image, write_frames, write_image
 
-from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import Intrinsics
-from cuboid.geometry import se3
-from cuboid.readers import open_recording
+from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.geometry import se3
+from cuboid.inputs.readers import open_recording
 
 
 def make_scene(root, number="01", frames=4, start=0, shape=(48, 64)):

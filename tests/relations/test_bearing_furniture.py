@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.results import MapPoints, SupportPlane
-from cuboid.relations.furniture import find_furniture
+from cuboid.ground.core.results import MapPoints, SupportPlane
+from cuboid.method.relations.furniture import find_furniture
 
 UP = np.array([0.0, 0.0, 1.0])
 STEP_M = 0.02

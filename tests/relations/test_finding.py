@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Float64Array
-from cuboid.core.results import SupportPlane, TrackedObject
-from cuboid.geometry import se3
-from cuboid.geometry.box import Box
-from cuboid.relations import Wall, find_relations
-from cuboid.synthetic import Scene, make_scene
-from cuboid.synthetic.relations import true_relations, true_walls
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.core.results import SupportPlane, TrackedObject
+from cuboid.ground.geometry import se3
+from cuboid.ground.geometry.box import Box
+from cuboid.lab.synthetic import Scene, make_scene
+from cuboid.lab.synthetic.relations import true_relations, true_walls
+from cuboid.method.relations import Wall, find_relations
 
 UP = np.array([0.0, 0.0, 1.0])
 SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

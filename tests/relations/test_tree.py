@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from test_finding import UP, plane, thing
 
-from cuboid.core.results import Relation
-from cuboid.relations import Branch, find_relations, place_tree
+from cuboid.ground.core.results import Relation
+from cuboid.method.relations import Branch, find_relations, place_tree
 
 
 def names(branches: Sequence[Branch]) -> list[object]:

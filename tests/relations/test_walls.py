@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.results import MapPoints
-from cuboid.relations import find_walls
+from cuboid.ground.core.results import MapPoints
+from cuboid.method.relations import find_walls
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -24,9 +24,9 @@ from catkin_pkg.package import parse_package
 from foxglove import layouts
 
 from cuboid.cli.ros2 import add_arguments
-from cuboid.formats.ros_messages import OWN, SERVICES, RosMessages
-from cuboid.middleware.transport import Qos
-from cuboid.views.ros_stream import RosStream
+from cuboid.ground.formats.ros_messages import OWN, SERVICES, RosMessages
+from cuboid.ground.middleware.transport import Qos
+from cuboid.results.views.ros_stream import RosStream
 from fakes import INTRINSICS
 
 PACKAGE = Path(__file__).resolve().parents[2] / "ros" / "cuboid_ros"

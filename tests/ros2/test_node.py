@@ -22,12 +22,12 @@ pytest.importorskip("cyclonedds", reason="DDS is not installed: pip install '.[r
 pytest.importorskip("rosbags", reason="messages are read with rosbags: pip install '.[ros2]'")
 
 import cuboid
-from cuboid.cameras.ros2 import WAITING
 from cuboid.cli import main
-from cuboid.formats.ros_messages import RosMessages, request_of, response_of
-from cuboid.middleware.dds import DdsTransport, WireTypes
-from cuboid.middleware.transport import Qos
-from cuboid.tracking.tracker import Tracker
+from cuboid.ground.formats.ros_messages import RosMessages, request_of, response_of
+from cuboid.ground.middleware.dds import DdsTransport, WireTypes
+from cuboid.ground.middleware.transport import Qos
+from cuboid.inputs.cameras.ros2 import WAITING
+from cuboid.runs.tracking.tracker import Tracker
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LOOP = REPOSITORY / "benchmarks" / "ros2_loop.py"

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import cuboid
-from cuboid.core.errors import InputError, OutputError
-from cuboid.core.frame import Frame, SkippedFrame
-from cuboid.core.results import FrameResult
-from cuboid.ros2.commands import Cloud, ListParameters, Name, Query, Reset, Save, Set, answer
-from cuboid.ros2.parameters import Parameters
-from cuboid.ros2.session import Session
-from cuboid.tracking.tracker import Tracker
-from cuboid.views.ros_stream import StreamSettings
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.ground.core.frame import Frame, SkippedFrame
+from cuboid.ground.core.results import FrameResult
+from cuboid.results.views.ros_stream import StreamSettings
+from cuboid.runs.tracking.tracker import Tracker
+from cuboid.services.ros2.commands import Cloud, ListParameters, Name, Query, Reset, Save, Set, answer
+from cuboid.services.ros2.parameters import Parameters
+from cuboid.services.ros2.session import Session
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 TABLE = upright((0.0, 0.0), (1.6, 1.6, 0.1), z=-0.1)

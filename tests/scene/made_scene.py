@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.proposals.types import Proposals
-from cuboid.scene import Scene, Source
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.method.proposals.types import Proposals
+from cuboid.runs.scene import Scene, Source
 from made_scenes import cast, look_at, upright
 from worlds import FLOOR, TABLE
 

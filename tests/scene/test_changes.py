@@ -10,12 +10,12 @@ import pytest
 from made_scene import CAMERA, Shown, record
 
 from browser import Watched, browser
-from cuboid.core.errors import InputError
-from cuboid.core.frame import Frame
-from cuboid.outputs import Results
-from cuboid.proposals.types import Proposals
-from cuboid.scene import Scene, Source
-from cuboid.views.report import summarise, write_report
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import Frame
+from cuboid.method.proposals.types import Proposals
+from cuboid.results.files import Results
+from cuboid.results.views.report import summarise, write_report
+from cuboid.runs.scene import Scene, Source
 from made_scenes import upright
 
 ONE = ((-0.25, 0.05), (0.16, 0.12, 0.14))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.frame import Float64Array
-from cuboid.geometry import se3
-from cuboid.geometry.box import Box
-from cuboid.objects.entry import MapObject
-from cuboid.scene.layout import find_layout, same_place
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.geometry import se3
+from cuboid.ground.geometry.box import Box
+from cuboid.method.objects.entry import MapObject
+from cuboid.runs.scene.layout import find_layout, same_place
 
 UP = np.array([0.6, 0.0, 0.8])
 

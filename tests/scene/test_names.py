@@ -12,12 +12,12 @@ import pytest
 from made_scene import CAMERA, THINGS, Shown
 
 from cuboid import Tracker, cli
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.detection.types import Detections
-from cuboid.exports import export
-from cuboid.outputs import open_results
-from cuboid.scene import Scene, Source
-from cuboid.scene.checking import problems, rescue
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.method.detection.types import Detections
+from cuboid.results.exports import export
+from cuboid.results.files import open_results
+from cuboid.runs.scene import Scene, Source
+from cuboid.runs.scene.checking import problems, rescue
 
 NAMES = ("book", "cup")
 
@@ -178,7 +178,7 @@ def test_a_scene_keeps_the_evidence_and_a_users_name_wins(tmp_path: Path, capsys
 def test_a_damaged_class_is_told(tmp_path: Path) -> None:
     import sqlite3
 
-    from cuboid.core.errors import InputError
+    from cuboid.ground.core.errors import InputError
 
     path, shown = tmp_path / "made.cuboid", Shown()
     into(path, shown, detector=detector_of(shown))

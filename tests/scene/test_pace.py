@@ -9,12 +9,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cuboid.core.config import TrackerConfig
-from cuboid.geometry.box import Box
-from cuboid.objects.entry import MapObject, summed_counts
-from cuboid.scene.codec import Encoder, take
-from cuboid.scene.pace import Pace, Rhythm
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.geometry.box import Box
+from cuboid.method.objects.entry import MapObject, summed_counts
+from cuboid.runs.scene.codec import Encoder, take
+from cuboid.runs.scene.pace import Pace, Rhythm
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from worlds import CAMERA
 
 PIECES, PIECE_S, FRACTION = 20, 0.0022, 0.2

@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.geometry import se3
-from cuboid.poses.sources import GivenPoses
-from cuboid.scene import Scene, Source, layout
-from cuboid.scene.checking import problems
-from cuboid.scene.codec import Encoder, decode, take
-from cuboid.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses, ScenePosesState
-from cuboid.synthetic import make_scene
-from cuboid.synthetic.view import SceneView
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.geometry import se3
+from cuboid.lab.synthetic import make_scene
+from cuboid.lab.synthetic.view import SceneView
+from cuboid.method.poses.sources import GivenPoses
+from cuboid.runs.scene import Scene, Source, layout
+from cuboid.runs.scene.checking import problems
+from cuboid.runs.scene.codec import Encoder, decode, take
+from cuboid.runs.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses, ScenePosesState
 
 MADE = make_scene("table", 6, frames=150, camera="orbit")
 CAMERA: Intrinsics = MADE.intrinsics(160, 120)

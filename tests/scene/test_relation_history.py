@@ -9,11 +9,11 @@ import pytest
 from made_scene import CAMERA, THINGS, Shown
 
 from cuboid import cli
-from cuboid.core.errors import InputError
-from cuboid.relations import find_walls
-from cuboid.scene import Scene
-from cuboid.scene.database import Writing, transaction
-from cuboid.scene.relations import PLANE, WALL, write_relations
+from cuboid.ground.core.errors import InputError
+from cuboid.method.relations import find_walls
+from cuboid.runs.scene import Scene
+from cuboid.runs.scene.database import Writing, transaction
+from cuboid.runs.scene.relations import PLANE, WALL, write_relations
 from made_scenes import upright
 
 

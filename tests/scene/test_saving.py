@@ -10,22 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.errors import FrameError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.results import FrameResult
-from cuboid.core.state import snapshot
-from cuboid.geometry import se3
-from cuboid.heatmap import levels
-from cuboid.outputs.objects import ObjectsFile, write_objects
-from cuboid.proposals.types import Proposals
-from cuboid.scene.codec import Encoder, Part, take
-from cuboid.scene.database import Writing, open_to_read
-from cuboid.scene.localisation import ESTIMATED, ScenePoses
-from cuboid.scene.saving import SceneBlockStore, StateFile, load_state
-from cuboid.synthetic import make_scene
-from cuboid.synthetic.view import SceneView
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.results import FrameResult
+from cuboid.ground.core.state import snapshot
+from cuboid.ground.geometry import se3
+from cuboid.lab.synthetic import make_scene
+from cuboid.lab.synthetic.view import SceneView
+from cuboid.method.heatmap import levels
+from cuboid.method.proposals.types import Proposals
+from cuboid.results.files.objects import ObjectsFile, write_objects
+from cuboid.runs.scene.codec import Encoder, Part, take
+from cuboid.runs.scene.database import Writing, open_to_read
+from cuboid.runs.scene.localisation import ESTIMATED, ScenePoses
+from cuboid.runs.scene.saving import SceneBlockStore, StateFile, load_state
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from worlds import CAMERA, Proposer, World
 
 FRAMES = 36
@@ -38,7 +38,7 @@ TURN = se3.compose((1, 0, 0, 0), (20.0, 0, 0))
 @pytest.fixture(autouse=True)
 def finely(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the coarse pictures of these worlds be near enough for fine points."""
-    monkeypatch.setattr("cuboid.tracking.posed_tracker.resolves_m", lambda *_: 3.0)
+    monkeypatch.setattr("cuboid.runs.tracking.posed_tracker.resolves_m", lambda *_: 3.0)
 
 
 class Show:

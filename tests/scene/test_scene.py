@@ -14,18 +14,18 @@ import pytest
 from made_scene import CAMERA, THINGS, Shown, record
 
 from cuboid import cli
-from cuboid.core.config import TrackerConfig
-from cuboid.core.errors import CuboidError, FrameError, InputError, OutputError
-from cuboid.core.frame import Frame
-from cuboid.geometry import se3
-from cuboid.outputs import Results
-from cuboid.poses.sources import GivenPoses
-from cuboid.scene import Scene, SceneObject, Source
-from cuboid.scene.checking import problems, rescue
-from cuboid.scene.database import Writing, open_to_read
-from cuboid.scene.schema import VERSION
-from cuboid.synthetic import make_scene
-from cuboid.synthetic.view import SceneView
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.errors import CuboidError, FrameError, InputError, OutputError
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.geometry import se3
+from cuboid.lab.synthetic import make_scene
+from cuboid.lab.synthetic.view import SceneView
+from cuboid.method.poses.sources import GivenPoses
+from cuboid.results.files import Results
+from cuboid.runs.scene import Scene, SceneObject, Source
+from cuboid.runs.scene.checking import problems, rescue
+from cuboid.runs.scene.database import Writing, open_to_read
+from cuboid.runs.scene.schema import VERSION
 
 # To another place, out of view from here.
 AWAY = se3.compose((1, 0, 0, 0), (20.0, 0, 0))
@@ -197,7 +197,7 @@ def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) 
 def test_fine_points_are_in_the_file_in_exports_and_in_what_is_rescued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cuboid.tracking.posed_tracker.resolves_m", lambda *_: 3.0)
+    monkeypatch.setattr("cuboid.runs.tracking.posed_tracker.resolves_m", lambda *_: 3.0)
     path, new, points = tmp_path / "fine.cuboid", tmp_path / "new.cuboid", []
     record(path, Shown())
     assert problems(path) == []

@@ -14,10 +14,10 @@ pytest.importorskip("tokenizers")
 from made_scene import THINGS, Shown, record
 
 from cuboid import cli
-from cuboid.scene import Scene
-from cuboid.scene.checking import problems
-from cuboid.scene.viewing import scene_viewer
-from cuboid.text_search import Embeddings, TextModel
+from cuboid.method.text_search import Embeddings, TextModel
+from cuboid.runs.scene import Scene
+from cuboid.runs.scene.checking import problems
+from cuboid.runs.scene.viewing import scene_viewer
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cuboid import cli
-from cuboid.core.errors import InputError
-from cuboid.scene import Scene
-from cuboid.scene.checking import problems, rescue
+from cuboid.ground.core.errors import InputError
+from cuboid.runs.scene import Scene
+from cuboid.runs.scene.checking import problems, rescue
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 FLOOR = upright((0.0, 0.0), (6.0, 6.0, 0.02), z=-0.72)

@@ -11,13 +11,13 @@ import msgspec
 import pytest
 from made_scene import CAMERA, Shown
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.state import TRANSIENT, Record, saved_fields, snapshot
-from cuboid.scene.codec import Encoder, decode, layout_of, take
-from cuboid.scene.localisation import SAME_WORLD, ScenePoses
-from cuboid.scene.saving import SceneState
-from cuboid.surfaces.plane import Plane
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.state import TRANSIENT, Record, saved_fields, snapshot
+from cuboid.method.surfaces.plane import Plane
+from cuboid.runs.scene.codec import Encoder, decode, layout_of, take
+from cuboid.runs.scene.localisation import SAME_WORLD, ScenePoses
+from cuboid.runs.scene.saving import SceneState
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

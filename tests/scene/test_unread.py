@@ -12,12 +12,12 @@ import pytest
 from made_scene import CAMERA, THINGS, Shown
 
 from cuboid import FrameResult, Tracker
-from cuboid.core.errors import InputError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.detection.types import Detections
-from cuboid.outputs import open_results
-from cuboid.scene import Scene, SceneObject, Source
-from cuboid.scene.checking import problems
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.method.detection.types import Detections
+from cuboid.results.files import open_results
+from cuboid.runs.scene import Scene, SceneObject, Source
+from cuboid.runs.scene.checking import problems
 from made_scenes import upright
 
 # Of the made scene: the number of the second thing in what its rays hit, and its middle.
@@ -143,7 +143,7 @@ def test_the_label_stays_when_depth_comes() -> None:
 
 
 def test_a_correction_of_the_poses_moves_it() -> None:
-    from cuboid.tracking.posed_tracker import PosedTracker
+    from cuboid.runs.tracking.posed_tracker import PosedTracker
 
     shown = Shown(frames=20)
     tracker = PosedTracker(CAMERA, proposals=others_of(shown))  # type: ignore[arg-type]

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from made_scene import CAMERA, Shown, record
 
-from cuboid.core.errors import InputError
-from cuboid.scene import Scene, before
-from cuboid.scene.checking import problems, rescue
-from cuboid.scene.editing import transform_rows
-from cuboid.scene.localisation import Joined
-from cuboid.scene.schema import TABLES
-from cuboid.scene.validation import DamagedError
+from cuboid.ground.core.errors import InputError
+from cuboid.runs.scene import Scene, before
+from cuboid.runs.scene.checking import problems, rescue
+from cuboid.runs.scene.editing import transform_rows
+from cuboid.runs.scene.localisation import Joined
+from cuboid.runs.scene.schema import TABLES
+from cuboid.runs.scene.validation import DamagedError
 
 
 @pytest.fixture(scope="module")
@@ -178,9 +178,9 @@ def test_a_file_whose_tables_have_no_names_is_damaged(path: Path, tmp_path: Path
 ALL_WAYS = """
 import sys
 from pathlib import Path
-from cuboid.core.errors import InputError
-from cuboid.scene.checking import problems, rescue
-from cuboid.scene.database import open_to_read, Writing
+from cuboid.ground.core.errors import InputError
+from cuboid.runs.scene.checking import problems, rescue
+from cuboid.runs.scene.database import open_to_read, Writing
 path = Path(sys.argv[1])
 for way in (open_to_read, Writing, problems, lambda scene: rescue(scene, path.with_name("new.cuboid"))):
     try:

@@ -11,9 +11,9 @@ import pytest
 from made_scene import THINGS, Shown, record
 
 from browser import Watched, browser
-from cuboid.core.errors import InputError
-from cuboid.scene import Scene
-from cuboid.scene.viewing import scene_viewer
+from cuboid.ground.core.errors import InputError
+from cuboid.runs.scene import Scene
+from cuboid.runs.scene.viewing import scene_viewer
 
 
 @pytest.fixture(scope="module")

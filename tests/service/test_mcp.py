@@ -18,7 +18,7 @@ from mcp.client.client import Client
 from mcp.client.stdio import StdioServerParameters, stdio_client
 
 from cuboid.cli import main
-from cuboid.queries.opening import open_place
+from cuboid.services.queries.opening import open_place
 from made_place import write_place
 from served import served
 

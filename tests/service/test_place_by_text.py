@@ -17,11 +17,11 @@ pytest.importorskip("tokenizers")
 from mcp.client.client import Client
 
 from cuboid import cli
-from cuboid.queries.filters import Filters
-from cuboid.queries.opening import open_place
-from cuboid.scene import Scene
-from cuboid.service.mcp import server_of
-from cuboid.text_search import Embeddings, TextModel
+from cuboid.method.text_search import Embeddings, TextModel
+from cuboid.runs.scene import Scene
+from cuboid.services.queries.filters import Filters
+from cuboid.services.queries.opening import open_place
+from cuboid.services.service.mcp import server_of
 from made_place import write_place
 from served import served
 

@@ -20,11 +20,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from browser import Watched, browser
-from cuboid.outputs.naming import name_object
-from cuboid.queries.filters import Filters
-from cuboid.queries.opening import open_place
-from cuboid.service.endpoints import ENDPOINTS
-from cuboid.service.openapi import SOCKET, openapi
+from cuboid.results.files.naming import name_object
+from cuboid.services.queries.filters import Filters
+from cuboid.services.queries.opening import open_place
+from cuboid.services.service.endpoints import ENDPOINTS
+from cuboid.services.service.openapi import SOCKET, openapi
 from made_place import write_place
 from served import served
 

@@ -22,11 +22,11 @@ import pytest
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.frame import Frame
-from cuboid.core.results import FrameResult, MapPoints, ObjectEvent, Sighting, TrackedObject
-from cuboid.service.process import ServedRun
-from cuboid.views.serving import LOCAL_NAMES
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.results import FrameResult, MapPoints, ObjectEvent, Sighting, TrackedObject
+from cuboid.results.views.serving import LOCAL_NAMES
+from cuboid.services.service.process import ServedRun
 from made_place import OBJECTS, PLANES, UP
 
 CLIENTS = 50

@@ -11,13 +11,13 @@ import trimesh
 
 import cuboid
 import made_shapes
-from cuboid.core.errors import InputError
-from cuboid.core.results import MapPoints, Sighting
-from cuboid.geometry.box import Box
-from cuboid.outputs import Results
-from cuboid.shapes import ObjectMesh, object_mesh
-from cuboid.shapes.keeping import APART_RAD, ViewKeeper
-from cuboid.shapes.views import MAX_VIEWS, Candidate, chosen
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.results import MapPoints, Sighting
+from cuboid.ground.geometry.box import Box
+from cuboid.method.shapes import ObjectMesh, object_mesh
+from cuboid.method.shapes.keeping import APART_RAD, ViewKeeper
+from cuboid.method.shapes.views import MAX_VIEWS, Candidate, chosen
+from cuboid.results.files import Results
 from made_scenes import CAMERA, look_at, upright
 from made_shapes import BOXES, FRAMES
 
@@ -79,7 +79,7 @@ def test_a_hole_stays_until_it_is_asked_to_be_closed_and_what_is_guessed_is_mark
 
 def test_what_belongs_to_another_object_is_left_out() -> None:
     left, right = upright((-0.05, 0.0), (0.1, 0.1, 0.1)), upright((0.055, 0.0), (0.1, 0.1, 0.16))
-    from cuboid.shapes.views import view_of
+    from cuboid.method.shapes.views import view_of
     from made_scenes import frame_of
 
     poses = [look_at((0.8 * np.cos(a), 0.8 * np.sin(a), 0.5), (0, 0, 0.05)) for a in np.linspace(0, 5.8, 12)]
@@ -166,7 +166,7 @@ def test_views_that_are_left_out_are_a_warning_of_the_run(tmp_path: Path, monkey
         return tuple(line for line in cuboid.open_results(tmp_path / name).report.warnings if "views" in line)
 
     assert saved("whole") == ()
-    monkeypatch.setattr("cuboid.shapes.keeping.MAX_BYTES", 100_000)
+    monkeypatch.setattr("cuboid.method.shapes.keeping.MAX_BYTES", 100_000)
     (line,) = saved("small")
     assert re.match(r"\d+ views of 2 objects were left out: together, views are limited to 0 MB", line)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from cuboid.queries.likeness import COLOR_WORDS, SHAPE_BINS
-from cuboid.store.place import Place
-from cuboid.store.rows import day_of
-from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES
-from cuboid.store.snapshot import Part, key_of
+from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.rows import day_of
+from cuboid.fleet.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES
+from cuboid.fleet.store.snapshot import Part, key_of
+from cuboid.services.queries.likeness import COLOR_WORDS, SHAPE_BINS
 
 BEGIN = datetime(2026, 3, 1, 12, tzinfo=UTC)
 

@@ -13,14 +13,14 @@ import pytest
 from made_stores import put_run, thing
 
 from cuboid.cli import main
-from cuboid.core.errors import InputError
-from cuboid.queries.filters import Filters
-from cuboid.store.compact import compact
-from cuboid.store.find import find
-from cuboid.store.place import Place
-from cuboid.store.query import Tables
-from cuboid.store.schema import OBJECTS, RUNS, SIGHTINGS
-from cuboid.store.snapshot import Manifest, manifest_name, snapshot
+from cuboid.fleet.store.compact import compact
+from cuboid.fleet.store.find import find
+from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.query import Tables
+from cuboid.fleet.store.schema import OBJECTS, RUNS, SIGHTINGS
+from cuboid.fleet.store.snapshot import Manifest, manifest_name, snapshot
+from cuboid.ground.core.errors import InputError
+from cuboid.services.queries.filters import Filters
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ import pytest
 from made_stores import BEGIN, colors_of, put_run, run_of, thing
 
 from cuboid.cli import main
-from cuboid.store.compact import compact
-from cuboid.store.place import Place
-from cuboid.store.schema import OBJECTS, TABLES
+from cuboid.fleet.store.compact import compact
+from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.schema import OBJECTS, TABLES
 
 
 @pytest.fixture(scope="module")

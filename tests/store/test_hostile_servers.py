@@ -9,12 +9,12 @@ from contextlib import contextmanager
 
 import pytest
 
-from cuboid.batch.sources import Source, expand
-from cuboid.batch.task import head_of
 from cuboid.cli import main
-from cuboid.core.errors import CuboidError, InputError
-from cuboid.store.place import Place
-from cuboid.store.query import Tables
+from cuboid.fleet.batch.sources import Source, expand
+from cuboid.fleet.batch.task import head_of
+from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.query import Tables
+from cuboid.ground.core.errors import CuboidError, InputError
 
 ANSWERS = {
     "nothing": b"",

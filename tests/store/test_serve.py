@@ -11,7 +11,7 @@ from urllib.request import Request, urlopen
 import pytest
 from made_stores import put_run, thing
 
-from cuboid.store.place import Place
+from cuboid.fleet.store.place import Place
 from served import served
 
 

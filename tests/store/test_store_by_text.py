@@ -15,8 +15,8 @@ pytest.importorskip("tokenizers")
 from made_stores import put_run, thing
 
 from cuboid.cli import main
-from cuboid.store.place import Place
-from cuboid.text_search import TextModel
+from cuboid.fleet.store.place import Place
+from cuboid.method.text_search import TextModel
 from made_text_models import made_text_model
 from served import served
 

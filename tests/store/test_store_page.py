@@ -12,12 +12,12 @@ from made_stores import put_run, thing
 from playwright.sync_api import Browser, Page
 
 from browser import Watched, browser
-from cuboid.queries.filters import Filters
-from cuboid.store.find import find
-from cuboid.store.page import found_page, summary_page
-from cuboid.store.place import Place
-from cuboid.store.query import Tables
-from cuboid.store.summary import summarise_store
+from cuboid.fleet.store.find import find
+from cuboid.fleet.store.page import found_page, summary_page
+from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.query import Tables
+from cuboid.fleet.store.summary import summarise_store
+from cuboid.services.queries.filters import Filters
 from served import served
 
 

@@ -12,13 +12,13 @@ import pytest
 from made_stores import put_run, run_of, thing
 
 from cuboid.cli import main
-from cuboid.core.errors import InputError
-from cuboid.outputs import Results
-from cuboid.store.compact import compact
-from cuboid.store.place import Place
-from cuboid.store.query import Tables
-from cuboid.store.rows import ReadAs, RunHead, tables_of
-from cuboid.store.schema import FAILED, TABLES, markdown
+from cuboid.fleet.store.compact import compact
+from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.query import Tables
+from cuboid.fleet.store.rows import ReadAs, RunHead, tables_of
+from cuboid.fleet.store.schema import FAILED, TABLES, markdown
+from cuboid.ground.core.errors import InputError
+from cuboid.results.files import Results
 from made_results import FRAMES, INTRINSICS, write_results
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "store.md"

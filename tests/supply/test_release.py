@@ -47,7 +47,7 @@ def test_the_wheel_has_the_package_and_nothing_else(built: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0] for name in names} == {"cuboid", f"cuboid-{cuboid.__version__}.dist-info"}
     assert "cuboid/py.typed" in names
-    assert "cuboid/views/report/page/page.html" in names
+    assert "cuboid/results/views/report/page/page.html" in names
     assert not [name for name in names if name.endswith((".nbi", ".nbc", ".pyc"))]
 
 

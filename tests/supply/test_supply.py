@@ -32,10 +32,10 @@ for module in pkgutil.walk_packages(cuboid.__path__, "cuboid."):
                 "rosbags", "cyclonedds", "distributed", "dask", "pyarrow", "duckdb", "fsspec", "starlette", "mcp"
             }}
             assert missing.name.split(".")[0] in extras, missing
-import cuboid.pipeline.run
+import cuboid.runs.pipeline.run
 from cuboid.cli import main
 from fakes import FakeTracker, write_recording
-cuboid.pipeline.run._tracker = FakeTracker
+cuboid.runs.pipeline.run._tracker = FakeTracker
 folder = Path({folder!r})
 write_recording(folder / "recording", 6)
 assert main(["track", str(folder / "recording"), "--output", str(folder / "out"), "--video"]) == 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.surfaces.plane import Plane
+from cuboid.method.surfaces.plane import Plane
 
 
 def level(index: int, z: float, *rectangles: tuple[float, float, float, float]) -> Plane:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.surfaces.plane_rules import connected_groups, largest_level
+from cuboid.method.surfaces.plane_rules import connected_groups, largest_level
 
 CELL_M2 = 0.04**2
 

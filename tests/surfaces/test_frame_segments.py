@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.frame import Intrinsics
-from cuboid.core.observation import Observation
-from cuboid.core.working import WorkingImage
-from cuboid.heatmap.pixel_heat import WeighedProposals
-from cuboid.surfaces.frame_segments import MIN_PIXELS, FrameSegments, PixelPlanes, points_of, segment_frame
-from cuboid.surfaces.kernels.outlines import BOTTOM, FREE, LEFT, RIGHT, SUPPORT, TOP
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.observation import Observation
+from cuboid.ground.core.working import WorkingImage
+from cuboid.method.heatmap.pixel_heat import WeighedProposals
+from cuboid.method.surfaces.frame_segments import MIN_PIXELS, FrameSegments, PixelPlanes, points_of, segment_frame
+from cuboid.method.surfaces.kernels.outlines import BOTTOM, FREE, LEFT, RIGHT, SUPPORT, TOP
 
 CAMERA = Intrinsics(60.0, 60.0, 29.5, 19.5, 60, 40)
 T_WORLD_CAMERA = np.array([[1.0, 0, 0, 5], [0, 0, 1, 6], [0, -1, 0, 7], [0, 0, 0, 1]])

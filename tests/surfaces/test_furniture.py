@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from made_planes import level
 
-from cuboid.surfaces.plane import Plane
-from cuboid.surfaces.plane_rules import is_lid
+from cuboid.method.surfaces.plane import Plane
+from cuboid.method.surfaces.plane_rules import is_lid
 
 LARGEST_M2 = 1.0
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.tolerances import MIN_READINGS
-from cuboid.geometry import se3
-from cuboid.surfaces.grid import CELL_M, GroundPlan
+from cuboid.ground.core.tolerances import MIN_READINGS
+from cuboid.ground.geometry import se3
+from cuboid.method.surfaces.grid import CELL_M, GroundPlan
 
 
 def patch(
@@ -67,8 +67,8 @@ def test_a_part_found_anew_is_as_if_all_were(monkeypatch: pytest.MonkeyPatch) ->
     whole = GroundPlan()
     for low, high in steps:
         patch(whole, low, high, hole=(3, 3))
-    monkeypatch.setattr("cuboid.surfaces.grid.WHOLE_CELLS", 30)
-    monkeypatch.setattr("cuboid.surfaces.grid.AROUND_CELLS", 60)
+    monkeypatch.setattr("cuboid.method.surfaces.grid.WHOLE_CELLS", 30)
+    monkeypatch.setattr("cuboid.method.surfaces.grid.AROUND_CELLS", 60)
     parts = GroundPlan()
     for low, high in steps:
         patch(parts, low, high, hole=(3, 3))

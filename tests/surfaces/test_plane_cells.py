@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.depth import DepthImage, cell_pixels
-from cuboid.core.frame import Intrinsics
-from cuboid.surfaces.cells import find_cells
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.depth import DepthImage, cell_pixels
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.method.surfaces.cells import find_cells
 from made_scenes import CAMERA, cast, look_at, upright
 
 

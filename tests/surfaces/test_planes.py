@@ -7,17 +7,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.results import FrameResult
-from cuboid.core.tolerances import MIN_READINGS
-from cuboid.geometry import se3
-from cuboid.geometry.box import Box
-from cuboid.surfaces.cells import Cells
-from cuboid.surfaces.grid import GroundPlan, cells_of
-from cuboid.surfaces.plane import Plane
-from cuboid.surfaces.planes import PlaneTracker
-from cuboid.surfaces.standing import FlatAreas
-from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.results import FrameResult
+from cuboid.ground.core.tolerances import MIN_READINGS
+from cuboid.ground.geometry import se3
+from cuboid.ground.geometry.box import Box
+from cuboid.method.surfaces.cells import Cells
+from cuboid.method.surfaces.grid import GroundPlan, cells_of
+from cuboid.method.surfaces.plane import Plane
+from cuboid.method.surfaces.planes import PlaneTracker
+from cuboid.method.surfaces.standing import FlatAreas
+from cuboid.runs.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 SCENE = [

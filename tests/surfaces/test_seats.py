@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_planes import level
 
-from cuboid.core.frame import Float64Array
-from cuboid.surfaces.plane import Plane
-from cuboid.surfaces.seats import seat_of, supporting_plane
+from cuboid.ground.core.frame import Float64Array
+from cuboid.method.surfaces.plane import Plane
+from cuboid.method.surfaces.seats import seat_of, supporting_plane
 
 MIN_M2 = 0.08
 FLOOR = level(0, 0.0, (-2.0, -2.0, 2.0, 2.0))

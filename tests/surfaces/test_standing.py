@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.depth import DepthImage
-from cuboid.core.frame import Float32Array
-from cuboid.geometry.box import Box
-from cuboid.surfaces.standing import FlatAreas, find_flat_areas
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.depth import DepthImage
+from cuboid.ground.core.frame import Float32Array
+from cuboid.ground.geometry.box import Box
+from cuboid.method.surfaces.standing import FlatAreas, find_flat_areas
 from made_scenes import CAMERA, cast, look_at, upright
 
 TABLE = upright((0, 0), (1.4, 1.0, 0.05), z=-0.05)

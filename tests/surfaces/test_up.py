@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.core.config import TrackerConfig
-from cuboid.core.depth import DepthImage
-from cuboid.core.frame import Float64Array, unit
-from cuboid.geometry.box import Box
-from cuboid.readers import open_recording
-from cuboid.surfaces.standing import find_flat_areas
-from cuboid.surfaces.up import UpVote
-from cuboid.tracking.rolling import Roll
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.depth import DepthImage
+from cuboid.ground.core.frame import Float64Array, unit
+from cuboid.ground.geometry.box import Box
+from cuboid.inputs.readers import open_recording
+from cuboid.method.surfaces.standing import find_flat_areas
+from cuboid.method.surfaces.up import UpVote
+from cuboid.runs.tracking.rolling import Roll
 from made_scenes import CAMERA, cast, look_at, upright
 
 TABLE = upright((0, 0), (1.4, 1.0, 0.05), z=-0.05)

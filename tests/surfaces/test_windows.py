@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.surfaces.plane import Plane
-from cuboid.surfaces.windows import Windows
+from cuboid.method.surfaces.plane import Plane
+from cuboid.method.surfaces.windows import Windows
 
 
 def test_what_is_asked_of_all_planes_is_what_each_one_says() -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cuboid.synthetic import make_scene, render_recording
+from cuboid.lab.synthetic import make_scene, render_recording
 
 FRAMES, SIZE = 12, (96, 72)
 

@@ -7,10 +7,10 @@ import pytest
 
 import cuboid
 from cuboid.cli import synth
-from cuboid.core.errors import MissingExtraError
-from cuboid.synthetic import KINDS
-from cuboid.synthetic.paths import CAMERAS, POSE_NOISES
-from cuboid.synthetic.sensors import SENSORS
+from cuboid.ground.core.errors import MissingExtraError
+from cuboid.lab.synthetic import KINDS
+from cuboid.lab.synthetic.paths import CAMERAS, POSE_NOISES
+from cuboid.lab.synthetic.sensors import SENSORS
 
 
 def call(*words: str) -> int:

@@ -5,7 +5,7 @@ import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from cuboid.synthetic.footprint import gap_m, hull, is_round, smallest_rectangle
+from cuboid.lab.synthetic.footprint import gap_m, hull, is_round, smallest_rectangle
 
 coordinate = st.floats(-1, 1, allow_nan=False).map(lambda x: round(x, 4))
 clouds = st.lists(st.tuples(coordinate, coordinate), min_size=4, max_size=30, unique=True)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import cuboid
-from cuboid.core.errors import InputError
-from cuboid.core.frame import SkippedFrame
-from cuboid.synthetic.faults import FRAME_FAULTS, spoil
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import SkippedFrame
+from cuboid.lab.synthetic.faults import FRAME_FAULTS, spoil
 
 REASONS = {
     "truncated-color": "color image .* truncated",

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import cuboid
-from cuboid.core.errors import InputError, OutputError
-from cuboid.evaluation.truth import read_truth
-from cuboid.formats.table_validation import data_lines
-from cuboid.geometry import se3
-from cuboid.outputs.ply import read_map
-from cuboid.synthetic import KINDS, demo_scene, make_scene, render_recording
-from cuboid.synthetic.raycast import pixel_rays
-from cuboid.synthetic.view import SceneView
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.ground.formats.table_validation import data_lines
+from cuboid.ground.geometry import se3
+from cuboid.lab.evaluation.truth import read_truth
+from cuboid.lab.synthetic import KINDS, demo_scene, make_scene, render_recording
+from cuboid.lab.synthetic.raycast import pixel_rays
+from cuboid.lab.synthetic.view import SceneView
+from cuboid.results.files.ply import read_map
 
 
 def fractions(truth: dict, body: int) -> np.ndarray:

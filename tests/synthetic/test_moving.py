@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from cuboid.evaluation.truth import read_truth
-from cuboid.geometry import se3
-from cuboid.synthetic import make_scene, render_recording
-from cuboid.synthetic.footprint import gap_m, hull
+from cuboid.ground.geometry import se3
+from cuboid.lab.evaluation.truth import read_truth
+from cuboid.lab.synthetic import make_scene, render_recording
+from cuboid.lab.synthetic.footprint import gap_m, hull
 
 SEEDS = (1, 4, 6, 7)
 
@@ -72,7 +72,7 @@ def test_the_truth_file_has_boxes_in_each_frame_events_and_people(tmp_path):
     document = json.loads((tmp_path / "made" / "truth.json").read_text())
     assert document["events"] == []
     assert len(document["agents"]) == len(scene.agents)
-    from cuboid.synthetic.truth import write_truth
+    from cuboid.lab.synthetic.truth import write_truth
 
     write_truth(tmp_path / "truth.json", moved, moved.intrinsics(64, 48), np.ones((260, len(moved.objects))))
     truth = read_truth(tmp_path / "truth.json")
@@ -90,7 +90,7 @@ def test_the_truth_file_has_boxes_in_each_frame_events_and_people(tmp_path):
 
 def test_a_frame_shows_what_is_there_then(tmp_path):
     """A thing that was carried away is seen in its new place, and its old one is empty."""
-    from cuboid.synthetic.view import SceneView
+    from cuboid.lab.synthetic.view import SceneView
 
     scene = make_scene("moving", 2, frames=260)
     one = scene.events[0]

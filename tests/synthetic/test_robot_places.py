@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Float64Array, Intrinsics
-from cuboid.geometry.se3 import inverse, transform
-from cuboid.synthetic import Scene, make_scene
-from cuboid.synthetic.view import SceneView
+from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.geometry.se3 import inverse, transform
+from cuboid.lab.synthetic import Scene, make_scene
+from cuboid.lab.synthetic.view import SceneView
 
 SEEDS = (0, 1, 2, 3)
 

@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cuboid.core.errors import InputError
-from cuboid.geometry import se3
-from cuboid.synthetic import KINDS, demo_scene, make_scene
-from cuboid.synthetic.footprint import gap_m, hull
-from cuboid.synthetic.paths import CAMERAS
-from cuboid.synthetic.placement import TOUCH_M
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.geometry import se3
+from cuboid.lab.synthetic import KINDS, demo_scene, make_scene
+from cuboid.lab.synthetic.footprint import gap_m, hull
+from cuboid.lab.synthetic.paths import CAMERAS
+from cuboid.lab.synthetic.placement import TOUCH_M
 
 
 def outlines(scene):

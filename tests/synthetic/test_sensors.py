@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Intrinsics
-from cuboid.synthetic.sensors import SENSORS, STEP_PER_M, projector_shadow
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.lab.synthetic.sensors import SENSORS, STEP_PER_M, projector_shadow
 
 CAMERA = Intrinsics(540.0, 540.0, 159.5, 119.5, 320, 240)
 SHAPE = (240, 320)

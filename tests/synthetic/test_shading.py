@@ -2,14 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.frame import Intrinsics
-from cuboid.synthetic import make_scene
-from cuboid.synthetic.material import Material, Texture
-from cuboid.synthetic.mesh import box, corner_normals
-from cuboid.synthetic.paths import look_at
-from cuboid.synthetic.raycast import RayCaster, pixel_rays
-from cuboid.synthetic.shading import ShadingParameters, _places, part_rows, shade
-from cuboid.synthetic.view import SceneView
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.lab.synthetic import make_scene
+from cuboid.lab.synthetic.material import Material, Texture
+from cuboid.lab.synthetic.mesh import box, corner_normals
+from cuboid.lab.synthetic.paths import look_at
+from cuboid.lab.synthetic.raycast import RayCaster, pixel_rays
+from cuboid.lab.synthetic.shading import ShadingParameters, _places, part_rows, shade
+from cuboid.lab.synthetic.view import SceneView
 
 CAMERA = Intrinsics(80.0, 80.0, 31.5, 23.5, 64, 48)
 T = look_at((0, -1.2, 1.0), (0, 0, 0))

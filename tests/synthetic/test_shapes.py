@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.synthetic.mesh import box, corner_normals, lathe, sample_surface
-from cuboid.synthetic.shapes import MAKERS
+from cuboid.lab.synthetic.mesh import box, corner_normals, lathe, sample_surface
+from cuboid.lab.synthetic.shapes import MAKERS
 
 
 @pytest.mark.parametrize("name", MAKERS)

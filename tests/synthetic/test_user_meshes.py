@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from cuboid.core.errors import InputError
-from cuboid.synthetic import make_scene
-from cuboid.synthetic.user_meshes import load_mesh, load_meshes
+from cuboid.ground.core.errors import InputError
+from cuboid.lab.synthetic import make_scene
+from cuboid.lab.synthetic.user_meshes import load_mesh, load_meshes
 
 
 @pytest.fixture

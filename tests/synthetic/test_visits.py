@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.core.errors import InputError, OutputError
-from cuboid.evaluation.truth import read_truth
-from cuboid.synthetic import make_visits, render_visits
-from cuboid.synthetic.kinds import WAYS
-from cuboid.synthetic.visits import MIN_MOVE_M
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.lab.evaluation.truth import read_truth
+from cuboid.lab.synthetic import make_visits, render_visits
+from cuboid.lab.synthetic.kinds import WAYS
+from cuboid.lab.synthetic.visits import MIN_MOVE_M
 
 
 @pytest.mark.parametrize("kind", WAYS)

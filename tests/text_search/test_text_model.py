@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("tokenizers")
 
-from cuboid.core.errors import InputError
-from cuboid.text_search import MODEL_VARIABLE, TextModel, open_text_model
+from cuboid.ground.core.errors import InputError
+from cuboid.method.text_search import MODEL_VARIABLE, TextModel, open_text_model
 from made_models import made_model
 from made_text_models import PREPROCESSOR, SIDE, made_text_model
 

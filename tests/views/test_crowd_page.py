@@ -11,10 +11,10 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from browser import VIEWPORT, Watched, browser, pixels
-from cuboid.core.palette import color_of, hex_of
-from cuboid.outputs import Results
-from cuboid.readers import open_recording
-from cuboid.views.report import summarise, write_report
+from cuboid.ground.core.palette import color_of, hex_of
+from cuboid.inputs.readers import open_recording
+from cuboid.results.files import Results
+from cuboid.results.views.report import summarise, write_report
 from made_crowd import box, crowd, write_crowd
 
 COUNT = 40

@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Float64Array, Intrinsics, UInt8Array
-from cuboid.core.palette import UNLABELLED, color_of
-from cuboid.geometry.box import EDGES, Box
-from cuboid.views.drawing import STRIP_PX, Status, dashes, draw_frame, draw_proposals
-from cuboid.views.projection import visible_rect
-from cuboid.views.replay import ReplayedObject
-from cuboid.views.tags import SteadyNames, place_tag, place_tags, tag_px, unit_of
+from cuboid.ground.core.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.ground.core.palette import UNLABELLED, color_of
+from cuboid.ground.geometry.box import EDGES, Box
+from cuboid.results.views.drawing import STRIP_PX, Status, dashes, draw_frame, draw_proposals
+from cuboid.results.views.projection import visible_rect
+from cuboid.results.views.replay import ReplayedObject
+from cuboid.results.views.tags import SteadyNames, place_tag, place_tags, tag_px, unit_of
 from made_crowd import camera, crowd
 
 INTRINSICS = Intrinsics(500.0, 500.0, 319.5, 239.5, 640, 480)

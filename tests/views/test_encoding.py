@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from av.video.reformatter import VideoReformatter
 
-from cuboid.core.errors import OutputError
-from cuboid.core.frame import UInt8Array
-from cuboid.views.encoding import GIF_FRAMES, GIF_WIDTH_PX, GifWriter, Mp4Writer, VideoWriter, yuv420
+from cuboid.ground.core.errors import OutputError
+from cuboid.ground.core.frame import UInt8Array
+from cuboid.results.views.encoding import GIF_FRAMES, GIF_WIDTH_PX, GifWriter, Mp4Writer, VideoWriter, yuv420
 
 
 def pictures(count: int, height: int = 48, width: int = 64) -> list[UInt8Array]:

@@ -20,10 +20,10 @@ pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: pip insta
 pytest.importorskip("rosbags", reason="messages are made with rosbags: pip install '.[foxglove]'")
 
 from cuboid.cli import main
-from cuboid.core.errors import InputError, MissingExtraError
-from cuboid.core.frame import Frame
-from cuboid.core.results import FrameResult, ObjectEvent
-from cuboid.views.foxglove_view import FoxgloveView
+from cuboid.ground.core.errors import InputError, MissingExtraError
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.results import FrameResult, ObjectEvent
+from cuboid.results.views.foxglove_view import FoxgloveView
 from fakes import INTRINSICS, FakeTracker, box, write_recording
 from foxglove_client import FoxgloveClient
 
@@ -58,7 +58,7 @@ def test_a_client_reads_a_run_while_it_goes(tmp_path: Path, monkeypatch: pytest.
             moved = ObjectEvent("moved", 1, np.zeros(3), np.ones(3), 0.9)
             return dataclasses.replace(result, events=(moved,) if frame.index == 3 else ())
 
-    monkeypatch.setattr("cuboid.pipeline.run._tracker", WaitingTracker)
+    monkeypatch.setattr("cuboid.runs.pipeline.run._tracker", WaitingTracker)
     port, read = free_port(), {}
 
     def look() -> None:

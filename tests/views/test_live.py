@@ -16,15 +16,15 @@ import cv2
 import numpy as np
 import pytest
 
-from cuboid.core.errors import OutputError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.palette import hex_of
-from cuboid.core.results import MapPoints
-from cuboid.views.live import LiveServer, LiveView
-from cuboid.views.live.messages import PICTURE_WIDTH_PX, map_message, moment_message
-from cuboid.views.live.server import PORTS
-from cuboid.views.live.watch import Moment, Ration
-from cuboid.views.serving import HOST
+from cuboid.ground.core.errors import OutputError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.palette import hex_of
+from cuboid.ground.core.results import MapPoints
+from cuboid.results.views.live import LiveServer, LiveView
+from cuboid.results.views.live.messages import PICTURE_WIDTH_PX, map_message, moment_message
+from cuboid.results.views.live.server import PORTS
+from cuboid.results.views.live.watch import Moment, Ration
+from cuboid.results.views.serving import HOST
 from fakes import INTRINSICS, FakeRecording, FakeTracker
 
 
@@ -66,8 +66,9 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveServer]:
         "MOMENT_FRACTION",
         "MAP_FRACTION",
     ):  # a tracker that does nothing has no time to take a fraction of
-        monkeypatch.setattr(f"cuboid.views.live.watch.{fraction}", 1.0)
-    monkeypatch.setattr("cuboid.views.live.watch.FAREWELL_S", 0.1)  # most tests have nobody who waits for the end
+        monkeypatch.setattr(f"cuboid.results.views.live.watch.{fraction}", 1.0)
+    # Most tests have nobody who waits for the end.
+    monkeypatch.setattr("cuboid.results.views.live.watch.FAREWELL_S", 0.1)
     with LiveServer(LiveView(), "a <recording>", INTRINSICS) as found:
         yield found
 
@@ -194,7 +195,7 @@ def test_a_map_is_told_as_it_is() -> None:
 def test_what_costs_much_is_done_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     clocks = {"monotonic": 100.0, "thread_time": 10.0}
     for name in clocks:
-        monkeypatch.setattr(f"cuboid.views.live.watch.time.{name}", lambda name=name: clocks[name])
+        monkeypatch.setattr(f"cuboid.results.views.live.watch.time.{name}", lambda name=name: clocks[name])
 
     def work(own_s: float, waited_s: float) -> None:
         clocks["monotonic"] += waited_s
@@ -278,7 +279,7 @@ def test_several_look_and_some_go(
         drawn.append(moment.number)
         return moment_message(moment, intrinsics)
 
-    monkeypatch.setattr("cuboid.views.live.server.moment_message", counted)
+    monkeypatch.setattr("cuboid.results.views.live.server.moment_message", counted)
     run = Run(server.view)
     for _ in range(5):  # they close the page before they have an answer
         with socket.create_connection((HOST, server.port)) as gone:

@@ -13,9 +13,9 @@ import pytest
 
 from browser import VIEWPORT, Watched, browser, pixels
 from cuboid.cli import main
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.results import FrameResult, MapPoints, ObjectEvent
-from cuboid.views.live import LiveServer, LiveView
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.results import FrameResult, MapPoints, ObjectEvent
+from cuboid.results.views.live import LiveServer, LiveView
 from fakes import FakeTracker, write_recording
 
 CAMERA = Intrinsics(160.0, 160.0, 79.5, 59.5, 160, 120)
@@ -148,7 +148,7 @@ def test_a_page_whose_program_is_gone_waits_for_the_next_run(watched: Watched) -
 def test_track_says_where_it_can_be_seen(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cuboid.pipeline.run._tracker", FakeTracker)
+    monkeypatch.setattr("cuboid.runs.pipeline.run._tracker", FakeTracker)
     recording = write_recording(tmp_path / "recording", 4)
     words = ["track", str(recording), "--output", str(tmp_path / "out")]
     assert main([*words, "--live"]) == 0

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.frame import Intrinsics
-from cuboid.core.results import MapPoints
-from cuboid.geometry.se3 import compose, transform
-from cuboid.views.overlays import depth_picture, heat_over, map_heat
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.results import MapPoints
+from cuboid.ground.geometry.se3 import compose, transform
+from cuboid.results.views.overlays import depth_picture, heat_over, map_heat
 
 INTRINSICS = Intrinsics(500.0, 500.0, 319.5, 239.5, 640, 480)
 

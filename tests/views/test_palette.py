@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Float64Array
-from cuboid.core.palette import COLORS, OKABE_ITO, color_of, hex_of, ink_on
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.core.palette import COLORS, OKABE_ITO, color_of, hex_of, ink_on
 
 # Linear RGB to cones, and what cones a deuteranope is left with: F. Viénot, H. Brettel and J. Mollon,
 # "Digital video colourmaps for checking the legibility of displays by dichromats" (1999). It is another

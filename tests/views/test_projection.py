@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.core.frame import Float64Array, Intrinsics
-from cuboid.geometry.box import EDGES, Box
-from cuboid.geometry.se3 import compose, inverse, transform
-from cuboid.views.projection import (
+from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.geometry.box import EDGES, Box
+from cuboid.ground.geometry.se3 import compose, inverse, transform
+from cuboid.results.views.projection import (
     FACES,
     MARGIN_PX,
     NEAR_M,

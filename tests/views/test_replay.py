@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.core.frame import Intrinsics
-from cuboid.core.results import FrameResult, MapPoints, Sighting, TrackedObject
-from cuboid.geometry.box import Box
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport, Timing
-from cuboid.views.replay import Replay
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.results import FrameResult, MapPoints, Sighting, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.results.files import ObjectsFile, ResultWriter, RunReport, Timing
+from cuboid.results.views.replay import Replay
 
 EVERY = 3
 

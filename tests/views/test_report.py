@@ -18,17 +18,17 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cuboid.cli import report as command
-from cuboid.core.errors import FrameError, InputError, OutputError
-from cuboid.core.frame import Frame
-from cuboid.core.palette import color_of, hex_of
-from cuboid.core.results import MapPoints
-from cuboid.outputs import Results, read_tracks
-from cuboid.readers import open_recording
-from cuboid.views.report import Summary, page_of, summarise, write_report
-from cuboid.views.report.page import SCRIPTS
-from cuboid.views.report.pictures import ASPECT, window
-from cuboid.views.report.points import OBJECTS_FRACTION, PackedPoints, morton, pack_points, thinned
-from cuboid.views.report.summary import spans
+from cuboid.ground.core.errors import FrameError, InputError, OutputError
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.palette import color_of, hex_of
+from cuboid.ground.core.results import MapPoints
+from cuboid.inputs.readers import open_recording
+from cuboid.results.files import Results, read_tracks
+from cuboid.results.views.report import Summary, page_of, summarise, write_report
+from cuboid.results.views.report.page import SCRIPTS
+from cuboid.results.views.report.pictures import ASPECT, window
+from cuboid.results.views.report.points import OBJECTS_FRACTION, PackedPoints, morton, pack_points, thinned
+from cuboid.results.views.report.summary import spans
 from made_crowd import write_crowd
 from made_results import BEST, FRAMES, SKIPPED, SPANS, map_points, write_results
 
@@ -182,9 +182,9 @@ def test_the_page_is_one_file_that_asks_for_nothing_else(summary: Summary) -> No
 
 
 def test_every_script_is_in_the_page() -> None:
-    import cuboid.views.report
+    import cuboid.results.views.report
 
-    folder = Path(cuboid.views.report.__file__).parent / "page"
+    folder = Path(cuboid.results.views.report.__file__).parent / "page"
     assert sorted(SCRIPTS) == sorted(path.name for path in folder.glob("*.js"))
 
 

@@ -12,12 +12,12 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from browser import VIEWPORT, Watched, browser, pixels
-from cuboid.core.frame import UInt8Array
-from cuboid.core.palette import color_of
-from cuboid.outputs import Results, read_tracks
-from cuboid.outputs.rows import EventRow
-from cuboid.readers import open_recording
-from cuboid.views.report import summarise, write_report
+from cuboid.ground.core.frame import UInt8Array
+from cuboid.ground.core.palette import color_of
+from cuboid.inputs.readers import open_recording
+from cuboid.results.files import Results, read_tracks
+from cuboid.results.files.rows import EventRow
+from cuboid.results.views.report import summarise, write_report
 from made_results import BEST, COLORS, SEEN, SKIPPED, SPANS, write_results
 
 

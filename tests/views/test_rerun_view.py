@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from cuboid.cli import main
-from cuboid.core.errors import MissingExtraError, OutputError
-from cuboid.views.rerun_view import SPAWNED, RerunView
+from cuboid.ground.core.errors import MissingExtraError, OutputError
+from cuboid.results.views.rerun_view import SPAWNED, RerunView
 from fakes import INTRINSICS, FakeTracker, write_recording
 
 
@@ -23,7 +23,7 @@ def test_without_the_sdk_one_line_names_the_extra(monkeypatch: pytest.MonkeyPatc
 
 def test_a_run_is_written_while_it_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("rerun", reason="the rerun SDK (170 MB) is not installed: pip install '.[rerun]'")
-    monkeypatch.setattr("cuboid.pipeline.run._tracker", FakeTracker)
+    monkeypatch.setattr("cuboid.runs.pipeline.run._tracker", FakeTracker)
     recording, file = write_recording(tmp_path / "recording", 6), tmp_path / "run.rrd"
     words = ["track", str(recording), "--output", str(tmp_path / "out"), "--rerun", str(file)]
     assert main(words) == 0

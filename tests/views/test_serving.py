@@ -14,14 +14,14 @@ from pathlib import Path
 import pytest
 
 from browser import Watched, browser
-from cuboid.outputs import Results
-from cuboid.readers import open_recording
-from cuboid.views import serving
-from cuboid.views.live import LiveServer, LiveView
-from cuboid.views.replay import Replay
-from cuboid.views.report import summarise, write_report
-from cuboid.views.report.server import Viewer, make_server
-from cuboid.views.serving import HOST, PageServer
+from cuboid.inputs.readers import open_recording
+from cuboid.results.files import Results
+from cuboid.results.views import serving
+from cuboid.results.views.live import LiveServer, LiveView
+from cuboid.results.views.replay import Replay
+from cuboid.results.views.report import summarise, write_report
+from cuboid.results.views.report.server import Viewer, make_server
+from cuboid.results.views.serving import HOST, PageServer
 from fakes import INTRINSICS
 from made_results import write_results
 

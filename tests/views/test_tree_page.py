@@ -10,9 +10,9 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from browser import Watched, browser
-from cuboid.outputs import Results
-from cuboid.outputs.objects import write_objects
-from cuboid.views.report import summarise, write_report
+from cuboid.results.files import Results
+from cuboid.results.files.objects import write_objects
+from cuboid.results.views.report import summarise, write_report
 from made_place import thing, write_place
 
 

@@ -7,12 +7,12 @@ import av
 import numpy as np
 import pytest
 
-from cuboid.core.errors import OutputError
-from cuboid.core.frame import Frame, Intrinsics
-from cuboid.core.results import FrameResult, Sighting, TrackedObject
-from cuboid.geometry.box import Box
-from cuboid.views.drawing import hidden_objects
-from cuboid.views.video import VideoView, video_rate
+from cuboid.ground.core.errors import OutputError
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.results import FrameResult, Sighting, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.results.views.drawing import hidden_objects
+from cuboid.results.views.video import VideoView, video_rate
 
 INTRINSICS = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
 BOX = Box(np.array([0.0, 0.0, 1.0]), np.full(3, 0.3), np.eye(3))

@@ -23,15 +23,15 @@ import pytest
 
 from browser import Watched, browser, pixels
 from cuboid.cli import serving, view
-from cuboid.core.errors import InputError, OutputError
-from cuboid.core.frame import UInt8Array
-from cuboid.outputs import Results
-from cuboid.readers import open_recording
-from cuboid.text_search import Embeddings, TextModel
-from cuboid.views.replay import Replay
-from cuboid.views.report import summarise, write_report
-from cuboid.views.report.server import Viewer, make_server
-from cuboid.views.serving import HOST
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.ground.core.frame import UInt8Array
+from cuboid.inputs.readers import open_recording
+from cuboid.method.text_search import Embeddings, TextModel
+from cuboid.results.files import Results
+from cuboid.results.views.replay import Replay
+from cuboid.results.views.report import summarise, write_report
+from cuboid.results.views.report.server import Viewer, make_server
+from cuboid.results.views.serving import HOST
 from made_results import FRAMES, HEIGHT, SKIPPED, WIDTH, write_results
 from made_text_models import made_text_model
 

@@ -17,7 +17,7 @@ from types import ModuleType
 from cuboid import __version__
 from cuboid.cli.names import without_guessing
 from cuboid.cli.parser import MISTAKE, Parser, did_you_mean
-from cuboid.core.errors import CuboidError, one_line, printable
+from cuboid.ground.core.errors import CuboidError, one_line, printable
 
 # The commands in groups, as the help lists them, with a line for each.
 GROUPS = {
@@ -168,7 +168,7 @@ def _run(words: list[str]) -> int:
 
         refuse_existing_files(args)
     if "threads" in args:
-        from cuboid.core.threads import limit_threads
+        from cuboid.ground.core.threads import limit_threads
 
         limit_threads(args.threads)
     status: int = modules[args.command].run(args)

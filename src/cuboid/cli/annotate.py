@@ -12,7 +12,7 @@ from cuboid.cli.serving import add_page, serve
 from cuboid.cli.workers import positive
 
 if TYPE_CHECKING:
-    from cuboid.readers import Recording
+    from cuboid.inputs.readers import Recording
 
 EXAMPLE = "cuboid annotate RECORDING"
 
@@ -41,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
-    from cuboid.annotation import Annotator, KeyframesFile, make_server
-    from cuboid.core.threads import limit_threads
+    from cuboid.ground.core.threads import limit_threads
+    from cuboid.lab.annotation import Annotator, KeyframesFile, make_server
 
     limit_threads(1)
     recording = open_from(args)
@@ -55,7 +55,7 @@ def _path(output: Path | None, recording: Recording) -> Path:
     """Return the file of the keyframes; raises OutputError if it cannot be written."""
     import os
 
-    from cuboid.core.errors import OutputError
+    from cuboid.ground.core.errors import OutputError
 
     path = output or (recording.path / NAME if recording.path.is_dir() else recording.path.with_suffix(f".{NAME}"))
     if path.suffix != ".json":

@@ -25,11 +25,11 @@ from cuboid.cli.recording import (
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.text_model import add_embedding, embedding_model
 from cuboid.cli.workers import add_workers, workers_from
-from cuboid.core.errors import counted, one_line, printable
+from cuboid.ground.core.errors import counted, one_line, printable
 
 if TYPE_CHECKING:
-    from cuboid.batch.batch import Plan
-    from cuboid.batch.task import Ended
+    from cuboid.fleet.batch.batch import Plan
+    from cuboid.fleet.batch.task import Ended
 
 
 class BatchProgress:
@@ -87,7 +87,7 @@ class BatchProgress:
 
     def figures(self) -> dict[str, Any]:
         """Return the figures of the finished recordings, ready for JSON."""
-        from cuboid.store.schema import DONE, FAILED, SET_ASIDE
+        from cuboid.fleet.store.schema import DONE, FAILED, SET_ASIDE
 
         states = {state.replace(" ", "_"): self._states[state] for state in (DONE, FAILED, SET_ASIDE)}
         seconds = round(time.monotonic() - self._begun_s, 3)
@@ -165,18 +165,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Track the recordings that are not done yet."""
-    from cuboid.core.extras import need_cluster
+    from cuboid.ground.core.extras import need_cluster
 
     need_cluster("cuboid batch")
     from contextlib import nullcontext
 
-    from cuboid.batch.batch import Order, carry_out, plan
-    from cuboid.batch.claim import claimed
-    from cuboid.batch.sources import expand
     from cuboid.cli.batch import BatchProgress
-    from cuboid.store.page import write_summary
-    from cuboid.store.place import Place
-    from cuboid.store.schema import DONE
+    from cuboid.fleet.batch.batch import Order, carry_out, plan
+    from cuboid.fleet.batch.claim import claimed
+    from cuboid.fleet.batch.sources import expand
+    from cuboid.fleet.store.page import write_summary
+    from cuboid.fleet.store.place import Place
+    from cuboid.fleet.store.schema import DONE
 
     version = f"{__version__}+{args.tag}" if args.tag else __version__
     embedding_model(args)  # mistakes are reported before workers start
@@ -215,7 +215,7 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings of an `Order`."""
     from pathlib import Path
 
-    from cuboid.core.errors import InputError
+    from cuboid.ground.core.errors import InputError
 
     if isinstance(args.intrinsics, Path):
         raise InputError("--intrinsics: a batch takes FX,FY,CX,CY only; put a camera.json into each recording instead")

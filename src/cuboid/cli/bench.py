@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.recording import add_recording, open_from, tracking_from
 from cuboid.cli.results import add_results, give
-from cuboid.core.threads import cores
+from cuboid.ground.core.threads import cores
 
 if TYPE_CHECKING:
-    from cuboid.tracking.types import RunOutcome
+    from cuboid.runs.tracking.types import RunOutcome
 
 EXAMPLE = "cuboid bench RECORDING --limit 100"
 
@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Track without writing anything, and print the measurements."""
     from cuboid.cli.progress import progress
-    from cuboid.pipeline.options import RunHooks
-    from cuboid.pipeline.run import track_recording
+    from cuboid.runs.pipeline.options import RunHooks
+    from cuboid.runs.pipeline.run import track_recording
 
     with progress() as shown:
         outcome = track_recording(open_from(args), None, tracking_from(args), hooks=RunHooks(progress=shown))
@@ -82,7 +82,7 @@ def tail(frame_ms: Sequence[float], decode_ms: Sequence[float]) -> dict[str, flo
     """
     import numpy as np
 
-    from cuboid.tracking.measuring import warm_up_of
+    from cuboid.runs.tracking.measuring import warm_up_of
 
     warm = warm_up_of(len(frame_ms))
     unit_ms = float(np.median(decode_ms[warm:]))

@@ -10,8 +10,8 @@ from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_output, add_results, give
 
 if TYPE_CHECKING:
-    from cuboid.calibration import CalibrationResult
-    from cuboid.readers import Recording
+    from cuboid.inputs.calibration import CalibrationResult
+    from cuboid.inputs.readers import Recording
 
 EXAMPLE = "cuboid calibrate RECORDING --output camera.json"
 
@@ -35,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate, write, and print the result with its errors."""
-    from cuboid.core.errors import OutputError
-    from cuboid.core.threads import limit_threads
+    from cuboid.ground.core.errors import OutputError
+    from cuboid.ground.core.threads import limit_threads
 
     limit_threads(1)
     if args.output.suffix != ".json":
@@ -45,11 +45,11 @@ def run(args: argparse.Namespace) -> int:
         raise OutputError(f"{args.output}: the folder {args.output.parent} does not exist")
     if args.output.exists() and not args.force:
         raise OutputError(f"{args.output}: exists; --force replaces it")
-    from cuboid.calibration import calibrate_recording
     from cuboid.cli.progress import counting
-    from cuboid.outputs.pending import new_file
-    from cuboid.readers.calibration import write_camera
-    from cuboid.readers.undistortion import rescaled
+    from cuboid.inputs.calibration import calibrate_recording
+    from cuboid.inputs.readers.calibration import write_camera
+    from cuboid.inputs.readers.undistortion import rescaled
+    from cuboid.results.files.pending import new_file
 
     recording = _open(args)
     with counting("estimating poses") as shown:
@@ -85,7 +85,7 @@ def _document(found: CalibrationResult, units: float, output: Path) -> dict[str,
 
 def _poses(poses: str | None) -> str | None:
     """Return the source of poses for `calibrate_recording`; raises InputError for corrected poses."""
-    from cuboid.core.errors import InputError
+    from cuboid.ground.core.errors import InputError
 
     if poses == "corrected":
         raise InputError("--poses corrected needs correct intrinsics; calibrate with --poses given or estimated")
@@ -94,7 +94,7 @@ def _poses(poses: str | None) -> str | None:
 
 def _open(args: argparse.Namespace) -> Recording:
     """Open the recording; if its intrinsics are unknown, with a guess."""
-    from cuboid.readers.missing_camera import UnknownIntrinsicsError
+    from cuboid.inputs.readers.missing_camera import UnknownIntrinsicsError
 
     try:
         return open_from(args)

@@ -18,16 +18,16 @@ def run(args: argparse.Namespace) -> int:
     """Compile, and print the folder of the kernels."""
     from cuboid.cli.progress import counting
     from cuboid.cli.results import give
-    from cuboid.core.threads import limit_threads
+    from cuboid.ground.core.threads import limit_threads
 
     limit_threads(1)
-    from cuboid.pipeline.warmup import compile_kernels
+    from cuboid.runs.pipeline.warmup import compile_kernels
 
     with counting("tracking a made recording") as progress:
         compile_kernels(progress)
-    from cuboid.core.compiled import KERNELS
-    from cuboid.core.compiletime import compiling_s
-    from cuboid.core.kernelcache import cache_folder
+    from cuboid.ground.core.compiled import KERNELS
+    from cuboid.ground.core.compiletime import compiling_s
+    from cuboid.ground.core.kernelcache import cache_folder
 
     done = sum(kernel.cache.compiled for kernel in KERNELS.values())
     there = sum(kernel.cached for kernel in KERNELS.values())

@@ -31,10 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Convert, and print the omitted frames."""
     from cuboid.cli.progress import counting
-    from cuboid.core.errors import InputError, OutputError
-    from cuboid.core.threads import limit_threads
-    from cuboid.formats.reading import real_path
-    from cuboid.recordings.converting import convert_recording
+    from cuboid.ground.core.errors import InputError, OutputError
+    from cuboid.ground.core.threads import limit_threads
+    from cuboid.ground.formats.reading import real_path
+    from cuboid.inputs.recordings.converting import convert_recording
 
     limit_threads(1)
     recording = open_from(args)

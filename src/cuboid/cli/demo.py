@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.workers import add_threads, positive
-from cuboid.core.threads import cores
+from cuboid.ground.core.threads import cores
 
 EXAMPLE = "cuboid demo"
 
@@ -36,11 +36,11 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.interrupt import interruptible
     from cuboid.cli.progress import progress
     from cuboid.cli.track import outcome_document, print_outcome
-    from cuboid.evaluation import evaluate
-    from cuboid.pipeline.options import ResultOptions, RunHooks, TrackOptions
-    from cuboid.pipeline.run import track_recording
-    from cuboid.readers import open_recording
-    from cuboid.synthetic.truth import TRUTH
+    from cuboid.inputs.readers import open_recording
+    from cuboid.lab.evaluation import evaluate
+    from cuboid.lab.synthetic.truth import TRUTH
+    from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
+    from cuboid.runs.pipeline.run import track_recording
 
     recording, results = args.output / RECORDING, args.output / RESULTS
     _make(recording, args.frames, args.threads)
@@ -67,9 +67,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _make(path: Path, frames: int | None, threads: int) -> None:
     from cuboid.cli.progress import counting
-    from cuboid.core.errors import OutputError
-    from cuboid.synthetic import demo_scene, render_recording
-    from cuboid.synthetic.truth import TRUTH
+    from cuboid.ground.core.errors import OutputError
+    from cuboid.lab.synthetic import demo_scene, render_recording
+    from cuboid.lab.synthetic.truth import TRUTH
 
     if path.exists() and not (path / TRUTH).is_file():
         raise OutputError(f"{path}: exists, and no demo has made it; choose another --output")

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from cuboid import __version__
 from cuboid.cli.results import add_results, give
-from cuboid.core.extras import how_to_install
-from cuboid.core.threads import cores
+from cuboid.ground.core.extras import how_to_install
+from cuboid.ground.core.threads import cores
 
 EXAMPLE = "cuboid doctor"
 
@@ -152,12 +152,12 @@ def _opencv_parts() -> Check:
 
 def _kernels() -> Iterator[Check]:
     try:
-        import_module("cuboid.tracking.posed_tracker")
+        import_module("cuboid.runs.tracking.posed_tracker")
     except ImportError as error:
         yield Check("kernels", BAD, f"the tracker cannot be imported: {error}")
         return
-    from cuboid.core.compiled import KERNELS
-    from cuboid.core.kernelcache import cache_folder
+    from cuboid.ground.core.compiled import KERNELS
+    from cuboid.ground.core.kernelcache import cache_folder
 
     ready = sum(kernel.cached for kernel in KERNELS.values())
     rest = "" if ready == len(KERNELS) else "; the others when they are first used, or now by 'cuboid compile'"

@@ -12,12 +12,12 @@ from cuboid.cli.results import add_results, give
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cuboid.evaluation import Evaluation
-    from cuboid.evaluation.evaluate import Identity
-    from cuboid.evaluation.events import EventQuality
-    from cuboid.evaluation.points import HeatQuality
-    from cuboid.evaluation.relations import RelationsAt
-    from cuboid.evaluation.visits import VisitsQuality
+    from cuboid.lab.evaluation import Evaluation
+    from cuboid.lab.evaluation.evaluate import Identity
+    from cuboid.lab.evaluation.events import EventQuality
+    from cuboid.lab.evaluation.points import HeatQuality
+    from cuboid.lab.evaluation.relations import RelationsAt
+    from cuboid.lab.evaluation.visits import VisitsQuality
 
 EXAMPLE = "cuboid evaluate DIR truth.json"
 
@@ -73,10 +73,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
-    from cuboid.core.errors import InputError
-    from cuboid.core.threads import limit_threads
-    from cuboid.evaluation import evaluate
-    from cuboid.evaluation.keyframes import is_keyframes
+    from cuboid.ground.core.errors import InputError
+    from cuboid.ground.core.threads import limit_threads
+    from cuboid.lab.evaluation import evaluate
+    from cuboid.lab.evaluation.keyframes import is_keyframes
 
     limit_threads(1)
     if args.store is not None or args.truths is not None:
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
         from cuboid.cli.keyframes import run as judge_keyframes
 
         return judge_keyframes(args)
-    from cuboid.evaluation.visits import evaluate_visits, is_visits
+    from cuboid.lab.evaluation.visits import evaluate_visits, is_visits
 
     if is_visits(args.truth):
         visits = evaluate_visits(args.result, args.truth)

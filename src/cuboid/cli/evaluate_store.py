@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from cuboid.cli.results import give
 
 if TYPE_CHECKING:
-    from cuboid.evaluation.statistics import Interval, Paired
-    from cuboid.store.judging import Judged
+    from cuboid.fleet.store.judging import Judged
+    from cuboid.lab.evaluation.statistics import Interval, Paired
 
 # Figures of the tables, with the number of digits of each; --json has all figures.
 _FRACTIONS = ("recall_25", "precision_25", "recall_50", "precision_50", "mean_iou")
@@ -41,12 +41,12 @@ def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
     from pathlib import Path
 
-    from cuboid.core.extras import need_cluster
+    from cuboid.ground.core.extras import need_cluster
 
     need_cluster("cuboid evaluate --store")
     from cuboid.cli.workers import workers_from
-    from cuboid.evaluation.statistics import compare, intervals
-    from cuboid.store.judging import judge_store
+    from cuboid.fleet.store.judging import judge_store
+    from cuboid.lab.evaluation.statistics import compare, intervals
 
     with workers_from(args).connected() as client:
         found = judge_store(client, args.store, Path(args.truths), version=args.of)
@@ -81,7 +81,7 @@ def _numbers(found: Judged) -> list[str]:
 
 def _print(found: Judged, means: dict[str, Interval]) -> None:
     from cuboid.cli.tables import console, new_table
-    from cuboid.core.errors import counted, printable
+    from cuboid.ground.core.errors import counted, printable
 
     out = console()
     table = new_table("scene", *SHOWN)
@@ -101,7 +101,7 @@ def _print_change(
     paired: dict[str, Paired], before: dict[str, dict[str, Any]], after: dict[str, dict[str, Any]]
 ) -> None:
     from cuboid.cli.tables import console, new_table
-    from cuboid.core.errors import printable
+    from cuboid.ground.core.errors import printable
 
     out = console()
     table = new_table(

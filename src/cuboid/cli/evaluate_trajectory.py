@@ -10,7 +10,7 @@ from cuboid.cli.recording import seconds
 from cuboid.cli.results import add_results, give
 
 if TYPE_CHECKING:
-    from cuboid.evaluation.trajectory import Errors, TrajectoryErrors
+    from cuboid.lab.evaluation.trajectory import Errors, TrajectoryErrors
 
 EXAMPLE = "cuboid evaluate trajectory DIR RECORDING"
 
@@ -37,11 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compare, draw and print."""
     from cuboid.cli.tables import console
-    from cuboid.core.threads import limit_threads
+    from cuboid.ground.core.threads import limit_threads
 
     limit_threads(1)
-    from cuboid.evaluation.trajectory import evaluate_trajectory
-    from cuboid.evaluation.trajectory_plot import plot, refuse_other_forms
+    from cuboid.lab.evaluation.trajectory import evaluate_trajectory
+    from cuboid.lab.evaluation.trajectory_plot import plot, refuse_other_forms
 
     if args.plot is not None:
         refuse_other_forms(args.plot)

@@ -30,11 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the export, and print its notes."""
     from cuboid.cli.tables import console
-    from cuboid.core.threads import limit_threads
+    from cuboid.ground.core.threads import limit_threads
 
     limit_threads(1)
-    from cuboid.exports import export
-    from cuboid.outputs import Results
+    from cuboid.results.exports import export
+    from cuboid.results.files import Results
 
     given = {name: value for name in ("close", "complete", "collision") if (value := getattr(args, name))}
     notes = export(Results(args.results, args.recording), args.to, args.output, force=args.force, **given)

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from cuboid.cli.results import add_results, give
 from cuboid.cli.text_model import add_text, ranking_model
 from cuboid.cli.workers import positive
-from cuboid.queries.words import length, moment, place, sizes, thing
+from cuboid.services.queries.words import length, moment, place, sizes, thing
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cuboid.queries.filters import Filters
-    from cuboid.text_search import TextModel
+    from cuboid.method.text_search import TextModel
+    from cuboid.services.queries.filters import Filters
 
 EXAMPLE = "cuboid find STORE --size 8..14cm"
 
@@ -36,12 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Find and print."""
     from cuboid.cli.tables import console
-    from cuboid.core.threads import limit_threads
-    from cuboid.outputs.pending import write_whole
-    from cuboid.queries.filters import Filters
-    from cuboid.queries.opening import is_place
-    from cuboid.queries.parameters import text_query
-    from cuboid.queries.rows import plain
+    from cuboid.ground.core.threads import limit_threads
+    from cuboid.results.files.pending import write_whole
+    from cuboid.services.queries.filters import Filters
+    from cuboid.services.queries.opening import is_place
+    from cuboid.services.queries.parameters import text_query
+    from cuboid.services.queries.rows import plain
 
     limit_threads(1)
     model = ranking_model(args)
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         rows = _in_store(args.place, filters, pictures=pictures)
     if args.html is not None:
-        from cuboid.store.page import found_page
+        from cuboid.fleet.store.page import found_page
 
         write_whole(args.html, found_page(rows, f"Objects of {args.place}"))
 
@@ -83,19 +83,19 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _in_store(store: str, filters: Filters, *, pictures: bool) -> list[dict[str, Any]]:
-    from cuboid.core.extras import need_cluster
+    from cuboid.ground.core.extras import need_cluster
 
     need_cluster("cuboid find STORE")
-    from cuboid.store.find import find
-    from cuboid.store.query import Tables
+    from cuboid.fleet.store.find import find
+    from cuboid.fleet.store.query import Tables
 
     return find(Tables(store), filters, pictures=pictures)
 
 
 def _in_place(path: str, filters: Filters, model: TextModel | None, *, pictures: bool) -> list[dict[str, Any]]:
-    from cuboid.core.extras import need_cluster
-    from cuboid.queries.opening import open_place
-    from cuboid.queries.rows import row_of
+    from cuboid.ground.core.extras import need_cluster
+    from cuboid.services.queries.opening import open_place
+    from cuboid.services.queries.rows import row_of
 
     if pictures:
         need_cluster("cuboid find --html")
@@ -106,7 +106,7 @@ def _in_place(path: str, filters: Filters, model: TextModel | None, *, pictures:
 
 def _table(rows: list[dict[str, Any]]) -> Table:
     from cuboid.cli.tables import new_table
-    from cuboid.queries.rows import cells_of
+    from cuboid.services.queries.rows import cells_of
 
     last = next((name for name in ("text_score", "unlike", "distance_m") if name in rows[0]), None)
     names = ["size L x M x S (cm)", "position x, y, z (m)", "color", "frames", "last seen (UTC)"]

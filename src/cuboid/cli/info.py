@@ -10,7 +10,7 @@ from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_results, give
 
 if TYPE_CHECKING:
-    from cuboid.recordings.inspecting import RecordingInfo
+    from cuboid.inputs.recordings.inspecting import RecordingInfo
 
 NAME_WIDTH = 14
 
@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Examine, and print."""
-    from cuboid.core.threads import limit_threads
-    from cuboid.recordings.inspecting import inspect_recording
+    from cuboid.ground.core.threads import limit_threads
+    from cuboid.inputs.recordings.inspecting import inspect_recording
 
     limit_threads(1)
     found = inspect_recording(open_from(args), every_frame=args.all)

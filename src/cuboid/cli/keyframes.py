@@ -6,13 +6,13 @@ import argparse
 from typing import TYPE_CHECKING
 
 from cuboid.cli.results import give
-from cuboid.core.errors import InputError, counted
+from cuboid.ground.core.errors import InputError, counted
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation
-    from cuboid.evaluation.names import NameQuality
+    from cuboid.lab.evaluation.evaluate_keyframes import KeyframeEvaluation
+    from cuboid.lab.evaluation.names import NameQuality
 
 # Number of frames of a list that are named.
 NAMED = 8
@@ -21,7 +21,7 @@ NAMED = 8
 def run(args: argparse.Namespace) -> int:
     """Evaluate, draw and print."""
     from cuboid.cli.tables import console
-    from cuboid.evaluation.evaluate_keyframes import evaluate_keyframes
+    from cuboid.lab.evaluation.evaluate_keyframes import evaluate_keyframes
 
     for name in ("cloud", "trajectory"):
         if getattr(args, name) is not None:
@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _name(args: argparse.Namespace, found: KeyframeEvaluation) -> dict[int, str]:
     """Give the names of the drawn objects to the results; return them by label."""
-    from cuboid.outputs import Results
-    from cuboid.views.report.server import rename_in
+    from cuboid.results.files import Results
+    from cuboid.results.views.report.server import rename_in
 
     if not args.result.is_dir():
         raise InputError(f"{args.result}: only objects of results of 'cuboid track' can be named")
@@ -60,7 +60,7 @@ def _name(args: argparse.Namespace, found: KeyframeEvaluation) -> dict[int, str]
 
 def _draw(args: argparse.Namespace, found: KeyframeEvaluation) -> int:
     """Write the pictures; return their number."""
-    from cuboid.evaluation.keyframe_pictures import write_pictures
+    from cuboid.lab.evaluation.keyframe_pictures import write_pictures
 
     if isinstance(found.recording, str):
         raise InputError(f"{args.pictures}: pictures need the recording: {found.recording}")

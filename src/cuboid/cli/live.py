@@ -13,12 +13,12 @@ from cuboid.cli.names import OPTIONAL
 from cuboid.cli.serving import HOST, listen, port
 
 if TYPE_CHECKING:
-    from cuboid.core.frame import Frame, Intrinsics
-    from cuboid.core.results import FrameResult
-    from cuboid.outputs import RunReport
-    from cuboid.service.process import ServedRun
-    from cuboid.tracking.types import MapLike, Watch
-    from cuboid.views.live import LiveView
+    from cuboid.ground.core.frame import Frame, Intrinsics
+    from cuboid.ground.core.results import FrameResult
+    from cuboid.results.files import RunReport
+    from cuboid.results.views.live import LiveView
+    from cuboid.runs.tracking.types import MapLike, Watch
+    from cuboid.services.service.process import ServedRun
 
 
 def add_live(parser: argparse._ActionsContainer) -> None:
@@ -89,15 +89,15 @@ def served_run(args: argparse.Namespace, name: str) -> Iterator[ServedRun | None
     """Serve the run over HTTP if `--serve` is given, and print the address; yields the server, or None."""
     if args.serve is None:
         if args.serve_host is not None:
-            from cuboid.core.errors import InputError
+            from cuboid.ground.core.errors import InputError
 
             raise InputError("--serve-host is an option of --serve; give --serve too")
         yield None
         return
-    from cuboid.core.extras import need_serve
+    from cuboid.ground.core.extras import need_serve
 
     need_serve("cuboid track --serve")
-    from cuboid.service.process import ServedRun
+    from cuboid.services.service.process import ServedRun
 
     address = listen(args.serve_host or HOST, args.serve, None)
     with ServedRun(name, address.listening, address.token, address.hosts) as served:
@@ -114,11 +114,11 @@ def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Ite
         served = stack.enter_context(served_run(args, name))
         views += [] if served is None else [served]
         if args.rerun is not None:
-            from cuboid.views.rerun_view import RerunView
+            from cuboid.results.views.rerun_view import RerunView
 
             views.append(stack.enter_context(RerunView(args.rerun, name, intrinsics)))
         if args.foxglove is not None:
-            from cuboid.views.foxglove_view import FoxgloveView
+            from cuboid.results.views.foxglove_view import FoxgloveView
 
             view = stack.enter_context(FoxgloveView(intrinsics, *args.foxglove))
             say_foxglove(args.foxglove[0], view.port)
@@ -149,13 +149,13 @@ def live_view(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> It
     """Serve the live page if `--live` is given, and print the address; yields the view, or None."""
     if not args.live:
         if args.live_host is not None:
-            from cuboid.core.errors import InputError
+            from cuboid.ground.core.errors import InputError
 
             raise InputError("--live-host is an option of --live; give --live too")
         yield None
         return
-    from cuboid.views.live import LiveServer, LiveView
-    from cuboid.views.serving import HOST
+    from cuboid.results.views.live import LiveServer, LiveView
+    from cuboid.results.views.serving import HOST
 
     host = args.live_host or HOST
     with LiveServer(LiveView(), name, intrinsics, host) as server:

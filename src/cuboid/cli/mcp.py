@@ -12,7 +12,7 @@ from cuboid.cli.text_model import add_text_model, serving_model
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
 
-    from cuboid.text_search import TextModel
+    from cuboid.method.text_search import TextModel
 
 EXAMPLE = "cuboid mcp kitchen.cuboid"
 PORT = 8766
@@ -30,8 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until the assistant disconnects, or Ctrl-C."""
-    from cuboid.core.extras import require
-    from cuboid.core.threads import limit_threads
+    from cuboid.ground.core.extras import require
+    from cuboid.ground.core.threads import limit_threads
 
     require("mcp", "cuboid mcp", "mcp")
     limit_threads(1)
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     import uvicorn
 
-    from cuboid.service.mcp import application
+    from cuboid.services.service.mcp import application
 
     address = listen(args.host, args.port, args.token)
     try:
@@ -60,14 +60,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _server(path: str, model: TextModel | None) -> MCPServer:
     """Return the MCP server of a scene, of results, or of a store."""
-    from cuboid.core.extras import need_cluster
-    from cuboid.queries.opening import is_place, open_place
+    from cuboid.ground.core.extras import need_cluster
+    from cuboid.services.queries.opening import is_place, open_place
 
     if is_place(path):
-        from cuboid.service.mcp import server_of as server_of_place
+        from cuboid.services.service.mcp import server_of as server_of_place
 
         return server_of_place(open_place(path, model))
     need_cluster("cuboid mcp STORE")
-    from cuboid.service.store_mcp import server_of as server_of_store
+    from cuboid.services.service.store_mcp import server_of as server_of_store
 
     return server_of_store(path, model)

@@ -30,9 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """List the models, or fetch some and list them."""
     from cuboid.cli.progress import counting
-    from cuboid.core.errors import InputError
-    from cuboid.detection.fetching import fetch
-    from cuboid.detection.models import MODELS
+    from cuboid.ground.core.errors import InputError
+    from cuboid.method.detection.fetching import fetch
+    from cuboid.method.detection.models import MODELS
 
     unknown = next((name for name in args.names if name not in MODELS), None)
     if unknown is not None:
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _row(name: str) -> dict[str, Any]:
-    from cuboid.detection.models import MODELS
+    from cuboid.method.detection.models import MODELS
 
     model = MODELS[name]
     return {

@@ -27,21 +27,21 @@ def without_guessing(words: Sequence[str]) -> list[str]:
 
 def format_names() -> list[str]:
     """Return the names of the recording layouts."""
-    from cuboid.readers import READERS
+    from cuboid.inputs.readers import READERS
 
     return READERS.names()
 
 
 def detector_names() -> list[str]:
     """Return the names of the registered detectors."""
-    from cuboid.detection import DETECTORS
+    from cuboid.method.detection import DETECTORS
 
     return DETECTORS.names()
 
 
 def proposal_names() -> list[str]:
     """Return the names of the sources of 2D proposals."""
-    from cuboid.proposals import SOURCES
+    from cuboid.method.proposals import SOURCES
 
     return SOURCES.names()
 
@@ -50,14 +50,14 @@ def setting_names() -> list[str]:
     """Return the fields of the tracker's configuration."""
     from dataclasses import fields
 
-    from cuboid.core.config import TrackerConfig
+    from cuboid.ground.core.config import TrackerConfig
 
     return [item.name for item in fields(TrackerConfig)]
 
 
 def export_names() -> dict[str, str]:
     """Return the names of the export formats, each with its purpose."""
-    from cuboid.exports import EXPORTS
+    from cuboid.results.exports import EXPORTS
 
     return {name: form.purpose for name, form in EXPORTS.items()}
 
@@ -69,6 +69,6 @@ def scene_export_names() -> dict[str, str]:
 
 def camera_names() -> list[str]:
     """Return the names of the live cameras."""
-    from cuboid.cameras import CAMERAS
+    from cuboid.inputs.cameras import CAMERAS
 
     return CAMERAS.names()

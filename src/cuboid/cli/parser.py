@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from cuboid.core.errors import one_line
+from cuboid.ground.core.errors import one_line
 
 MISTAKE = 2
 # An error message lists the choices if there are at most this many.

@@ -13,11 +13,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from cuboid.core import compiletime
-from cuboid.core.compiletime import working_s
-from cuboid.core.errors import counted
-from cuboid.core.results import FrameResult
-from cuboid.tracking.types import Progress
+from cuboid.ground.core import compiletime
+from cuboid.ground.core.compiletime import working_s
+from cuboid.ground.core.errors import counted
+from cuboid.ground.core.results import FrameResult
+from cuboid.runs.tracking.types import Progress
 
 COMPILING = "compiling kernels"
 # Seconds of compiling before the remaining time is estimated.
@@ -39,7 +39,7 @@ class CompileCount:
         """Return the state of compiling, such as "compiling kernels 37 of 119, about 40 s left"; else ""."""
         if not compiletime.compiling():
             return ""
-        from cuboid.core.compiled import KERNELS
+        from cuboid.ground.core.compiled import KERNELS
 
         if len(KERNELS) != self._kernel_count:  # another module was imported
             self._kernel_count = len(KERNELS)
@@ -243,7 +243,7 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
 
 def load_kernels() -> None:
     """Load the kernels before a live camera starts, or compile them, and show the progress."""
-    from cuboid.pipeline import warmup
+    from cuboid.runs.pipeline import warmup
 
     with counting("loading kernels") as shown:
         warmup.load_kernels(shown)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 from cuboid.cli.names import detector_names, format_names, proposal_names, setting_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.workers import add_threads, positive
-from cuboid.core.limits import MEMORY_MB
-from cuboid.core.tolerances import DETECT_EVERY
+from cuboid.ground.core.limits import MEMORY_MB
+from cuboid.ground.core.tolerances import DETECT_EVERY
 
 if TYPE_CHECKING:
-    from cuboid.core.config import TrackerConfig
-    from cuboid.pipeline.options import TrackOptions
-    from cuboid.readers import Recording
+    from cuboid.ground.core.config import TrackerConfig
+    from cuboid.inputs.readers import Recording
+    from cuboid.runs.pipeline.options import TrackOptions
 
 
 def add_recording(parser: argparse.ArgumentParser, default_threads: int, *, required: bool = True) -> None:
@@ -153,7 +153,7 @@ def add_reading_options(
 
 def open_from(args: argparse.Namespace) -> Recording:
     """Open the recording that the arguments name."""
-    from cuboid.recordings.opening import open_recording
+    from cuboid.inputs.recordings.opening import open_recording
 
     return open_recording(args.recording, **reading_from(args))
 
@@ -171,7 +171,7 @@ def reading_from(args: argparse.Namespace) -> dict[str, Any]:
 
 def tracking_from(args: argparse.Namespace, memory_mb: float = MEMORY_MB) -> TrackOptions:
     """Return how the command line asks to track a recording."""
-    from cuboid.pipeline.options import TrackOptions
+    from cuboid.runs.pipeline.options import TrackOptions
 
     return TrackOptions(
         every=args.every,
@@ -190,7 +190,7 @@ def tracking_from(args: argparse.Namespace, memory_mb: float = MEMORY_MB) -> Tra
 
 def config_from(args: argparse.Namespace) -> TrackerConfig:
     """Return the configuration from the arguments."""
-    from cuboid.core.config import TrackerConfig
+    from cuboid.ground.core.config import TrackerConfig
 
     return TrackerConfig.from_dict(dict(args.settings))
 

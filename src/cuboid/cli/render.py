@@ -11,8 +11,8 @@ from cuboid.cli.results import add_output, add_results, give, refuse_existing
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from cuboid.views.encoding import VideoWriter
-    from cuboid.views.replay import Replay
+    from cuboid.results.views.encoding import VideoWriter
+    from cuboid.results.views.replay import Replay
 
 EXAMPLE = "cuboid render DIR --show heat"
 
@@ -42,11 +42,11 @@ def run(args: argparse.Namespace) -> int:
     from rich.progress import track
 
     from cuboid.cli.tables import console
-    from cuboid.core.errors import InputError, counted
-    from cuboid.core.threads import limit_threads
-    from cuboid.views.redraw import drawer
-    from cuboid.views.replay import Replay
-    from cuboid.views.tags import SteadyNames
+    from cuboid.ground.core.errors import InputError, counted
+    from cuboid.ground.core.threads import limit_threads
+    from cuboid.results.views.redraw import drawer
+    from cuboid.results.views.replay import Replay
+    from cuboid.results.views.tags import SteadyNames
 
     limit_threads(1)
     path = _path(args)
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _path(args: argparse.Namespace) -> Path:
     """Return the output file; raises if its suffix is wrong, or if it exists and --force is not given."""
-    from cuboid.core.errors import InputError
+    from cuboid.ground.core.errors import InputError
 
     suffix = ".gif" if args.gif else ".mp4"
     path: Path = args.output or args.results / f"{DEFAULT_NAMES[args.show]}{suffix}"
@@ -79,7 +79,7 @@ def _path(args: argparse.Namespace) -> Path:
 
 
 def _writer(path: Path, replay: Replay) -> AbstractContextManager[VideoWriter]:
-    from cuboid.views.encoding import GifWriter, Mp4Writer
-    from cuboid.views.video import video_rate
+    from cuboid.results.views.encoding import GifWriter, Mp4Writer
+    from cuboid.results.views.video import video_rate
 
     return GifWriter(path, len(replay)) if path.suffix.lower() == ".gif" else Mp4Writer(path, video_rate(replay.every))

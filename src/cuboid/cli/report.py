@@ -24,11 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the page."""
     from cuboid.cli.tables import console
-    from cuboid.core.errors import InputError, counted
-    from cuboid.core.threads import limit_threads
-    from cuboid.outputs import Results
-    from cuboid.outputs.folder import REPORT
-    from cuboid.views.report import summarise, write_report
+    from cuboid.ground.core.errors import InputError, counted
+    from cuboid.ground.core.threads import limit_threads
+    from cuboid.results.files import Results
+    from cuboid.results.files.folder import REPORT
+    from cuboid.results.views.report import summarise, write_report
 
     limit_threads(1)
     path: Path = args.output or args.results / REPORT

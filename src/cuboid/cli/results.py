@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.cli.names import OPTIONAL
-from cuboid.core.errors import OutputError
+from cuboid.ground.core.errors import OutputError
 
 PRINTED = OPTIONAL["--json"][0]
 # Arguments that name an additional output file.
@@ -81,7 +81,7 @@ def give(args: argparse.Namespace, document: Mapping[str, Any], show: Callable[[
     import json
 
     from cuboid.cli.tables import console
-    from cuboid.outputs.pending import write_whole
+    from cuboid.results.files.pending import write_whole
 
     if args.json is not None:
         text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

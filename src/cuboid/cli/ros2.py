@@ -11,13 +11,13 @@ from cuboid.cli.live import add_foxglove, say_foxglove
 from cuboid.cli.recording import add_method, config_from
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.workers import add_threads, positive
-from cuboid.core.limits import FRAMES_WAITING
-from cuboid.core.tolerances import DETECT_EVERY
+from cuboid.ground.core.limits import FRAMES_WAITING
+from cuboid.ground.core.tolerances import DETECT_EVERY
 
 if TYPE_CHECKING:
-    from cuboid.core.frame import Intrinsics
-    from cuboid.ros2.opening import OpenNode
-    from cuboid.ros2.session import Session
+    from cuboid.ground.core.frame import Intrinsics
+    from cuboid.services.ros2.opening import OpenNode
+    from cuboid.services.ros2.session import Session
 
 EXAMPLE = "cuboid ros2 --color /camera/color/image_raw --depth /camera/aligned_depth_to_color/image_raw --pose tf"
 
@@ -72,11 +72,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the node until a signal."""
-    from cuboid.cameras.driver import StreamEndedError
     from cuboid.cli.interrupt import interruptible
     from cuboid.cli.progress import load_kernels
-    from cuboid.ros2.opening import NodeOptions, open_node
-    from cuboid.ros2.parameters import Parameters
+    from cuboid.inputs.cameras.driver import StreamEndedError
+    from cuboid.services.ros2.opening import NodeOptions, open_node
+    from cuboid.services.ros2.parameters import Parameters
 
     options = NodeOptions(
         color=args.color,
@@ -113,8 +113,8 @@ def run(args: argparse.Namespace) -> int:
 
 def session_from(args: argparse.Namespace, intrinsics: Intrinsics, poses: str) -> Session:
     """Return the session that the arguments describe."""
-    from cuboid.ros2.session import Session
-    from cuboid.tracking.tracker import Tracker
+    from cuboid.runs.tracking.tracker import Tracker
+    from cuboid.services.ros2.session import Session
 
     config: Any = config_from(args)
 

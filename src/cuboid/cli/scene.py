@@ -17,7 +17,7 @@ from cuboid.cli.workers import positive
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cuboid.scene import Scene, SceneObject
+    from cuboid.runs.scene import Scene, SceneObject
 
 # The output of a verb: results ready for JSON, and lines to print.
 Answer = tuple[dict[str, Any], "list[str | Table]"]
@@ -77,15 +77,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    from cuboid.core.errors import InputError
-    from cuboid.core.threads import limit_threads
+    from cuboid.ground.core.errors import InputError
+    from cuboid.ground.core.threads import limit_threads
 
     limit_threads(1)
     if args.verb == "check":
         return _check(args)
     if not args.scene.exists():
         raise InputError(f"{args.scene}: there is no such scene file")
-    from cuboid.scene import Scene
+    from cuboid.runs.scene import Scene
 
     with Scene.open(args.scene) as scene:
         document, lines = VERBS[args.verb](scene, args)
@@ -107,7 +107,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
     from cuboid.cli.tables import new_table
-    from cuboid.core.errors import printable
+    from cuboid.ground.core.errors import printable
 
     found = [item for item in scene.all_objects if args.all or item.state == "present"]
     document = {"objects": [object_document(item) for item in found]}
@@ -126,7 +126,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _show(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.core.errors import InputError
+    from cuboid.ground.core.errors import InputError
 
     if args.label is not None:
         return _show_object(scene, args)
@@ -137,7 +137,7 @@ def _show(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
     from cuboid.cli.tables import new_table
-    from cuboid.core.errors import printable
+    from cuboid.ground.core.errors import printable
 
     gone = len([item for item in scene.all_objects if item.state == "gone"])
     size_mb = scene.path.stat().st_size / 2**20
@@ -157,9 +157,9 @@ def _show(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.core.errors import InputError
-    from cuboid.core.results import tag_of
-    from cuboid.outputs.pending import write_whole
+    from cuboid.ground.core.errors import InputError
+    from cuboid.ground.core.results import tag_of
+    from cuboid.results.files.pending import write_whole
 
     item = _object(scene, args.label)
     history = scene.history(args.label)
@@ -205,8 +205,8 @@ def _find(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
     from cuboid.cli.tables import new_table
-    from cuboid.core.errors import printable
-    from cuboid.scene import SceneObject
+    from cuboid.ground.core.errors import printable
+    from cuboid.runs.scene import SceneObject
 
     found = scene.find(args.text, args.text_model)[: args.limit]
     objects = {item.label: item for item in scene.objects if isinstance(item, SceneObject)}
@@ -224,8 +224,8 @@ def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
     from cuboid.cli.tables import new_table
-    from cuboid.core.errors import printable
-    from cuboid.outputs.pending import new_folder
+    from cuboid.ground.core.errors import printable
+    from cuboid.results.files.pending import new_folder
 
     found = [one for one in scene.changes(args.since) if args.all or one.change not in ("unchanged", "not looked at")]
     document = {"changes": [change_document(one) for one in found]}
@@ -249,7 +249,7 @@ def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _object(scene: Scene, label: int) -> SceneObject:
-    from cuboid.core.errors import InputError
+    from cuboid.ground.core.errors import InputError
 
     for item in scene.all_objects:
         if item.label == label:
@@ -258,7 +258,7 @@ def _object(scene: Scene, label: int) -> SceneObject:
 
 
 def _name(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.core.results import tag_of
+    from cuboid.ground.core.results import tag_of
 
     scene.name(args.label, args.name)
     name = args.name.strip()
@@ -276,14 +276,14 @@ def _forget(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _export(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.exports import export
-    from cuboid.outputs import Results
-    from cuboid.outputs.folder import REPORT
+    from cuboid.results.exports import export
+    from cuboid.results.files import Results
+    from cuboid.results.files.folder import REPORT
 
     document = {"output": str(args.output), "form": args.to}
     if args.to == "results":
         scene.write_results(args.output, args.recording, force=args.force)
-        from cuboid.views.report import summarise, write_report
+        from cuboid.results.views.report import summarise, write_report
 
         number = len(scene.recordings) if args.recording is None else args.recording
         summary = summarise(Results(args.output), None, scene.shown_changes(number))
@@ -307,7 +307,7 @@ def _compact(scene: Scene, args: argparse.Namespace) -> Answer:
 def _check(args: argparse.Namespace) -> int:
     from cuboid.cli import OK
     from cuboid.cli.parser import MISTAKE
-    from cuboid.scene.checking import problems, rescue
+    from cuboid.runs.scene.checking import problems, rescue
 
     found = problems(args.scene)
     document: dict[str, Any] = {"problems": found}

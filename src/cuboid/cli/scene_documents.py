@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cuboid.scene import PastRelation, SceneChange, SceneEvent, SceneObject
+    from cuboid.runs.scene import PastRelation, SceneChange, SceneEvent, SceneObject
 
 
 def object_document(item: SceneObject) -> dict[str, Any]:
     """Return an object: its box in the world of the scene as in `objects.json`, and its first and last sighting."""
-    from cuboid.outputs.objects import object_to_json
+    from cuboid.results.files.objects import object_to_json
 
     return {
         **object_to_json(item),
@@ -24,7 +24,7 @@ def object_document(item: SceneObject) -> dict[str, Any]:
 
 def change_document(one: SceneChange) -> dict[str, Any]:
     """Return a change: old and new position in metres; null if the object was absent before or is absent now."""
-    from cuboid.outputs.text import LENGTH, rounded
+    from cuboid.results.files.text import LENGTH, rounded
 
     return {
         "recording": one.recording,
@@ -39,7 +39,7 @@ def change_document(one: SceneChange) -> dict[str, Any]:
 
 def event_document(one: SceneEvent) -> dict[str, Any]:
     """Return an event of an object: positions in metres; null where the object was or is not there."""
-    from cuboid.outputs.text import LENGTH, rounded
+    from cuboid.results.files.text import LENGTH, rounded
 
     return {
         "recording": one.recording,
@@ -53,7 +53,7 @@ def event_document(one: SceneEvent) -> dict[str, Any]:
 
 def _places(one: SceneChange | SceneEvent) -> dict[str, Any]:
     """Return the old and the new position in metres."""
-    from cuboid.outputs.text import LENGTH, rounded_list
+    from cuboid.results.files.text import LENGTH, rounded_list
 
     places = {"from_m": one.from_m, "to_m": one.to_m}
     return {name: None if place is None else rounded_list(place, LENGTH) for name, place in places.items()}
@@ -61,7 +61,7 @@ def _places(one: SceneChange | SceneEvent) -> dict[str, Any]:
 
 def relation_document(one: PastRelation) -> dict[str, Any]:
     """Return a relation, and the first and last recording at whose end it held."""
-    from cuboid.outputs.text import LENGTH, rounded
+    from cuboid.results.files.text import LENGTH, rounded
 
     return {
         "is": one.kind,

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from starlette.applications import Starlette
 
     from cuboid.cli.serving import Address
-    from cuboid.text_search import TextModel
+    from cuboid.method.text_search import TextModel
 
 EXAMPLE = "cuboid serve kitchen.cuboid"
 PORT = 8765
@@ -27,9 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    from cuboid.core.extras import need_cluster, need_serve
-    from cuboid.core.threads import limit_threads
-    from cuboid.queries.opening import is_place
+    from cuboid.ground.core.extras import need_cluster, need_serve
+    from cuboid.ground.core.threads import limit_threads
+    from cuboid.services.queries.opening import is_place
 
     of_one = is_place(args.place)
     (need_serve if of_one else need_cluster)("cuboid serve")
@@ -51,10 +51,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _app(path: str, address: Address, model: TextModel | None, *, of_one: bool) -> Starlette:
     if of_one:
-        from cuboid.queries.opening import open_place
-        from cuboid.service.app import application as place_application
+        from cuboid.services.queries.opening import open_place
+        from cuboid.services.service.app import application as place_application
 
         return place_application(open_place(path, model), token=address.token, hosts=address.hosts)
-    from cuboid.store.asgi import application as store_application
+    from cuboid.fleet.store.asgi import application as store_application
 
     return store_application(path, token=address.token, hosts=address.hosts, model=model)

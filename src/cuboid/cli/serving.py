@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cuboid.views.serving import PageServer
+    from cuboid.results.views.serving import PageServer
 
 
 # This machine only.
@@ -97,8 +97,8 @@ def listen(host: str, number: int, token: str | None) -> Address:
     OutputError
         The address cannot be used.
     """
-    from cuboid.core.errors import OutputError
-    from cuboid.views.serving import LOCAL_NAMES
+    from cuboid.ground.core.errors import OutputError
+    from cuboid.results.views.serving import LOCAL_NAMES
 
     alone = host in LOCAL_NAMES or host == "::1"
     token = token or os.environ.get(TOKEN) or (None if alone else secrets.token_urlsafe(16))

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.workers import add_threads
-from cuboid.core.threads import cores
+from cuboid.ground.core.threads import cores
 
 if TYPE_CHECKING:
-    from cuboid.pipeline.slam import SlamOutcome
+    from cuboid.runs.pipeline.slam import SlamOutcome
 
 EXAMPLE = "cuboid slam RECORDING --output DIR"
 
@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
 
     with interruptible() as interruption:
         from cuboid.cli.progress import counting
-        from cuboid.pipeline.slam import estimate_trajectory
+        from cuboid.runs.pipeline.slam import estimate_trajectory
 
         with counting("estimating poses") as shown:
             outcome = estimate_trajectory(

@@ -6,7 +6,7 @@ import argparse
 
 from cuboid.cli.results import add_results, give
 from cuboid.cli.workers import positive
-from cuboid.core.threads import cores
+from cuboid.ground.core.threads import cores
 
 EXAMPLE = 'cuboid sql STORE "select count(*) from objects"'
 
@@ -28,12 +28,12 @@ def run(args: argparse.Namespace) -> int:
     """Query and print."""
     import sys
 
-    from cuboid.core.extras import need_cluster
+    from cuboid.ground.core.extras import need_cluster
 
     need_cluster("cuboid sql")
     from cuboid.cli.tables import console, new_table
-    from cuboid.core.errors import InputError
-    from cuboid.store.query import Tables
+    from cuboid.fleet.store.query import Tables
+    from cuboid.ground.core.errors import InputError
 
     answer = Tables(args.store, args.threads).ask(args.question)
     if args.csv:
@@ -76,7 +76,7 @@ def _plain(value: object) -> object:
 
 
 def _cell(value: object) -> str:
-    from cuboid.core.errors import shown
+    from cuboid.ground.core.errors import shown
 
     if value is None:
         return ""

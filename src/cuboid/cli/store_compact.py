@@ -19,13 +19,13 @@ def run(args: argparse.Namespace) -> int:
     """Merge files, and remove the leftovers of killed tasks."""
     from dataclasses import asdict
 
-    from cuboid.core.extras import need_cluster
+    from cuboid.ground.core.extras import need_cluster
 
     need_cluster("cuboid store compact")
-    from cuboid.store.compact import compact, tidy
-    from cuboid.store.page import write_summary
-    from cuboid.store.place import Place
-    from cuboid.store.query import Tables
+    from cuboid.fleet.store.compact import compact, tidy
+    from cuboid.fleet.store.page import write_summary
+    from cuboid.fleet.store.place import Place
+    from cuboid.fleet.store.query import Tables
 
     Tables(args.store)  # raises if there is no store
     place = Place(args.store)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.workers import positive
-from cuboid.core.threads import cores, limit_threads
+from cuboid.ground.core.threads import cores, limit_threads
 
 if TYPE_CHECKING:
-    from cuboid.synthetic.shapes import Model
+    from cuboid.lab.synthetic.shapes import Model
 
 EXAMPLE = "cuboid synth --kind clutter --seed 7 --output DIR"
 
@@ -78,8 +78,8 @@ def run(args: argparse.Namespace) -> int:
     limit_threads(1)
     from cuboid.cli.progress import counting
     from cuboid.cli.tables import console
-    from cuboid.synthetic import make_scene, render_recording
-    from cuboid.synthetic.user_meshes import load_meshes
+    from cuboid.lab.synthetic import make_scene, render_recording
+    from cuboid.lab.synthetic.user_meshes import load_meshes
 
     meshes = load_meshes(args.meshes) if args.meshes else ()
     if args.visits:
@@ -99,7 +99,7 @@ def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
     """Make several recordings of one place, and print the changes between them."""
     from cuboid.cli.progress import counting
     from cuboid.cli.tables import console
-    from cuboid.synthetic import make_visits, render_visits
+    from cuboid.lab.synthetic import make_visits, render_visits
 
     scenes = make_visits(args.kind, args.seed, args.visits, frames=args.frames, camera=args.motion, meshes=meshes)
     with counting("rendering") as progress:

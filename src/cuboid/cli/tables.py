@@ -11,13 +11,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from cuboid.core.errors import counted, printable
-from cuboid.core.results import TrackedObject
-from cuboid.outputs import RunReport, Timing
-from cuboid.outputs.folder import EVENTS
-from cuboid.outputs.object_table import cells_of
-from cuboid.outputs.rows import EventRow
-from cuboid.tracking.measuring import DETECTOR_BUDGET, DetectorCost
+from cuboid.ground.core.errors import counted, printable
+from cuboid.ground.core.results import TrackedObject
+from cuboid.results.files import RunReport, Timing
+from cuboid.results.files.folder import EVENTS
+from cuboid.results.files.object_table import cells_of
+from cuboid.results.files.rows import EventRow
+from cuboid.runs.tracking.measuring import DETECTOR_BUDGET, DetectorCost
 
 # Width without a terminal: tables take the width they need, and no cell is cut.
 WIDE = 200

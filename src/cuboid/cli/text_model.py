@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from cuboid.core.errors import InputError
+from cuboid.ground.core.errors import InputError
 
 if TYPE_CHECKING:
-    from cuboid.text_search import TextModel
+    from cuboid.method.text_search import TextModel
 
 MODEL = "folder with an image-text model (image.onnx, text.onnx, tokenizer.json)"
 
@@ -45,7 +45,7 @@ def embedding_model(args: argparse.Namespace) -> TextModel | None:
     """
     if args.text_model is None:
         return None
-    from cuboid.text_search import TextModel
+    from cuboid.method.text_search import TextModel
 
     model = TextModel(args.text_model)
     _ = model.preparation
@@ -56,7 +56,7 @@ def serving_model(args: argparse.Namespace) -> TextModel | None:
     """Return the model of a server, from the arguments or the environment; None without either."""
     import os
 
-    from cuboid.text_search import MODEL_VARIABLE, open_text_model
+    from cuboid.method.text_search import MODEL_VARIABLE, open_text_model
 
     return open_text_model(args.text_model) if args.text_model or os.environ.get(MODEL_VARIABLE) else None
 
@@ -73,6 +73,6 @@ def ranking_model(args: argparse.Namespace) -> TextModel | None:
         if args.text_model is not None:
             raise InputError("--text-model needs --text")
         return None
-    from cuboid.text_search import open_text_model
+    from cuboid.method.text_search import open_text_model
 
     return open_text_model(args.text_model)

@@ -23,17 +23,17 @@ from cuboid.cli.recording import (
 )
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.text_model import add_embedding, embedding_model
-from cuboid.core.errors import InputError, counted
-from cuboid.core.limits import MEMORY_MB
-from cuboid.core.threads import cores
+from cuboid.ground.core.errors import InputError, counted
+from cuboid.ground.core.limits import MEMORY_MB
+from cuboid.ground.core.threads import cores
 
 if TYPE_CHECKING:
-    from cuboid.cameras import LiveCamera
     from cuboid.cli.interrupt import Interruption
-    from cuboid.readers import Recording
-    from cuboid.scene.running import IntoScene
-    from cuboid.text_search import TextModel
-    from cuboid.tracking.types import RunOutcome
+    from cuboid.inputs.cameras import LiveCamera
+    from cuboid.inputs.readers import Recording
+    from cuboid.method.text_search import TextModel
+    from cuboid.runs.scene.running import IntoScene
+    from cuboid.runs.tracking.types import RunOutcome
 
 # The options for reading a recording, with their defaults.
 OF_RECORDINGS = {
@@ -78,8 +78,8 @@ def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[
     for name, default in OF_RECORDINGS.items():
         if getattr(args, name) != default:
             raise InputError(f"--{name.replace('_', '-')} is for recordings only; a camera provides this value")
-    from cuboid.cameras import open_camera
     from cuboid.cli.progress import load_kernels
+    from cuboid.inputs.cameras import open_camera
 
     with open_camera(args.camera, record=args.record, form=args.record_as) as camera:
         interruption.on_signal = camera.close
@@ -111,8 +111,8 @@ def scene_from(args: argparse.Namespace) -> IntoScene | None:
         raise InputError("--resume needs a recording: the frames of a live camera are not available any more")
     if args.bridge:
         raise InputError("--bridge and --scene cannot be combined")
-    from cuboid.scene.running import IntoScene
-    from cuboid.scene.session import COMMIT_EVERY_S
+    from cuboid.runs.scene.running import IntoScene
+    from cuboid.runs.scene.session import COMMIT_EVERY_S
 
     every_s = COMMIT_EVERY_S if args.commit_every is None else args.commit_every
     return IntoScene(args.scene, same_world=args.same_world, resume=args.resume, commit_every_s=every_s)
@@ -153,9 +153,9 @@ def run(args: argparse.Namespace) -> int:
         raise InputError("--text-model of a live camera needs --shapes, which keeps the views that it embeds")
     with interruptible() as interruption:
         from cuboid.cli.progress import progress
-        from cuboid.pipeline.options import ResultOptions, RunHooks, never
-        from cuboid.pipeline.run import track_recording
-        from cuboid.readers import Recording
+        from cuboid.inputs.readers import Recording
+        from cuboid.runs.pipeline.options import ResultOptions, RunHooks, never
+        from cuboid.runs.pipeline.run import track_recording
 
         with source_of(args, interruption) as source, progress() as shown:
             name = source.path.name if isinstance(source, Recording) else args.camera
@@ -191,8 +191,8 @@ def run(args: argparse.Namespace) -> int:
 
 def embed(output: Path, model: TextModel, into: IntoScene | None) -> None:
     """Embed the objects of a run, and store the vectors beside its results and in its scene."""
-    from cuboid.outputs import Results
-    from cuboid.scene import Scene
+    from cuboid.results.files import Results
+    from cuboid.runs.scene import Scene
 
     found = Results(output).embed(model)
     if into is not None:
@@ -202,8 +202,8 @@ def embed(output: Path, model: TextModel, into: IntoScene | None) -> None:
 
 def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:
     """Return the results of a run, ready for JSON: the contents of `objects.json`, `events.csv` and `run.json`."""
-    from cuboid.outputs import Results
-    from cuboid.outputs.objects import object_to_json
+    from cuboid.results.files import Results
+    from cuboid.results.files.objects import object_to_json
 
     objects = sorted((*outcome.objects, *outcome.furniture), key=lambda item: item.label)
     return {
@@ -225,9 +225,9 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         objects_table,
         skipped_lines,
     )
-    from cuboid.core.compiletime import compiling_s
-    from cuboid.outputs import Results
-    from cuboid.outputs.folder import REPORT, VIDEO
+    from cuboid.ground.core.compiletime import compiling_s
+    from cuboid.results.files import Results
+    from cuboid.results.files.folder import REPORT, VIDEO
 
     out, report = console(), outcome.report
     if outcome.objects:

@@ -24,16 +24,16 @@ def run(args: argparse.Namespace) -> int:
     import tempfile
     from functools import partial
 
-    from cuboid.core.threads import limit_threads
-    from cuboid.outputs import Results
-    from cuboid.views.replay import Replay
-    from cuboid.views.report.server import Viewer, make_server
+    from cuboid.ground.core.threads import limit_threads
+    from cuboid.results.files import Results
+    from cuboid.results.views.replay import Replay
+    from cuboid.results.views.report.server import Viewer, make_server
 
     limit_threads(1)
     model = serving_model(args)
     with tempfile.TemporaryDirectory(prefix="cuboid-view-") as work:
         if args.results.is_file():
-            from cuboid.scene.viewing import scene_viewer
+            from cuboid.runs.scene.viewing import scene_viewer
 
             viewer = scene_viewer(args.results, Path(work) / "results", args.recording, model)
         else:

@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cuboid.batch.cluster import Workers
+    from cuboid.fleet.batch.cluster import Workers
 
 
 def add_threads(parser: argparse._ActionsContainer, default: int) -> None:
@@ -53,8 +53,8 @@ def workers_from(args: argparse.Namespace) -> Workers:
     """Return the workers that the arguments name."""
     from dask.utils import parse_bytes
 
-    from cuboid.batch.cluster import Workers
-    from cuboid.core.errors import InputError
+    from cuboid.fleet.batch.cluster import Workers
+    from cuboid.ground.core.errors import InputError
 
     try:
         parse_bytes(args.memory_limit)

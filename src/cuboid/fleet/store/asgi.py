@@ -1,0 +1,196 @@
+"""A server for a store, as an ASGI application: its pages and a read-only API."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
+
+from cuboid import __version__
+from cuboid.fleet.store.find import find
+from cuboid.fleet.store.page import MORE, WORST, found_page, summary_page
+from cuboid.fleet.store.place import RESULTS, Place
+from cuboid.fleet.store.query import SharedTables, Tables
+from cuboid.fleet.store.summary import summarise_store
+from cuboid.ground.core.errors import InputError
+from cuboid.method.text_search import TextModel
+from cuboid.results.files.folder import OUTPUT_NAMES
+from cuboid.results.views.guard import Guard
+from cuboid.results.views.serving import LOCAL_NAMES
+from cuboid.services.queries.parameters import PARAMETERS, TEXT, filters_of, given
+from cuboid.services.queries.rows import plain
+
+TYPES = {".html": "text/html", ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain"}
+
+PATHS = {
+    "/api/objects": ("Objects, as `cuboid find` finds them", tuple(PARAMETERS)),
+    "/api/recordings": (
+        "Recordings that are done, the worst first, with their quality indicators",
+        ("recording", "limit"),
+    ),
+    "/api/failures": ("Recordings that are not done, by reason", ()),
+}
+
+
+class Store:
+    """The store behind the pages: it answers one query at a time, from the tables as they are then."""
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self._tables = SharedTables(url)
+
+    async def ask(self, question: Callable[[Tables], Response]) -> Response:
+        """Answer in a thread; what is wrong with the question is an answer as well."""
+        return await run_in_threadpool(self._ask, question)
+
+    def _ask(self, question: Callable[[Tables], Response]) -> Response:
+        try:
+            return self._tables.ask(question)
+        except InputError as error:
+            return JSONResponse({"error": str(error)}, 400)
+
+
+def application(
+    url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_NAMES, model: TextModel | None = None
+) -> Starlette:
+    """Return the ASGI application of a store.
+
+    Parameters
+    ----------
+    url : str
+        URL of the store.
+    token : str or None
+        Token that a request must contain; with None every request is answered.
+    hosts : tuple of str
+        Host names for which requests are answered; ``*`` for any.
+    model : TextModel, optional
+        Model for text search, which ranks the objects.
+
+    Raises
+    ------
+    InputError
+        There is no store at the URL.
+    """
+    store = Store(url)
+
+    async def summary(request: Request) -> Response:
+        asked = dict(request.query_params)
+
+        def answer(tables: Tables) -> Response:
+            found = summarise_store(tables, WORST + MORE, given(asked).get("recording"))
+            return HTMLResponse(summary_page(found, "the store", {"Recordings": "", "Objects": "objects"}, asked))
+
+        return await store.ask(answer)
+
+    async def search(request: Request) -> Response:
+        asked = dict(request.query_params)
+
+        def answer(tables: Tables) -> Response:
+            rows: list[dict[str, Any]] = []
+            fault = ""
+            try:
+                rows = find(tables, filters_of(given(asked), model), pictures=True)
+            except InputError as error:  # the form shows it, with the values to correct
+                fault = str(error)
+            links = {"Recordings": ".", "Objects": ""}
+            names = tuple(name for name in PARAMETERS if name != TEXT or model is not None)
+            page = found_page(rows, "Objects of the store", links, asked, fault, names)
+            return HTMLResponse(page, 400 if fault else 200)
+
+        return await store.ask(answer)
+
+    async def objects(request: Request) -> Response:
+        asked = given(request.query_params)
+        return await store.ask(lambda tables: _rows("objects", find(tables, filters_of(asked, model))))
+
+    async def recordings(request: Request) -> Response:
+        filters = filters_of(given(request.query_params))
+        return await store.ask(
+            lambda tables: _rows("recordings", summarise_store(tables, filters.limit, filters.recording).worst)
+        )
+
+    async def failures(request: Request) -> Response:
+        return await store.ask(lambda tables: _rows("failures", summarise_store(tables, 1).failed))
+
+    async def file(request: Request) -> Response:
+        return await run_in_threadpool(_file, store.url, request.path_params["path"])
+
+    async def described(request: Request) -> Response:
+        return JSONResponse(openapi(secured=token is not None))
+
+    return Starlette(
+        routes=[
+            Route("/", summary),
+            Route("/objects", search),
+            Route("/api/objects", objects),
+            Route("/api/recordings", recordings),
+            Route("/api/failures", failures),
+            Route(f"/{RESULTS}/{{path:path}}", file),
+            Route("/openapi.json", described),
+        ],
+        middleware=[
+            Middleware(Guard, token=token),
+            Middleware(TrustedHostMiddleware, allowed_hosts=list(hosts)),
+        ],
+        exception_handlers={InputError: _refused},
+    )
+
+
+def openapi(*, secured: bool) -> dict[str, Any]:
+    """Return the description of the API, as an OpenAPI 3.1 document."""
+    answer = {"200": {"description": "rows", "content": {"application/json": {"schema": {"type": "object"}}}}}
+    wrong = {"400": {"description": "what is wrong with the question, in one line"}}
+    document: dict[str, Any] = {
+        "openapi": "3.1.0",
+        "info": {"title": "Cuboid store", "version": __version__, "description": "Read-only."},
+        "paths": {
+            path: {
+                "get": {
+                    "summary": what,
+                    "parameters": [
+                        {
+                            "name": name,
+                            "in": "query",
+                            "schema": PARAMETERS[name].schema,
+                            "description": PARAMETERS[name].meaning,
+                        }
+                        for name in names
+                    ],
+                    "responses": answer | wrong,
+                }
+            }
+            for path, (what, names) in PATHS.items()
+        },
+    }
+    if secured:
+        document["components"] = {"securitySchemes": {"token": {"type": "http", "scheme": "bearer"}}}
+        document["security"] = [{"token": []}]
+    return document
+
+
+def _rows(name: str, rows: list[dict[str, Any]]) -> Response:
+    return JSONResponse({name: [plain(row) for row in rows]})
+
+
+def _file(url: str, path: str) -> Response:
+    """Return a file of a result folder; files elsewhere in the store, or outside it, are refused."""
+    parts = path.split("/")
+    if parts[-1] not in OUTPUT_NAMES or any(part in ("", ".", "..") or part.startswith(".") for part in parts):
+        return PlainTextResponse("not there", 404)
+    try:
+        content = Place(url).read(f"{RESULTS}/{path}")
+    except (FileNotFoundError, InputError):
+        return PlainTextResponse("not there", 404)
+    return Response(content, media_type=TYPES.get(Path(path).suffix, "application/octet-stream"))
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    return JSONResponse({"error": str(error)}, 400)

@@ -1,0 +1,183 @@
+"""The tables of a store through DuckDB, in this process: one view per table, over its valid files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from threading import Lock
+from typing import Any, TypeVar
+
+import duckdb
+import pyarrow as pa
+
+from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.schema import DONE, RUNS, TABLES
+from cuboid.fleet.store.snapshot import ATTEMPTS, Snapshot, snapshot
+from cuboid.ground.core.errors import InputError, one_line
+from cuboid.ground.formats.reading import MAX_BINARY_BYTES, UnreadableError, opened
+
+Found = TypeVar("Found")
+
+# Memory limit of a query; DuckDB does not spill to disk, and raises an error if the limit is too low.
+MEMORY_LIMIT = "400MB"
+
+# Table of runs whose recording has a newer run, with other settings or by another version: searches leave them out.
+SUPERSEDED = "superseded"
+
+
+class Tables:
+    """The tables of a store, as they are when this object is made.
+
+    Parameters
+    ----------
+    url : str
+    threads : int
+
+    Raises
+    ------
+    InputError
+        There is no store, or it is damaged.
+    """
+
+    def __init__(self, url: str, threads: int = 1) -> None:
+        self.url = url
+        self._place = Place(url)
+        self._threads = threads
+        self._open()
+
+    def _open(self) -> None:
+        for attempt in range(ATTEMPTS):
+            self._files = snapshot(self._place)
+            if self._files.empty:
+                fault = "expected a store that 'cuboid batch' wrote, found no runs in it"
+                raise InputError(
+                    f"{self.url}: {fault if self._place.fs.exists(self._place.root) else 'does not exist'}"
+                )
+            try:
+                self._connect()
+                return
+            except (duckdb.Error, UnreadableError) as error:
+                if attempt == ATTEMPTS - 1 or snapshot(self._place) == self._files:
+                    raise InputError(f"{self.url}: is damaged: {_first_line(error)}") from None
+                # otherwise the files were gathered meanwhile: try again
+
+    def _connect(self) -> None:
+        self._connection = connected(self._place, {"threads": self._threads, "memory_limit": MEMORY_LIMIT})
+        for table, kind in TABLES.items():
+            self._connection.execute(f"create view {table} as {self._select(table, self._files)}")
+            self._refuse_other(table, kind.schema)
+        self._connection.execute("set parquet_metadata_cache = true")
+        self._connection.execute(
+            f"create temp table {SUPERSEDED} as select run from {RUNS} where state = '{DONE}' "
+            "qualify row_number() over (partition by source order by finished desc, run) > 1"
+        )
+
+    def _refuse_other(self, table: str, schema: pa.Schema) -> None:
+        """Raise InputError if a table lacks required columns."""
+        found = self._answer(f"select * from {table} limit 0", None)
+        try:
+            found.select(schema.names).cast(schema)
+        except (pa.ArrowException, KeyError, ValueError) as error:
+            raise InputError(f"{self.url}: the table {table} is not as it must be: {one_line(str(error))}") from None
+
+    def _select(self, table: str, files: Snapshot) -> str:
+        names = files.files(table)
+        if not names:  # every recording failed
+            return f"select *, null::date as day from {empty(self._connection, table)}"
+        return read(self._connection, self._place, table, names, partitioned=True)
+
+    def refresh(self) -> None:
+        """Update the tables to the present files."""
+        if snapshot(self._place) != self._files:
+            self._open()
+
+    def ask(self, question: str, values: object = None) -> pa.Table:
+        """Return the result of an SQL query.
+
+        Raises
+        ------
+        InputError
+            DuckDB cannot run the query.
+        """
+        return self._asked(lambda: self._answer(question, values))
+
+    def _answer(self, question: str, values: object) -> pa.Table:
+        answer = self._connection.sql(question, params=values)
+        return pa.table({}) if answer is None else answer.to_arrow_table()
+
+    def rows(self, question: str, values: object = None) -> list[dict[str, Any]]:
+        """Return the result as one dict per row; raises as `ask`."""
+        rows: list[dict[str, Any]] = self.ask(question, values).to_pylist()
+        return rows
+
+    def _asked(self, answer: Callable[[], Found]) -> Found:
+        for _ in range(ATTEMPTS):
+            try:
+                return answer()
+            except duckdb.Error as error:
+                if not isinstance(error, duckdb.IOException) or snapshot(self._place) == self._files:
+                    raise InputError(_first_line(error)) from None
+                self._open()  # the files were gathered into others meanwhile
+        return answer()
+
+
+class SharedTables:
+    """The tables of a store for a server: one query at a time, of any thread, from the tables as they are then.
+
+    Parameters
+    ----------
+    url : str
+
+    Raises
+    ------
+    InputError
+        There is no store, or it is damaged.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._tables, self._lock = Tables(url), Lock()
+
+    def ask(self, question: Callable[[Tables], Found]) -> Found:
+        """Return the answer to a question; raises what the question raises."""
+        with self._lock:
+            self._tables.refresh()
+            return question(self._tables)
+
+
+def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection:
+    """Return an in-memory DuckDB connection that can read the files of a place."""
+    connection = duckdb.connect(config=config)
+    if place.local is None:
+        connection.register_filesystem(place.fs)
+    return connection
+
+
+def empty(connection: duckdb.DuckDBPyConnection, table: str) -> str:
+    """Return the name of an empty relation with the columns of a table."""
+    connection.register(f"_{table}", pa.Table.from_pylist([], schema=TABLES[table].schema))
+    return f"_{table}"
+
+
+def read(
+    connection: duckdb.DuckDBPyConnection, place: Place, table: str, names: Iterable[str], *, partitioned: bool
+) -> str:
+    """Return the query for the rows of a table in files; columns missing in older files are null."""
+    options = f"hive_partitioning = {str(partitioned).lower()}"
+    if not TABLES[table].has_added:
+        return f"select * from read_parquet({listed(place, names)}, {options})"
+    files = f"select * from read_parquet({listed(place, names)}, {options}, union_by_name = true)"
+    return f"{files} union all by name select * from {empty(connection, table)}"
+
+
+def listed(place: Place, names: Iterable[str]) -> str:
+    """Return files as an SQL list; raise UnreadableError for anything else (DuckDB would wait for a pipe)."""
+    names = list(names)
+    if place.local is not None:
+        for name in names:
+            with opened(place.local / name, MAX_BINARY_BYTES):
+                pass
+    addresses = (place.address(name).replace("'", "''") for name in names)
+    return "[" + ", ".join(f"'{address}'" for address in addresses) + "]"
+
+
+def _first_line(error: Exception) -> str:
+    return one_line(str(error).split("\n\n")[0])

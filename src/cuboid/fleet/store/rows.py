@@ -1,0 +1,303 @@
+"""Conversion of a run's results to rows of the tables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa
+
+from cuboid.fleet.store.indicators import indicators
+from cuboid.fleet.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES, values_of
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.results import TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.se3 import quats_wxyz_from_rotations
+from cuboid.method.poses.sources import LOST
+from cuboid.method.text_search import Embeddings
+from cuboid.results.files import Results, RunReport
+from cuboid.results.views.pixels import encode_jpeg
+from cuboid.results.views.report.pictures import Picture
+from cuboid.services.queries.likeness import color_fractions, color_word, shape_distribution
+from cuboid.services.queries.sources import CALENDAR_S
+
+# Maximum side of a picture in a table, pixels, and JPEG quality: enough for a list; a million pictures take 3 GB.
+PICTURE_PX, PICTURE_QUALITY = 120, 75
+
+
+@dataclass(frozen=True, slots=True)
+class RunHead:
+    """Values that are known before a run and shared by all of its rows.
+
+    Attributes
+    ----------
+    run, recording, source, version, settings : str
+        As in the columns of `runs`.
+    newest : datetime
+        Time of the newest file of the recording.
+    size_bytes : int
+        Total size of the recording's files.
+    """
+
+    run: str
+    recording: str
+    source: str
+    version: str
+    settings: str
+    newest: datetime
+    size_bytes: int
+
+    def row(self, state: str, reason: str | None) -> dict[str, Any]:
+        """Return the part of the row in `runs` that finished and failed runs share."""
+        return {
+            "run": self.run,
+            "recording": self.recording,
+            "source": self.source,
+            "state": state,
+            "reason": reason,
+            "version": self.version,
+            "settings": self.settings,
+            "finished": datetime.now(UTC),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class ReadAs:
+    """The properties of a recording as it was read.
+
+    Attributes
+    ----------
+    format : str
+    frames : int
+    intrinsics : Intrinsics
+    has_poses : bool
+    """
+
+    format: str
+    frames: int
+    intrinsics: Intrinsics
+    has_poses: bool
+
+
+def recorded(head: RunHead, results: Results) -> datetime:
+    """Return the start of a recording: its first timestamp if that is a calendar time, else its newest file."""
+    first_s = next((row.timestamp_s for row in results.poses.values()), 0.0)
+    return datetime.fromtimestamp(first_s, UTC) if first_s >= CALENDAR_S else head.newest
+
+
+def day_of(moment: datetime) -> str:
+    """Return the folder, within a table, of the day of a time."""
+    return f"day={moment.astimezone(UTC).date().isoformat()}"
+
+
+def failure(head: RunHead, state: str, reason: str) -> pa.Table:
+    """Return the table of `runs` for a recording that failed or was set aside."""
+    return TABLES[RUNS].table([head.row(state, reason)])
+
+
+def tables_of(
+    head: RunHead,
+    results: Results,
+    read_as: ReadAs,
+    pictures: Mapping[int, Picture],
+    folder: str | None,
+    embeddings: Embeddings | None = None,
+) -> dict[str, pa.Table]:
+    """Return the rows of a finished run, by table.
+
+    Parameters
+    ----------
+    head : RunHead
+    results : Results
+    read_as : ReadAs
+    pictures : mapping of int to Picture
+        Pictures by label.
+    folder : str or None
+        Folder of the result files in the store.
+    embeddings : Embeddings, optional
+        Vectors of the objects.
+    """
+    whose = {"run": head.run, "recording": head.recording}
+    begin = recorded(head, results)
+    rows = {
+        RUNS: [{**head.row(DONE, None), "results": folder, **_run(results)}],
+        RECORDINGS: [{**whose, **_recording(head, results, read_as, begin)}],
+        OBJECTS: [{**whose, **row, **_embedding(row, embeddings)} for row in _objects(results, pictures, begin)],
+        SIGHTINGS: [{**whose, **row} for row in _sightings(results)],
+    }
+    return {name: TABLES[name].table(rows[name]) for name in TABLES}
+
+
+def settings_text(settings: Mapping[str, Any]) -> str:
+    """Return settings as text in canonical form: equal settings give equal texts."""
+    return json.dumps(settings, sort_keys=True, ensure_ascii=False, allow_nan=False)
+
+
+def _run(results: Results) -> dict[str, Any]:
+    report, objects = results.report, results.found.objects
+    hints = indicators(objects)
+    return {
+        "poses": report.poses,
+        "frames_read": report.frames_read,
+        "frames_used": report.frames_used,
+        "frames_lost": sum(reason == LOST for _, reason in report.skipped),
+        "skipped": [{"frame": frame, "reason": reason} for frame, reason in report.skipped],
+        "warnings": list(report.warnings),
+        "proposals": len(results.proposal_labels),
+        "proposals_labelled": sum(label > 0 for label in results.proposal_labels),
+        "sightings": len(results.tracks),
+        "labels": _labels(results),
+        "objects": len(objects),
+        "overlapping": hints.overlapping,
+        "floating": hints.floating,
+        "brief": hints.brief,
+        **_costs(report),
+    }
+
+
+def _labels(results: Results) -> int:
+    """Return the number of labels that were given: seen ones and merged ones."""
+    given = {row.label for row in results.tracks} | set(results.survivor)
+    return len(given)
+
+
+def _costs(report: RunReport) -> dict[str, Any]:
+    return {
+        "stages": [
+            {"stage": stage, "median_ms": timing.median_ms, "p95_ms": timing.p95_ms}
+            for stage, timing in report.milliseconds.items()
+        ],
+        "seconds": report.seconds,
+        "peak_memory_mb": report.peak_memory_mb,
+    }
+
+
+def _recording(head: RunHead, results: Results, read_as: ReadAs, begin: datetime) -> dict[str, Any]:
+    K, up = read_as.intrinsics, results.found.up
+    times_s = [row.timestamp_s for row in results.poses.values()] or [0.0]
+    return {
+        "source": head.source,
+        "format": read_as.format,
+        "recorded": begin,
+        "seconds": times_s[-1] - times_s[0],
+        "frames": read_as.frames,
+        "bytes": head.size_bytes,
+        "width_px": K.width,
+        "height_px": K.height,
+        "fx_px": K.fx,
+        "fy_px": K.fy,
+        "cx_px": K.cx,
+        "cy_px": K.cy,
+        "has_poses": read_as.has_poses,
+        **({} if up is None else dict(zip(("up_x", "up_y", "up_z"), map(float, up), strict=True))),
+    }
+
+
+def _boxes(boxes: Sequence[Box]) -> list[dict[str, float]]:
+    """Return the columns of boxes, one dict per box."""
+    if not boxes:
+        return []
+    quats = quats_wxyz_from_rotations([box.rotation for box in boxes])
+    values = np.hstack(([box.center for box in boxes], [box.size for box in boxes], quats))
+    names = ("center_x_m", "center_y_m", "center_z_m", "length_m", "width_m", "height_m", "qw", "qx", "qy", "qz")
+    return [dict(zip(names, row, strict=True)) for row in values.tolist()]
+
+
+def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime) -> list[dict[str, Any]]:
+    times_s = {frame: row.timestamp_s for frame, row in results.poses.items()}
+    start_s = next(iter(times_s.values()), 0.0)
+
+    def moment(frame: int) -> datetime:
+        after_s = times_s.get(frame, start_s) - start_s
+        return datetime.fromtimestamp(begin.timestamp() + after_s, UTC)
+
+    rows = []
+    objects = results.found.objects
+    bearers = {f"plane:{k}": piece.label for piece in results.found.furniture for k in piece.planes}
+    for item, box in zip(objects, _boxes([item.box for item in objects]), strict=True):
+        longest, middle, shortest = sorted(map(float, item.box.size), reverse=True)
+        rows.append(
+            {
+                **box,
+                "longest_m": longest,
+                "middle_m": middle,
+                "shortest_m": shortest,
+                "names": [{"name": name, "score": score} for name, score in item.names],
+                "relations": _relations(item, bearers),
+                **values_of(item),
+                "first_seen": moment(item.first_frame),
+                "last_seen": moment(item.last_frame),
+                **_look(item, results),
+                **_picture(pictures.get(item.label)),
+            }
+        )
+    return rows
+
+
+def _relations(item: TrackedObject, bearers: Mapping[str, int]) -> list[dict[str, Any]] | None:
+    """Return the relations of an object; None if it has none, or if they were not requested.
+
+    What is on a surface is also on the furniture that bears it; `bearers` has its label, by surface.
+    """
+    rows: list[dict[str, Any]] = []
+    for one in item.relations:
+        if isinstance(one.to, int):
+            rows.append({"kind": one.kind, "label": one.to, "surface": None, "score": one.score})
+            continue
+        rows.append({"kind": one.kind, "label": None, "surface": one.to, "score": one.score})
+        if one.kind == "on" and one.to in bearers:
+            rows.append({"kind": one.kind, "label": bearers[one.to], "surface": None, "score": one.score})
+    return rows or None
+
+
+def _look(item: TrackedObject, results: Results) -> dict[str, Any]:
+    """Return the columns for similarity search: colors and shape of an object."""
+    cloud = results.cloud(item.label)
+    colors = color_fractions(cloud.rgb)
+    red, green, blue = (round(float(value)) for value in item.mean_color)
+    return {
+        "red": red,
+        "green": green,
+        "blue": blue,
+        "color": color_word(colors),
+        "colors": colors.tolist(),
+        "shape": shape_distribution(cloud.xyz, item.box.size).tolist(),
+    }
+
+
+def _picture(picture: Picture | None) -> dict[str, Any]:
+    if picture is None:
+        return {}
+    color = np.asarray(cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+    height, width = color.shape[:2]
+    if width > PICTURE_PX:
+        size = (PICTURE_PX, max(1, round(height * PICTURE_PX / width)))
+        color = np.asarray(cv2.resize(color, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return {
+        "picture_frame": picture.frame,
+        "picture": encode_jpeg(color[..., ::-1], PICTURE_QUALITY),
+    }
+
+
+def _embedding(row: Mapping[str, Any], embeddings: Embeddings | None) -> dict[str, Any]:
+    vector = None if embeddings is None else embeddings.vectors.get(row["label"])
+    if embeddings is None or vector is None:
+        return {}
+    return {"embedding": vector.tolist(), "embedding_model": embeddings.model}
+
+
+def _sightings(results: Results) -> list[dict[str, Any]]:
+    return [
+        {
+            "frame": row.frame,
+            "timestamp_s": row.timestamp_s,
+            **box,
+            **values_of(row),
+        }
+        for row, box in zip(results.tracks, _boxes([row.box for row in results.tracks]), strict=True)
+    ]

@@ -1,0 +1,63 @@
+"""One posed frame, prepared once for all stages that use it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cuboid.ground.core.frame import Float64Array, UInt8Array
+from cuboid.ground.core.working import WorkingImage, without
+from cuboid.ground.geometry.se3 import inverse
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """A frame as the heatmap and all later stages receive it.
+
+    Attributes
+    ----------
+    frame : int
+        Index of the frame.
+    image : WorkingImage
+        The subsampled frame, without mixed pixels.
+    solid : WorkingImage
+        The same image with its holes filled.
+    T_world_camera : (4, 4) float64
+    up_camera : (3,) float64 or None
+        Measured up direction in camera coordinates; None if not measured.
+    keyframe : int
+        Keyframe to which the pose is anchored.
+    new_viewpoint : bool
+        Whether the camera has moved more than the pose error since the last frame from a new viewpoint.
+    viewpoint_angle_rad : float
+        Change of the viewing angle since the previous frame: baseline over median depth; infinite for the first frame.
+    moving : (h, w) uint8 or None
+        1 where a reading lies on something that moves; None if nothing moves.
+    still : WorkingImage
+        The subsampled frame without moving readings.
+    """
+
+    frame: int
+    image: WorkingImage
+    solid: WorkingImage
+    T_world_camera: Float64Array
+    up_camera: Float64Array | None
+    keyframe: int
+    new_viewpoint: bool
+    viewpoint_angle_rad: float
+    moving: UInt8Array | None = None
+    still: WorkingImage = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "still", without(self.image, self.moving))
+
+    @property
+    def T_camera_world(self) -> Float64Array:
+        """Transform from world to camera coordinates, (4, 4)."""
+        return inverse(self.T_world_camera)
+
+    @property
+    def eye(self) -> Float64Array:
+        """Position of the camera in the world, metres, (3,)."""
+        return np.asarray(self.T_world_camera[:3, 3])

@@ -1,0 +1,1 @@
+"""From recordings and cameras to frames."""

@@ -1,0 +1,124 @@
+"""A queue between a camera, which does not wait, and a consumer that is sometimes slower."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.inputs.readers.depth_camera import DepthCamera
+from cuboid.inputs.recordings.converting import WRITERS, units_kept
+from cuboid.results.files.folder import ResultFolder, writing
+
+# Formats in which a live camera can be recorded.
+FORMS = ("plain", "mcap")
+
+
+@contextmanager
+def keeping(
+    folder: Path, form: str, intrinsics: Intrinsics, depth_units_per_metre: float, depth_camera: DepthCamera | None
+) -> Iterator[Callable[[Frame], None]]:
+    """Yield a function that writes a frame; the folder appears at the end, also after an error, if it has frames.
+
+    Raises
+    ------
+    OutputError
+        The folder exists, or cannot be written.
+    """
+    written, finished = 0, False
+    units = units_kept(depth_units_per_metre, depth_camera)
+    with ResultFolder(folder) as place, writing(folder):
+        writer = WRITERS[form](place.file(""), intrinsics, units, None)
+
+        def write(frame: Frame) -> None:
+            nonlocal written
+            with writing(folder):
+                writer.add(frame)
+            written += 1
+
+        try:
+            with writer:
+                try:
+                    yield write
+                finally:
+                    if written:
+                        writer.finish()
+                        finished = True
+        finally:
+            if finished:
+                place.commit()
+
+
+T = TypeVar("T")
+# Interval at which a waiting consumer checks for a stop, seconds.
+POLL_S = 0.1
+
+
+class LatestQueue(Generic[T]):
+    """Holds the last few items; a new item pushes out the oldest one, which is counted.
+
+    Parameters
+    ----------
+    capacity : int
+    paced : bool
+        Whether `put` waits for a free place instead.
+
+    Attributes
+    ----------
+    dropped : int
+        Items that were pushed out.
+    """
+
+    def __init__(self, capacity: int, *, paced: bool = False) -> None:
+        self.dropped = 0
+        self._capacity, self._paced = capacity, paced
+        self._items: deque[T] = deque()
+        self._changed = threading.Condition()
+        self._stopped = threading.Event()
+        self._ended = False
+
+    def put(self, item: T) -> None:
+        """Add an item; without effect once the queue was stopped."""
+        with self._changed:
+            while self._paced and len(self._items) >= self._capacity and not self._stopped.is_set():
+                self._changed.wait(POLL_S)
+            if len(self._items) >= self._capacity:
+                self._items.popleft()
+                self.dropped += 1
+            self._items.append(item)
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """Mark the end of the items; remaining items are still returned."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    def stop(self) -> None:
+        """End at once and discard remaining items; takes no lock, so that a signal handler may call it."""
+        self._stopped.set()
+
+    def get(self, idle: Callable[[], None] = lambda: None) -> T | None:
+        """Wait for the oldest item and return it; None if there are no more items.
+
+        Parameters
+        ----------
+        idle : callable
+            Called repeatedly during the wait.
+        """
+        while not self._stopped.is_set():
+            with self._changed:
+                if not (self._items or self._ended):
+                    self._changed.wait(POLL_S)
+                if self._items:
+                    item = self._items.popleft()
+                    self._changed.notify_all()
+                    return item
+                if self._ended:
+                    return None
+            idle()
+        return None

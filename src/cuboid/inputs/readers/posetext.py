@@ -1,0 +1,197 @@
+"""Camera poses as text: numbers, quaternions, and trajectories with times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.ground.core.errors import FrameError, InputError, shown
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.core.values import LATEST_S, refuse_no_quaternion
+from cuboid.ground.formats.table_validation import data_lines
+from cuboid.ground.geometry import se3
+
+# Maximum gap (seconds) between two poses for interpolation: a hand-held camera's
+# acceleration of 2 m/s^2 makes that wrong by a t^2 / 8 = 2.5 mm, the noise of depth at 1.3 m.
+LARGEST_GAP_S = 0.1
+# Elsewhere the nearest pose is used if it is within this time (seconds): at 0.25 m/s, TUM fr1/xyz's mean, 5 mm.
+NEAREST_WITHIN_S = 0.02
+
+
+def parse_numbers(text: str, count: int, expected: str) -> list[float]:
+    """Return the `count` numbers of a line; `expected` describes them in messages.
+
+    Raises
+    ------
+    ValueError
+        If there are more or fewer, or one is no number (nan and inf are numbers).
+    """
+    words = text.split()
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        values = []
+    if len(values) != count:
+        raise ValueError(f"expected {expected}, got {shown(' '.join(words))}")
+    return values
+
+
+def numbered_rows(path: Path, count: int | None, expected: str) -> list[tuple[int, list[float]]]:
+    """Return line number and `count` numbers of each line of a file; any count if None.
+
+    Raises
+    ------
+    InputError
+        A line has another format; `expected` describes it in the message.
+    """
+    rows = []
+    for number, line in data_lines(path):
+        try:
+            rows.append((number, parse_numbers(line, len(line.split()) if count is None else count, expected)))
+        except ValueError as error:
+            raise InputError(f"{path} line {number}: {error}") from None
+    return rows
+
+
+def parse_time(word: str) -> float:
+    """Return a time in seconds.
+
+    Raises
+    ------
+    ValueError
+        It is no number, or not a plausible time.
+    """
+    try:
+        time_s = float(word)
+    except ValueError:
+        time_s = math.nan
+    if not abs(time_s) <= LATEST_S:
+        raise ValueError(f"expected seconds, got {shown(word)}")
+    return time_s
+
+
+def pose_from_quaternion(quat_wxyz: Sequence[float], translation: Sequence[float], where: str) -> Float64Array:
+    """Return T_world_camera (4, 4) of a quaternion and a translation in metres.
+
+    Raises
+    ------
+    FrameError
+        If a number is NaN, infinite or too large, or the quaternion's length is not about 1.
+    """
+    try:
+        se3.refuse_nowhere((*quat_wxyz, *translation))
+        refuse_no_quaternion(*quat_wxyz)
+    except ValueError as error:
+        raise FrameError(f"{where}: {error}") from None
+    return se3.compose(quat_wxyz, translation)
+
+
+def pose_from_matrix(values: npt.ArrayLike, where: str) -> Float64Array:
+    """Return T_world_camera (4, 4) of a matrix (4, 4) as read, with an exactly orthogonal rotation.
+
+    Raises
+    ------
+    FrameError
+        If a number is NaN or infinite, or the matrix is not rigid.
+    """
+    try:
+        return se3.rigid(values)
+    except ValueError as error:
+        raise FrameError(f"{where}: {error}") from None
+
+
+# The time of a line in seconds, and its pose as qw, qx, qy, qz, tx, ty, tz.
+TimedPose = tuple[float, tuple[float, ...]]
+
+
+def tum_line(line: str) -> TimedPose:
+    """Read ``timestamp tx ty tz qx qy qz qw``, T_world_camera; raise ValueError for other lines."""
+    time_s, tx, ty, tz, qx, qy, qz, qw = parse_numbers(line, 8, "timestamp tx ty tz qx qy qz qw")
+    return time_s, (qw, qx, qy, qz, tx, ty, tz)
+
+
+class Trajectory:
+    """Timed poses from a file with one line per pose.
+
+    Lines with an invalid pose (NaN, no unit quaternion) are gaps; every line has a time.
+
+    Parameters
+    ----------
+    path : Path
+    read_line : callable
+        Reads a line; default: the TUM format. It raises ValueError if the line has another format.
+    largest_gap_s : float
+        Maximum gap between two poses for interpolation.
+
+    Raises
+    ------
+    InputError
+        If a line has another form, or no line holds a pose.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        read_line: Callable[[str], TimedPose] = tum_line,
+        largest_gap_s: float = LARGEST_GAP_S,
+    ) -> None:
+        self._name, self._largest_gap_s = path.name, largest_gap_s
+        poses: list[tuple[float, Float64Array]] = []
+        for number, line in data_lines(path):
+            try:
+                time_s, row = read_line(line)
+                parse_time(line.split()[0])
+            except ValueError as error:
+                raise InputError(f"{path} line {number}: {error}") from None
+            with suppress(FrameError):
+                pose_from_quaternion(row[:4], row[4:], "")
+                poses.append((time_s, np.array(row)))
+        if not poses:
+            raise InputError(f"{path} holds no pose; without the file the recording counts as one without poses")
+        poses.sort(key=lambda pose: pose[0])
+        self._times_s: npt.NDArray[np.float64] = np.array([pose[0] for pose in poses])
+        self._rows = [pose[1] for pose in poses]
+
+    @property
+    def times_s(self) -> Float64Array:
+        """Times (N,) of the poses, increasing."""
+        return self._times_s
+
+    @property
+    def T_world_camera(self) -> Float64Array:
+        """The poses (N, 4, 4) at these times."""
+        return np.array([self._pose(k) for k in range(len(self._rows))])
+
+    def at(self, time_s: float) -> Float64Array:
+        """Return T_world_camera (4, 4) at a time.
+
+        The pose is interpolated between neighbours at most `largest_gap_s` apart, else it is the nearest one within
+        `NEAREST_WITHIN_S`.
+
+        Raises
+        ------
+        FrameError
+            If no pose is near enough in time.
+        """
+        after = int(np.searchsorted(self._times_s, time_s))
+        last = len(self._rows) - 1
+        if 0 < after <= last and self._times_s[after] - self._times_s[after - 1] <= self._largest_gap_s:
+            t0, t1 = self._times_s[after - 1], self._times_s[after]
+            return se3.interpolate(self._pose(after - 1), self._pose(after), float((time_s - t0) / (t1 - t0)))
+        near = min((max(after - 1, 0), min(after, last)), key=lambda k: abs(self._times_s[k] - time_s))
+        away_s = abs(float(self._times_s[near]) - time_s)
+        if away_s > NEAREST_WITHIN_S:
+            raise FrameError(
+                f"no camera pose at {time_s:.3f} s: the nearest in {self._name} is {away_s:.3f} s away "
+                f"(at most {NEAREST_WITHIN_S:g} s, or between two at most {self._largest_gap_s:g} s apart)"
+            )
+        return self._pose(near)
+
+    def _pose(self, k: int) -> Float64Array:
+        row = self._rows[k]
+        return se3.compose(row[:4], row[4:])

@@ -1,0 +1,92 @@
+"""Opens a recording for tracking, with depth registered to color if the two are clearly misaligned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+
+from cuboid.inputs.calibration.registering import Misregistration, is_off, register_recording
+from cuboid.inputs.readers import Recording
+from cuboid.inputs.readers import open_recording as read_recording
+from cuboid.inputs.readers.pose_convention import convention_names
+
+AUTO, ON, OFF = "auto", "on", "off"
+# Values of `--register` and `open_recording(register=...)`.
+REGISTER = (AUTO, ON, OFF)
+
+
+def open_recording(
+    path: str | PathLike[str],
+    *,
+    format: str | None = None,  # noqa: A002 - the flag's own name
+    intrinsics: Sequence[float] | str | PathLike[str] | None = None,
+    depth_scale: float | None = None,
+    register: str = AUTO,
+    pose_convention: str | None = None,
+) -> Recording:
+    """Open an RGB-D recording; its format is recognised from its contents.
+
+    Parameters
+    ----------
+    path : str or path
+        A folder, a file, an archive or a URL.
+    format : str, optional
+        Name of the format, if it is not recognised. Options of the format follow a colon, as in
+        "ros-bag:color=/camera/color/image_raw".
+    intrinsics : sequence of 4 floats or path, optional
+        fx, fy, cx, cy in pixels, instead of those in the recording; or a file in the format of ``camera.json``, whose
+        depth scale is used too, or of ``camera-intrinsics.txt``.
+    depth_scale : float, optional
+        Units per metre of the depth images, instead of the format's own.
+    register : {"auto", "on", "off"}
+        Whether depth is registered to color: "auto" if the frames clearly show a misalignment and the recording names
+        no depth camera, "on" also for a small misalignment, "off" never. The check reads some frames, which takes a
+        second.
+    pose_convention : str, optional
+        Convention of the recording's poses, if it differs from the format's: "inverse" (world to camera), "opengl" (the
+        camera's y up, z backward), "mm" or "cm" (translations), "wxyz" or "xyzw" (quaternions), or several, as in
+        "inverse,mm".
+
+    Returns
+    -------
+    Recording
+        Its `warnings` report a registration.
+
+    Raises
+    ------
+    InputError
+        There is no recording, or more than one, or it cannot be used; the message is one line with the reason.
+    ValueError
+        `register` is not one of these words.
+
+    Examples
+    --------
+    >>> recording = open_recording("rgbd-scenes-v2/imgs/scene_01")  # doctest: +SKIP
+    >>> for frame in recording.iterate():  # doctest: +SKIP
+    ...     ...
+    """
+    if register not in REGISTER:
+        raise ValueError(f"register must be one of {', '.join(REGISTER)}, got '{register}'")
+    recording = read_recording(path, format=format, intrinsics=intrinsics, depth_scale=depth_scale)
+    if pose_convention is not None:
+        recording = recording.with_pose_convention(convention_names(pose_convention))
+    if register == OFF or (register == AUTO and recording.depth_camera is not None):
+        return recording
+    found, registered = register_recording(recording)
+    if registered is not recording and found is not None and (register == ON or is_off(found, recording.intrinsics)):
+        return registered.with_warning(_said(found, registered))
+    if register == ON:
+        views = 0 if found is None else found.views
+        return recording.with_warning(f"depth is not clearly displaced from color ({views} views); it is not changed")
+    return recording
+
+
+def _said(found: Misregistration, registered: Recording) -> str:
+    camera, K = registered.depth_camera, registered.intrinsics
+    assert camera is not None
+    return (
+        f"depth was displaced from color by {found.off_px:.0f} px and is registered now: depth camera fx "
+        f"{camera.fx:.1f} fy {camera.fy:.1f} cx {camera.cx:.1f} cy {camera.cy:.1f}, "
+        f"{100 * camera.T_color_depth[0, 3]:.1f} cm away; color camera fx {K.fx:.1f}; "
+        "--register off leaves depth unchanged"
+    )

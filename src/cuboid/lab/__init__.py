@@ -1,0 +1,1 @@
+"""How good the results are: synthetic recordings, evaluation, annotation of ground truth."""

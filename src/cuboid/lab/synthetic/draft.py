@@ -1,0 +1,146 @@
+"""A draft of a scene, and the room, the table and the circular path that several kinds share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cuboid.ground.core.frame import Float64Array
+from cuboid.lab.synthetic import furniture as made
+from cuboid.lab.synthetic.mesh import shift, turn
+from cuboid.lab.synthetic.paths import CAMERAS, STEP_M, Style, around, fly
+from cuboid.lab.synthetic.placement import Arrangement
+from cuboid.lab.synthetic.scene import Agent, Furniture, Scene, SceneEvent, Surface
+from cuboid.lab.synthetic.shapes import MAKERS, Model
+
+# Default gap between objects, metres.
+APART_M = 0.06
+# Distance from the middle of a room to its walls, metres.
+ROOM_HALF_M = 2.6
+# Small objects for shelves and crowded tables.
+SMALL = ("can", "mug", "carton", "jar", "milk", "bowl", "bottle", "plant")
+
+
+@dataclass
+class Draft:
+    """A draft of a scene.
+
+    Attributes
+    ----------
+    rng : numpy.random.Generator
+    frames : int
+    camera : str
+        One of `CAMERAS`.
+    meshes : sequence of Model
+        The user's meshes, which are used before generated models.
+    furniture : list of Furniture
+    objects : Arrangement
+        Objects; set when the surfaces are known.
+    waypoints : (K, 6) float64
+    whole : bool
+        Whether the path must be flown to its end.
+    style : Style or None
+        Motion style of the camera; default: that of `camera`.
+    roll_rad : float
+        Roll of the camera about its optical axis.
+    agents : list of Agent
+    events : list of SceneEvent
+    """
+
+    rng: np.random.Generator
+    frames: int
+    camera: str
+    meshes: Sequence[Model]
+    furniture: list[Furniture]
+    objects: Arrangement
+    waypoints: Float64Array
+    whole: bool = False
+    style: Style | None = None
+    roll_rad: float = 0.0
+    agents: list[Agent] = field(default_factory=list)
+    events: list[SceneEvent] = field(default_factory=list)
+
+    def add(self, model: Model, T_room_model: Float64Array, *, doubtful: bool = False) -> None:
+        """Add furniture."""
+        self.furniture.append(Furniture(model, T_room_model, doubtful))
+
+    def models(self, count: int, names: Sequence[str] = tuple(MAKERS)) -> list[Model]:
+        """Draw random models, the user's first; a kind is repeated only after all kinds are used."""
+        user_models = [self.meshes[int(k)] for k in self.rng.permutation(len(self.meshes))][:count]
+        drawn: list[str] = []
+        while len(drawn) < count - len(user_models):
+            drawn += [names[int(k)] for k in self.rng.permutation(len(names))]
+        return user_models + [MAKERS[name](self.rng) for name in drawn[: count - len(user_models)]]
+
+
+def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float) -> Scene:
+    """Return the scene of a draft."""
+    style = draft.style or CAMERAS[draft.camera]
+    poses = fly(draft.waypoints, draft.frames, style, draft.rng, whole=draft.whole) @ turn(draft.roll_rad)
+    return Scene(
+        name=name,
+        kind=kind,
+        seed=seed,
+        objects=tuple(draft.objects.objects),
+        furniture=tuple(draft.furniture),
+        surfaces=draft.objects.surfaces,
+        T_world_room=T_world_room,
+        T_room_camera=poses,
+        focal_px=focal_px,
+        agents=tuple(draft.agents),
+        events=tuple(sorted(draft.events, key=lambda one: one.end)),
+    )
+
+
+def on_floor(surface: Surface) -> Float64Array:
+    """Return T_room_model (4, 4) of furniture on the floor whose top is a surface."""
+    return shift((*surface.center, 0)) @ turn(surface.angle_rad)
+
+
+def add_room(draft: Draft, half: float = ROOM_HALF_M) -> None:
+    """Add floor, ceiling, walls, and a curtain at -y."""
+    draft.add(made.floor(draft.rng, half + 0.1), np.eye(4))
+    draft.add(made.ceiling(half + 0.1), np.eye(4))
+    for k in range(4):
+        draft.add(made.wall(draft.rng, 2 * half), turn(k * np.pi / 2) @ shift((0, half, 0)))
+    draft.add(made.curtain(draft.rng, 2 * half), turn(np.pi) @ shift((0, half - 0.2, 0)))
+
+
+def add_middle_table(draft: Draft) -> None:
+    """Add a round or rectangular table in the middle of the room: the first surface."""
+    rng = draft.rng
+    height, angle = rng.uniform(0.42, 0.85), rng.uniform(0, np.pi)
+    if rng.random() < 0.3:
+        radius = rng.uniform(0.5, 0.62)
+        surface = Surface("round table", height, np.zeros(2), np.full(2, radius), 0.0, round=True)
+        draft.add(made.round_table(rng, radius, height), np.eye(4))
+    else:
+        half = np.array([rng.uniform(0.55, 0.75), rng.uniform(0.4, 0.5)])
+        surface = Surface("table", height, np.zeros(2), half, angle)
+        draft.add(made.table(rng, (*(2 * half), height)), on_floor(surface))
+    draft.objects = Arrangement((surface,), rng)
+
+
+def circling(
+    draft: Draft, surface: int, radius: float, height: float | None = None, *, steady: bool = False
+) -> Float64Array:
+    """Return waypoints around a surface, as far as the number of frames allows."""
+    rng, top = draft.rng, draft.objects.surfaces[surface]
+    middle = (*top.center, top.height_m + 0.05)
+    level = top.height_m + rng.uniform(0.5, 0.85) if height is None else height
+    angle = draft.frames * STEP_M * 0.95 / radius
+    if draft.camera == "orbit" or steady:
+        count, radii, levels = 24, np.full(24, radius), np.full(24, level)
+        angles = np.linspace(0, angle, count)
+    else:
+        count = max(4, draft.frames // 28)
+        wide = 0.3 if draft.camera == "drone" else 0.2
+        radii = radius + rng.uniform(-0.5 * wide, wide, count)
+        levels = level + rng.uniform(-0.6 * wide, (2.2 if draft.camera == "drone" else 1.0) * wide, count)
+        angles = np.linspace(0, 0.8 * angle, count)
+    waypoints = around(middle, rng.uniform(0, 2 * np.pi) + (1 if rng.random() < 0.5 else -1) * angles, radii, levels)
+    if not steady:
+        waypoints[:, 3:] += rng.uniform(-0.06, 0.06, (len(waypoints), 3)) * (draft.camera != "orbit")
+    return waypoints

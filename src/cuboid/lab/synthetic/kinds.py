@@ -1,0 +1,303 @@
+"""The kinds of scenes: placement of objects and camera path, drawn from a seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import Float64Array
+from cuboid.lab.synthetic import furniture as made
+from cuboid.lab.synthetic.containers import build_containers, build_sideboard
+from cuboid.lab.synthetic.draft import APART_M, SMALL, Draft, add_middle_table, add_room, circling, finish, on_floor
+from cuboid.lab.synthetic.mesh import shift, turn
+from cuboid.lab.synthetic.moving import build_moving
+from cuboid.lab.synthetic.paths import CAMERAS, STEP_M, STEP_RAD, around, random_motion
+from cuboid.lab.synthetic.placement import Arrangement
+from cuboid.lab.synthetic.places import build_bin, build_counter, build_overhead, build_shelf, build_stacks
+from cuboid.lab.synthetic.scene import Scene, Surface
+from cuboid.lab.synthetic.shapes import MAKERS, Model
+
+Builder = Callable[[Draft], None]
+
+
+def build_table(draft: Draft) -> None:
+    """Build one table in the middle of a room; the camera moves around it."""
+    add_room(draft)
+    add_middle_table(draft)
+    for model in draft.models(int(draft.rng.integers(6, 10))):
+        draft.objects.put(model, 0, APART_M, within=0.9)
+    path_table(draft)
+
+
+def path_table(draft: Draft) -> None:
+    """Plan a camera path around the table."""
+    draft.waypoints = circling(draft, 0, radius=draft.rng.uniform(1.1, 1.45))
+
+
+def build_occluders(draft: Draft) -> None:
+    """Build a table behind screens and large boxes, which the camera passes."""
+    add_room(draft)
+    add_middle_table(draft)
+    for model in draft.models(int(draft.rng.integers(6, 9))):
+        draft.objects.put(model, 0, APART_M, within=0.8)
+    waypoints = circling(draft, 0, radius=2.0, height=draft.rng.uniform(1.25, 1.4), steady=True)
+    draft.waypoints = waypoints
+    angle = np.unwrap(np.arctan2(waypoints[:, 1], waypoints[:, 0]))
+    for fraction, low in ((0.4, False), (0.8, bool(draft.rng.random() < 0.5))):
+        at = float(np.interp(fraction + draft.rng.uniform(-0.05, 0.05), np.linspace(0, 1, len(angle)), angle))
+        place = turn(at) @ shift((draft.rng.uniform(1.02, 1.1), 0, 0)) @ turn(-np.pi / 2)
+        if low:
+            size = (draft.rng.uniform(0.3, 0.4), 0.3, draft.rng.uniform(1.0, 1.1))
+            draft.add(made.crate(draft.rng, size), place, doubtful=True)
+        else:
+            width = draft.rng.uniform(0.36, 0.5)
+            draft.add(made.screen(draft.rng, width, 1.3), place, doubtful=True)
+
+
+def build_leave(draft: Draft) -> None:
+    """Build a table; the camera turns away from it for a second or more, and comes back."""
+    add_room(draft)
+    add_middle_table(draft)
+    for model in draft.models(int(draft.rng.integers(5, 9))):
+        draft.objects.put(model, 0, APART_M, within=0.85)
+    path_leave(draft)
+
+
+def path_leave(draft: Draft) -> None:
+    """Plan a camera path that turns away from the table and comes back."""
+    angle = draft.rng.uniform(np.radians(70), np.radians(95)) * (1 if draft.rng.random() < 0.5 else -1)
+    turning = 2 * abs(angle) / STEP_RAD
+    walk = max(draft.frames - turning, 0.25 * draft.frames)
+    draft.waypoints = _leaving(draft, 0, angle, walk * STEP_M * 0.8)
+    draft.whole = True
+
+
+def build_tables(draft: Draft) -> None:
+    """Build two tables of different heights and a shelf; the camera walks from one to the next and back."""
+    rng = draft.rng
+    add_room(draft, half=3.0)
+    surfaces = [
+        Surface(
+            "table",
+            rng.uniform(0.68, 0.78),
+            np.array([-1.1, 0.9]),
+            np.array([0.62, 0.4]),
+            rng.uniform(-0.3, 0.3),
+        ),
+        Surface("round table", rng.uniform(0.42, 0.55), np.array([0.85, 1.0]), np.full(2, 0.5), 0.0, round=True),
+    ]
+    boards = (0.32, rng.uniform(0.78, 0.9))
+    surfaces += [
+        Surface(f"board {k + 1}", h, np.array([2.45, -0.5]), np.array([0.55, 0.17]), -np.pi / 2)
+        for k, h in enumerate(boards)
+    ]
+    draft.objects = Arrangement(tuple(surfaces), rng)
+    table, low = surfaces[0], surfaces[1]
+    draft.add(made.table(rng, (1.24, 0.8, table.height_m)), on_floor(table))
+    draft.add(made.round_table(rng, 0.5, low.height_m), on_floor(low))
+    draft.add(made.shelf(rng, (1.1, 0.34, boards[1] + 0.02), boards), on_floor(surfaces[2]))
+    for surface, count, names in ((0, 5, tuple(MAKERS)), (1, 4, tuple(MAKERS)), (2, 2, SMALL), (3, 4, SMALL)):
+        for model in draft.models(count, names):
+            draft.objects.put(model, surface, APART_M, within=0.85)
+    path_tables(draft)
+
+
+def path_tables(draft: Draft) -> None:
+    """Plan a camera path from one table to the other, to the shelf, and back."""
+    draft.waypoints = _tour(
+        draft, [0, 1, 3, 1, 0], eyes=((-0.7, -0.45), (0.6, -0.35), (1.05, -0.75)), order=(0, 1, 2, 1, 0)
+    )
+
+
+def build_clutter(draft: Draft) -> None:
+    """Build a crowded table: gaps of 2 to 4 cm, two pairs that touch, one object on another."""
+    rng = draft.rng
+    add_room(draft)
+    add_middle_table(draft)
+    first = draft.objects.put(draft.models(1)[0], 0, APART_M, within=0.2)
+    assert first is not None, "an empty table has room"
+    for number, model in enumerate(draft.models(int(rng.integers(10, 14)))):
+        touch = number in (2, 5)
+        for k in rng.permutation(len(draft.objects.objects)):
+            other = draft.objects.objects[int(k)]
+            gap = 0.0 if touch else rng.uniform(0.02, 0.04)
+            if not (touch and other.touches) and draft.objects.put_beside(model, other, gap, 0.02):
+                break
+    _stack(draft)
+    draft.waypoints = circling(draft, 0, radius=rng.uniform(1.05, 1.3))
+
+
+def build_room(draft: Draft) -> None:
+    """Build a living room with table, shelf, sofa, chair, and objects on the floor; the curtain is seen first."""
+    rng = draft.rng
+    add_room(draft, half=3.0)
+    board = rng.uniform(0.75, 0.9)
+    surfaces = (
+        Surface(
+            "table",
+            rng.uniform(0.42, 0.74),
+            np.array([0.1, 0.5]),
+            np.array([0.6, 0.38]),
+            rng.uniform(-0.4, 0.4),
+        ),
+        Surface("board", board, np.array([2.5, 1.0]), np.array([0.5, 0.17]), -np.pi / 2),
+        Surface("floor", 0.0, np.array([0.75, -0.7]), np.array([0.55, 0.45])),
+    )
+    draft.objects = Arrangement(surfaces, rng)
+    draft.add(made.table(rng, (1.2, 0.76, surfaces[0].height_m)), on_floor(surfaces[0]))
+    draft.add(made.shelf(rng, (1.0, 0.34, board + 0.02), (0.35, board)), on_floor(surfaces[1]))
+    draft.add(made.sofa(rng), shift((-1.3, 0.9, 0)) @ turn(rng.uniform(-0.2, 0.2)), doubtful=True)
+    draft.add(made.chair(rng), shift((0.2, 1.45, 0)) @ turn(-np.pi / 2 + rng.uniform(-0.4, 0.4)), doubtful=True)
+    for surface, count, names in (
+        (0, 5, tuple(MAKERS)),
+        (1, 3, SMALL),
+        (2, 3, ("parcel", "ball", "hat_box", "plant")),
+    ):
+        for model in draft.models(count, names):
+            draft.objects.put(model, surface, APART_M, within=0.85)
+    path_room(draft)
+
+
+def path_room(draft: Draft) -> None:
+    """Plan a camera path that turns from the curtain to the table and goes through the room."""
+    tour = _tour(draft, [0, 2, 1, 0], eyes=((-0.6, -0.75), (0.3, -1.85), (1.15, 0.1), (0.9, -0.75)), order=(0, 1, 2, 3))
+    draft.waypoints = np.concatenate([_curtain_first(tour[0]), tour])
+
+
+KINDS: Mapping[str, Builder] = MappingProxyType(
+    {
+        "table": build_table,
+        "occluders": build_occluders,
+        "leave": build_leave,
+        "tables": build_tables,
+        "clutter": build_clutter,
+        "room": build_room,
+        "overhead": build_overhead,
+        "bin": build_bin,
+        "counter": build_counter,
+        "stacks": build_stacks,
+        "shelf": build_shelf,
+        "moving": build_moving,
+        "containers": build_containers,
+        "sideboard": build_sideboard,
+    }
+)
+# Camera paths for repeated visits of a place.
+WAYS: Mapping[str, Builder] = MappingProxyType(
+    {"table": path_table, "leave": path_leave, "tables": path_tables, "clutter": path_table, "room": path_room}
+)
+# Default number of frames: the duration of the kind's camera path.
+FRAMES: Mapping[str, int] = MappingProxyType(
+    {"table": 160, "occluders": 200, "leave": 220, "tables": 360, "clutter": 160, "room": 460}
+    | {
+        "overhead": 90,
+        "bin": 120,
+        "counter": 120,
+        "stacks": 160,
+        "shelf": 120,
+        "moving": 420,
+        "containers": 160,
+        "sideboard": 120,
+    }
+)
+
+
+def make_scene(
+    kind: str,
+    seed: int,
+    *,
+    frames: int | None = None,
+    camera: str | None = None,
+    meshes: Sequence[Model] = (),
+) -> Scene:
+    """Make a scene; the same arguments make the same scene.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    seed : int
+        0 or more.
+    frames : int, optional
+        Number of frames; default: the kind's own.
+    camera : str, optional
+        One of `CAMERAS`: motion style of the camera; by default drawn from the seed.
+    meshes : sequence of Model, optional
+        The user's objects, which are used before generated ones.
+
+    Raises
+    ------
+    InputError
+        The kind or the camera is unknown.
+    """
+    if kind not in KINDS:
+        raise InputError(f"no kind of scene is called '{kind}'; there are {', '.join(KINDS)}")
+    if camera is not None and camera not in CAMERAS:
+        raise InputError(f"no camera is called '{camera}'; there are {', '.join(CAMERAS)}")
+    rng = np.random.default_rng([seed, list(KINDS).index(kind)])
+    drawn = tuple(CAMERAS)[int(rng.integers(len(CAMERAS)))]
+    T_world_room, focal = random_motion(rng), float(rng.uniform(525, 600))
+    draft = Draft(rng, frames or FRAMES[kind], camera or drawn, meshes, [], Arrangement((), rng), np.empty((0, 6)))
+    KINDS[kind](draft)
+    return finish(draft, f"synthetic {kind} {seed}", kind, seed, T_world_room, focal)
+
+
+def _leaving(draft: Draft, surface: int, angle: float, length_m: float) -> Float64Array:
+    """Return waypoints that look at a surface, turn away from it by `angle`, and look at it again."""
+    rng, top = draft.rng, draft.objects.surfaces[surface]
+    radius, level = rng.uniform(1.15, 1.45), top.height_m + rng.uniform(0.5, 0.8)
+    start, arc = rng.uniform(0, 2 * np.pi), length_m / radius
+    middle = (*top.center, top.height_m + 0.05)
+    angles = start + arc * np.array([0, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0])
+    waypoints = around(middle, angles, radius, level)
+    # The target moves around the camera's position in steps, so that the curve keeps the distance.
+    rows = [waypoints[:3]]
+    eye, toward = waypoints[3, :3], np.arctan2(*(waypoints[3, 3:5] - waypoints[3, :2])[::-1])
+    for fraction in (0.25, 0.5, 0.75, 1.0, 1.0, 0.75, 0.5, 0.25):
+        bearing = toward + fraction * angle
+        drop = (top.height_m - level) * (1 - 0.6 * fraction)
+        target = eye + radius * np.array([np.cos(bearing), np.sin(bearing), 0]) + (0, 0, drop)
+        rows.append(np.concatenate([eye, target])[None])
+    return np.concatenate([*rows, waypoints[4:]])
+
+
+def _tour(
+    draft: Draft, surfaces: Sequence[int], eyes: Sequence[tuple[float, float]], order: Sequence[int]
+) -> Float64Array:
+    """Return waypoints that look at one surface after the other, from given positions in the room."""
+    rows = []
+    for surface, eye in zip(surfaces, order, strict=True):
+        top = draft.objects.surfaces[surface]
+        for k in (-1, 1):
+            aside = top.at(*(draft.rng.uniform(0.1, 0.4, 2) * k))
+            level = top.height_m + draft.rng.uniform(0.55, 0.8)
+            height = np.clip(level, 1.15, 1.65)
+            place = np.array(eyes[eye]) + draft.rng.uniform(-0.12, 0.12, 2)
+            rows.append([*place, height, *aside, top.height_m + 0.05])
+    return np.array(rows)
+
+
+def _curtain_first(first: Float64Array) -> Float64Array:
+    """Return waypoints at the position of a waypoint (6,), which look at the curtain and then turn to its target."""
+    eye, toward = first[:3], first[3:] - first[:3]
+    end = np.arctan2(toward[1], toward[0])
+    far = float(np.linalg.norm(toward[:2]))
+    begin = end - 2.3 if abs(np.sin(end - 2.3) + 1) < abs(np.sin(end + 2.3) + 1) else end + 2.3
+    rows = []
+    for fraction in (0.0, 0.02, 0.25, 0.5, 0.75):
+        bearing = begin + fraction * (end - begin)
+        drop = 0.1 + fraction * (toward[2] - 0.1)
+        target = eye + np.array([far * np.cos(bearing), far * np.sin(bearing), drop])
+        rows.append([*eye, *target])
+    return np.array(rows)
+
+
+def _stack(draft: Draft) -> None:
+    """Put a can or a jar on a wide flat object that touches no other; the two may count as one object."""
+    flat = [o for o in draft.objects.objects if o.model.name in ("book", "parcel") and not o.touches]
+    if flat:
+        top = draft.objects.put_on(MAKERS[("can", "jar")[int(draft.rng.integers(2))]](draft.rng), flat[0])
+        draft.objects.not_judged(top.id, flat[0].id)

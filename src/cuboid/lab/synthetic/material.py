@@ -1,0 +1,94 @@
+"""The material of a surface: two colors, a texture by position on the body, and a shine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from cuboid.ground.core.frame import Float64Array
+
+Color = tuple[float, float, float]
+
+
+class Texture(IntEnum):
+    """The pattern that mixes the two colors, by position on the body."""
+
+    PLAIN = 0
+    CHECKER = 1
+    STRIPES = 2
+    WOOD = 3
+    MARBLE = 4
+    BANDS = 5
+    SPECKLE = 6
+    TILES = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """The material of a part.
+
+    Attributes
+    ----------
+    color, second : (r, g, b)
+        Colors as in an image, 0..1 (sRGB).
+    texture : Texture
+    scale_m : float
+        Size of the texture's features, metres.
+    shine : float
+        Strength of the highlight, 0..1.
+    mirror : float
+        Fraction of the light, and of the depth readings, from the mirror image in a level face, 0..1.
+    """
+
+    color: Color
+    second: Color = (1.0, 1.0, 1.0)
+    texture: Texture = Texture.PLAIN
+    scale_m: float = 0.03
+    shine: float = 0.0
+    mirror: float = 0.0
+
+
+WOODS: tuple[tuple[Color, Color], ...] = (
+    ((0.72, 0.52, 0.33), (0.56, 0.37, 0.21)),
+    ((0.80, 0.66, 0.47), (0.68, 0.52, 0.34)),
+    ((0.50, 0.32, 0.20), (0.37, 0.22, 0.13)),
+    ((0.86, 0.80, 0.70), (0.76, 0.68, 0.57)),
+)
+PAINTS: tuple[Color, ...] = (
+    (0.84, 0.19, 0.16),
+    (0.12, 0.42, 0.72),
+    (0.95, 0.71, 0.13),
+    (0.16, 0.56, 0.34),
+    (0.93, 0.45, 0.13),
+    (0.45, 0.26, 0.60),
+    (0.10, 0.60, 0.62),
+    (0.85, 0.33, 0.50),
+    (0.93, 0.91, 0.85),
+    (0.20, 0.24, 0.32),
+)
+CARD: tuple[Color, Color] = ((0.74, 0.58, 0.40), (0.66, 0.50, 0.33))
+
+
+def paint(rng: np.random.Generator) -> Color:
+    """Return one of the strong colors."""
+    return PAINTS[int(rng.integers(len(PAINTS)))]
+
+
+def two_paints(rng: np.random.Generator) -> tuple[Color, Color]:
+    """Return two different strong colors."""
+    first, second = rng.choice(len(PAINTS), 2, replace=False)
+    return PAINTS[int(first)], PAINTS[int(second)]
+
+
+def wood(rng: np.random.Generator, scale_m: float = 0.05) -> Material:
+    """Return one of the woods."""
+    color, second = WOODS[int(rng.integers(len(WOODS)))]
+    return Material(color, second, Texture.WOOD, scale_m, shine=0.12)
+
+
+def linear(color: Color) -> Float64Array:
+    """Return an sRGB color as linear light (3,)."""
+    amounts: Float64Array = np.asarray(color, np.float64) ** 2.2
+    return amounts

@@ -1,0 +1,266 @@
+"""Renders a scene into a plain recording folder, with its ground truth beside it.
+
+::
+
+    output/
+      camera.json  color/000000.jpg  depth/000000.png  poses.txt     the recording (docs/recordings.md)
+      truth.json  true_trajectory.txt  true_cloud.ply                what it shows
+      faults.json                                                    what was broken on purpose, if anything
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.extras import require
+from cuboid.ground.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.geometry import se3
+from cuboid.lab.synthetic import truth
+from cuboid.lab.synthetic.faults import named, spoil
+from cuboid.lab.synthetic.paths import POSE_NOISES
+from cuboid.lab.synthetic.raycast import EXTRA, MODULES
+from cuboid.lab.synthetic.scene import Scene
+from cuboid.lab.synthetic.sensors import SENSORS
+from cuboid.lab.synthetic.view import Rendered, SceneView
+from cuboid.results.files.folder import ResultFolder, writing
+
+# Units of the depth images: 0.2 mm, a seventh of a structured-light step at 0.7 m; up to 13 m.
+DEPTH_UNITS_PER_M = 5000
+JPEG_QUALITY = 92
+# Fast, and a few percent larger than with the best compression.
+PNG_COMPRESSION = 1
+# Every n-th frame and pixel contributes to the labelled cloud.
+CLOUD_EVERY_FRAMES, CLOUD_EVERY_PIXELS = 5, 3
+# Minimum image size: below it an object has only a few pixels.
+SMALLEST_SIZE = (64, 48)
+
+Progress = Callable[[int, int], None]
+CloudPart = tuple[Float32Array, UInt8Array, npt.NDArray[np.int32]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """Results of a rendered frame besides images: visible fractions (M,), those of ghosts, cloud points."""
+
+    fractions: Float64Array
+    empty: Float64Array
+    cloud: CloudPart | None
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Number of frames in which a recording shows a sufficient fraction of each object.
+
+    Attributes
+    ----------
+    objects : dict of int to int
+        Frames by object id.
+    ghosts : dict of int to int
+        Frames that show the empty place of an object that is gone, by id.
+    """
+
+    objects: dict[int, int]
+    ghosts: dict[int, int]
+
+
+class _Renderer:
+    """Renders frames of a scene into the files of a folder."""
+
+    def __init__(self, scene: Scene, intrinsics: Intrinsics, sensor: str, folder: Path) -> None:
+        self._view = SceneView(scene, intrinsics)
+        self._T_world_room = scene.T_world_room
+        self._sensor = sensor
+        self._folder = folder
+
+    def __call__(self, frame: int) -> _Done:
+        rendered = self._view.render(frame, self._sensor)
+        name = f"{frame:06d}"
+        (self._folder / "color" / f"{name}.jpg").write_bytes(encode_color(rendered.color))
+        (self._folder / "depth" / f"{name}.png").write_bytes(encode_depth(rendered.depth_m))
+        fractions = self._view.visible_fractions(frame, rendered.hits)
+        empty = self._view.empty_fractions(frame, rendered.hits)
+        return _Done(fractions, empty, self._cloud(rendered) if frame % CLOUD_EVERY_FRAMES == 0 else None)
+
+    def _cloud(self, rendered: Rendered) -> CloudPart:
+        each = (slice(None, None, CLOUD_EVERY_PIXELS),) * 2
+        hits, depth = rendered.hits, rendered.hits.depth_m[each]
+        # Moving bodies have no fixed place, so they are left out of the cloud.
+        seen = (depth > 0) & ~self._view.face_moves[hits.face[each]]
+        points = se3.transform(self._T_world_room, (hits.eye + hits.rays[each] * depth[..., None])[seen])
+        return points.astype(np.float32), rendered.color[each][seen], self._view.labels(hits)[each][seen]
+
+
+def render_recording(
+    scene: Scene,
+    path: PathLike,
+    *,
+    sensor: str = "structured-light",
+    pose_noise: str = "none",
+    faults: Sequence[str] = (),
+    size: tuple[int, int] = (640, 480),
+    workers: int = 1,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Shown:
+    """Render a scene into a plain recording folder; the same arguments write the same bytes.
+
+    Parameters
+    ----------
+    scene : Scene
+    path : path
+        The folder, which appears when it is complete.
+    sensor : str
+        One of `SENSORS`.
+    pose_noise : str
+        One of `POSE_NOISES`: errors of the written poses; the ground truth has the exact ones.
+    faults : sequence of str
+        Names in `cuboid.lab.synthetic.faults.FAULTS`: faults that are added at the end.
+    size : (int, int)
+        Width and height of the images, pixels.
+    workers : int
+        Number of rendering processes; it has no effect on the result.
+    force : bool
+        Whether a synthetic recording at `path` may be replaced.
+    progress : callable, optional
+        Called with the number of finished frames, from 0, and the total number.
+
+    Returns
+    -------
+    Shown
+
+    Raises
+    ------
+    InputError
+        An argument is unknown or out of range.
+    OutputError
+        The folder exists and is no synthetic recording, or `force` is False; or it cannot be written.
+    """
+    path = as_path(path)
+    _check(sensor, pose_noise, size)
+    require(MODULES[0], "cuboid synth", EXTRA)  # raised here, not in the rendering processes
+    named(faults, scene.frames)
+    if force and (path / truth.TRUTH).is_file():
+        with writing(path):
+            shutil.rmtree(path)
+    intrinsics = scene.intrinsics(*size)
+    with ResultFolder(path) as folder, writing(path):
+        work = folder.file("")
+        (work / "color").mkdir()
+        (work / "depth").mkdir()
+        done: list[_Done] = []
+        if progress is not None:
+            progress(0, scene.frames)
+        with _results(partial(_Renderer, scene, intrinsics, sensor, work), scene.frames, workers) as results:
+            for result in results:
+                done.append(result)
+                if progress is not None:
+                    progress(len(done), scene.frames)
+        _write_texts(work, scene, intrinsics, pose_noise)
+        truth.write_truth(work / truth.TRUTH, scene, intrinsics, np.array([one.fractions for one in done]))
+        cloud = truth.LabelledCloud()
+        for one in done:
+            if one.cloud is not None:
+                cloud.add(*one.cloud)
+        cloud.write(work / truth.CLOUD)
+        if faults:
+            spoil(work, faults, scene.frames, np.random.default_rng([scene.seed, 3]))
+        folder.commit()
+    return Shown(
+        {
+            body.id: int((np.array([one.fractions[k] for one in done]) >= truth.SHOWN_FRACTION).sum())
+            for k, body in enumerate(scene.objects)
+        },
+        {
+            body.id: int((np.array([one.empty[k] for one in done]) >= truth.SHOWN_FRACTION).sum())
+            for k, body in enumerate(scene.ghosts)
+        },
+    )
+
+
+def encode_color(color: UInt8Array) -> bytes:
+    """Return an RGB image (H, W, 3) as JPEG."""
+    return _encode(".jpg", color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+
+
+def encode_depth(depth_m: Float32Array) -> bytes:
+    """Return depth in metres (H, W) as a 16-bit PNG in `DEPTH_UNITS_PER_M`."""
+    units = np.rint(np.minimum(depth_m * np.float32(DEPTH_UNITS_PER_M), 65534)).astype(np.uint16)
+    return _encode(".png", units, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
+
+
+def _encode(suffix: str, image: npt.NDArray[Any], options: list[int]) -> bytes:
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(image), options)
+    if not done:
+        raise RuntimeError(f"OpenCV cannot write {suffix}")
+    return data.tobytes()
+
+
+def _check(sensor: str, pose_noise: str, size: tuple[int, int]) -> None:
+    if sensor not in SENSORS:
+        raise InputError(f"no sensor is called '{sensor}'; there are {', '.join(SENSORS)}")
+    if pose_noise not in POSE_NOISES:
+        raise InputError(f"no pose noise is called '{pose_noise}'; there are {', '.join(POSE_NOISES)}")
+    if size[0] < SMALLEST_SIZE[0] or size[1] < SMALLEST_SIZE[1]:
+        raise InputError(f"images must be at least {SMALLEST_SIZE[0]}x{SMALLEST_SIZE[1]}, got {size[0]}x{size[1]}")
+
+
+def _write_texts(folder: Path, scene: Scene, intrinsics: Intrinsics, pose_noise: str) -> None:
+    camera = {name: getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    camera["depth_units_per_metre"] = DEPTH_UNITS_PER_M
+    (folder / "camera.json").write_text(json.dumps(camera) + "\n", encoding="utf-8")
+    poses = POSE_NOISES[pose_noise](scene.T_world_camera, np.random.default_rng([scene.seed, 2]))
+    lines = truth.pose_lines([str(k) for k in range(scene.frames)], poses)
+    (folder / "poses.txt").write_text("# number tx ty tz qx qy qz qw\n" + lines, encoding="utf-8")
+    truth.write_trajectory(folder / truth.TRAJECTORY, scene.T_world_camera)
+
+
+_renderer: _Renderer | None = None
+
+
+def _begin(make: Callable[[], _Renderer]) -> None:
+    """Create the renderer of a worker process."""
+    global _renderer
+    cv2.setNumThreads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent ends its workers
+    _renderer = make()
+
+
+def _render(frame: int) -> _Done:
+    assert _renderer is not None, "a worker begins with _begin"
+    return _renderer(frame)
+
+
+@contextmanager
+def _results(make: Callable[[], _Renderer], frames: int, workers: int) -> Iterator[Iterator[_Done]]:
+    """Yield the rendered frames in order.
+
+    The first frame is rendered in this process: this compiles the kernels, and the workers load them.
+    """
+    render = make()
+    if workers <= 1:
+        yield map(render, range(frames))
+        return
+    first = render(0)
+    with ProcessPoolExecutor(workers, get_context("spawn"), _begin, (make,)) as pool:
+        try:
+            yield chain([first], pool.map(_render, range(1, frames), chunksize=4))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

@@ -1,0 +1,167 @@
+"""Parts of an object that no frame has seen: its far side, and its foot behind another object."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.core.tolerances import MIN_READINGS, OUTLIER_FRACTION
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import overlap_min_matrix, pack
+from cuboid.method.boxes.fit import fit_box, plane_axes
+from cuboid.method.boxes.quantiles import quantile
+from cuboid.method.heatmap.voxel_map import VoxelMap
+
+# A box rests on its plane if the gap is at most this, metres.
+MIN_GAP_M = 1e-6
+# A place on the ground counts as seen if at least this many of the nine columns of voxels around it hold a point.
+MIN_OF_NINE = 2
+# Boxes side by side overlap by at most this fraction of the smaller one.
+BESIDE_FRACTION = 0.2
+# Thickness of the top layer of an object, as a fraction of its height; its middle is above the middle of the foot.
+TOP_LAYER_FRACTION = 0.1
+# Fraction of the points that may stick out on one side only, as a handle does.
+STICKING_OUT_FRACTION = 0.1
+# A foot may be hidden if at most this fraction of the ground beneath was seen.
+GROUND_SEEN_FRACTION = 0.2
+# Sample places on the ground beneath a box, per side, as fractions of the box from its middle.
+_STEPS = (np.arange(MIN_READINGS) + 0.5) / MIN_READINGS - 0.5
+_ALONG, _ACROSS = (places.reshape(-1, 1) for places in np.meshgrid(_STEPS, _STEPS))
+
+
+def with_hidden(
+    box: Box, points: Float64Array, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap
+) -> Box:
+    """Return an object's box extended by its far side, as far as no frame can have shown that it is absent.
+
+    See `mirrored_points` for the parameters.
+    """
+    far_side = mirrored_points(points, normal, offset, box, near, voxels)
+    if len(far_side):
+        extended = fit_box(np.concatenate([box.corners(), far_side]), normal, offset, 0.0)
+        # A far side that would overlap a neighbour is not added.
+        if is_clear_of(extended, near):
+            return extended
+    return box
+
+
+def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], resolution_m: float) -> Box:
+    """Return the box of a distant object, made as deep as wide unless the camera could have seen that it is less deep.
+
+    From the front an object shows its width and little of its depth; most objects are about as deep as wide. More depth
+    would be visible beyond the rims, by its component across the ray. If that is less than the map resolves, the object
+    may be deeper.
+
+    Parameters
+    ----------
+    box : Box
+    eye : (3,) float64
+        Position of the camera, world, metres.
+    near : sequence of Box
+        Boxes of other objects nearby; a depth that would overlap one is refused.
+    resolution_m : float
+        Smallest distance that the map resolves, metres.
+    """
+    ray = box.rotation.T @ (box.center - eye)
+    far_m = math.sqrt(ray @ ray)
+    if far_m == 0.0:
+        return box
+    ray /= far_m
+    deep = int(np.abs(ray[:2]).argmax())
+    more_m = box.size[1 - deep] - box.size[deep]
+    across = math.sqrt(max(0.0, 1.0 - ray[deep] ** 2))
+    if more_m <= 0.0 or more_m * across > resolution_m:
+        return box
+    size = box.size.copy()
+    size[deep] += more_m
+    extended = Box(box.center + math.copysign(more_m / 2.0, ray[deep]) * box.rotation[:, deep], size, box.rotation)
+    return extended if is_clear_of(extended, near) else box
+
+
+def is_clear_of(box: Box, near: Sequence[Box]) -> bool:
+    """Return whether a box overlaps its neighbours by no more than boxes side by side do."""
+    return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= BESIDE_FRACTION)
+
+
+def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
+    """Return a box extended down to its plane, unless evidence shows that it floats; see `foot_is_hidden`."""
+    gap = box.foot_m(normal, offset)
+    if gap > MIN_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):
+        box = Box(box.center - 0.5 * gap * normal, box.size + np.array([0.0, 0.0, gap]), box.rotation)
+    return box
+
+
+def mirrored_points(
+    points: Float64Array, normal: Float64Array, offset: float, box: Box, others: Sequence[Box], voxels: VoxelMap
+) -> Float64Array:
+    """Return the points of an object's far side, as far as no frame can have shown that they are absent.
+
+    Most objects are as deep behind their middle as in front of it, and the middle of a standing object is beneath its
+    top. Each point is mirrored at the vertical axis through the top. It is kept if it lies outside the box, over ground
+    that no frame has seen, and in no other object.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Points of the object, world, metres.
+    normal : (3,) float64
+        Normal of its supporting plane, unit, up.
+    offset : float
+        The plane is normal.p + offset = 0.
+    box : Box
+        The box of the points.
+    others : sequence of Box
+        Boxes of other objects nearby.
+    voxels : VoxelMap
+
+    Returns
+    -------
+    (M, 3) float64
+    """
+    height = points @ normal + offset
+    top = quantile(height, 1.0 - 2.0 * OUTLIER_FRACTION)
+    layer = points[height >= top - max(TOP_LAYER_FRACTION * top, voxels.voxel_m)]
+    axis = (layer.min(0) + layer.max(0)) / 2.0
+    # Rotate by 180 degrees about the normal.
+    from_axis = points - axis
+    mirrored = axis - from_axis + 2.0 * np.outer(from_axis @ normal, normal)
+    beyond = _beyond(mirrored, box)
+    out = np.flatnonzero(beyond > voxels.voxel_m)
+    # A part that sticks out on one side, such as a handle or a spout, has no counterpart on the other side.
+    allowed = round(STICKING_OUT_FRACTION * len(points))
+    if len(out) <= allowed:
+        return np.zeros((0, 3))
+    out = out[np.argsort(beyond[out], kind="stable")][: len(out) - allowed]
+    free = np.ones(len(out), bool)
+    for other in others:
+        free &= _beyond(mirrored[out], other) > 0.0
+    out = out[free]
+    ground = mirrored[out] - np.outer(mirrored[out] @ normal + offset, normal)
+    return np.asarray(mirrored[out][~_seen(ground, normal, voxels)], dtype=np.float64)
+
+
+def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap) -> bool:
+    """Return whether the foot of a floating box may be hidden: the space beneath was not seen and holds no object."""
+    beneath = box.center + _ALONG * box.size[0] * box.rotation[:, 0] + _ACROSS * box.size[1] * box.rotation[:, 1]
+    height = beneath @ normal + offset
+    ground = beneath - np.outer(height, normal)
+    for other in others:
+        if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
+            return False
+    seen = _seen(ground, normal, voxels)
+    return bool(np.count_nonzero(seen) / len(seen) <= GROUND_SEEN_FRACTION)
+
+
+def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
+    """Return which places (N, 3) on a plane were seen: enough of nine columns of voxels around them hold a point."""
+    return voxels.is_occupied_around(ground, np.array([*plane_axes(normal), normal]), MIN_OF_NINE)
+
+
+def _beyond(points: Float64Array, box: Box) -> Float64Array:
+    """Return the horizontal distance (N,) of points (N, 3) from a box, metres; 0 or less inside its footprint."""
+    outside_m = np.abs((points - box.center) @ box.rotation) - box.size / 2.0
+    return np.asarray(outside_m[:, :2].max(1), dtype=np.float64)

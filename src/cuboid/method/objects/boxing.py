@@ -1,0 +1,112 @@
+"""The box of an object in the map: the seen part, and parts that no frame has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.geometry.box import Box
+from cuboid.method.boxes.denoising import denoised, is_thick
+from cuboid.method.boxes.faces import to_faces
+from cuboid.method.boxes.fit import fit_box
+from cuboid.method.boxes.hidden import as_deep_as_wide, is_clear_of, with_hidden
+from cuboid.method.boxes.revolved import revolved
+from cuboid.method.heatmap.stored_points import Rows
+from cuboid.method.heatmap.voxel_map import VoxelMap
+
+# Fraction of an object's weight that lies outside its surface at each side: the tails of the sensor's noise.
+STRAY_FRACTION = 0.008
+# Noise of the map's points, as a fraction of the noise of their usual readings.
+MAP_NOISE = 0.8
+# Approximate largest number of voxels in a fit; more voxels of a large object do not change its box.
+BOX_VOXELS = 1500
+
+Plane = tuple[Float64Array, float]
+
+
+class Boxing:
+    """Fits boxes to voxels of the map.
+
+    Parameters
+    ----------
+    voxels : VoxelMap
+    """
+
+    def __init__(self, voxels: VoxelMap) -> None:
+        self._voxels = voxels
+
+    def fit(
+        self,
+        rows: Rows,
+        places: Float32Array,
+        plane: Plane | None,
+        up: Float64Array,
+        others: Sequence[Box],
+        eye: Float64Array | None = None,
+    ) -> tuple[Box, float]:
+        """Return the box of the seen part of an object, extended by its hidden far side, and the noise of its points.
+
+        The noise is that of the fitted points, metres.
+
+        The weight of a voxel grows with the number and the precision of its readings, up to the median of each. Beyond
+        the median, further readings add no weight: otherwise the side that the camera saw longest would dominate.
+
+        Parameters
+        ----------
+        rows : (N,) int64
+            Rows of its voxels, at least one.
+        places : (N, 3) float32
+            Their positions in the world, metres.
+        plane : ((3,) float64, float) or None
+            Normal and offset of its supporting plane, in the world; None if unknown.
+        up : (3,) float64
+            Up direction, used without a known plane.
+        others : sequence of Box
+            Boxes of its neighbours.
+        eye : (3,) float64, optional
+            Position of the camera, world, metres.
+        """
+        sampled = slice(None, None, 1 + len(rows) // BOX_VOXELS)
+        trust, noise_m = self._trust(rows[sampled])
+        points = places[sampled].astype(np.float64)
+        voxel_m = self._voxels.voxel_m
+        if eye is None or not is_thick(noise_m, voxel_m):
+            return self._fit(points, trust, noise_m, plane, up, others), noise_m
+        points, noise_m = denoised(points, trust, eye, noise_m, voxel_m)
+        box = self._fit(points, trust, noise_m, plane, up, others)
+        # Points of adjacent voxels are at most two voxels apart.
+        return as_deep_as_wide(box, eye, others, 2.0 * voxel_m), noise_m
+
+    def _fit(
+        self,
+        points: Float64Array,
+        trust: Float64Array,
+        noise_m: float,
+        plane: Plane | None,
+        up: Float64Array,
+        others: Sequence[Box],
+    ) -> Box:
+        if plane is None:
+            return fit_box(points, up, None, STRAY_FRACTION, trust)
+        box = fit_box(points, *plane, STRAY_FRACTION, trust)
+        round_box = revolved(box, points, trust, plane, noise_m, self._voxels.voxel_m, STRAY_FRACTION)
+        if round_box is not None and is_clear_of(round_box, others):
+            return to_faces(round_box, points, trust, noise_m, top_alone=True)
+        box = to_faces(box, points, trust, noise_m, top_alone=False)
+        return with_hidden(box, points, *plane, others, self._voxels)
+
+    def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
+        """Return the weights of voxels (N,), and the usual noise of their positions, metres."""
+        hits = self._voxels.stored.hits[rows].astype(np.float64)
+        precision = self._voxels.stored.weight(rows) / hits
+        usual = _middle(precision)
+        trust = np.minimum(hits, _middle(hits)) * np.minimum(precision, usual)
+        return trust, MAP_NOISE * self._voxels.noise_per_m / float(np.sqrt(usual))
+
+
+def _middle(values: Float64Array) -> float:
+    """Return the upper median: NumPy's median takes several times as long for so few values."""
+    k = len(values) // 2
+    return float(np.partition(values, k)[k])

@@ -1,0 +1,33 @@
+"""One-to-one assignment."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from cuboid.ground.core.frame import Float64Array
+
+
+def assign(score: Float64Array, minimum: float) -> list[tuple[int, int]]:
+    """Pair rows with columns one to one so that the summed score is largest.
+
+    Parameters
+    ----------
+    score : (N, M) float64
+        0 or more.
+    minimum : float
+        Smallest accepted score, above 0.
+
+    Returns
+    -------
+    list of (int, int)
+        Row and column, by row.
+    """
+    # Keep only rows and columns with an accepted score: there may be thousands of columns.
+    worth = score >= minimum
+    rows, columns = np.flatnonzero(worth.any(1)), np.flatnonzero(worth.any(0))
+    if len(rows) == 0:
+        return []
+    part = np.where(worth, score, 0.0)[np.ix_(rows, columns)]
+    chosen = zip(*linear_sum_assignment(part, maximize=True), strict=True)
+    return [(int(rows[i]), int(columns[j])) for i, j in chosen if part[i, j] >= minimum]

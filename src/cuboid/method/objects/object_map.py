@@ -1,0 +1,396 @@
+"""The map of objects: updated by each frame, voxel by voxel and in log-odds; labels are persistent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import ceil
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.frame import Float64Array, UInt8Array
+from cuboid.ground.core.limits import MAX_CANDIDATES
+from cuboid.ground.core.observation import Observation
+from cuboid.ground.core.state import Record
+from cuboid.ground.core.tolerances import MIN_READINGS
+from cuboid.ground.core.working import WorkingImage
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.se3 import transform
+from cuboid.method.heatmap.voxel_map import VoxelMap
+from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS, MAX_LOG_ODDS
+from cuboid.method.objects.association import Association, SegmentedFrame, associate
+from cuboid.method.objects.boxing import Boxing
+from cuboid.method.objects.confirmation import is_confirmable
+from cuboid.method.objects.entry import MapObject, State, summed_counts
+from cuboid.method.objects.fitting import Fitting
+from cuboid.method.objects.outline import log_odds_of, with_viewpoint_change
+from cuboid.method.objects.store import ObjectStore, ObjectStoreState
+from cuboid.method.objects.validity import fits_object
+from cuboid.method.objects.visibility import boxes_in_frustum
+from cuboid.method.surfaces.frame_segments import FrameSegment, FrameSegments
+from cuboid.method.surfaces.kernels.outlines import KINDS
+from cuboid.method.surfaces.planes import PlaneTracker
+
+# Weight of a frame from the same viewpoint as evidence on pairs of objects; a frame from a new side has weight 1.
+MIN_NOVELTY = 0.1
+# A segment with this similarity to its object may take voxels from other objects.
+SURE_MATCH = 0.5
+# A segment shows an object if it covers this fraction of the object's visible pixels.
+COVERED_FRACTION = 0.5
+# A visible object was taken away if at most this fraction of its points is left.
+LEFT_FRACTION = 0.1
+# On a later visit, all earlier sightings, and earlier hits of a voxel, count as at most this number.
+VISIT_SIGHTINGS = 3
+# Log-odds that a visible candidate loses in a frame without a matching proposal.
+MISSED = 0.3
+# A frame has full weight as evidence on pairs if the viewing angle has changed by this since the last one, radians; a
+# frame from the same viewpoint has a tenth of it.
+NEW_SIDE_RAD = 0.05
+
+
+def novelty_of(seen: Observation) -> float:
+    """Return the weight of a frame as evidence on pairs of objects, 0..1."""
+    return min(1.0, max(MIN_NOVELTY, seen.viewpoint_angle_rad / NEW_SIDE_RAD))
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectMapState(Record):
+    """State of an `ObjectMap`: the state of its store."""
+
+    store: ObjectStoreState
+
+
+class ObjectMap:
+    """The map of objects, updated frame by frame.
+
+    Parameters
+    ----------
+    config : TrackerConfig
+    voxels : VoxelMap
+    planes : PlaneTracker
+    """
+
+    NOT_SAVED = frozenset({"_config", "_voxels", "_planes", "_boxing"})
+
+    def __init__(self, config: TrackerConfig, voxels: VoxelMap, planes: PlaneTracker) -> None:
+        self._config = config
+        self._voxels = voxels
+        self._planes = planes
+        self._boxing = Boxing(voxels)
+        self.store = ObjectStore(voxels)
+
+    def state(self) -> ObjectMapState:
+        """Return the current state; see `ObjectStore.state`."""
+        return ObjectMapState(self.store.state())
+
+    @classmethod
+    def from_state(
+        cls, state: ObjectMapState, config: TrackerConfig, voxels: VoxelMap, planes: PlaneTracker
+    ) -> ObjectMap:
+        """Return a map of objects that continues from a state; voxels and planes are already restored."""
+        found = cls(config, voxels, planes)
+        found.store = ObjectStore.from_state(state.store, voxels)
+        return found
+
+    @property
+    def _fitting(self) -> Fitting:
+        return Fitting(self._config, self._voxels, self._planes, self.store, self._boxing)
+
+    def objects_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
+        """Return the objects, confirmed or not, whose bounding spheres reach into the image within range, by number."""
+        far_m, store = self._config.max_depth_m, self.store
+        found = boxes_in_frustum(store.boxes[: store.numbers], store.bounds, image, T_camera_world, far_m)
+        return [store[n] for n in found.tolist()]
+
+    def prune_candidates(self, objects: Sequence[MapObject]) -> list[MapObject]:
+        """Return the visible objects; if a frame has too many candidates, the least likely ones are retired."""
+        candidates = [o for o in objects if not o.confirmed]
+        if len(candidates) > MAX_CANDIDATES:
+            for entry in sorted(candidates, key=lambda o: (-o.log_odds, o.number))[MAX_CANDIDATES:]:
+                self.store.retire(entry)
+        return [o for o in objects if o.state is not State.RETIRED]
+
+    def update(
+        self,
+        seen: Observation,
+        frame: SegmentedFrame,
+        objects: Sequence[MapObject],
+        settled: frozenset[int],
+    ) -> Association:
+        """Update the map of objects with a frame.
+
+        Parameters
+        ----------
+        seen : Observation
+        frame : SegmentedFrame
+        objects : sequence of MapObject
+            From `objects_in_frustum`.
+        settled : frozenset of int
+            Numbers of objects that were set down a short time ago: their new place has few points yet.
+
+        Returns
+        -------
+        Association
+        """
+        for entry in objects:
+            entry.keyframe = -1  # most of its points may be anchored to the keyframe of this frame now
+        segments, found = frame.segments, associate(frame, objects, self.store.boxes_of(objects))
+        novelty = novelty_of(seen)
+        number_of = self._update_objects(seen, segments, frame.boxes, found)
+        allowed = self._allowed_transfers(number_of, found)
+        self._voxels.vote_owners(segments.claim, number_of, *allowed, frame.candidate, frame.voxels.slots)
+        separate = self._update_affinity(segments, found, novelty)
+        self._add_overlaps(objects, novelty, separate)
+        self._add_attachments(objects, novelty)
+        self._penalise_missed(found)
+        changed = [o.number for o in objects] + [int(n) for n in number_of if n]
+        self._fitting.fit_grown(changed, seen.eye, seen.new_viewpoint)
+        self._retire_removed(found, settled)
+        self._merge(changed, seen.eye)
+        self._retire_unlikely(changed)
+        return found
+
+    def _update_objects(
+        self,
+        seen: Observation,
+        frame_segments: FrameSegments,
+        boxes: Sequence[Box],
+        found: Association,
+    ) -> npt.NDArray[np.int32]:
+        """Update matched objects and start candidates; return the object for which each segment votes, 0: none."""
+        number_of = np.zeros(len(frame_segments.segments), np.int32)
+        match, part = found.match.tolist(), found.part.tolist()
+        partner = {j: i for i, j in enumerate(match) if j >= 0}
+        outlines = np.array([c.outline for c in frame_segments.segments]).reshape(-1, 4, KINDS)
+        evidence = log_odds_of(outlines, np.array([c.read for c in frame_segments.segments]))
+        evidence = np.where(frame_segments.touched, 0.0, evidence).tolist()
+        for i, segment in enumerate(frame_segments.segments):
+            if match[i] >= 0:
+                entry = found.objects[match[i]]
+                self._add_sighting(entry, segment, with_viewpoint_change(evidence[i], seen.viewpoint_angle_rad))
+            elif part[i] >= 0 and not self._are_separate(frame_segments, i, partner.get(part[i])):
+                number_of[i] = found.objects[part[i]].number
+                continue
+            else:
+                if not fits_object(boxes[i], self._config):
+                    continue
+                entry = self.store.add(boxes[i], seen.frame, seen.keyframe)
+                self._add_sighting(entry, segment, evidence[i])
+            number_of[i] = entry.number
+        return number_of
+
+    @staticmethod
+    def _are_separate(frame_segments: FrameSegments, i: int, j: int | None) -> bool:
+        """Return whether two segments touch and come from different proposals."""
+        return (
+            j is not None
+            and frame_segments.proposal[i] != frame_segments.proposal[j]
+            and frame_segments.contact[i, j] + frame_segments.contact[j, i] > 0
+        )
+
+    def _add_sighting(self, entry: MapObject, segment: FrameSegment, evidence: float) -> None:
+        # Regardless of its outline: a labelled object whose box does not have the size of an object gains nothing.
+        if entry.confirmed and not fits_object(entry.box, self._config):
+            evidence = min(evidence, 0.0)
+        entry.log_odds = min(MAX_LOG_ODDS, max(-MAX_LOG_ODDS, entry.log_odds + evidence))
+        entry.outline = entry.outline + segment.outline
+        entry.sightings += 1
+        if segment.supports:
+            entry.supports = summed_counts(entry.supports, segment.supports)
+
+    def _allowed_transfers(
+        self, number_of: npt.NDArray[np.int32], found: Association
+    ) -> tuple[npt.NDArray[np.int64], UInt8Array]:
+        """Return a column for each object number, and from which owners each segment may take voxels, (n, m + 1).
+
+        A segment that matches its object well takes voxels without an owner, and those of candidates. It takes voxels
+        of a confirmed object only if the affinity says that the two objects are different. Between two labelled objects
+        half the log-odds of certainty suffice: unlike a merge, later votes can undo it, and both are complete objects.
+        """
+        place = np.full(self.store.numbers, -1, np.int64)
+        place[0] = 0
+        place[[o.number for o in found.objects]] = np.arange(1, len(found.objects) + 1)
+        sure = (found.match < 0) | (found.similarity >= SURE_MATCH)
+        allowed = np.zeros((len(number_of), len(found.objects) + 1), np.uint8)
+        allowed[sure] = [1, *(not o.confirmed for o in found.objects)]
+        numbers = number_of.tolist()
+        for i in np.flatnonzero(sure).tolist():
+            labelled = numbers[i] > 0 and self.store[numbers[i]].confirmed
+            others = self.store.affinity.partners(
+                numbers[i], max_log_odds=-CERTAIN_LOG_ODDS / 2.0 if labelled else -CERTAIN_LOG_ODDS
+            )
+            if others:
+                columns = place[others]
+                allowed[i, columns[columns > 0]] = 1
+        return place, allowed
+
+    def _update_affinity(
+        self, frame_segments: FrameSegments, found: Association, novelty: float
+    ) -> set[frozenset[int]]:
+        """Add evidence on pairs: objects covered by one segment, and objects whose segments lie side by side.
+
+        Return the pairs of numbers of the objects that lie side by side.
+        """
+        separate = set()
+        affinity = self.store.affinity
+        numbers = [o.number for o in found.objects]
+        covered = (found.object_pixels >= MIN_READINGS) & (found.overlap >= COVERED_FRACTION * found.object_pixels)
+        for i in np.flatnonzero(covered.sum(1) > 1):
+            for a, b in combinations(np.flatnonzero(covered[i]).tolist(), 2):
+                affinity.add_evidence(numbers[a], numbers[b], same=True, novelty=novelty)
+        matched, match = found.match >= 0, found.match.tolist()
+        adjacent = np.triu(frame_segments.contact + frame_segments.contact.T > 0, 1) & matched & matched[:, None]
+        for i, j in zip(*(k.tolist() for k in np.nonzero(adjacent)), strict=True):
+            a, b = found.objects[match[i]], found.objects[match[j]]
+            if self._are_separate(frame_segments, i, j) and not self._are_attached(a, b):
+                affinity.add_evidence(a.number, b.number, same=False, novelty=novelty)
+                separate.add(frozenset((a.number, b.number)))
+        return separate
+
+    @staticmethod
+    def _are_attached(a: MapObject, b: MapObject) -> bool:
+        return a.holder == b.number or b.holder == a.number
+
+    def _add_attachments(self, objects: Sequence[MapObject], novelty: float) -> None:
+        """Add evidence that objects without support from below are parts of the objects to which they are attached."""
+        for entry in objects:
+            if entry.moved:
+                continue
+            if entry.holder and entry.holder in self.store and self.store[entry.holder].state is not State.RETIRED:
+                self.store.affinity.add_attachment(entry.number, entry.holder, novelty)
+
+    def _add_overlaps(self, objects: Sequence[MapObject], novelty: float, separate: set[frozenset[int]]) -> None:
+        """Add evidence that objects which overlap in space are one: solids do not overlap.
+
+        Pairs in `separate`, which this frame shows side by side, are left out: a box that was fitted to both objects
+        overlaps the second one until the voxels have their new owner.
+        """
+        # An object that was seen to move is not a part of the object in which it lies now.
+        entries = [o for o in objects if len(o.points) and not o.moved]
+        labelled = [o for o in entries if o.confirmed]
+        if not labelled:
+            return
+        for i, j in zip(*(k.tolist() for k in np.nonzero(self.store.overlapping(entries, labelled))), strict=True):
+            first, second = entries[i], labelled[j]
+            # Count each pair once, and no object with itself.
+            counted = first.confirmed and first.number >= second.number
+            if not counted and frozenset((first.number, second.number)) not in separate:
+                self.store.affinity.add_evidence(first.number, second.number, same=True, novelty=novelty)
+
+    def _penalise_missed(self, found: Association) -> None:
+        """Lower the log-odds of candidates in view without a match."""
+        matched = set(found.match.tolist())
+        for j, entry in enumerate(found.objects):
+            if entry.state is State.CANDIDATE and j not in matched:
+                entry.log_odds -= MISSED
+
+    def _retire_removed(self, found: Association, settled: frozenset[int]) -> None:
+        """Retire unmatched confirmed objects whose points were removed by free-space carving: most were taken away."""
+        matched = set(found.match.tolist())
+        for j, entry in enumerate(found.objects):
+            if j in matched or not entry.confirmed or entry.number in settled:
+                continue
+            # Some points at its foot remain: a ray that passes close to a table is like one that hits an object on
+            # it.
+            if not self._voxels.stored.has_rows(entry.number, ceil(LEFT_FRACTION * len(entry.points))):
+                self.store.retire(entry)
+
+    def reset_supports(self) -> None:
+        """Reset the support of all objects and refit labelled ones, because the up direction has changed.
+
+        Candidates are retired: new supporting surfaces may have been tracked as objects.
+        """
+        self.store.retire_all([entry for entry in self.store.living() if not entry.confirmed])
+        for entry in self.store.confirmed():
+            entry.plane, entry.supports = None, {}
+            self._fitting.fit(entry)
+
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
+        """Correct the map; each object moves with the keyframe to which most of its points are anchored.
+
+        Parameters
+        ----------
+        moved : mapping of int to (4, 4) float64
+            T_new_old in the world for each keyframe that moved.
+        """
+        for entry in self.store.living():
+            if entry.keyframe < 0:
+                entry.keyframe = self._voxels.stored.keyframe_of(self._voxels.stored.rows_of(entry.number))
+            T = moved.get(entry.keyframe)
+            if T is not None:
+                R, t = T[:3, :3], T[:3, 3]
+                self.store.place(entry, Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation))
+                entry.points = transform(T, entry.points).astype(np.float32)
+                entry.views = np.hstack([entry.views[:, :3] @ R.T, entry.views[:, 3:]])
+        self._voxels.moving.apply_correction(moved)
+
+    def begin_visit(self) -> None:
+        """Begin a later visit: limit the weight of earlier sightings, so that boxes are soon refitted."""
+        self._voxels.begin_visit(VISIT_SIGHTINGS)
+        for entry in self.store.living():
+            entry.sightings = min(entry.sightings, VISIT_SIGHTINGS)
+            entry.fitted = min(entry.fitted, VISIT_SIGHTINGS)
+
+    def _merge(self, numbers: Sequence[int], eye: Float64Array) -> None:
+        """Merge objects that are one according to their affinity; the camera is at `eye` (3,)."""
+        for entry in self.store.all_of(numbers):
+            number = entry.number
+            if number not in self.store or entry.state is State.RETIRED:
+                continue
+            for other in self.store.affinity.partners(number, min_log_odds=CERTAIN_LOG_ODDS / 2.0):
+                if other not in self.store:
+                    continue
+                evidence = self.store.affinity.of(number, other)
+                a, b = self.store[number], self.store[other]
+                min_log_odds = CERTAIN_LOG_ODDS if a.confirmed and b.confirmed else CERTAIN_LOG_ODDS / 2.0
+                if evidence is not None and evidence >= min_log_odds:
+                    self.merge(a, b, eye)
+                    break
+
+    def merge(self, first: MapObject, second: MapObject, eye: Float64Array | None = None) -> MapObject:
+        """Merge two objects and return the result; `eye` (3,) is the position of a camera that sees them, if any."""
+        kept, _ = self.store.merge(first, second)
+        self._fitting.fit(kept, eye)
+        return kept
+
+    def _retire_unlikely(self, numbers: Sequence[int]) -> None:
+        """Retire objects whose log-odds have fallen below the threshold."""
+        entries = self.store.all_of(numbers)
+        self.store.retire_all(
+            [o for o in entries if -o.log_odds >= (CERTAIN_LOG_ODDS if o.confirmed else CERTAIN_LOG_ODDS / 2.0)]
+        )
+
+    def record_seen(
+        self, frame: int, seen: Sequence[MapObject], has_rested: Callable[[MapObject], bool]
+    ) -> list[MapObject]:
+        """Record that a frame shows these objects; confirm the candidates among them that meet all criteria.
+
+        Parameters
+        ----------
+        frame : int
+        seen : sequence of MapObject
+        has_rested : callable
+            Returns whether a candidate that meets all other criteria has been at rest long enough to get a label.
+
+        Returns
+        -------
+        list of MapObject
+            The newly confirmed objects.
+        """
+        confirmed = []
+        for entry in seen:
+            if (
+                entry.state is State.CANDIDATE
+                and entry.log_odds >= CERTAIN_LOG_ODDS
+                and is_confirmable(entry, self.store, self._planes, self._config)
+                and has_rested(entry)
+            ):
+                self.store.confirm(entry)
+                confirmed.append(entry)
+        for entry in seen:
+            entry.frames_seen += 1
+            entry.last_frame = frame
+        return confirmed

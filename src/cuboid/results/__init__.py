@@ -1,0 +1,1 @@
+"""What a run leaves: its files, views of them, exports to other programs."""

@@ -1,0 +1,103 @@
+"""Exports of results to other programs' formats. Other packages can add formats (entry points ``cuboid.exports``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.formats.reading import real_path
+from cuboid.results.exports import (
+    coco,
+    csv_table,
+    glb,
+    graphml,
+    kitti,
+    mcap,
+    obj,
+    plain_json,
+    ply,
+    rerun_file,
+    stl,
+    urdf,
+    usd,
+)
+from cuboid.results.exports.registry import EXPORTS, Export
+from cuboid.results.files import OUTPUT_NAMES, Results
+from cuboid.results.files.pending import new_file, new_folder
+
+__all__ = [
+    "EXPORTS",
+    "Export",
+    "Results",
+    "coco",
+    "csv_table",
+    "export",
+    "glb",
+    "graphml",
+    "kitti",
+    "mcap",
+    "obj",
+    "plain_json",
+    "ply",
+    "rerun_file",
+    "stl",
+    "urdf",
+    "usd",
+]
+
+
+def export(run: Results, name: str, path: PathLike, *, force: bool = False, **options: Any) -> list[str]:
+    """Write results in another format.
+
+    Parameters
+    ----------
+    run : Results
+        The results.
+    name : str
+        Name of the format, one of `EXPORTS`.
+    path : path
+        The file, or for PLY the folder, to write; it appears when it is whole.
+    force : bool
+        Whether existing files are replaced.
+    **options
+        Those of shapes (glb, obj, stl, urdf, usd): close and complete as of `Results.mesh`; and, but for stl,
+        collision: "none", "box", "hull" or "parts".
+
+    Returns
+    -------
+    list of str
+        Notes for the user, for example what the format cannot represent.
+
+    Raises
+    ------
+    InputError
+        There is no such form, it has no such option, or a file of the results is missing or malformed.
+    OutputError
+        The name does not fit the form, exists without `force`, is a file of the results, or cannot be written.
+    MissingExtraError
+        The form needs a package that is not installed.
+    """
+    form, path = EXPORTS.get(name), as_path(path)
+    _refuse(run, name, form, path)
+    for option in options:
+        if option not in form.options:
+            with_it = ", ".join(key for key, one in EXPORTS.items() if option in one.options)
+            raise InputError(f"'{name}' has no option {option}; of the exports these have: {with_it or 'none'}")
+    if form.suffix:
+        with new_file(path, force=force) as file:
+            return form.write(run, file, **options)
+    with new_folder(path, force=force, replaces=form.names) as folder:
+        return form.write(run, folder, **options)
+
+
+def _refuse(run: Results, name: str, form: Export, path: Path) -> None:
+    """Refuse a name with another suffix, or the name of a result file."""
+    if form.suffix and path.suffix.lower() != form.suffix:
+        raise OutputError(f"{path}: the name must end with {form.suffix} for '{name}'")
+    if not form.suffix and path.suffix:
+        raise OutputError(f"{path}: '{name}' makes a folder of files, whose name has no '{path.suffix}'")
+    real, results = real_path(path), real_path(run.folder)
+    if real == results or (real.parent == results and real.name in OUTPUT_NAMES):
+        raise OutputError(f"{path}: belongs to the results themselves; name another output")

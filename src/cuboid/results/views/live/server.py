@@ -1,0 +1,141 @@
+"""The live page and its messages, served to the browser."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from types import TracebackType
+from typing import Self
+
+from cuboid.ground.core.errors import OutputError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.results import MapPoints
+from cuboid.results.views.live.messages import end_message, map_message, moment_message, page_of, spacing_of, warm_up
+from cuboid.results.views.live.watch import LiveView, Ration
+from cuboid.results.views.serving import HOST, LOCAL_NAMES, Answer, PageHandler, PageServer, listening, path_and_query
+
+# The first port is the same in every run, so that a forwarded port can stay; if it is in use, one of the next is used.
+PORT = 8765
+PORTS = range(PORT, PORT + 20)
+
+# A request waits this long for new data; then it is answered without data, and the page asks again.
+POLL_TIMEOUT_S = 5.0
+
+# The page waits this long for a first moment; without one it loads empty, and reloads when there is one.
+FIRST_S = 1.0
+
+ASKED = re.compile(r"/(moment|map)/(\d{1,9})")
+
+
+class LiveServer:
+    """Context manager: serves a live view from separate threads.
+
+    Parameters
+    ----------
+    view : LiveView
+        The source of the data.
+    title : str
+        Title of the page.
+    intrinsics : Intrinsics
+        Of the recording's color image.
+    host : str
+        Address to listen on. With the loopback address, only this machine is served.
+
+    Attributes
+    ----------
+    port : int
+
+    Raises
+    ------
+    OutputError
+        The address cannot be used.
+    """
+
+    def __init__(self, view: LiveView, title: str, intrinsics: Intrinsics, host: str = HOST) -> None:
+        self.view = view
+        self._title = title
+        self._intrinsics = intrinsics
+        self._spacing_m: float | None = None
+        self._lock = threading.Lock()
+        self._worker = ThreadPoolExecutor(1, "live view")  # one thread: each new thread would load the fonts
+        self._packed: dict[str, tuple[int, bytes]] = {}
+
+        class Handler(PageHandler):
+            show = staticmethod(self._answer)
+            names = LOCAL_NAMES if host in LOCAL_NAMES else ()
+
+        self._server = _listening(host, Handler)
+        self.port = int(self._server.server_address[1])
+        self._thread = threading.Thread(target=self._server.serve_forever, name="live view", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._worker.submit(warm_up).result()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.view.ended is None:
+            self.view.end(complete=False)
+        self._server.shutdown()
+        self._server.server_close()
+        self._worker.shutdown()
+
+    def _answer(self, address: str) -> Answer | None:
+        """Return content type and content for an address; None if there is no content."""
+        path, _ = path_and_query(address)
+        if path == "/":
+            moment = self.view.moment_after(0, FIRST_S)
+            page = page_of(self._title, self._intrinsics, moment, self.view.first_pose)
+            return "text/html; charset=utf-8", page.encode("utf-8", "backslashreplace")
+        request = ASKED.fullmatch(path)
+        if request is None:
+            return None
+        return self._moment(int(request[2])) if request[1] == "moment" else self._map(int(request[2]))
+
+    def _moment(self, number: int) -> Answer:
+        moment = self.view.moment_after(number, POLL_TIMEOUT_S)
+        if moment is not None:
+            return "application/json", self._once(
+                self.view.moments, "moment", moment.number, lambda: moment_message(moment, self._intrinsics)
+            )
+        ended = self.view.ended
+        if ended is None:
+            return "application/json", b"{}"
+        self.view.farewell()
+        return "application/json", end_message(ended, self.view.warnings)
+
+    def _map(self, number: int) -> Answer:
+        found = self.view.map_after(number, POLL_TIMEOUT_S)
+        if found is None:
+            return "application/octet-stream", b""
+        return "application/octet-stream", self._once(self.view.maps, "map", found[0], lambda: self._packed_map(*found))
+
+    def _packed_map(self, number: int, points: MapPoints) -> bytes:
+        if self._spacing_m is None:
+            self._spacing_m = spacing_of(points)
+        return map_message(number, points, self._spacing_m or 0.01)
+
+    def _once(self, ration: Ration, kind: str, number: int, make: Callable[[], bytes]) -> bytes:
+        """Return a message; it is built once for all clients."""
+        with self._lock:
+            if kind not in self._packed or self._packed[kind][0] < number:
+                self._packed[kind] = number, self._worker.submit(charged, ration, make).result()
+            return self._packed[kind][1]
+
+
+def charged(ration: Ration, make: Callable[[], bytes]) -> bytes:
+    """Return the result of `make`, and charge its processor time to a ration."""
+    with ration.charged():
+        return make()
+
+
+def _listening(host: str, handler: type[PageHandler]) -> PageServer:
+    """Return a server at the first free port."""
+    try:
+        return listening(host, (*PORTS, 0), handler)
+    except OSError as error:
+        raise OutputError(f"--live: {host} cannot be used: {error.strerror or error}") from error

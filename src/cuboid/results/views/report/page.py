@@ -1,0 +1,132 @@
+"""The page in one file: HTML, style and scripts together with their data."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.results.files.pending import write_whole
+from cuboid.results.views.report.summary import Summary
+
+# Scripts in the order of their dependencies; the live page has the shared ones too.
+SHARED = (
+    "math.js",
+    "elements.js",
+    "data.js",
+    "rows.js",
+    "shaders.js",
+    "renderer.js",
+    "scene.js",
+    "orbit.js",
+    "tags.js",
+    "measure.js",
+)
+SCRIPTS = (
+    *SHARED,
+    "timeline.js",
+    "naming.js",
+    "tree.js",
+    "card.js",
+    "changes.js",
+    "run.js",
+    "picture.js",
+    "main.js",
+)
+
+
+def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
+    """Return the page as HTML.
+
+    Parameters
+    ----------
+    summary : Summary
+        The contents of the page.
+    live : mapping, optional
+        Addresses of the pictures of frames on a server (`cuboid view`); None for a page that is a file.
+
+    Returns
+    -------
+    str
+    """
+    document = {**summary.to_dict(), "live": live}
+    return assembled(
+        page_source("page.html"), style(page_source("page.css")), [page_source(name) for name in SCRIPTS], document
+    )
+
+
+def page_source(name: str) -> str:
+    """Return the text of a file of the page: HTML, style or script."""
+    return (files("cuboid.results.views.report") / "page" / name).read_text(encoding="utf-8")
+
+
+def style(*parts: str) -> str:
+    """Return the style of a page: first the palette and elements that all pages share, then its own parts."""
+    return "\n".join((page_source("base.css"), *parts))
+
+
+def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str, Any]) -> str:
+    """Return a page assembled from its parts.
+
+    Parameters
+    ----------
+    html : str
+        With placeholders in double braces for title, mark, style, data and script.
+    css : str
+        From `style`.
+    scripts : sequence of str
+        In the order of their dependencies; they share one scope, apart from the global one.
+    document : mapping
+        The data of the scripts, ready for JSON; its "title" is the title of the page.
+    """
+    together = "\n".join(scripts)
+    parts = {
+        "title": escape(f"{document['title']} - cuboid"),
+        "style": css,
+        "mark": page_source("mark.svg"),
+        "data": _json(document),
+        "script": f'"use strict";\n(() => {{\n{together}\n}})();',
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], html)
+
+
+def renamed(page: str, label: int, names: Mapping[str, Any]) -> str:
+    """Return a page with new name fields of an object; a page without data of this program is returned unchanged."""
+    found = re.search(r'(<script type="application/json" id="data">)(.*?)(</script>)', page, re.DOTALL)
+    if found is None:
+        return page
+    document = json.loads(found[2])
+    for entry in document["objects"]:
+        if entry["label"] == label:
+            entry.update(names)
+    for entry in document["changes"]:
+        if entry["label"] == label:
+            entry["name"] = names["name"]
+    return page[: found.start(2)] + _json(document) + page[found.end(2) :]
+
+
+def _json(document: Mapping[str, Any]) -> str:
+    # "</script>" in a text would end the element; therefore the JSON contains no "<"
+    return json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def write_report(path: PathLike, summary: Summary) -> None:
+    """Write the page; the file appears, or is replaced, when it is complete.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    summary : Summary
+        From `summarise`.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; no file is left.
+    """
+    write_whole(as_path(path), page_of(summary))

@@ -1,0 +1,259 @@
+"""Track a recording: read, track, write results and a report."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cuboid import __version__
+from cuboid.ground.core.compiletime import working_s
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.formats.reading import real_path
+from cuboid.method.poses.sources import AUTO, CORRECTED, ESTIMATED, GIVEN, Poses
+from cuboid.results.files import Results, ResultWriter, RunReport
+from cuboid.results.files.folder import VIDEO
+from cuboid.runs.pipeline.loop import Decoded, Pipeline, decode
+from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
+from cuboid.runs.pipeline.plan import Plan, plan_for
+from cuboid.runs.pipeline.streaming import FrameSource, Stream
+from cuboid.runs.tracking.checks import checked_warnings
+from cuboid.runs.tracking.measuring import peak_memory_mb
+from cuboid.runs.tracking.saving import objects_file, write_page
+from cuboid.runs.tracking.tracker import Tracker
+from cuboid.runs.tracking.types import MakeFrameSink, MakeTracker, RecordingLike, RunOutcome, TrackerLike
+
+if TYPE_CHECKING:
+    from cuboid.method.proposals.types import ProposalSource
+    from cuboid.results.views.video import FrameSink
+    from cuboid.runs.scene.running import IntoScene, SceneRun
+
+
+def track_recording(
+    recording: RecordingLike | FrameSource,
+    output: PathLike | None,
+    options: TrackOptions | None = None,
+    *,
+    results: ResultOptions | None = None,
+    into: IntoScene | None = None,
+    hooks: RunHooks | None = None,
+) -> RunOutcome:
+    """Track the objects of a recording and write the results.
+
+    Parameters
+    ----------
+    recording : RecordingLike or FrameSource
+        From `cuboid.open_recording` or `cuboid.open_camera`.
+    output : path or None
+        Folder of the results; None writes nothing.
+    options : TrackOptions, optional
+        How the recording is tracked.
+    results : ResultOptions, optional
+        Which results are made.
+    into : IntoScene, optional
+        The scene to which the recording is added.
+    hooks : RunHooks, optional
+        Who follows and stops the run.
+
+    Returns
+    -------
+    RunOutcome
+
+    Raises
+    ------
+    InputError
+        If the poses of the recording are required and it has none, or if more than half of its frames cannot be
+        used; then nothing is written.
+    OutputError
+        If the results cannot be written; no partial results are left.
+
+    Examples
+    --------
+    >>> recording = cuboid.open_recording("my-recording")  # doctest: +SKIP
+    >>> cuboid.track_recording(recording, "results", cuboid.TrackOptions(limit=300))  # doctest: +SKIP
+    """
+    begun_s = working_s()
+    output = None if output is None else as_path(output)
+    taken: RecordingLike = Stream(recording) if isinstance(recording, FrameSource) else recording
+    results, hooks = results or ResultOptions(), hooks or RunHooks()
+    plan = plan_for(taken, options or TrackOptions())
+    every = plan.options.every
+    if into is not None and plan.poses in (AUTO, CORRECTED):
+        raise InputError(f"{taken.path}: --poses {plan.poses} cannot go into a scene; use given or estimated")
+    frames = _frames(plan)
+    with ExitStack() as opened:
+        corrected = plan.poses == ESTIMATED if into is None else into.corrects(plan.poses)
+        writer = _writer(opened, taken, output, results.force, corrected)
+        session = None if into is None else opened.enter_context(_session(plan, into))
+        tracker, source = _tracking(plan, session, writer, hooks.make_tracker, shapes=results.shapes)
+        if session is not None:
+            frames = session.go_on(frames, writer)
+        planned = None if isinstance(taken, Stream) else len(frames)
+        hooks.progress.start(planned)
+        bare = taken if source.given_with_frames else taken.without_poses()
+        make_view = (hooks.make_view or _video) if results.video else None
+        with (
+            _view(writer, taken, every, make_view) as view,
+            closing(_decode(bare, frames, plan.options)) as decoded,
+        ):
+            scale, watch = plan.options.scale, hooks.watch
+            pipeline = Pipeline(taken.path, planned, tracker, scale, view, watch, hooks.progress, session)
+            complete = pipeline.follow(decoded, hooks.stop)
+        if complete and not tracker.T_world_camera and plan.poses == ESTIMATED:
+            raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
+        warnings = tracker.warnings if writer is None else checked_warnings(tracker, bare, every)
+        if session is not None:
+            warnings = (*session.warnings(), *warnings)
+        report = _report(plan, tracker, complete=complete, begun_s=begun_s, warnings=warnings)
+        points = tracker.map_points()
+        found = objects_file(
+            tracker, taken.intrinsics, points, relations=results.relations, furniture=results.furniture
+        )
+        if writer is not None:
+            writer.finish(found, points, report, tracker.corrected_trajectory(), tracker.kept_views)
+        if session is not None:
+            session.finish(complete=complete, walls=found.walls if results.relations else None)
+    if output is not None and results.page:
+        write_page(Results(output), taken.read, () if into is None else into.shown_changes())
+    return RunOutcome(
+        report=report,
+        objects=found.objects,
+        planes=found.planes,
+        up=found.up,
+        milliseconds=tracker.log.milliseconds,
+        frames_per_second=tracker.log.frames_per_second(),
+        points=tracker.points_known,
+        map_bytes=tracker.map_bytes,
+        furniture=found.furniture,
+    )
+
+
+def _frames(plan: Plan) -> range:
+    """Return the frames to read; an empty range for a camera, whose frames are not known in advance."""
+    recording, options = plan.recording, plan.options
+    if isinstance(recording, Stream):
+        return range(0)
+    frames = range(0, len(recording), options.every)[: options.limit]
+    if not frames:
+        raise InputError(f"{recording.path}: the recording has no frames")
+    return frames
+
+
+def _session(plan: Plan, into: IntoScene) -> AbstractContextManager[SceneRun]:
+    """Return the run within a scene."""
+    from cuboid.runs.scene import Source
+
+    recording = plan.recording
+    live = isinstance(recording, Stream)
+    path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
+    visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, plan.settings())
+    return into.session(visit, plan.camera, plan.config, plan.proposals, plan.options.memory_mb)
+
+
+def _tracking(
+    plan: Plan, session: SceneRun | None, writer: ResultWriter | None, make_tracker: MakeTracker | None, *, shapes: bool
+) -> tuple[Tracker, Poses]:
+    """Return the tracker, and the source of its poses."""
+    camera, options, source = plan.camera, plan.options, plan.source_of_poses()
+    write = None if writer is None else partial(writer.add, pixels=options.scale)
+    if session is None:
+        make = make_tracker or partial(_tracker, memory_mb=options.memory_mb)
+        mapper = make(camera, plan.config, plan.proposals)
+        if options.detector is not None:
+            _use_detector(mapper, plan)
+        return Tracker.of_parts(camera, plan.config, mapper, source, write, shapes=shapes), source
+    session.tracker.use_detector(options.detector, plan.detector_every)
+    source = session.poses(source)
+    tracker = Tracker.of_parts(camera, plan.config, session.tracker, source, write, shapes=shapes)
+    tracker.resume(session.begun.T_world_camera, session.begun.times_s, session.begun.skipped)
+    return tracker, source
+
+
+def _decode(recording: RecordingLike, frames: range, options: TrackOptions) -> Generator[Decoded, None, None]:
+    ahead = options.threads > 1
+    if isinstance(recording, Stream):
+        return recording.decode(options.every, options.limit, ahead=ahead)
+    return decode(recording, frames, ahead=ahead)
+
+
+def _report(plan: Plan, tracker: Tracker, *, complete: bool, begun_s: float, warnings: tuple[str, ...]) -> RunReport:
+    recording = plan.recording
+    live = recording.source if isinstance(recording, Stream) else None
+    used, skipped = len(tracker.T_world_camera), tuple(tracker.log.skipped)
+    return RunReport(
+        version=__version__,
+        complete=complete,
+        recording=str(recording.path),
+        format=recording.format,
+        poses=tracker.poses or GIVEN,
+        threads=plan.options.threads,
+        config={**plan.settings(), **_vocabulary(tracker), "tracker": tracker.config.to_dict()},
+        frames_read=used + len(skipped),
+        frames_used=used,
+        skipped=skipped,
+        milliseconds=tracker.log.timings(),
+        seconds=working_s() - begun_s,
+        peak_memory_mb=peak_memory_mb(),
+        warnings=(*recording.warnings, *warnings),
+        frames_dropped=live.dropped if live else 0,
+        limits=tracker.log.limits(),
+    )
+
+
+def _vocabulary(tracker: Tracker) -> dict[str, Any]:
+    """Return the classes of the detector, if one was used."""
+    return {"vocabulary": list(tracker.vocabulary)} if tracker.vocabulary else {}
+
+
+def _writer(
+    opened: ExitStack, recording: RecordingLike, output: Path | None, force: bool, corrected: bool
+) -> ResultWriter | None:
+    if output is None:
+        return None
+    if real_path(output) == real_path(Path(recording.path)):
+        raise OutputError(f"{output}: is the recording itself; name another output folder")
+    return opened.enter_context(ResultWriter(output, force=force, corrected=corrected))
+
+
+@contextmanager
+def _view(
+    writer: ResultWriter | None, recording: RecordingLike, every: int, make: MakeFrameSink | None
+) -> Iterator[FrameSink | None]:
+    if make is None or writer is None:
+        yield None
+        return
+    with writer.naming(VIDEO) as path:
+        view = make(path, recording.intrinsics, every)
+        try:
+            yield view
+        except BaseException:
+            view.close(complete=False)
+            raise
+        view.close(complete=True)
+
+
+def _tracker(
+    intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None, *, memory_mb: float
+) -> TrackerLike:
+    from cuboid.runs.tracking.posed_tracker import PosedTracker
+
+    return PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
+
+
+def _use_detector(mapper: TrackerLike, plan: Plan) -> None:
+    from cuboid.runs.tracking.posed_tracker import PosedTracker
+
+    if not isinstance(mapper, PosedTracker):
+        raise ValueError(f"a detector needs the tracker of Cuboid, not a {type(mapper).__name__}")
+    mapper.use_detector(plan.options.detector, plan.detector_every)
+
+
+def _video(path: Path, intrinsics: Intrinsics, every: int) -> FrameSink:
+    from cuboid.results.views.video import VideoView, video_rate
+
+    return VideoView(path, intrinsics, video_rate(every))

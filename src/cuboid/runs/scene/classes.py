@@ -1,0 +1,86 @@
+"""A detector's classes and kinds of a scene's objects: rows of the table `scene`, one per label and class."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+
+from cuboid.results.files.text import LENGTH, rounded
+from cuboid.runs.scene.validation import DamagedError, Row, read_rows
+
+# A row's key is KEY, the label, and the rank of the class (the most likely first); its value is the probability and the
+# class name.
+KEY = "class"
+# A row's key for the kind of an object without usable depth: KIND, the label, and 0.
+KIND, KINDS = "kind", ("box", "flat")
+# Maximum number of classes kept per object: its name and the next three.
+KEPT = 4
+# Maximum length of a class name, characters; longer names are cut.
+LONGEST = 100
+
+
+def write_classes(connection: sqlite3.Connection, classes: Mapping[int, Sequence[tuple[str, float]]]) -> None:
+    """Write the detected classes of objects, by label, within the caller's transaction."""
+    for label, seen in classes.items():
+        if seen:
+            _replace(connection, KEY, label, [f"{rounded(score, LENGTH)} {name[:LONGEST]}" for name, score in seen])
+
+
+def _replace(connection: sqlite3.Connection, key: str, label: int, values: Sequence[str]) -> None:
+    connection.execute("DELETE FROM scene WHERE key GLOB ?", (f"{key}/{label}/*",))
+    rows = [(f"{key}/{label}/{place}", value) for place, value in enumerate(values[:KEPT])]
+    connection.executemany("INSERT INTO scene VALUES (?, ?)", rows)
+
+
+def write_kinds(connection: sqlite3.Connection, kinds: Mapping[int, str | None]) -> None:
+    """Write the kinds of objects without usable depth, by label; None removes an entry."""
+    for label, kind in kinds.items():
+        _replace(connection, KIND, label, [] if kind is None else [kind])
+
+
+def read_kinds(connection: sqlite3.Connection) -> dict[int, str]:
+    """Return the kinds of objects without usable depth, by label.
+
+    Raises
+    ------
+    DamagedError
+        A row is invalid.
+    """
+    columns = ("scene.key", "scene.value")
+    return {
+        _label_of(key, value): value
+        for key, value in read_rows(connection, columns, "scene WHERE key GLOB ?", [f"{KIND}/*"])
+    }
+
+
+def _label_of(key: str, value: str) -> int:
+    _, _, rest = key.partition("/")
+    label, _, _ = rest.partition("/")
+    if value not in KINDS or not label.isdecimal():
+        raise DamagedError(f"the kind of an object is damaged: '{key}' is '{value}'")
+    return int(label)
+
+
+def read_classes(rows: Iterable[Row]) -> dict[int, list[tuple[str, float]]]:
+    """Return classes with their probabilities, the most likely first, by label.
+
+    Parameters
+    ----------
+    rows : iterable of (str, str)
+        Key and value, sorted by key.
+
+    Raises
+    ------
+    DamagedError
+        A row is invalid.
+    """
+    found: dict[int, list[tuple[str, float]]] = defaultdict(list)
+    for key, value in rows:
+        try:
+            _, label, _ = key.split("/")
+            score, name = value.split(" ", 1)
+            found[int(label)].append((name, min(max(float(score), 0.0), 1.0)))
+        except ValueError:
+            raise DamagedError(f"the class of an object is damaged: '{key}' is '{value}'") from None
+    return found

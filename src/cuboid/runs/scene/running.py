@@ -1,0 +1,170 @@
+"""A run of `cuboid track` that adds its recording to a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.core.paths import PathLike
+from cuboid.ground.core.results import SceneChange, Wall
+from cuboid.method.poses.sources import Poses
+from cuboid.method.proposals.types import ProposalSource
+from cuboid.results.files import ResultWriter
+from cuboid.runs.scene.scene import Scene
+from cuboid.runs.scene.session import COMMIT_EVERY_S, SceneTracker
+from cuboid.runs.scene.visit import Source
+
+# Name under which the scene keeps the skipped frames until the run ends, beside the result files.
+SKIPPED = "skipped"
+
+
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """The progress of an interrupted run at its last commit.
+
+    Attributes
+    ----------
+    next_frame : int
+        Frame of the recording at which to continue.
+    skipped : tuple of (int, str)
+        Skipped frames, each with the reason.
+    T_world_camera : dict of int to (4, 4) float64
+        Camera pose of each used frame.
+    times_s : dict of int to float
+    texts : dict of str to str
+        Contents of the result files, by name.
+    """
+
+    next_frame: int = 0
+    skipped: tuple[tuple[int, str], ...] = ()
+    T_world_camera: Mapping[int, Float64Array] = field(default_factory=dict)
+    times_s: Mapping[int, float] = field(default_factory=dict)
+    texts: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class IntoScene:
+    """The scene to which a recording is added, and how.
+
+    Attributes
+    ----------
+    path : path
+        The scene file; it is created if it is missing.
+    same_world : bool
+        Whether the recording's given poses are in the scene's world; else they are aligned with it by the appearance of
+        the place.
+    resume : bool
+        Whether to continue an interrupted run.
+    commit_every_s : float
+        Interval of commits, seconds.
+    """
+
+    path: PathLike
+    same_world: bool = False
+    resume: bool = False
+    commit_every_s: float = COMMIT_EVERY_S
+
+    def corrects(self, poses: str) -> bool:
+        """Return whether a recording's poses ("given" or "estimated") are corrected while it is tracked."""
+        if poses == "estimated" or self.same_world:
+            return poses == "estimated"
+        with Scene.open(self.path) as scene:
+            return len(scene.recordings) > int(self.resume)
+
+    def shown_changes(self) -> list[SceneChange]:
+        """Return the changes of the last recording, as the 3D page shows them."""
+        with Scene.open(self.path) as scene:
+            return scene.shown_changes(len(scene.recordings))
+
+    @contextmanager
+    def session(
+        self,
+        source: Source,
+        camera: Intrinsics,
+        config: TrackerConfig,
+        proposals: str | ProposalSource | None,
+        memory_mb: float,
+    ) -> Iterator[SceneRun]:
+        """Open the scene for a run; without `SceneRun.finish` the scene stays as last committed.
+
+        Raises
+        ------
+        InputError
+            The scene cannot be used, or the recording cannot be placed in it.
+        OutputError
+            Another process writes the scene, or it cannot be written.
+        """
+        with Scene.open(self.path) as scene:
+            tracker = scene.tracker(
+                camera,
+                config,
+                proposals,
+                source=source,
+                same_world=self.same_world,
+                resume=self.resume,
+                commit_every_s=self.commit_every_s,
+                memory_mb=memory_mb,
+            )
+            try:
+                yield SceneRun(scene, tracker)
+            finally:
+                tracker.drop()
+
+
+class SceneRun:
+    """A run in a scene.
+
+    Attributes
+    ----------
+    tracker : SceneTracker
+    begun : Begun
+        Progress of the run before its interruption; empty for a new run.
+    """
+
+    def __init__(self, scene: Scene, tracker: SceneTracker) -> None:
+        self.tracker = tracker
+        tracker.commits_itself = False
+        texts = scene.pending()
+        skipped = [line.split("\t", 1) for line in texts.pop(SKIPPED, "").splitlines()]
+        poses = scene.poses(tracker.visit.number)
+        self.begun = Begun(
+            tracker.visit.next_frame,
+            tuple((int(frame), reason) for frame, reason in skipped),
+            {frame: T for frame, (_, T) in poses.items()},
+            {frame: time_s for frame, (time_s, _) in poses.items()},
+            texts,
+        )
+
+    def go_on(self, frames: range, writer: ResultWriter | None) -> range:
+        """Continue the results of an interrupted run, and return the remaining frames."""
+        if writer is not None:
+            writer.go_on(self.begun.texts, self.tracker.keep)
+        passed = max(0, -(-(self.begun.next_frame - frames.start) // frames.step))
+        return frames[min(passed, len(frames)) :]
+
+    def poses(self, given: Poses) -> Poses:
+        """Return the source of poses in the scene's world."""
+        return self.tracker.poses(given)
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return warnings for the user about the recording in the scene."""
+        return self.tracker.warnings()
+
+    def next_frame(self) -> None:
+        """Commit new data if a commit is due."""
+        self.tracker.commit_if_due()
+
+    def skip(self, index: int, reason: str) -> None:
+        """Record that a frame was skipped."""
+        self.tracker.keep(SKIPPED, f"{index}\t{reason}\n")
+        self.tracker.skip(index)
+
+    def finish(self, *, complete: bool, walls: Sequence[Wall] | None = None) -> None:
+        """Commit everything; with `complete`, the recording is finished and cannot be resumed.
+
+        With the walls of the place, the relations of the objects are noted too.
+        """
+        self.tracker.close(complete=complete, walls=walls)

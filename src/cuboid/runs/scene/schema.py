@@ -1,0 +1,243 @@
+"""The tables of a scene file and the values of each column: they define the file and the check of every row.
+
+``docs/scene.md`` describes each of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import NoneType
+from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
+
+from msgspec import Meta
+
+from cuboid.ground.core.records import table_columns_of
+from cuboid.ground.core.results import TrackedObject
+from cuboid.ground.core.values import (
+    Amount,
+    Cosine,
+    Count,
+    EventName,
+    Fraction,
+    FrameNumber,
+    Label,
+    Metres,
+    Name,
+    Pixel,
+    QuaternionPart,
+    Seconds,
+    Side,
+)
+from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS
+
+# "CUBD": the application ID in the header of the file.
+APPLICATION_ID = 0x43554244
+# Version of the tables and of the states in them.
+VERSION = 1
+
+Whole: TypeAlias = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+Key: TypeAlias = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
+Long: TypeAlias = Annotated[str, Meta(max_length=10_000)]
+Moment: TypeAlias = Annotated[str, Meta(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00$")]
+CheckSum: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
+BlockRows: TypeAlias = Annotated[int, Meta(ge=0, le=BLOCK_ROWS)]
+Motion: TypeAlias = Annotated[bytes, Meta(min_length=128, max_length=128)]
+# An overlap may be rounded to slightly more than 1.
+Overlap: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0 + 1e-6)]
+State = Literal["present", "gone", "merged", "forgotten"]
+Change = Literal["unchanged", "moved", "gone", "new", "found", "not looked at"]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of a scene file.
+
+    Attributes
+    ----------
+    columns : dict of str to type
+        The values of each column, in order.
+    key : str
+        The primary key's columns, as in SQL; empty for none.
+    rules : tuple of str
+        Further constraints, in SQL.
+    rows_by_key : bool
+        Whether the file stores the rows in the order of the key.
+    optional : bool
+        Whether the table exists only after something is written into it.
+    """
+
+    columns: dict[str, Any]
+    key: str = ""
+    rules: tuple[str, ...] = ()
+    rows_by_key: bool = False
+    optional: bool = False
+
+    def sql(self, name: str) -> str:
+        """Return the SQL statement that creates the table if it does not exist."""
+        lines = [*(_column(*column) for column in self.columns.items()), *self.rules]
+        lines += [f"PRIMARY KEY ({self.key})"] if self.key else []
+        kind = "STRICT, WITHOUT ROWID" if self.rows_by_key else "STRICT"
+        return f"CREATE TABLE {'IF NOT EXISTS ' if self.optional else ''}{name} ({', '.join(lines)}) {kind};"
+
+
+def _column(name: str, kind: Any) -> str:
+    """Return the definition of a column in SQL."""
+    types, allowed = {*_plain_types(kind)}, get_args(kind) if get_origin(kind) is Literal else ()
+    sql = next(
+        sql for plain, sql in ((int, "INTEGER"), (float, "REAL"), (str, "TEXT"), (bytes, "BLOB")) if plain in types
+    )
+    check = f" CHECK ({name} IN ({', '.join(map(repr, allowed))}))" if allowed else ""
+    default = " DEFAULT 0" if name in WITH_DEFAULT else ""
+    return f"{name} {sql}{'' if NoneType in types else ' NOT NULL'}{default}{check}"
+
+
+def _plain_types(kind: Any) -> Iterator[Any]:
+    """Iterate over the types of a column's values."""
+    if isinstance(kind, type):
+        yield kind
+    elif get_origin(kind) is Literal:
+        yield str
+    elif get_origin(kind) is Annotated:
+        yield from _plain_types(get_args(kind)[0])
+    else:
+        for part in get_args(kind):
+            yield from _plain_types(part)
+
+
+# Columns that are zero in a new row.
+WITH_DEFAULT = ("complete", "next_frame", "picture_share")
+QUATERNION = ("qw", "qx", "qy", "qz")
+BOX = ("cx", "cy", "cz", "length", "width", "height", *QUATERNION)
+_BOX: dict[str, Any] = dict(zip(BOX, (*[Metres] * 3, *[Side] * 3, *[QuaternionPart] * 4), strict=True))
+_MOVE: dict[str, Any] = dict.fromkeys(("from_x", "from_y", "from_z", "to_x", "to_y", "to_z"), Metres | None)
+# Fields of an object that have columns unchanged: labels, names and planes are stored in other forms.
+DESCRIBED = tuple(
+    one for one in table_columns_of(TrackedObject) if one.name not in ("label", "name", "plane", "merged_labels")
+)
+_OF_RECORDING = "FOREIGN KEY (recording) REFERENCES recordings (id) ON DELETE CASCADE"
+
+TABLES = {
+    "scene": Table({"key": Name, "value": Name}, "key", rows_by_key=True),
+    "recordings": Table(
+        {
+            "id": Label,
+            "path": Long,
+            "format": Name,
+            "poses": Name,
+            "begun": Moment,
+            "ended": Moment | None,
+            "complete": Annotated[int, Meta(ge=0, le=1)],
+            **dict.fromkeys(("first_frame", "frames", "next_frame"), FrameNumber),
+            **dict.fromkeys(("camera", "settings"), Long),
+            "T_world_recording": Motion,
+        },
+        "id",
+    ),
+    "frames": Table(
+        {
+            "recording": Label,
+            "frame": FrameNumber,
+            "time_s": Seconds,
+            **dict.fromkeys(("tx", "ty", "tz"), Metres),
+            **dict.fromkeys(("qx", "qy", "qz", "qw"), QuaternionPart),
+        },
+        "recording, frame",
+        (_OF_RECORDING,),
+        rows_by_key=True,
+    ),
+    "planes": Table(
+        {"identity": Whole, **dict.fromkeys(("nx", "ny", "nz"), Cosine), "offset": Metres, "outline": str}, "identity"
+    ),
+    "objects": Table(
+        {
+            "label": Label,
+            "name": Name | None,
+            "state": State,
+            "merged_into": Label | None,
+            "plane": Whole | None,
+            **_BOX,
+            **{name: one.kind | None if one.optional else one.kind for one in DESCRIBED for name in one.names},
+            **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), Amount),
+            "picture": bytes | None,
+            "picture_share": Amount,
+        },
+        "label",
+        ("CHECK (label > 0)", "FOREIGN KEY (merged_into) REFERENCES objects (label)"),
+    ),
+    "boxes": Table({"id": Label, "label": Label, **_BOX}, "id"),
+    "sightings": Table(
+        {
+            "recording": Label,
+            "frame": FrameNumber,
+            "label": Label,
+            "box": Label,
+            "iou": Overlap | None,
+            "visible": Fraction,
+            **dict.fromkeys(("x0", "y0", "x1", "y1"), Pixel),
+        },
+        "label, recording, frame",
+        (
+            "FOREIGN KEY (box) REFERENCES boxes (id)",
+            "FOREIGN KEY (recording, frame) REFERENCES frames (recording, frame) ON DELETE CASCADE",
+        ),
+        rows_by_key=True,
+    ),
+    "blocks": Table(
+        {
+            "number": Annotated[int, Meta(ge=1, le=2**31 - 1)],
+            "cube": Key,
+            "visit": Annotated[int, Meta(ge=0, le=2**16 - 1)],
+            **dict.fromkeys(("rows", "living"), BlockRows),
+            "check_sum": CheckSum,
+            "data": bytes,
+        },
+        "number",
+    ),
+    "parts": Table({"key": Name, "check_sum": CheckSum, "fields": bytes}, "key", rows_by_key=True),
+    "arrays": Table(
+        {**dict.fromkeys(("part", "path", "form"), Name), "check_sum": CheckSum, "data": bytes}, "part, path"
+    ),
+    "pending": Table({"id": Label, "recording": Label, "file": Name, "text": str}, "id", (_OF_RECORDING,)),
+    "known": Table(
+        {"label": Label, **_BOX, "look": bytes, "points": bytes, "picture": bytes | None, "number": Count}, "label"
+    ),
+    "ground": Table(
+        {
+            **dict.fromkeys(("plane", "first_row", "first_column"), Whole),
+            **dict.fromkeys(("rows", "columns"), Count),
+            "seen": bytes,
+        },
+        "plane",
+    ),
+    "changes": Table(
+        {
+            "recording": Label,
+            "label": Label,
+            "change": Change,
+            **_MOVE,
+            "metres": Side | None,
+            "sure": Fraction,
+            **dict.fromkeys(("before", "after"), bytes | None),
+        },
+        "recording, label",
+        (_OF_RECORDING,),
+    ),
+    "events": Table(
+        {
+            "recording": Label,
+            "frame": FrameNumber,
+            "label": Label,
+            "event": EventName,
+            **_MOVE,
+            "score": Fraction,
+        },
+        "recording, frame, label",
+        ("FOREIGN KEY (recording, frame) REFERENCES frames (recording, frame) ON DELETE CASCADE",),
+        optional=True,
+    ),
+    "occupied": Table({"check_sum": CheckSum, "cells": bytes}),
+    "embeddings": Table(
+        {"label": Label, "model": Name, "picture": CheckSum | None, "vector": bytes}, "label", optional=True
+    ),
+}

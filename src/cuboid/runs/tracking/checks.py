@@ -1,0 +1,90 @@
+"""Checks at the end of a run: likely faults of its frames, poses, intrinsics and registration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cuboid.ground.core.errors import FrameError
+from cuboid.method.poses.sources import ESTIMATED, LOST, NO_POSE
+from cuboid.runs.tracking.diagnosis import RunFacts, diagnose, explains, median_or_none
+from cuboid.runs.tracking.types import RecordingLike
+
+if TYPE_CHECKING:
+    from cuboid.inputs.calibration.pose_fit import PoseFit
+    from cuboid.runs.tracking.tracker import Tracker
+
+
+def checked_warnings(tracker: Tracker, recording: RecordingLike, every: int) -> tuple[str, ...]:
+    """Return the warnings of a run, including those for which frames are read again; this takes a second or two.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        The tracker at the end of the run.
+    recording : RecordingLike
+        The recording of its frames.
+    every : int
+        Step between the frames that were read.
+    """
+    from cuboid.inputs.calibration.check import intrinsics_warning
+    from cuboid.inputs.calibration.pose_fit import pose_fit
+    from cuboid.inputs.calibration.registering import registration_warning
+
+    estimated, poses, fit = tracker.poses == ESTIMATED, tracker.trajectory, None
+    if not estimated:  # poses as given: drift correction would adapt them to a wrong depth scale
+        given = ((frame, recording.pose(frame)) for frame in poses if _has_pose(recording, frame))
+        fit = pose_fit(recording.read, recording.intrinsics, {k: T for k, T in given if T is not None})
+    intrinsics_line = None
+    if fit is None or explains(fit):
+        intrinsics_line = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
+    registration_line = registration_warning(recording.read, recording.intrinsics, sorted(poses))
+    checked = (line for line in (intrinsics_line, registration_line) if line is not None)
+    return (
+        *diagnose(run_facts(tracker, recording, every, fit)),
+        *tracker.pose_warnings,
+        *tracker.view_warnings,
+        *checked,
+    )
+
+
+def run_facts(
+    tracker: Tracker, recording: RecordingLike | None = None, every: int = 1, fit: PoseFit | None = None
+) -> RunFacts:
+    """Return the facts of a run for its diagnosis; without the recording, only those that the tracker knows."""
+    reasons = [reason for _, reason in tracker.log.skipped]
+    return RunFacts(
+        frames_read=len(tracker.T_world_camera) + len(reasons),
+        frames_used=len(tracker.T_world_camera),
+        frames_lost=reasons.count(LOST),
+        frames_without_pose=_without_pose(tracker, recording),
+        every=every,
+        depth_fraction=median_or_none(tracker.counts.depth_fraction),
+        depth_median_m=median_or_none(tracker.counts.depth_median_m),
+        depth_units_per_metre=1.0 if recording is None else recording.depth_units_per_metre,
+        pose_fit=fit,
+        up_known=tracker.up is not None,
+        planes=len(tracker.planes),
+        proposals=tracker.counts.proposals,
+        objects=len(tracker.objects),
+        farthest_m=max((float(np.abs(T[:3, 3]).max()) for T in tracker.T_world_camera.values()), default=0.0),
+    )
+
+
+def _without_pose(tracker: Tracker, recording: RecordingLike | None) -> int:
+    """Return the number of skipped frames that lack a pose although poses come with the frames."""
+    if tracker.poses == ESTIMATED:
+        return 0
+    return sum(
+        reason == NO_POSE if recording is None else not _has_pose(recording, frame)
+        for frame, reason in tracker.log.skipped
+    )
+
+
+def _has_pose(recording: RecordingLike, frame: int) -> bool:
+    try:
+        recording.pose(frame)
+    except FrameError:
+        return False
+    return True

@@ -1,0 +1,278 @@
+"""Likely faults of a run, derived from its facts at the end: one line each, with a command that helps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cuboid.ground.core.errors import counted
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.results import FrameResult
+
+if TYPE_CHECKING:
+    from cuboid.inputs.calibration.pose_fit import PoseFit
+
+# A frame's depth is examined in every PIXEL_STEP-th row and column: 0.1 ms.
+PIXEL_STEP = 8
+# Fraction of lost frames, or of frames without a pose, that gives a warning, and their smallest number.
+MANY_LOST, MIN_LOST = 0.1, 3
+# Fraction of pixels with readings below which a warning is given; real recordings at hand have 29 to 100 %.
+FEW_READINGS = 0.15
+# Plausible range of the median depth of a room or a table, metres; real recordings at hand have 0.44 to 2.2.
+NEAR_M, FAR_M = 0.2, 8.0
+# Largest distance at which objects are found, metres.
+REACH_M = 4.0
+# Points in results are 32-bit numbers; above this step between two such numbers, metres, rounding is larger than the
+# noise of a depth camera at half a metre (about 1 mm), and shapes of small objects show it.
+COARSE_STEP_M = 0.002
+# The poses of real recordings at hand explain 79 to 98 % of the depth of other frames; wrong poses explain up to 35 %
+# unless the camera hardly moves. Another convention or scale must explain at least CLEARLY_MORE than the given poses,
+# and at least EXPLAINED.
+UNEXPLAINED, CLEARLY_MORE, EXPLAINED = 0.35, 0.1, 0.6
+# An object is confirmed after about three clear sightings: fewer frames than this may be too few.
+FEW_FRAMES = 10
+
+# Description of each pose convention for the user.
+MEANT = {
+    "inverse": "inverted (world to camera)",
+    "opengl": "those of a camera with y up and z backward",
+    "mm": "in millimetres",
+    "cm": "in centimetres",
+    "wxyz": "quaternions with w first",
+    "xyzw": "quaternions with w last",
+}
+
+HELP = "docs/finds-nothing.md lists further checks"
+
+
+@dataclass(slots=True)
+class Counts:
+    """Counts for the diagnosis, accumulated frame by frame.
+
+    Attributes
+    ----------
+    proposals : int
+        3D proposals of the used frames.
+    depth_fraction, depth_median_m : list of float
+        For each used frame: the fraction of pixels with a reading, and the median of the readings.
+    """
+
+    proposals: int = 0
+    depth_fraction: list[float] = field(default_factory=list)
+    depth_median_m: list[float] = field(default_factory=list)
+
+    def add(self, frame: Frame, result: FrameResult) -> None:
+        """Count a used frame."""
+        depth_m = frame.depth_m[::PIXEL_STEP, ::PIXEL_STEP]
+        readings = depth_m[depth_m > 0]
+        self.depth_fraction.append(readings.size / depth_m.size)
+        if readings.size:
+            self.depth_median_m.append(float(np.median(readings)))
+        self.proposals += len(result.proposals)
+
+
+@dataclass(frozen=True, slots=True)
+class RunFacts:
+    """Facts of a run at its end.
+
+    Attributes
+    ----------
+    frames_read, frames_used : int
+    frames_lost : int
+        Number of frames in which the camera was lost while poses were estimated.
+    frames_without_pose : int
+        Number of frames that lack a given pose.
+    every : int
+        Step between the frames that were read.
+    depth_fraction, depth_median_m : float or None
+        Medians over the used frames, see `Counts`; None without used frames.
+    depth_units_per_metre : float
+    pose_fit : PoseFit or None
+        Fit of given poses; None for estimated poses, or if too few frames can be compared.
+    up_known : bool
+    planes, proposals, objects : int
+        Numbers of supporting planes, of 3D proposals in all frames, and of confirmed objects.
+    farthest_m : float
+        Largest coordinate of a camera in the world.
+    """
+
+    frames_read: int
+    frames_used: int
+    frames_lost: int
+    frames_without_pose: int
+    every: int
+    depth_fraction: float | None
+    depth_median_m: float | None
+    depth_units_per_metre: float
+    pose_fit: PoseFit | None
+    up_known: bool
+    planes: int
+    proposals: int
+    objects: int
+    farthest_m: float = 0.0
+
+
+def median_or_none(values: list[float]) -> float | None:
+    """Return the median; None for an empty list."""
+    return float(np.median(values)) if values else None
+
+
+def diagnose(facts: RunFacts) -> tuple[str, ...]:
+    """Return the warnings about a run, one line each, causes before their effects; empty if nothing is wrong.
+
+    An empty result is a separate warning, if no other warning explains it.
+    """
+    causes = (_scale_or_poses(facts), _few_readings(facts), _lost(facts), _without_pose(facts))
+    explained = any(cause is not None for cause in causes)
+    found = tuple(cause for cause in (*causes, _far_world(facts)) if cause is not None)
+    return (*found, _no_object(facts)) if not (explained or facts.objects) and facts.frames_used else found
+
+
+def _lost(facts: RunFacts) -> str | None:
+    if facts.frames_lost < max(MIN_LOST, MANY_LOST * facts.frames_read):
+        return None
+    advice = (
+        "read all frames with --every 1"
+        if facts.every > 1
+        else "move the camera more slowly, and keep texture and depth in the picture"
+    )
+    return f"the camera was lost in {facts.frames_lost} of {facts.frames_read} frames; {advice}"
+
+
+def _without_pose(facts: RunFacts) -> str | None:
+    if facts.frames_without_pose < max(MIN_LOST, MANY_LOST * facts.frames_read):
+        return None
+    return (
+        f"{facts.frames_without_pose} of {facts.frames_read} frames have no camera pose and were not used; "
+        "--bridge estimates these poses"
+    )
+
+
+def _far_world(facts: RunFacts) -> str | None:
+    """Return the warning about a world whose origin is so far away that 32-bit coordinates of points are coarse."""
+    step_m = float(np.spacing(np.float32(facts.farthest_m)))
+    if step_m <= COARSE_STEP_M:
+        return None
+    return (
+        f"the camera is {facts.farthest_m / 1000:.0f} km from the origin of its world: points of the map are stored in "
+        f"steps of {100 * step_m:.2g} cm (32-bit numbers), boxes exactly; subtract an offset from all poses"
+    )
+
+
+def _few_readings(facts: RunFacts) -> str | None:
+    if facts.depth_fraction is None or facts.depth_fraction >= FEW_READINGS:
+        return None
+    return (
+        f"depth has few readings: {_percent(facts.depth_fraction)} of the pixels (median); surfaces may be too near, "
+        "too far, black or of glass; 'cuboid info RECORDING --all' shows the range of the depth"
+    )
+
+
+def explains(fit: PoseFit) -> bool:
+    """Return whether no other convention, time shift or depth scale explains the frames clearly better."""
+    other = max(fit.converted, fit.shifted, fit.scaled)
+    return other < _enough(fit) and (fit.given is None or fit.given >= UNEXPLAINED)
+
+
+def _proves_scale(fit: PoseFit) -> bool:
+    """Return whether the frames agree with the poses at this depth scale, and clearly less at any other scale."""
+    return fit.moves and (fit.given or 0.0) >= max(EXPLAINED, fit.scaled + CLEARLY_MORE, fit.still + CLEARLY_MORE)
+
+
+def _enough(fit: PoseFit) -> float:
+    """Return the fraction of the depth that a clearly better hypothesis than the given poses must explain."""
+    return max((fit.given or 0.0) + CLEARLY_MORE, EXPLAINED)
+
+
+def _scale_or_poses(facts: RunFacts) -> str | None:
+    """Return the warning about a wrong depth scale or wrong poses, if the frames prove it."""
+    fit, units = facts.pose_fit, facts.depth_units_per_metre
+    if fit is not None:
+        better = _better_hypothesis(fit, units)
+        if better is not None:
+            return better
+    median_m = facts.depth_median_m
+    if median_m is not None and not NEAR_M <= median_m <= FAR_M:
+        if fit is not None and _proves_scale(fit):
+            where = "far away" if median_m > FAR_M else "near"
+            return (
+                f"the median depth is {median_m:.2g} m, and depth and poses agree in scale: if the scene is not that "
+                f"{where}, both are in another unit than metres"
+            )
+        likely = units * (10 if median_m > FAR_M else 0.1)
+        return (
+            f"the depth scale of {units:g} units per metre is probably wrong: the median depth is {median_m:.2g} m; "
+            f"at --depth-scale {likely:g} it is {median_m * units / likely:.2g} m"
+        )
+    return None if fit is None else _unexplained(fit)
+
+
+def _better_hypothesis(fit: PoseFit, units: float) -> str | None:
+    """Return the warning about a convention, time shift or depth scale that explains clearly more depth."""
+    best = max(fit.scaled, fit.converted, fit.shifted)
+    if best < _enough(fit):
+        return None
+    fits = f"{_percent(best)} of the depth agrees with other frames, instead of {_percent(fit.given or 0.0)}"
+    if fit.scaled == best:
+        return (
+            f"the depth scale of {units:g} units per metre is wrong: with {units / fit.depth_factor:g}, "
+            f"{fits}; run again with --depth-scale {units / fit.depth_factor:g}"
+        )
+    if fit.converted == best:
+        meant, names = " and ".join(MEANT[name] for name in fit.convention), ",".join(fit.convention)
+        return f"the given poses are {meant}: with this convention, {fits}; run again with --pose-convention {names}"
+    late = "late" if fit.shift > 0 else "early"
+    return (
+        f"the given poses are {counted(abs(fit.shift), 'frame')} too {late}: with corrected times, {fits}; "
+        "correct the times, or run again with --poses estimated"
+    )
+
+
+def _unexplained(fit: PoseFit) -> str | None:
+    """Return the warning about given poses that explain the frames in no convention."""
+    if not fit.moves and (fit.given or 0.0) < EXPLAINED:
+        return (
+            "the given poses are all the same, but the picture changes: "
+            f"only {_percent(fit.given or 0.0)} of the depth agrees with other frames; run again with --poses estimated"
+        )
+    if fit.given is not None and fit.given < UNEXPLAINED:
+        return (
+            f"the given poses do not explain the frames: only {_percent(fit.given)} of the depth agrees with other "
+            "frames; are they of another recording? run again with --poses estimated"
+        )
+    if fit.jump is not None:
+        return (
+            f"the given poses jump by {fit.jump.step_m:.1f} m at frame {fit.jump.frame}, but the frames show no jump; "
+            "track the parts one by one, or run again with --poses estimated"
+        )
+    return None
+
+
+def _no_object(facts: RunFacts) -> str:
+    """Return the warning about an empty result that no other warning explains, with the most likely reason."""
+    if facts.frames_used < FEW_FRAMES:
+        advice = "--every 1 reads all" if facts.every > 1 else "record more"
+        frames = counted(facts.frames_used, "frame")
+        return f"no object found in {frames}: an object must be seen clearly about three times; {advice}"
+    if facts.depth_median_m is not None and facts.depth_median_m > REACH_M:
+        return (
+            f"no object found: the median depth is {facts.depth_median_m:.1f} m, objects are found up to "
+            f"{REACH_M:g} m; move nearer, or correct the scale with --depth-scale"
+        )
+    if not facts.up_known:
+        return (
+            "no object found, and up is not known: no floor or table was seen; keep the surface below the objects in "
+            "the picture, or give 'up_world' in camera.json"
+        )
+    if not facts.proposals:
+        return f"no object found: no frame had a 3D proposal; check 'cuboid render DIR --show heat'; {HELP}"
+    return (
+        f"no object found: {facts.proposals} 3D proposals in {facts.frames_used} frames, none confirmed; "
+        f"check 'cuboid render DIR --show planes'; {HELP}"
+    )
+
+
+def _percent(fraction: float) -> str:
+    return f"{100 * fraction:.0f} %"

@@ -1,0 +1,558 @@
+"""The tracker of posed frames: from a frame to its sightings, one call per stage."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.depth import excess_noise, resolves_m
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.core.kernels.pixels import PlanesInView, assign_planes
+from cuboid.ground.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
+from cuboid.ground.core.observation import Observation
+from cuboid.ground.core.results import FrameResult, Proposal3D, Sighting
+from cuboid.ground.core.state import ADDED, Record
+from cuboid.ground.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
+from cuboid.ground.core.working import WorkingImage, filled, thin
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.se3 import inverse, moved_beyond
+from cuboid.method.boxes.fit import Resting, fit_boxes
+from cuboid.method.boxes.quantiles import quantile
+from cuboid.method.detection.types import Detector
+from cuboid.method.heatmap.anchors import LAST_KEYFRAME
+from cuboid.method.heatmap.motion import Motion
+from cuboid.method.heatmap.pixel_heat import pixel_heat, weigh
+from cuboid.method.heatmap.voxel_map import VoxelMap, VoxelMapState
+from cuboid.method.objects.association import Association, SegmentedFrame, prior_of
+from cuboid.method.objects.entry import MapObject
+from cuboid.method.objects.following import Following
+from cuboid.method.objects.object_map import ObjectMap, ObjectMapState
+from cuboid.method.objects.unread_object import UnreadObject
+from cuboid.method.objects.validity import too_large
+from cuboid.method.objects.visibility import Visibility, measure_visibility, sightings_of
+from cuboid.method.proposals import make_source
+from cuboid.method.proposals.depth import DepthSegmentation
+from cuboid.method.proposals.types import Proposals, ProposalSource
+from cuboid.method.surfaces.cells import find_cells, patch_pixels, with_level_patches
+from cuboid.method.surfaces.frame_segments import FrameSegment, PixelPlanes, points_of, segment_frame
+from cuboid.method.surfaces.grid import CELL_M
+from cuboid.method.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
+from cuboid.method.surfaces.planes import PlaneTracker, PlaneTrackerState
+from cuboid.method.surfaces.standing import find_flat_areas
+from cuboid.runs.tracking.measuring import FrameClock
+from cuboid.runs.tracking.rolling import Roll, farther_up
+from cuboid.runs.tracking.tracked_map import TrackedMap
+
+# Poses in the map are rounded to this many decimals, metres: this removes rounding errors that depend on the world.
+POSE_DECIMALS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class PosedTrackerState(Record):
+    """State of a `PosedTracker`: everything it needs to continue, except for the rows of the voxel map.
+
+    Attributes
+    ----------
+    config : TrackerConfig
+        The configuration in use.
+    turns : int or None
+        Number of quarter turns by which images are rolled; None before the first frame with depth.
+    T_world_map : (4, 4) float64 or None
+        Pose of the map in the world; None before the first frame.
+    count : int
+        Number of frames so far.
+    position : (3,) float64 or None
+        Position of the camera in the last frame.
+    viewpoint : (4, 4) float64 or None
+        T_world_camera of the last frame from a new viewpoint.
+    due : bool
+        Whether the next frame refreshes the map.
+    planes : PlaneTrackerState
+    voxels : VoxelMapState
+    map : ObjectMapState
+    unread : tuple of UnreadObject
+        Objects without depth readings, found by a detector.
+    furniture_labels : dict of int to tuple of int
+        Labels of the furniture that bears a plane, by identity of the plane, oldest first.
+    """
+
+    config: TrackerConfig
+    turns: int | None
+    T_world_map: Float64Array | None
+    count: int
+    position: Float64Array | None
+    viewpoint: Float64Array | None
+    due: bool
+    planes: PlaneTrackerState
+    voxels: VoxelMapState
+    map: ObjectMapState
+    unread: tuple[UnreadObject, ...] = dataclasses.field(default_factory=tuple, metadata=ADDED)
+    furniture_labels: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict, metadata=ADDED)
+
+
+class PosedTracker(TrackedMap):
+    """Finds the objects of a static scene in a stream of posed RGB-D frames, and keeps their labels.
+
+    The map is stored in the frame of the first camera, rotated like the images: voxels, ground plans and the order of
+    sums do not depend on the world of the poses. Poses multiplied by a rigid transform therefore give the same labels
+    and boxes, and poses far from their origin lose no accuracy. All results are in the world; `support`, `voxels` and
+    the entries of `ever_labelled` are in the frame of the map.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Intrinsics of every frame.
+    config : TrackerConfig, optional
+    proposals : str or ProposalSource, optional
+        Name of a 2D proposal source, or any callable from (frame, intrinsics) to `Proposals`.
+    memory_mb : float
+        Memory limit of the process, in units of 2**20 bytes, above which parts of the map out of view are evicted; they
+        are loaded again when accessed.
+
+    Raises
+    ------
+    InputError
+        If no proposal source has that name.
+    """
+
+    NOT_SAVED = frozenset(
+        {
+            *("intrinsics", "_memory_mb", "_propose", "_world_boxes"),
+            # A detector must be set again; objects without depth readings are saved in the field `unread`.
+            "_detecting",
+            # Moving objects are followed only within a recording.
+            *("_motion", "_following"),
+        }
+    )
+
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        config: TrackerConfig | None = None,
+        proposals: str | ProposalSource | None = None,
+        *,
+        memory_mb: float = MEMORY_MB,
+    ) -> None:
+        super().__init__(config or TrackerConfig(), memory_mb)
+        self.intrinsics = intrinsics
+        # Number of quarter turns of the images; unknown, and taken as 0, until the first frame with depth.
+        self._turns: int | None = None
+        self._propose = make_source(proposals, self.config)
+        self._count = 0
+        self._position: Float64Array | None = None
+        self._viewpoint: Float64Array | None = None
+        self._due = True
+
+    def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
+        """Use a detector on each n-th frame; objects get names, and objects without depth readings get labels.
+
+        Parameters
+        ----------
+        detector : str or Detector or None
+            As for `make_detector`.
+        every : int
+
+        Raises
+        ------
+        InputError
+            If no detector has that name, or the model cannot be used.
+        MissingExtraError
+            If a required package is not installed.
+        """
+        self._detecting.use(detector, every)
+
+    @property
+    def vocabulary(self) -> tuple[str, ...]:
+        """Classes of the detector, after it has processed a frame."""
+        return self._detecting.vocabulary
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._begin_motion()
+
+    def _begin_motion(self) -> None:
+        """Reset the detection and tracking of motion."""
+        self._motion = Motion(self.config.depth_noise_per_m)
+        self._following = Following(self.config, self._map.store, self._voxels, self._planes)
+
+    def state(self) -> PosedTrackerState:
+        """Return the current state; see `ObjectStore.state`."""
+        return PosedTrackerState(
+            config=self.config,
+            turns=self._turns,
+            T_world_map=self._T_world_map,
+            count=self._count,
+            position=self._position,
+            viewpoint=self._viewpoint,
+            due=self._due,
+            planes=self._planes.state(),
+            voxels=self._voxels.state(),
+            map=self._map.state(),
+            unread=self._detecting.unread.state(),
+            furniture_labels=dict(self._furniture_labels),
+        )
+
+    @classmethod
+    def from_state(
+        cls,
+        state: PosedTrackerState,
+        intrinsics: Intrinsics,
+        proposals: str | ProposalSource | None = None,
+        *,
+        memory_mb: float = MEMORY_MB,
+    ) -> PosedTracker:
+        """Return a tracker that continues from a state; the rows of its voxel map must be restored separately."""
+        tracker, c = cls(intrinsics, state.config, proposals, memory_mb=memory_mb), state.config
+        tracker._planes = PlaneTracker.from_state(state.planes, c)
+        tracker._voxels = VoxelMap.from_state(state.voxels, c.voxel_m, c.depth_noise_per_m, c.max_depth_m, memory_mb)
+        tracker._map = ObjectMap.from_state(state.map, c, tracker._voxels, tracker._planes)
+        tracker._begin_motion()
+        tracker._detecting.begin(tracker._map.store, c.max_depth_m)
+        tracker._detecting.unread.restore(state.unread)
+        tracker._furniture_labels = dict(state.furniture_labels)
+        tracker._turns, tracker._T_world_map = state.turns, state.T_world_map
+        tracker._count, tracker._due = state.count, state.due
+        tracker._position, tracker._viewpoint = state.position, state.viewpoint
+        return tracker
+
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
+        """Process a frame.
+
+        Parameters
+        ----------
+        frame : Frame
+        anchor : int
+            Keyframe to which the frame's pose is anchored, if poses are estimated; see `apply_correction`. Numbers
+            beyond `LAST_KEYFRAME`, after hours of video, are not distinguished.
+
+        Raises
+        ------
+        FrameError
+            If the frame has no pose, a pose beyond the reach of the map, or another size than the intrinsics.
+        """
+        T_world_camera = self._checked_pose(frame)
+        if self._turns is None:
+            self._turns = farther_up(frame.depth_m)
+        roll = self._roll
+        if self._T_world_map is None:
+            self._T_world_map = roll.pose(T_world_camera)
+        T_map_camera = np.round(inverse(self._T_world_map) @ T_world_camera, POSE_DECIMALS)
+        self._check_reach(frame.index, T_map_camera)
+        result = roll.result(self._update(roll.frame(frame.at(T_map_camera)), frame, anchor))
+        return dataclasses.replace(
+            result,
+            T_world_camera=T_world_camera,
+            sightings=tuple(
+                [dataclasses.replace(item, box=self._box_in_world(item.label, item.box)) for item in result.sightings]
+            ),
+            proposals=tuple([dataclasses.replace(item, box=self.in_world(item.box)) for item in result.proposals]),
+            events=tuple([event.moved(self.T_world_map) for event in result.events]),
+            agents=tuple([self.in_world(box) for box in result.agents]),
+        )
+
+    @property
+    def _roll(self) -> Roll:
+        return Roll(self.intrinsics, self._turns or 0)
+
+    def _update(self, frame: Frame, given: Frame, anchor: int) -> FrameResult:
+        """Process a frame rotated by `_roll`; see `update`."""
+        clock, time_s = FrameClock(), frame.timestamp_s
+        seen = self._observe(frame, self._roll.camera, anchor if anchor <= LAST_KEYFRAME else 0)
+        proposed = self._proposals(frame, given)
+        proposals = proposed.best(MAX_PROPOSALS)
+        clock.lap("proposals")
+        seen = self._find_motion(seen, time_s)
+        clock.lap("motion")
+        planes = self._find_planes(seen)
+        clock.lap("planes")
+        candidate = self._candidates(seen, planes)
+        weighed = weigh(seen.solid, candidate, proposals, self.config)
+        heat = pixel_heat(seen.solid, weighed)
+        clock.lap("heat")
+        # The map is refreshed one frame later: a frame from a new viewpoint already updates planes and boxes.
+        due, self._due = self._due, seen.new_viewpoint
+        slots = self._fuse(seen, heat, due)
+        voxels = self._voxels.look_up(slots)
+        clock.lap("fuse")
+        in_frustum = self._map.objects_in_frustum(seen.image, seen.T_camera_world)
+        objects = self._map.prune_candidates(in_frustum)
+        prior = prior_of(objects, voxels.owner, weighed)
+        segments = segment_frame(seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self.config)
+        boxes = self._boxes(segments.segments, seen.image, seen.T_world_camera)
+        clock.lap("boxes")
+        left_out = {
+            "proposals": len(proposed) - len(proposals),
+            "clusters": segments.left_out,
+            "candidates": len(in_frustum) - len(objects),
+        }
+        segmented = SegmentedFrame(segments, boxes, voxels, candidate)
+        found = self._map.update(seen, segmented, objects, self._following.settled)
+        in_frustum = self._map.objects_in_frustum(seen.image, seen.T_camera_world)
+        if due:
+            self._refine(seen, heat, slots, in_frustum)
+        clock.lap("map")
+        self._following.note_touched(found.numbers_of(segments.touched), time_s)
+        visible = self._visible(seen, slots, in_frustum, time_s)
+        sightings = self._following.sightings(sightings_of(visible, segments, found), seen, slots)
+        frame_boxes = self._frame_boxes(segmented, found)
+        clock.lap("matching")
+        sightings = self._detect(given, visible, seen, sightings, clock)
+        self._count += 1
+        return FrameResult(
+            index=frame.index,
+            timestamp_s=time_s,
+            T_world_camera=seen.T_world_camera,
+            sightings=sightings,
+            proposals=frame_boxes,
+            objects_known=self._map.store.labelled + self._detecting.labelled,
+            heat=heat,
+            milliseconds=clock.milliseconds,
+            left_out=left_out,
+            size=(self._roll.camera.width, self._roll.camera.height),
+            events=tuple(self._following.take_events()),
+            agents=tuple(self._following.agents),
+        )
+
+    def _fuse(self, seen: Observation, heat: Float32Array, due: bool) -> npt.NDArray[np.int32]:
+        """Fuse a frame into the map and carve free space; return the row (h, w) of the map of each working pixel."""
+        # On a later visit any frame may show a change: nothing is deferred.
+        refresh_map = due or self._voxels.stored.revisited or seen.moving is not None
+        slots = self._voxels.fuse(seen.still, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
+        self._voxels.carve_free_space(seen.image, seen.T_camera_world, refresh_map)
+        self._following.claim(slots, seen)
+        return slots
+
+    def _detect(
+        self,
+        given: Frame,
+        visible: Sequence[tuple[MapObject, Visibility]],
+        seen: Observation,
+        sightings: tuple[Sighting, ...],
+        clock: FrameClock,
+    ) -> tuple[Sighting, ...]:
+        """Run the detector, if it is due; return the sightings with those of objects without depth readings."""
+        if self._detecting.is_due(self._count):
+            self._detecting.detect(given, self._roll, visible, seen)
+            clock.lap("detector")
+        if self._detecting.is_used:
+            sightings = self._detecting.sightings(sightings, seen, self._support_planes())
+            clock.lap("unread")
+        return sightings
+
+    def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:
+        """Prepare a frame for all stages; the first frame also gives the noise of the sensor."""
+        T_world_camera = frame.T_world_camera
+        assert T_world_camera is not None
+        image = thin(frame, camera, self.config.working_width_px, self._count)
+        if self._count == 0:
+            self._estimate_noise(image)
+        return Observation(
+            frame=frame.index,
+            image=image,
+            solid=filled(image),
+            T_world_camera=T_world_camera,
+            up_camera=frame.up_camera,
+            keyframe=keyframe,
+            new_viewpoint=self._is_new_viewpoint(T_world_camera),
+            viewpoint_angle_rad=self._viewpoint_angle(image, T_world_camera),
+        )
+
+    def _find_motion(self, seen: Observation, time_s: float) -> Observation:
+        """Return a frame with its moving readings marked; moving objects are followed."""
+        moving = self._motion.find(seen.image, seen.T_world_camera, time_s)
+        if moving is not None:
+            seen = dataclasses.replace(seen, moving=moving)
+        return self._following.begin_frame(seen, time_s)
+
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
+        """Move the map, its planes and its objects after a pose correction (loop closure, relocalisation).
+
+        Everything moves with the keyframe from which it was last seen; objects that meet are merged under the older
+        label. Planes and objects move at once. Points move lazily, when their region is next accessed: the cost of a
+        correction depends on the number of keyframes, planes and objects, not on the number of points.
+
+        Parameters
+        ----------
+        moved : mapping of int to (4, 4) float64
+            T_new_old in the world for each keyframe that moved.
+        """
+        T = self.T_world_map
+        in_map = {keyframe: inverse(T) @ T_new_old @ T for keyframe, T_new_old in moved.items()}
+        self._planes.apply_correction(in_map)
+        self._map.apply_correction(in_map)
+        self._detecting.apply_correction(in_map)
+        self._begin_motion()
+
+    def _estimate_noise(self, image: WorkingImage) -> None:
+        """Estimate from the first frame how much the sensor's noise exceeds the configured noise."""
+        nominal = self.config.depth_noise_per_m
+        excess = excess_noise(image.depth, nominal, self.config.max_depth_m)
+        if excess > 1.0:
+            self.config = self.config.within_range(depth_noise_per_m=excess * nominal)
+            self._begin()
+
+    def _checked_pose(self, frame: Frame) -> Float64Array:
+        """Return the pose of a frame; raises FrameError if it has no pose, or another size."""
+        expected = (self.intrinsics.height, self.intrinsics.width)
+        if frame.depth_m.shape != expected:
+            raise FrameError(
+                f"frame {frame.index} is {frame.depth_m.shape[1]} x {frame.depth_m.shape[0]} pixels, "
+                f"expected {expected[1]} x {expected[0]}"
+            )
+        if frame.T_world_camera is None:
+            raise FrameError(f"frame {frame.index} has no camera pose")
+        return frame.T_world_camera
+
+    def _check_reach(self, index: int, T_map_camera: Float64Array) -> None:
+        far_m, reach_m = np.abs(T_map_camera[:3, 3]).max(), self._voxels.fine.reach_m
+        if far_m + self.config.max_depth_m >= reach_m:
+            raise FrameError(f"frame {index} is {far_m:.0f} m from the first one, the map reaches {reach_m:.0f} m")
+
+    def _proposals(self, frame: Frame, given: Frame) -> Proposals:
+        """Return the proposals of a rotated frame; all sources but the depth segmentation get the unrotated frame."""
+        if isinstance(self._propose, DepthSegmentation):
+            return self._propose(frame, self._roll.camera)
+        proposals, c = self._propose(given, self.intrinsics), self.intrinsics
+        if len(proposals) and (proposals.boxes_xyxy[:, 2:] > (c.width, c.height)).any():
+            raise ValueError(f"proposals of frame {frame.index} lie outside its {c.width} x {c.height} pixels")
+        return self._roll.proposals(proposals)
+
+    def _find_planes(self, seen: Observation) -> PixelPlanes:
+        """Track the supporting planes; return the planes on and beneath which pixels lie."""
+        c, planes, image, T_world_camera = self.config, self._planes, seen.still, seen.T_world_camera
+        source = image.depth, T_world_camera, c.depth_noise_per_m, c.max_depth_m
+        if planes.vote_is_due():
+            areas = find_flat_areas(image.depth, c)
+            if planes.vote_up(areas, T_world_camera, seen.up_camera):
+                self._map.reset_supports()
+        patch = patch_pixels(image.camera)
+        patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
+        renew = seen.new_viewpoint or not planes.well_known
+        if renew:
+            cells = find_cells(*source)
+            if planes.up is not None:
+                cells = with_level_patches(cells, planes.up, *source)
+            patches = planes.update(self._count, cells, seen.keyframe)
+        if planes.T_plan_world is None or not planes.planes:
+            return PixelPlanes.none(image.depth_m.shape)
+        k, on_plane, support = image.camera, *(np.empty(image.depth_m.shape, np.int32) for _ in range(2))
+        view = planes.planes_in_frustum(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
+        in_camera = planes.in_camera(view, T_world_camera)
+        in_view = PlanesInView(in_camera, view.numbers, view.ground, view.origin, CELL_M, patches, patch)
+        T_plan_camera = planes.T_plan_world @ T_world_camera
+        limits = c.depth_noise_per_m, c.min_height_m, BIAS_M, c.max_depth_m
+        assign_planes(seen.solid.depth_m, k.pinhole, T_plan_camera, in_view, *limits, on_plane, support, view.seen)
+        if renew:
+            planes.add_readings(view, seen.keyframe)
+        return PixelPlanes(on_plane, support, view.identities)
+
+    def _candidates(self, seen: Observation, planes: PixelPlanes) -> UInt8Array:
+        """Return which readings may belong to an object: within range, on no supporting plane, not moving."""
+        depth_m = seen.solid.depth_m
+        found = (depth_m > 0) & (depth_m <= self.config.max_depth_m) & (planes.on_plane < 0)
+        if seen.moving is not None:
+            found &= seen.moving == 0
+        return np.asarray(found, dtype=np.uint8)
+
+    def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
+        """Return the side of a segment for neighbours below, above, right and left in the image, for any up."""
+        up = T_world_camera[:3, :3].T @ self._planes.likely_up
+        if abs(up[0]) <= abs(up[1]):
+            return np.array([TOP, BOTTOM, LEFT, RIGHT] if up[1] > 0 else [BOTTOM, TOP, RIGHT, LEFT])
+        return np.array([LEFT, RIGHT, TOP, BOTTOM] if up[0] > 0 else [RIGHT, LEFT, BOTTOM, TOP])
+
+    def _is_new_viewpoint(self, T_world_camera: Float64Array) -> bool:
+        """Return whether the camera has moved by more than the pose error since the last new viewpoint.
+
+        Within the pose error the map cannot distinguish the two viewpoints: planes, boxes and free space need no
+        update.
+        """
+        last = self._viewpoint
+        if last is not None and not moved_beyond(last, T_world_camera, DRIFT_M, DRIFT_RAD):
+            return False
+        self._viewpoint = T_world_camera
+        return True
+
+    def _viewpoint_angle(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
+        """Return the change of viewing angle since the last frame, radians: baseline over depth; infinite at first."""
+        last, self._position = self._position, T_world_camera[:3, 3]
+        distance_m = 0.0 if last is None else _median_depth_m(image.depth_m)
+        return math.inf if last is None or distance_m == 0.0 else math.dist(self._position, last) / distance_m
+
+    def _boxes(self, segments: Sequence[FrameSegment], image: WorkingImage, T_world_camera: Float64Array) -> list[Box]:
+        """Return the boxes of a frame's segments, from a sample of their points, on the plane beneath each."""
+        if not segments:
+            return []
+        sampled = [s.pixels[:: 1 + len(s.pixels) // (SAMPLE_POINTS // 2)] for s in segments]
+        points = points_of(np.concatenate(sampled), image, T_world_camera)
+        found = {identity: self._planes.find(identity) for s in segments for identity in s.supports}
+        rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
+        unknown = self._planes.likely_up, None
+        planes = [_main_support(s.supports, rests) or unknown for s in segments]
+        return fit_boxes(points, [len(pixels) for pixels in sampled], planes, OUTLIER_FRACTION)
+
+    def _refine(
+        self, seen: Observation, heat: Float32Array, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
+    ) -> None:
+        """Fuse small labelled objects at the fine resolution too, within the range in which the sensor resolves it."""
+        voxels, step, fx = self._voxels, seen.image.step, seen.image.camera.fx
+        small = [o.number for o in in_frustum if o.confirmed and max(o.box.size.tolist()) <= voxels.fine.small_m]
+        if small:
+            # The phases of subsampled frames compensate a step of two.
+            far_m = resolves_m(voxels.fine.fine_m, self.config.depth_noise_per_m, min(step, 2) * fx)
+            numbers = np.zeros(max(small) + 1, bool)
+            numbers[small] = True
+            voxels.fine.refine(seen, heat, slots, numbers, far_m)
+
+    def _visible(
+        self, seen: Observation, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject], time_s: float
+    ) -> list[tuple[MapObject, Visibility]]:
+        """Record the objects of the map that the frame shows, and return them with their visibility."""
+        objects = [o for o in in_frustum if len(o.points)]
+        boxes, owner = self._map.store.boxes_of(objects), self._voxels.stored.owner
+        visibilities = measure_visibility(objects, boxes, seen, slots, owner, self.config.depth_noise_per_m)
+        visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
+        labelled = self._map.record_seen(
+            seen.frame, [entry for entry, _ in visible], lambda entry: self._following.has_rested(entry, time_s)
+        )
+        self._following.note_labels(labelled, seen.frame, time_s)
+        return visible
+
+    def _frame_boxes(self, frame: SegmentedFrame, found: Association) -> tuple[Proposal3D, ...]:
+        """Return the boxes of this frame's segments, except those too large for an object, with their labels."""
+        survivors = [found.objects[j].survivor if j >= 0 else None for j in found.object_of.tolist()]
+        labels = [o.label if o is not None and o.confirmed else 0 for o in survivors]
+        return tuple(
+            [
+                Proposal3D(label, box, segment.heat, segment.rect_xyxy)
+                for label, box, segment in zip(labels, frame.boxes, frame.segments.segments, strict=True)
+                if not too_large(box, self.config)
+            ]
+        )
+
+    def begin_visit(self) -> None:
+        """Begin a later visit to the place: objects may have been moved, taken away or added."""
+        self._map.begin_visit()
+        self._position = self._viewpoint = self._turns = None  # the camera may be held in another orientation
+        self._begin_motion()
+        self._due = True
+
+
+def _median_depth_m(depth_m: Float32Array) -> float:
+    """Return the median of the readings in a subsample of one in sixteen, metres; 0 if there is none."""
+    sampled = depth_m[::4, ::4]
+    readings = sampled[sampled > 0]
+    return quantile(readings, 0.5) if len(readings) else 0.0
+
+
+def _main_support(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:
+    """Return the plane of `rests` beneath most pixels, the older one if equal; None if there is none."""
+    candidates = [identity for identity in supports if identity in rests]
+    return rests[min(candidates, key=lambda k: (-supports[k], k))] if candidates else None

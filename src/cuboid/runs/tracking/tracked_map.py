@@ -1,0 +1,235 @@
+"""The map of a tracker between two frames: its objects, planes and points, and the changes that a user asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.core.results import MapPoints, SupportPlane, TrackedObject
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.se3 import transform
+from cuboid.method.heatmap.voxel_map import VoxelMap
+from cuboid.method.objects.entry import MapObject
+from cuboid.method.objects.object_map import ObjectMap
+from cuboid.method.objects.unread_object import Planes
+from cuboid.method.relations.furniture import find_furniture
+from cuboid.method.surfaces.plane import Plane
+from cuboid.method.surfaces.planes import PlaneTracker
+from cuboid.results.files.object_table import ObjectTable
+from cuboid.results.files.queries import MapQueries
+from cuboid.runs.tracking.detecting import Detecting, same_fields
+from cuboid.runs.tracking.furniture import Labels, furniture_entry, labels_of
+
+
+class TrackedMap(MapQueries):
+    """The voxels, planes, objects and furniture that posed frames have built; `PosedTracker` adds the frames.
+
+    The map is stored in the frame of the first camera. All results are in the world; `support`, `voxels` and the
+    entries of `ever_labelled` are in the frame of the map.
+
+    Parameters
+    ----------
+    config : TrackerConfig
+    memory_mb : float
+        Memory limit of the process, in units of 2**20 bytes, above which parts of the map out of view are evicted; they
+        are loaded again when accessed.
+    """
+
+    def __init__(self, config: TrackerConfig, memory_mb: float) -> None:
+        self.config = config
+        self._memory_mb = memory_mb
+        self._T_world_map: Float64Array | None = None
+        # Boxes of each object in the map and in the world: the world box is reused while the map box is the same.
+        self._world_boxes: dict[int, tuple[Box, Box]] = {}
+        self._detecting = Detecting()
+        self._furniture_labels: Labels = {}
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin an empty map with the present configuration."""
+        c = self.config
+        self._planes = PlaneTracker(c)
+        self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
+        self._map = ObjectMap(c, self._voxels, self._planes)
+        self._detecting.begin(self._map.store, c.max_depth_m)
+
+    @property
+    def T_world_map(self) -> Float64Array:
+        """Pose of the map in the world, (4, 4): `ever_labelled`, `voxels` and `support` are in the frame of the map."""
+        return np.eye(4) if self._T_world_map is None else self._T_world_map
+
+    def in_world(self, box: Box) -> Box:
+        """Transform a box from the map to the world."""
+        return box.moved(self.T_world_map)
+
+    def _box_in_world(self, label: int, box: Box) -> Box:
+        """Transform the box of the object with a label from the map to the world, or return the last result again."""
+        boxes = self._world_boxes.get(label)
+        if boxes is None or boxes[0] is not box:
+            boxes = self._world_boxes[label] = box, self.in_world(box)
+        return boxes[1]
+
+    @property
+    def objects(self) -> ObjectTable:
+        """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
+        index_of = {identity: k for k, identity in enumerate(self.plane_identities)}
+        items = [self._tracked(entry, index_of) for entry in self._map.store.confirmed()]
+        unread = self.unread_objects()
+        items += unread
+        return ObjectTable(sorted(items, key=lambda item: item.label) if unread else items)
+
+    def _tracked(self, entry: MapObject, index_of: Mapping[int, int]) -> TrackedObject:
+        """Return an object as results contain it; `index_of` gives the index of a plane by its identity."""
+        plane = self._planes.find(entry.plane)
+        return TrackedObject(
+            **same_fields(entry),
+            box=self._box_in_world(entry.label, entry.box),
+            heat=entry.heat,
+            points=len(self._voxels.stored.rows_of(entry.number)),
+            mean_color=entry.mean_color,
+            plane=None if plane is None else index_of[plane.identity],
+        )
+
+    def _support_planes(self) -> Planes:
+        return Planes(self._planes.likely_up, [self._planes.in_world(plane) for plane in self._planes.in_use])
+
+    @property
+    def planes(self) -> list[SupportPlane]:
+        """The supporting planes in use."""
+        return [self._plane_in_world(plane) for plane in self._planes.in_use]
+
+    def _plane_in_world(self, plane: Plane) -> SupportPlane:
+        T, (normal, offset) = self.T_world_map, self._planes.in_world(plane)
+        up = T[:3, :3] @ normal
+        return SupportPlane(up, offset - float(up @ T[:3, 3]), transform(T, self._planes.outline_in_world(plane)))
+
+    @property
+    def plane_identities(self) -> list[int]:
+        """Identities of `planes`, as in `MapObject.plane`."""
+        return [plane.identity for plane in self._planes.in_use]
+
+    @property
+    def furniture_planes(self) -> dict[int, tuple[int, ...]]:
+        """Indices of the planes that each piece of furniture with a label bears, by label, ended labels included."""
+        found: dict[int, tuple[int, ...]] = {}
+        labels_of_plane = self._furniture_labels_of_planes()
+        for k, identity in enumerate(self.plane_identities):
+            found |= {label: (*found.get(label, ()), k) for label in labels_of_plane.get(identity, ())}
+        return found
+
+    def _furniture_labels_of_planes(self) -> Labels:
+        """Return the labels of furniture by identity of the present planes; some planes have absorbed others."""
+        labels_of_plane: Labels = {}
+        for identity, labels in self._furniture_labels.items():
+            plane = self._planes.find(identity)
+            if plane is not None:
+                labels_of_plane[plane.identity] = tuple(sorted({*labels_of_plane.get(plane.identity, ()), *labels}))
+        return labels_of_plane
+
+    def find_furniture(self, points: MapPoints, *, labelled: bool = False) -> ObjectTable:
+        """Return the furniture that bears the supporting planes, by label.
+
+        A piece keeps the label that the furniture beneath its planes had before; otherwise it gets a new label.
+
+        Parameters
+        ----------
+        points : MapPoints
+            The present global point map.
+        labelled : bool
+            Return only pieces that already have a label; no piece gets a new one.
+        """
+        if labelled and not self._furniture_labels:
+            return ObjectTable()
+        in_use = self._planes.in_use
+        pieces = find_furniture(self.planes, points, self.up)
+        borne = [[in_use[k] for k in piece.planes] for piece in pieces]
+        labels_of_plane = self._furniture_labels_of_planes()
+        new_label = None if labelled else self._map.store.next_label
+        labels = labels_of([[plane.identity for plane in planes] for planes in borne], labels_of_plane, new_label)
+        entries = []
+        for piece, planes, labels_of_piece in zip(pieces, borne, labels, strict=True):
+            if labels_of_piece:
+                labels_of_plane |= {plane.identity: labels_of_piece for plane in planes}
+                entries.append(furniture_entry(piece, labels_of_piece, planes, points))
+        self._furniture_labels = labels_of_plane
+        return ObjectTable(sorted(entries, key=lambda item: item.label))
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world, (3,); None while unknown."""
+        up = self._planes.up
+        return None if up is None else np.asarray(self.T_world_map[:3, :3] @ up)
+
+    def ever_labelled(self) -> list[MapObject]:
+        """Return all objects with a label, including retired ones, by label."""
+        return self._map.store.ever_labelled()
+
+    def merge(self, first: MapObject, second: MapObject) -> MapObject:
+        """Merge two objects because a user says that they are one; return the result, under the older label."""
+        return self._map.merge(first, second)
+
+    def retire(self, entry: MapObject) -> None:
+        """Retire an object because a user asks for it, or because it was taken away; its label is never reused."""
+        self._map.store.retire(entry)
+
+    def unread_objects(self) -> list[TrackedObject]:
+        """Return the labelled objects without depth readings, by label."""
+        return self._detecting.objects(self._support_planes(), self.T_world_map)
+
+    def merge_unread(self, label: int, other: int) -> int:
+        """Merge two objects of which one or both have no depth readings; return the older label, which stays."""
+        return self._detecting.unread.merge(label, other, self._support_planes())
+
+    def forget_unread(self, label: int) -> bool:
+        """Remove an object without depth readings because a user asks for it; return whether one had the label."""
+        return self._detecting.unread.forget(label)
+
+    def adopt(self, entry: MapObject, old: MapObject) -> None:
+        """Merge a retired object into a labelled one, because it was moved there; its older label stays."""
+        self._map.store.adopt(entry, old)
+
+    @property
+    def support(self) -> PlaneTracker:
+        """The supporting planes and their ground plans."""
+        return self._planes
+
+    def begin_labels(self, first: int) -> None:
+        """Set the smallest label for new objects."""
+        self._map.store.begin_labels(first)
+
+    @property
+    def voxels(self) -> VoxelMap:
+        """The global voxel map."""
+        return self._voxels
+
+    @property
+    def points_known(self) -> int:
+        """Number of points in the global point map."""
+        return self._voxels.stored.alive
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the points and tables of the global point map that are loaded, bytes."""
+        return self._voxels.stored.nbytes
+
+    def map_points(self) -> MapPoints:
+        """Return the global point map; points of small objects are replaced by their fine points, if there are any."""
+        stored = self._voxels.stored
+        label_of = np.zeros(max((o.number for o in self._map.store.living()), default=0) + 1, np.int32)
+        for entry in self._map.store.confirmed():
+            label_of[entry.number] = entry.label
+        rows = stored.living()
+        xyz, index = stored.spread(rows)
+        rows = rows[index]
+        owner = stored.owner[rows]
+        label = label_of[np.where(owner < len(label_of), owner, 0)]
+        fine, replaced = self._voxels.fine.fine_replacements(xyz, label > 0)
+        kept = np.ones(len(xyz), bool)
+        kept[replaced] = False
+        rows = np.concatenate([rows[kept], fine])
+        xyz = transform(self.T_world_map, np.concatenate([xyz[kept], stored.xyz(fine)])).astype(np.float32)
+        label = np.concatenate([label[kept], label[replaced]])
+        return MapPoints(xyz, stored.rgb(rows), stored.heat(rows), label)

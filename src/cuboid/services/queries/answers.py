@@ -1,0 +1,277 @@
+"""Typed answers of a place: plain data in metres, seconds and the world, the same over HTTP, MCP and in Python.
+
+The classes have no slots: the SDK of MCP takes their schemas from the attributes of the class.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from cuboid.ground.core.values import RelationKind
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+State = Literal["present", "gone", "merged", "forgotten"]
+ChangeName = Literal["confirmed", "moved", "gone", "renamed", "merged", "appeared", "back"]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The frame and the time at which an object was seen.
+
+    Attributes
+    ----------
+    frame : int
+        Frame of the recording.
+    recording : int or None
+        Number of the recording in a scene, from 1; None without a scene.
+    time : str or None
+        UTC, ISO 8601; None if the recording has no calendar times.
+    """
+
+    frame: int
+    recording: int | None = None
+    time: str | None = None
+
+
+@dataclass(frozen=True)
+class Related:
+    """A relation of an object.
+
+    Attributes
+    ----------
+    kind : {"on", "in", "beside", "under", "against", "supports"}
+    to : int or str
+        Label of the other object; "plane:k" or "wall:k" for a surface.
+    name : str or None
+        Of the other object.
+    score : float
+        Probability, 0..1.
+    """
+
+    kind: RelationKind
+    to: int | str
+    name: str | None
+    score: float
+
+
+@dataclass(frozen=True)
+class FoundObject:
+    """An object of a place.
+
+    Attributes
+    ----------
+    label : int
+    name : str or None
+    state : {"present", "gone", "merged", "forgotten"}
+    kind : str
+        "volume"; "flat" or "box" for objects without depth readings.
+    classes : tuple of (str, float)
+        The next most likely classes from a detector, with their probabilities.
+    score : float
+        Confidence that it is an object, 0..1.
+    center_m, size_m : (3,)
+        Centre of its box in the world, and length, width and height along the axes of the box, metres.
+    quat_wxyz : (4,)
+        Rotation from the axes of the box to the world.
+    color : str or None
+        The color word of its mean color.
+    plane : int or None
+        Index of the plane that supports it.
+    first_seen, last_seen : Seen
+    frames_seen : int
+    distance_m : float or None
+        Distance from the place or object of the query, metres; None if the query has none.
+    text_score : float or None
+        Cosine of the angle between the vectors of a text and of the object's pictures, -1..1; None without a text.
+    relations : tuple of Related or None
+        None if the query does not request them.
+    """
+
+    label: int
+    name: str | None
+    state: State
+    kind: str
+    classes: tuple[tuple[str, float], ...]
+    score: float
+    center_m: Vector
+    size_m: Vector
+    quat_wxyz: Quaternion
+    color: str | None
+    plane: int | None
+    first_seen: Seen
+    last_seen: Seen
+    frames_seen: int
+    distance_m: float | None = None
+    text_score: float | None = None
+    relations: tuple[Related, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A supporting plane.
+
+    Attributes
+    ----------
+    surface : str
+        "plane:k".
+    center_m : (3,)
+        Centre of its seen part.
+    normal : (3,)
+        Unit vector, up.
+    height_m : float
+        Height above the lowest surface.
+    area_m2 : float
+        Area of its seen part.
+    objects : tuple of int
+        Labels of the objects that stand on it.
+    furniture : int or None
+        Label of the furniture that bears it, if the run looked for furniture: `on` takes it as well.
+    name : str or None
+        Name that a user gave to the furniture.
+    """
+
+    surface: str
+    center_m: Vector
+    normal: Vector
+    height_m: float
+    area_m2: float
+    objects: tuple[int, ...]
+    furniture: int | None = None
+    name: str | None = None
+
+
+@dataclass(frozen=True)
+class FreePlace:
+    """The nearest free place on a surface.
+
+    Attributes
+    ----------
+    surface : str
+    center_m : (3,)
+        Centre of the footprint, on the surface.
+    along : (3,)
+        Direction of the length, a unit vector.
+    length_m, width_m : float
+    distance_m : float
+        Distance from the wanted place.
+    """
+
+    surface: str
+    center_m: Vector
+    along: Vector
+    length_m: float
+    width_m: float
+    distance_m: float
+
+
+@dataclass(frozen=True)
+class SightingAnswer:
+    """A sighting of an object."""
+
+    frame: int
+    recording: int | None
+    seconds: float
+    center_m: Vector
+    visible: float
+
+
+@dataclass(frozen=True)
+class PastRelated:
+    """A present or past relation of an object, and the recordings of the scene at whose end it held."""
+
+    kind: RelationKind
+    to: int | str
+    first_recording: int
+    last_recording: int
+    score: float
+
+
+@dataclass(frozen=True)
+class History:
+    """The history of a label.
+
+    Attributes
+    ----------
+    label : int
+        The present label: if the object was merged, the label of the merged object.
+    merged_labels : tuple of int
+    count : int
+        Number of sightings.
+    sightings : tuple of SightingAnswer
+        At most the requested number: the first, the last, and equally spaced ones between them.
+    relations : tuple of PastRelated
+        Only in a scene whose recordings were tracked with relations.
+    """
+
+    label: int
+    merged_labels: tuple[int, ...]
+    count: int
+    sightings: tuple[SightingAnswer, ...]
+    relations: tuple[PastRelated, ...]
+
+
+@dataclass(frozen=True)
+class TreeNode:
+    """A surface or an object, with the objects on it and in it: `cuboid.method.relations.Branch` with names.
+
+    The name of a surface is that of the furniture that bears it.
+    """
+
+    of: int | str
+    name: str | None
+    kind: str
+    height_m: float | None
+    children: tuple[TreeNode, ...]
+
+
+@dataclass(frozen=True)
+class MapChange:
+    """A change of the map.
+
+    Attributes
+    ----------
+    number : int
+        Number of the change, in order from 1.
+    change : {"confirmed", "moved", "gone", "renamed", "merged", "appeared", "back"}
+        "appeared" and "back" are events that the run reports.
+    label : int
+    name : str or None
+    from_m, to_m : (3,) or None
+        Centre of its box before and after the change.
+    into : int or None
+        The label into which it was merged.
+    """
+
+    number: int
+    change: ChangeName
+    label: int
+    name: str | None = None
+    from_m: Vector | None = None
+    to_m: Vector | None = None
+    into: int | None = None
+
+
+@dataclass(frozen=True)
+class About:
+    """A place at this moment.
+
+    Attributes
+    ----------
+    title : str
+    kind : {"results", "scene", "run"}
+    objects : int
+    up : (3,) or None
+    changes : int
+        Number of the last change.
+    running : bool
+        Whether the run is active.
+    """
+
+    title: str
+    kind: Literal["results", "scene", "run"]
+    objects: int
+    up: Vector | None
+    changes: int
+    running: bool

@@ -1,0 +1,99 @@
+"""Conditions on objects, the same for a store, a result folder, a scene and a running tracker."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+
+from cuboid.ground.core.errors import InputError, shown
+from cuboid.ground.core.values import RelationKind
+from cuboid.method.text_search import TextQuery
+from cuboid.services.queries.likeness import COLOR_WORDS
+
+# Minimum probability of a class, other than the name, by which an object is found.
+LIKELY = 0.2
+SURFACE = re.compile(r"(plane|wall):\d{1,9}")
+_LABEL = re.compile(r"#?(\d{1,9})")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Filters:
+    """Conditions on objects; None matches everything.
+
+    Attributes
+    ----------
+    size_m : (float, float) or None
+        Minimum and maximum length of the longest side.
+    near : (float, float, float) or None
+        A point in the world, metres.
+    near_object : str or None
+        Label or name of another object.
+    within_m : float
+        Maximum distance from `near` or `near_object`.
+    on, inside, beside : str or None
+        Label or name of the object on, in or beside which it is; or "plane:k".
+    recording : str or None
+        Glob pattern for names of recordings.
+    since, until : datetime or None
+        Range of the time of the last sighting.
+    color : str or None
+        One of `COLOR_WORDS`.
+    name : str or None
+        Its name, or one of the next most likely classes with a probability of at least `LIKELY`; case is ignored.
+    min_score : float or None
+    like : (str, int) or None
+        Recording and label of an object; the most similar objects come first.
+    text : TextQuery or None
+        Objects are ranked by the similarity of their pictures to the text; objects without a vector of the model are
+        omitted.
+    limit : int
+        Maximum number of objects.
+    """
+
+    size_m: tuple[float, float] | None = None
+    near: tuple[float, float, float] | None = None
+    near_object: str | None = None
+    within_m: float = 0.5
+    on: str | None = None
+    inside: str | None = None
+    beside: str | None = None
+    recording: str | None = None
+    since: datetime | None = None
+    until: datetime | None = None
+    color: str | None = None
+    name: str | None = None
+    min_score: float | None = None
+    like: tuple[str, int] | None = None
+    text: TextQuery | None = None
+    limit: int = 50
+
+    def __post_init__(self) -> None:
+        if self.color is not None and self.color not in COLOR_WORDS:
+            raise InputError(f"unknown color '{self.color}'; known colors: {', '.join(COLOR_WORDS)}")
+        for what in (self.on, self.inside, self.beside, self.near_object):
+            if what is not None and not what.strip():
+                raise InputError(f"expected the label or the name of an object, or plane:N, got {shown(what)}")
+
+    def related(self) -> Iterator[tuple[RelationKind, str]]:
+        """Iterate over the requested relations: kind, and label or name of the other object or surface."""
+        kinds: tuple[tuple[RelationKind, str | None], ...] = (
+            ("on", self.on),
+            ("in", self.inside),
+            ("beside", self.beside),
+        )
+        for kind, to in kinds:
+            if to is not None:
+                yield kind, to
+
+
+def label_of(text: str) -> int | None:
+    """Return the label in a text such as 7 or #7; None for a name or a surface."""
+    found = _LABEL.fullmatch(text.strip())
+    return None if found is None else int(found[1])
+
+
+def is_surface(text: str) -> bool:
+    """Return whether a text names a surface, such as plane:0 or wall:1."""
+    return SURFACE.fullmatch(text.strip()) is not None

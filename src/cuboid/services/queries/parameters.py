@@ -1,0 +1,159 @@
+"""The parameters of pages and APIs: their meaning, and the conversion of a request into filters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from cuboid.ground.core.errors import InputError
+from cuboid.method.text_search import TextModel, TextQuery
+from cuboid.services.queries.filters import Filters
+from cuboid.services.queries.likeness import COLOR_WORDS
+from cuboid.services.queries.words import length, moment, place, thing
+
+T = TypeVar("T")
+
+# Only a server with an image-text model accepts this parameter.
+TEXT = "text"
+MAX_ROWS = 1000
+MAX_SIZE_M = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a request.
+
+    Attributes
+    ----------
+    schema : dict
+        OpenAPI schema of its type.
+    meaning : str
+    field : str
+        Name of its field in the search form.
+    """
+
+    schema: dict[str, Any]
+    meaning: str
+    field: str
+
+
+# The names are the same as on the command line; the order is that of the form.
+PARAMETERS: dict[str, Parameter] = {
+    TEXT: Parameter(
+        {"type": "string", "example": "something to drink from"},
+        "objects ranked by how well their pictures fit a text; the server needs an image-text model",
+        "text",
+    ),
+    "name": Parameter({"type": "string", "example": "cup"}, "name of the object, or a likely class of it", "name"),
+    "color": Parameter({"type": "string", "enum": list(COLOR_WORDS)}, "color of 30 % of its points or more", "color"),
+    "min_size": Parameter(
+        {"type": "string", "example": "8cm"}, "minimum length of the longest side", "longest side from"
+    ),
+    "max_size": Parameter(
+        {"type": "string", "example": "0.5m"}, "maximum length of the longest side", "longest side to"
+    ),
+    "recording": Parameter({"type": "string", "example": "kitchen*"}, "glob of names of recordings", "recording"),
+    "like": Parameter(
+        {"type": "string", "example": "kitchen-3#7"},
+        "RECORDING#LABEL: the objects most similar to it first",
+        "similar to",
+    ),
+    "on": Parameter({"type": "string", "example": "tray"}, "on an object, by label or name, or on plane:N", "on"),
+    "in": Parameter({"type": "string", "example": "box"}, "in an object, by label or name", "in"),
+    "beside": Parameter({"type": "string", "example": "7"}, "beside an object, by label or name", "beside"),
+    "since": Parameter(
+        {"type": "string", "example": "2026-03-01"}, "last seen since a date, a time, or for 7d, 12h, 30min", "since"
+    ),
+    "until": Parameter({"type": "string", "example": "2026-04-01"}, "last seen before, written as since", "until"),
+    "near": Parameter(
+        {"type": "string", "example": "1.5,0,0.8"}, "X,Y,Z: a place in the recordings' world, metres", "near, m"
+    ),
+    "near_object": Parameter({"type": "string", "example": "7"}, "near an object, by label or name", "near object"),
+    "within": Parameter({"type": "string", "default": "0.5m"}, "maximum distance from that", "within"),
+    "min_score": Parameter({"type": "number", "example": 0.5}, "minimum confidence, 0 to 1", "score from"),
+    "limit": Parameter({"type": "integer", "default": 50, "maximum": MAX_ROWS}, "maximum number of rows", "rows"),
+}
+
+# The search form hides the fields of these until the user opens them.
+SELDOM = ("on", "in", "beside", "since", "until", "near", "near_object", "within", "min_score", "limit")
+
+
+def given(asked: Mapping[str, str]) -> dict[str, str]:
+    """Return the parameters of a request that have a value; a form also sends its empty fields.
+
+    Raises
+    ------
+    InputError
+        A parameter is unknown.
+    """
+    unknown = sorted(set(asked) - set(PARAMETERS))
+    if unknown:
+        raise InputError(f"unknown parameter '{unknown[0]}'; known parameters: {', '.join(PARAMETERS)}")
+    return {name: value.strip() for name, value in asked.items() if value.strip()}
+
+
+def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filters:
+    """Return the parameters of a request, from `given`, as filters; `model` as in `text_query`.
+
+    Raises
+    ------
+    InputError
+        A value is invalid, or there is a text and no model.
+    """
+
+    def read(name: str, reader: Callable[[str], T], otherwise: T) -> T:
+        try:
+            return reader(asked[name]) if name in asked else otherwise
+        except ValueError as error:
+            raise InputError(f"{name}: {error}") from None
+
+    sized = "min_size" in asked or "max_size" in asked
+    return Filters(
+        size_m=(read("min_size", length, 0.0), read("max_size", length, MAX_SIZE_M)) if sized else None,
+        near=read("near", place, None),
+        within_m=read("within", length, 0.5),
+        recording=asked.get("recording"),
+        since=read("since", moment, None),
+        until=read("until", moment, None),
+        color=asked.get("color"),
+        name=asked.get("name"),
+        min_score=read("min_score", _number, None),
+        like=read("like", thing, None),
+        on=asked.get("on"),
+        inside=asked.get("in"),
+        beside=asked.get("beside"),
+        near_object=asked.get("near_object"),
+        text=text_query(asked.get(TEXT), model),
+        limit=int(min(MAX_ROWS, max(1.0, read("limit", _number, 50.0)))),
+    )
+
+
+def text_query(text: str | None, model: TextModel | None) -> TextQuery | None:
+    """Return a text with its vector; None without a text.
+
+    Parameters
+    ----------
+    text : str or None
+    model : TextModel or None
+        The image-text model of the server.
+
+    Raises
+    ------
+    InputError
+        There is a text and no model, or the model cannot be run.
+    """
+    if text is None:
+        return None
+    if model is None:
+        raise InputError(
+            "text: this server has no image-text model; 'cuboid serve' and 'cuboid mcp' take one by --text-model DIR"
+        )
+    return model.query(text)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"expected a number, got '{text}'") from None

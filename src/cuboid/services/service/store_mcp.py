@@ -1,0 +1,167 @@
+"""A store for assistants: tools of the Model Context Protocol that search the objects of all recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, TypeVar
+
+from mcp.server.mcpserver import Image, MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
+from pydantic import Field
+
+from cuboid import __version__
+from cuboid.fleet.store.find import find, picture_of
+from cuboid.fleet.store.query import SharedTables, Tables
+from cuboid.fleet.store.summary import summarise_store
+from cuboid.ground.core.errors import InputError
+from cuboid.method.text_search import TextModel
+from cuboid.services.queries.parameters import text_query
+from cuboid.services.queries.words import moment, thing
+from cuboid.services.service.mcp import READ_ONLY, Conditions, Label, Limit, add_find_objects, answered
+
+T = TypeVar("T")
+INSTRUCTIONS = (
+    "Recordings of an RGB-D camera, and the objects that were found in each: boxes, names, colors, pictures. "
+    "Lengths are metres, in the world of each recording; times are UTC. Begin with describe_store."
+)
+
+Recording = Annotated[str, Field(description="name of a recording")]
+
+
+@dataclass(frozen=True)
+class StoreRecording:
+    """A recording that was tracked."""
+
+    recording: str
+    objects: int
+    frames_read: int
+    frames_used: int
+    warnings: int
+
+
+@dataclass(frozen=True)
+class StoreAbout:
+    """The size of a store."""
+
+    recordings: int
+    objects: int
+    frames: int
+    not_done: int
+
+
+@dataclass(frozen=True)
+class StoredObject:
+    """An object of a recording."""
+
+    recording: str
+    label: int
+    name: str | None
+    color: str | None
+    center_m: tuple[float, float, float]
+    size_m: tuple[float, float, float]
+    score: float | None
+    frames_seen: int
+    last_seen: str | None
+    distance_m: float | None = None
+    unlike: float | None = None
+    text_score: float | None = None
+
+
+@dataclass(frozen=True)
+class StoreConditions(Conditions):
+    """The parameters of `find_objects` for a store."""
+
+    recording: Annotated[str | None, Field(description="glob of names of recordings")] = None
+    since: Annotated[str | None, Field(description="date or time (UTC), or 7d, 12h, 30min")] = None
+    like: Annotated[str | None, Field(description="RECORDING#LABEL: the most similar objects first")] = None
+
+
+def server_of(url: str, model: TextModel | None = None) -> MCPServer:
+    """Return the MCP server of a store.
+
+    Parameters
+    ----------
+    url : str
+    model : TextModel, optional
+        Model for text search, which ranks the objects.
+
+    Raises
+    ------
+    InputError
+        There is no store at the URL.
+    """
+    server = MCPServer("cuboid", version=__version__, instructions=INSTRUCTIONS, log_level="WARNING")
+    tables = SharedTables(url)
+
+    async def asked(question: Callable[[Tables], T]) -> T:
+        return await answered(tables.ask, question)
+
+    @server.tool(annotations=READ_ONLY)
+    async def describe_store() -> StoreAbout:
+        """Tell how many recordings, objects and frames the store has, and how many recordings are not done."""
+
+        def answer(of: Tables) -> StoreAbout:
+            found = summarise_store(of, 1)
+            totals, not_done = found.totals, sum(one["count"] for one in found.failed)
+            return StoreAbout(totals["recordings"], totals["objects"], totals["frames"], not_done)
+
+        return await asked(answer)
+
+    @server.tool(annotations=READ_ONLY)
+    async def list_recordings(
+        recording: Annotated[str | None, Field(description="glob of their names, such as kitchen*")] = None,
+        limit: Limit = 50,
+    ) -> list[StoreRecording]:
+        """List recordings that are done, those with the worst quality first."""
+
+        def answer(of: Tables) -> list[StoreRecording]:
+            return [_recording(row) for row in summarise_store(of, limit, recording).worst]
+
+        return await asked(answer)
+
+    def found(asked: StoreConditions) -> list[StoredObject]:
+        """Find objects in all recordings by name, size, color, place, time and relations; all must hold.
+
+        With `like`, the most similar objects are first; with a text, those whose pictures fit it best.
+        """
+
+        def answer(of: Tables) -> list[StoredObject]:
+            read = {"since": _read(moment, asked.since), "like": _read(thing, asked.like)}
+            return [_object(row) for row in find(of, asked.filters(text_query(asked.text, model), **read))]
+
+        return tables.ask(answer)
+
+    add_find_objects(server, StoreConditions, list[StoredObject], found)
+
+    @server.tool(annotations=READ_ONLY)
+    async def picture_of_object(recording: Recording, label: Label) -> Image:
+        """Show the best picture of an object."""
+        picture = await asked(lambda of: picture_of(of, recording, label))
+        if picture is None:
+            raise ToolError(f"there is no picture of object {label} of {recording}")
+        return Image(data=picture, format="jpeg")
+
+    return server
+
+
+def _read(read: Callable[[str], T], text: str | None) -> T | None:
+    try:
+        return None if text is None else read(text)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
+def _recording(row: dict[str, Any]) -> StoreRecording:
+    counts = {name: row[name] or 0 for name in ("objects", "frames_read", "frames_used", "warnings")}
+    return StoreRecording(row["recording"], **counts)
+
+
+def _object(row: dict[str, Any]) -> StoredObject:
+    x, y, z = (round(row[f"center_{axis}_m"], 4) for axis in "xyz")
+    long, middle, short = (round(row[f"{side}_m"], 4) for side in ("longest", "middle", "shortest"))
+    seen = row["last_seen"]
+    values = {one.name: row[one.name] for one in fields(StoredObject) if one.name in row}
+    values |= {name: round(row[name], 4) for name in ("distance_m", "unlike", "text_score") if name in row}
+    values |= {"center_m": (x, y, z), "size_m": (long, middle, short)}
+    return StoredObject(**{**values, "last_seen": None if seen is None else seen.isoformat()})

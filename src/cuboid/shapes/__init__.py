@@ -1,9 +1,0 @@
-"""The surface of an object as a colored mesh, from the fused depth of its views."""
-
-from __future__ import annotations
-
-from cuboid.shapes.building import object_mesh
-from cuboid.shapes.mesh import ObjectMesh
-from cuboid.shapes.views import ObjectView
-
-__all__ = ["ObjectMesh", "ObjectView", "object_mesh"]

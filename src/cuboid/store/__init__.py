@@ -1,6 +1,0 @@
-"""The store: results of many recordings as Parquet tables that other programs can read.
-
-It needs the packages of the extra `cluster`; if they are missing, `cuboid.core.extras` raises an error of one line.
-"""
-
-from __future__ import annotations

@@ -1,8 +1,0 @@
-"""A run in progress, in the browser: the growing map, the objects, the camera and its picture."""
-
-from __future__ import annotations
-
-from cuboid.views.live.server import LiveServer
-from cuboid.views.live.watch import LiveView
-
-__all__ = ["LiveServer", "LiveView"]
