@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.ground.core.frame import Float64Array, Frame
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Frame
 from cuboid.lab.evaluation.truth import NAME as TRUTH
 from cuboid.runs.tracking.measuring import peak_memory_mb
 from cuboid.runs.tracking.posed_tracker import PosedTracker

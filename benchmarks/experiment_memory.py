@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry.box import Box
 from cuboid.method.heatmap.kernels.cubes import make_cube, pack_key
 from cuboid.method.proposals import Proposals

@@ -22,12 +22,12 @@ import numpy as np
 
 from ab3dmot import track
 from cuboid import CuboidError, open_recording
+from cuboid.ground.formats.folder import OBJECTS
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import unpack
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.lab.evaluation import read_result
 from cuboid.results.files import read_objects
-from cuboid.results.files.folder import OBJECTS
 from cuboid.runs.pipeline.options import TrackOptions
 from observations import as_result
 from scenes import Case, cases

@@ -14,14 +14,15 @@ from unittest.mock import patch
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.ground.core.frame import Float64Array, Frame
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.formats.folder import TRACKS
 from cuboid.ground.geometry import se3
 from cuboid.lab.evaluation import evaluate
 from cuboid.lab.evaluation.figures import figures
 from cuboid.lab.synthetic.paths import POSE_NOISES
 from cuboid.method.objects.object_map import ObjectMap
 from cuboid.results.files import read_tracks
-from cuboid.results.files.folder import TRACKS
 from cuboid.runs.pipeline.options import TrackOptions
 from cuboid.runs.pipeline.run import track_recording
 from scenes import Case, cases

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.overlap import iou_matrix, pack
 from cuboid.method.boxes.fit import fit_box
 from features import FEATURES, KEYPOINTS, make_surface

@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid import open_recording
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core import observation
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult
 from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.box import Box

@@ -46,7 +46,7 @@ def processor_time() -> Iterator[None]:
     It holds for one thread, which the benchmarks are run with.
     """
     clock = SimpleNamespace(perf_counter=time.process_time)
-    with patch("cuboid.ground.core.compiletime.time", clock):
+    with patch("cuboid.ground.compiling.compiletime.time", clock):
         yield
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 from cuboid.ground.geometry.box import Box
 from cuboid.results.files import ObjectsFile, ResultWriter, RunReport, Timing

@@ -87,7 +87,7 @@ SLOW_FILES = frozenset(
         "service/test_place_by_text.py",
         "service/test_serve_place.py",
         "service/test_served_run.py",
-        "scene/test_unread.py",
+        "scene/test_without_depth.py",
         "scene/test_validation.py",
         "scene/test_viewing.py",
         "shapes/test_object_mesh.py",

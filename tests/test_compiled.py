@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from cuboid.ground.core import compiletime, kernelcache
-from cuboid.ground.core.compiled import KERNELS
-from cuboid.ground.core.kernelcache import KEPT_VERSIONS, UNUSED_S, cache_folder, prune
-from cuboid.ground.core.kernelstamp import stamp_of
+from cuboid.ground.compiling import compiletime, kernelcache
+from cuboid.ground.compiling.compiled import KERNELS
+from cuboid.ground.compiling.kernelcache import KEPT_VERSIONS, UNUSED_S, cache_folder, prune
+from cuboid.ground.compiling.kernelstamp import stamp_of
 
 SOURCE = """
 from typing import NamedTuple
 import numpy as np
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 
 FACTOR = 2.0
 TABLE = np.array([1, 2])
@@ -199,7 +199,7 @@ NOT_WARMED_UP = {"allocate_rows"}
 WARM_UP = """
 from cuboid.runs.pipeline.warmup import compile_kernels
 compile_kernels()
-from cuboid.ground.core.compiled import KERNELS
+from cuboid.ground.compiling.compiled import KERNELS
 assert len(KERNELS) > 100
 print(*sorted(kernel.function.__name__ for kernel in KERNELS.values() if not kernel.cached))
 """

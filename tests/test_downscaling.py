@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.ground.core.downscaling import SAME_SURFACE, downscale
+from cuboid.ground.core.depth import SAME_SURFACE
+from cuboid.ground.core.downscaling import downscale
 from cuboid.ground.core.frame import Frame, Intrinsics
 
 K = Intrinsics(50.0, 50.0, 31.5, 23.5, 64, 48)

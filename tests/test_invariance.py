@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult, Sighting
 from cuboid.ground.geometry.box import Box
 from cuboid.inputs.readers import open_recording

@@ -14,10 +14,10 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "python.md"
 
 
 def exported() -> set[str]:
-    """Return the names that type checkers see: those of `import X as X`."""
+    """Return the public names that type checkers see: those of `import X as X`."""
     tree = ast.parse(inspect.getsource(cuboid))
     aliases = [alias for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names]
-    return {alias.name for alias in aliases if alias.name == alias.asname}
+    return {alias.name for alias in aliases if alias.name == alias.asname and not alias.name.startswith("_")}
 
 
 PUBLIC = sorted(name for name in dir(cuboid) if not name.startswith("_"))
@@ -39,7 +39,7 @@ def test_type_checkers_see_the_same_names() -> None:
 
 def returned_types() -> set[str]:
     """Return the classes of ours that stand in the return types of the queries of a map."""
-    queries = Path(cuboid.__file__).parent / "outputs" / "queries.py"
+    queries = Path(cuboid.__file__).parent / "results" / "files" / "queries.py"
     names, ours = set(), set()
     for node in ast.walk(ast.parse(queries.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cuboid"):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cuboid.fleet.store.schema import OBJECTS, TABLES
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.records import column, columns_of, names_in, plain_fields, table_columns_of
 from cuboid.ground.core.results import Proposal3D, Sighting, TrackedObject
 from cuboid.ground.core.values import Count, Fraction, Level

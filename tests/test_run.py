@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 
 from cuboid.ground.core.errors import InputError, OutputError
-from cuboid.method.poses.sources import GivenPoses
-from cuboid.results.files import read_objects, read_run, read_tracks, read_trajectory
-from cuboid.results.files.folder import (
+from cuboid.ground.formats.folder import (
     AGENTS,
     EMBEDDINGS,
     EVENTS,
@@ -23,6 +21,8 @@ from cuboid.results.files.folder import (
     VIDEO,
     VIEWS,
 )
+from cuboid.method.poses.sources import GivenPoses
+from cuboid.results.files import read_objects, read_run, read_tracks, read_trajectory
 from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
 from cuboid.runs.tracking.types import RunOutcome

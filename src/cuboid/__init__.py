@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.ground.core.display import draw_with
 from cuboid.ground.core.errors import CuboidError as CuboidError
+from cuboid.ground.version import __version__ as __version__
 
 # "import X as X" exports a name to type checkers. There is no `__all__`: with it, `help(cuboid)` would print each class
 # in full, some thousand lines.
@@ -89,9 +90,14 @@ if TYPE_CHECKING:
     from cuboid.runs.tracking.types import RunOutcome as RunOutcome
     from cuboid.runs.tracking.types import TrackerLike as TrackerLike
 
-draw_with("cuboid.results.views.notebook")
 
-__version__ = "0.2.0"
+def _png_of(value: object) -> bytes:
+    from cuboid.results.views.notebook import png_of  # imported here: it takes a while, and only notebooks need it
+
+    return png_of(value)
+
+
+draw_with(_png_of)
 
 # The public names of each module. One is imported when it is first used: `cuboid --help` answers at once, and
 # `--threads` can size the pools of libraries, which read their limits when they are imported.

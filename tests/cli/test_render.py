@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from cuboid.cli import render
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.inputs.readers import open_recording
 from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
 from cuboid.runs.pipeline.run import track_recording

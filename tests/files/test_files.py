@@ -12,6 +12,7 @@ import pytest
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.results import FrameResult, MapPoints, ObjectEvent, TrackedObject
+from cuboid.ground.formats.folder import AGENTS, EVENTS
 from cuboid.ground.geometry.box import Box
 from cuboid.results.files import (
     LimitReached,
@@ -29,7 +30,6 @@ from cuboid.results.files import (
     write_objects,
     write_run,
 )
-from cuboid.results.files.folder import AGENTS, EVENTS
 from cuboid.results.files.rows import PoseRow, ProposalRow, TrackRow, read_agents, read_events
 from cuboid.runs.pipeline.options import RunHooks
 from cuboid.runs.pipeline.run import track_recording

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cuboid.ground.core.errors import OutputError
-from cuboid.results.files.folder import ResultFolder, writing
+from cuboid.ground.formats.folder import ResultFolder, writing
 
 
 def fill(folder: ResultFolder, *names: str) -> None:

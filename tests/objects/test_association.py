@@ -20,7 +20,7 @@ def box(x: float, size: float = 0.2) -> Box:
 
 
 def entry(number: int, x: float) -> MapObject:
-    return MapObject(number, box(x), 0, 0)
+    return MapObject(number, 0, 0, box(x))
 
 
 def frame_of(claim: np.ndarray) -> FrameSegments:

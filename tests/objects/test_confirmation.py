@@ -43,7 +43,7 @@ def candidate(points: np.ndarray, top: int, bottom: int) -> MapObject:
     """A thing that was seen to end in air at its sides, and at one kind of neighbour above and below."""
     low, high = points.min(0), points.max(0)
     box = box_of(np.array([[low[0], low[1], 0.005], high]))  # down to the table
-    entry = MapObject(1, box, 0, 0, plane=0)
+    entry = MapObject(1, 0, 0, box, plane=0)
     entry.points = points.astype(np.float32)
     entry.outline = np.zeros((4, KINDS))
     for side, kind in ((TOP, top), (BOTTOM, bottom), (LEFT, FREE), (RIGHT, FREE)):

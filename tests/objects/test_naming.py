@@ -2,26 +2,29 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_maps import grid, map_of
 
 from cuboid.ground.geometry.box import Box
 from cuboid.method.detection.types import Detections
+from cuboid.method.objects.detection_votes import name_objects
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.naming import (
     MAX_CLASSES,
     MISSED,
-    add_evidence,
     chosen_name,
     match_detections,
     merged_evidence,
-    name_objects,
     name_scores,
 )
+from cuboid.method.objects.store import ObjectStore
+from cuboid.method.objects.visibility import Visibility
 
+STORE = ObjectStore(map_of((grid((0, 0.1), (0, 0.1), (0, 0.1)), 0)))
 FRONT = np.array([0.0, -1.0, 0.0])
 
 
 def thing() -> MapObject:
-    return MapObject(1, Box(np.zeros(3), np.full(3, 0.1), np.eye(3)), 0, 0)
+    return MapObject(1, 0, 0, Box(np.zeros(3), np.full(3, 0.1), np.eye(3)))
 
 
 def around(turn_rad: float) -> np.ndarray:
@@ -36,10 +39,10 @@ def detections(*rows: tuple[list[int], dict[str, float]], names: tuple[str, ...]
 def test_ten_frames_from_one_place_are_not_ten_witnesses() -> None:
     still, moving = thing(), thing()
     for k in range(10):
-        add_evidence(still, {"cup": 0.4}, 1.0, FRONT)
-        add_evidence(moving, {"cup": 0.4}, 1.0, around(0.5 * k))
+        STORE.add_name_evidence(still, {"cup": 0.4}, 1.0, FRONT)
+        STORE.add_name_evidence(moving, {"cup": 0.4}, 1.0, around(0.5 * k))
     one = thing()
-    add_evidence(one, {"cup": 0.4}, 1.0, FRONT)
+    STORE.add_name_evidence(one, {"cup": 0.4}, 1.0, FRONT)
     assert still.name_log_odds["cup"] == pytest.approx(one.name_log_odds["cup"] * sum(1 / n for n in range(1, 11)))
     assert moving.name_log_odds["cup"] == pytest.approx(10 * one.name_log_odds["cup"])
     assert still.views[:, 3].tolist() == [10.0]
@@ -47,29 +50,29 @@ def test_ten_frames_from_one_place_are_not_ten_witnesses() -> None:
 
 def test_what_is_half_hidden_counts_half() -> None:
     whole, half = thing(), thing()
-    add_evidence(whole, {"cup": 0.8}, 1.0, FRONT)
-    add_evidence(half, {"cup": 0.8}, 0.5, FRONT)
+    STORE.add_name_evidence(whole, {"cup": 0.8}, 1.0, FRONT)
+    STORE.add_name_evidence(half, {"cup": 0.8}, 0.5, FRONT)
     assert half.name_log_odds["cup"] == pytest.approx(whole.name_log_odds["cup"] / 2)
 
 
 def test_low_scores_and_misses_speak_against_a_class() -> None:
     entry = thing()
-    add_evidence(entry, {"cup": 0.9}, 1.0, FRONT)
+    STORE.add_name_evidence(entry, {"cup": 0.9}, 1.0, FRONT)
     before = entry.name_log_odds["cup"]
-    add_evidence(entry, {}, 1.0, around(1.0))
+    STORE.add_name_evidence(entry, {}, 1.0, around(1.0))
     assert entry.name_log_odds["cup"] == pytest.approx(before - MISSED)
-    add_evidence(entry, {"cup": 0.06}, 1.0, around(2.0))
+    STORE.add_name_evidence(entry, {"cup": 0.06}, 1.0, around(2.0))
     assert entry.name_log_odds["cup"] == pytest.approx(before - 2 * MISSED)
     unsure = thing()
     for k in range(20):
-        add_evidence(unsure, {"cell phone": 0.12}, 1.0, around(0.3 * k))
+        STORE.add_name_evidence(unsure, {"cell phone": 0.12}, 1.0, around(0.3 * k))
     assert chosen_name(name_scores(unsure.name_log_odds))["name"] is None
 
 
 def test_a_name_needs_more_than_all_others_and_none() -> None:
     entry = thing()
     assert chosen_name(name_scores(entry.name_log_odds)) == {"name": None, "name_score": None, "names": ()}
-    add_evidence(entry, {"cup": 0.9, "bowl": 0.3}, 1.0, FRONT)
+    STORE.add_name_evidence(entry, {"cup": 0.9, "bowl": 0.3}, 1.0, FRONT)
     named = chosen_name(name_scores(entry.name_log_odds))
     assert named["name"] == "cup"
     assert named["name_score"] == pytest.approx(0.91, abs=0.01)
@@ -98,9 +101,9 @@ def test_a_part_of_something_larger_is_not_taken_as_missed() -> None:
         entry.name_log_odds = {"cup": 1.0}
     found = detections(([0, 0, 200, 200], {"book": 0.9}))
     seen = [
-        (part, 1.0, np.array([10.0, 10.0, 40.0, 40.0])),
-        (apart, 1.0, np.array([300.0, 10.0, 340.0, 40.0])),
+        (part, Visibility(1.0, np.array([10.0, 10.0, 40.0, 40.0]), True)),
+        (apart, Visibility(1.0, np.array([300.0, 10.0, 340.0, 40.0]), True)),
     ]
-    name_objects(found, seen, FRONT)
+    name_objects(found, seen, STORE, FRONT)
     assert part.name_log_odds == {"cup": 1.0}
     assert apart.name_log_odds["cup"] == pytest.approx(1.0 - MISSED)

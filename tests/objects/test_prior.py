@@ -16,7 +16,7 @@ OWNER[5:15, 0:10], OWNER[5:15, 15:25], OWNER[0, 29] = 2, 6, 9  # the last one is
 
 def entry(number: int, log_odds: float, state: State = State.CONFIRMED) -> MapObject:
     box = Box(np.zeros(3), np.ones(3), np.eye(3))
-    return MapObject(number, box, 0, 0, state=state, label=number, log_odds=log_odds)
+    return MapObject(number, 0, 0, box, state=state, label=number, log_odds=log_odds)
 
 
 def weighed(*boxes: tuple[int, int, int, int]) -> WeighedProposals:

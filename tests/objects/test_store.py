@@ -9,7 +9,8 @@ from made_maps import grid, map_of
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.kernels.overlap import BATCH
 from cuboid.ground.geometry.overlap import pack
-from cuboid.method.objects.entry import State
+from cuboid.method.objects.affinity import MAX_LOG_ODDS
+from cuboid.method.objects.entry import ObjectWithoutDepth, State
 from cuboid.method.objects.store import ObjectStore
 
 
@@ -134,3 +135,113 @@ def test_neighbours_are_those_whose_spheres_come_near() -> None:
     assert [e.number for e in store.near(here, 0.1)] == [entries[17].number]
     assert len(store.near(Box(here.center + 10.0, here.size, np.eye(3)), 1.0)) > 1
     assert len(store.bounds) * BATCH == len(store.boxes)
+
+
+def test_the_evidence_for_an_object_is_limited_in_both_directions() -> None:
+    store = store_of(1)
+    for _ in range(20):
+        store.add_evidence(store[1], 3.0)
+    assert store[1].log_odds == MAX_LOG_ODDS
+    for _ in range(20):
+        store.add_evidence(store[1], -3.0)
+    assert store[1].log_odds == -MAX_LOG_ODDS
+
+
+def test_an_object_that_is_moved_is_retired_until_it_is_set_down_and_keeps_its_label() -> None:
+    store = store_of(2)
+    store.confirm(store[1])
+    entry = store[1]
+    entry.supports, entry.plane, entry.sightings = {4: 10}, 4, 7
+    store.attach(entry, 2, supports_plane=True)
+    store.lift(entry)
+    assert owners(store) == {2: 100}
+    store.move(entry, box(5.0), np.ones((3, 3), np.float32))
+    assert not entry.confirmed
+    assert np.isnan(store.boxes[1]).all(), "an object that is being moved is beside no other"
+    store.set_down(entry, box(6.0))
+    assert (entry.label, entry.moved, entry.confirmed) == (1, True, True)
+    assert [o.number for o in store.near(box(6.0), 0.0)] == [1]
+    assert (entry.plane, entry.supports, entry.holder, entry.supports_plane) == (None, {}, 0, False)
+    assert entry.fitted == entry.sightings == 7
+    assert store.labelled == 1
+
+
+def test_a_label_that_is_taken_over_is_on_one_object_alone() -> None:
+    store = store_of(2)
+    store.confirm(store[1])
+    store.confirm(store[2])
+    store[1].frames_seen, store[2].frames_seen = 3, 4
+    old, entry = store[1], store[2]
+    store.retire(old)
+    store.take_over(entry, old)
+    assert (entry.label, entry.merged_labels, entry.first_frame, entry.frames_seen) == (1, [2], 10, 7)
+    assert store.ever_labelled() == [entry]
+
+
+def without_depth(store: ObjectStore, x: float, frame: int) -> ObjectWithoutDepth:
+    return store.add_without_depth(np.eye(3), np.array([x, 0.0, 0.0]), frame)
+
+
+def test_objects_with_and_without_depth_share_the_labels() -> None:
+    store = store_of(1)
+    entry = without_depth(store, 3.0, 5)
+    store.confirm(entry)
+    store.confirm(store[1])
+    assert (entry.label, store[1].label, store.labelled) == (1, 2, 1)
+    store.retire(entry)
+    assert (entry.state, store.without_depth()) == (State.RETIRED, [])
+    other = without_depth(store, 3.0, 6)
+    store.confirm(other)
+    assert (other.number, other.label) == (2, 3)
+
+
+def test_an_object_without_depth_that_is_one_of_the_map_gives_it_the_older_label() -> None:
+    store = store_of(1)
+    entry = without_depth(store, 1.0, 5)
+    store.confirm(entry)
+    store.confirm(store[1])
+    store.join_map(entry, store[1])
+    assert (store[1].label, store[1].merged_labels, store[1].first_frame) == (1, [2], 5)
+    assert (entry.label, entry.merged_labels, entry.partner) == (1, [], 1)
+    store.retire(store[1])
+    store.leave_map(entry)
+    assert (entry.label, entry.partner, entry.confirmed) == (1, 0, True)
+    other = store.add(box(1.0), 30)
+    store.confirm(other)
+    store.join_map(entry, other)
+    store.join_map(entry, other)
+    assert (other.label, other.merged_labels) == (1, [3]), "a label is not merged into itself"
+
+
+def test_of_two_objects_without_depth_the_older_label_stays() -> None:
+    store = store_of(1)
+    kept, gone = without_depth(store, 1.0, 5), without_depth(store, 1.1, 2)
+    store.confirm(kept)
+    store.confirm(gone)
+    for entry, hits in ((kept, 2), (gone, 4)):
+        for _ in range(hits):
+            store.add_hit(entry, 0.1 * hits, keyframe=1)
+    store.add_evidence(gone, 2.0)
+    store.merge_without_depth(kept, gone, (np.ones(3), np.array([0.3, 0.2])))
+    assert (kept.label, kept.merged_labels, kept.first_frame) == (1, [2], 2)
+    assert (kept.hits, kept.log_odds) == (4, 2.0)
+    assert kept.read == pytest.approx((2 * 0.2 + 4 * 0.4) / 6), "the mean of all detections"
+    np.testing.assert_allclose(kept.center, 0.5)
+    assert store.without_depth() == [kept]
+
+
+def test_a_state_keeps_the_objects_without_depth() -> None:
+    store = store_of(1)
+    entries = [without_depth(store, float(k), k) for k in range(3)]
+    store.confirm(entries[1])
+    store.retire(entries[2])
+    saved = store.state_without_depth()
+    store.add_evidence(entries[0], 1.0)
+    assert saved[0].log_odds == 0.0, "later updates do not change it"
+    for entry in saved:
+        entry.state = State.CANDIDATE  # as in states of earlier versions
+    again = store_of(1)
+    again.restore_without_depth(saved)
+    assert [o.number for o in again.without_depth()] == [1, 2]
+    assert [o.confirmed for o in again.without_depth()] == [False, True]
+    assert without_depth(again, 0.0, 9).number == 3

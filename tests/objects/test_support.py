@@ -24,7 +24,7 @@ def table_around(*hidden: tuple[float, float]) -> np.ndarray:
 def holder(table: np.ndarray, *things: np.ndarray) -> int:
     """What holds the first one of things, which are 1, 2, .. ; 0 for nothing."""
     numbered = list(enumerate(things, 1))
-    entries = [MapObject(k, box_of(p), 0, 0, points=p.astype(np.float32)) for k, p in numbered]
+    entries = [MapObject(k, 0, 0, box_of(p), points=p.astype(np.float32)) for k, p in numbered]
     voxels = map_of((table, 0), *((points, number) for number, points in numbered))
     return find_holder(entries[0], UP, 0.0, entries[1:], voxels)
 
@@ -116,7 +116,7 @@ BOARD = grid((0.0, 0.6), (0.0, 0.3), (0.24, 0.25))
 
 def entry(number: int, *parts: np.ndarray) -> MapObject:
     points = np.concatenate(parts)
-    return MapObject(number, box_of(points), 0, 0, points=points.astype(np.float32))
+    return MapObject(number, 0, 0, box_of(points), points=points.astype(np.float32))
 
 
 def test_a_shelf_encloses_what_stands_beneath_one_of_its_boards() -> None:

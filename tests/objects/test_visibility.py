@@ -23,7 +23,7 @@ def seen(depth_m: np.ndarray, lowest_m: float) -> Visibility:
     """Return how the box is seen by a depth image when the map knows its front down to some height."""
     x, y = np.meshgrid(np.linspace(-0.1, 0.1, 21), np.linspace(-0.1, 0.1 - lowest_m, 21))
     points = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]).astype(np.float32)
-    entry = MapObject(1, UP, 0, 0, points=points, colors=np.full((len(points), 3), 200, np.uint8))
+    entry = MapObject(1, 0, 0, UP, points=points, colors=np.full((len(points), 3), 200, np.uint8))
     color = np.full((*depth_m.shape, 3), 90, np.uint8)
     image = WorkingImage(depth_m.astype(np.float32), color, CAMERA, 1, (0, 0))
     slots = np.full(depth_m.shape, -1, np.int32)

@@ -15,9 +15,8 @@ from made_recordings import make_plain
 
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.formats import archives, cache
-from cuboid.ground.formats.cache import local_file
 from cuboid.ground.formats.reading import MAX_TEXT_BYTES, UnreadableError, names_in, opened, read_bytes
-from cuboid.ground.formats.stored import STORES_OPEN, StoredPath, located
+from cuboid.ground.formats.stored import STORES_OPEN, StoredPath, local_file, located
 from cuboid.inputs.readers import open_recording
 
 

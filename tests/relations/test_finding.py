@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import SupportPlane, TrackedObject
 from cuboid.ground.geometry import se3
 from cuboid.ground.geometry.box import Box

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
 from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject
@@ -23,7 +23,7 @@ def room(seed: int, count: int = 9) -> list[MapObject]:
         box = Box(level @ [*rng.uniform(-0.6, 0.6, 2), size[2] / 2], size, level)
         points = (box.center + (rng.uniform(-0.5, 0.5, (200, 3)) * size) @ level.T).astype(np.float32)
         colors = np.tile(rng.integers(20, 235, 3), (200, 1)).astype(np.uint8)
-        entry = MapObject(label, box, 0, 9, points=points)
+        entry = MapObject(label, 0, 9, box, points=points)
         entry.label, entry.colors, entry.frames_seen = label, colors, 10
         things.append(entry)
     return things
@@ -33,7 +33,7 @@ def carried(things: list[MapObject], T: Float64Array) -> list[MapObject]:
     moved = []
     for item in things:
         box = Box(se3.transform(T, item.box.center), item.box.size, T[:3, :3] @ item.box.rotation)
-        entry = MapObject(item.number, box, 0, 9, points=se3.transform(T, item.points).astype(np.float32))
+        entry = MapObject(item.number, 0, 9, box, points=se3.transform(T, item.points).astype(np.float32))
         entry.label, entry.colors, entry.frames_seen = item.label, item.colors, item.frames_seen
         moved.append(entry)
     return moved

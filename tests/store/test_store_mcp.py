@@ -10,9 +10,9 @@ import pytest
 from made_stores import put_run, thing
 from mcp.client.client import Client
 
+from cuboid.fleet.store.mcp import server_of
 from cuboid.fleet.store.place import Place
 from cuboid.ground.core.errors import InputError
-from cuboid.services.service.store_mcp import server_of
 from served import served
 
 JPEG = b"\xff\xd8\xff\xe0 a picture"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_planes import level
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.method.surfaces.plane import Plane
 from cuboid.method.surfaces.seats import seat_of, supporting_plane
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cuboid.ground.arrays import Float32Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.depth import DepthImage
-from cuboid.ground.core.frame import Float32Array
 from cuboid.ground.geometry.box import Box
 from cuboid.method.surfaces.standing import FlatAreas, find_flat_areas
 from made_scenes import CAMERA, cast, look_at, upright

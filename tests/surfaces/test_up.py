@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.depth import DepthImage
-from cuboid.ground.core.frame import Float64Array, unit
+from cuboid.ground.core.frame import unit
 from cuboid.ground.geometry.box import Box
 from cuboid.inputs.readers import open_recording
 from cuboid.method.surfaces.standing import find_flat_areas

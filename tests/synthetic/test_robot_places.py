@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry.se3 import inverse, transform
 from cuboid.lab.synthetic import Scene, make_scene
 from cuboid.lab.synthetic.view import SceneView

@@ -12,10 +12,10 @@ pytest.importorskip("tokenizers")
 
 from cuboid import open_results
 from cuboid.ground.core.errors import InputError
+from cuboid.ground.formats.folder import EMBEDDINGS
 from cuboid.method.shapes.views import view_of
 from cuboid.method.text_search import Embeddings, TextModel
 from cuboid.method.text_search.pictures import object_pixels, pictures_of
-from cuboid.results.files.folder import EMBEDDINGS
 from made_scenes import CAMERA, cast
 from made_shapes import BOXES, TABLE, finished, frames
 from made_text_models import made_text_model

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.palette import UNLABELLED, color_of
 from cuboid.ground.geometry.box import EDGES, Box
 from cuboid.results.views.drawing import STRIP_PX, Status, dashes, draw_frame, draw_proposals

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from av.video.reformatter import VideoReformatter
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import OutputError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.results.views.encoding import GIF_FRAMES, GIF_WIDTH_PX, GifWriter, Mp4Writer, VideoWriter, yuv420
 
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.palette import COLORS, OKABE_ITO, color_of, hex_of, ink_on
 
 # Linear RGB to cones, and what cones a deuteranope is left with: F. Viénot, H. Brettel and J. Mollon,

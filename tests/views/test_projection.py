@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry.box import EDGES, Box
 from cuboid.ground.geometry.se3 import compose, inverse, transform
 from cuboid.results.views.projection import (

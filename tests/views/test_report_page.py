@@ -12,7 +12,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from browser import VIEWPORT, Watched, browser, pixels
-from cuboid.ground.core.frame import UInt8Array
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.palette import color_of
 from cuboid.inputs.readers import open_recording
 from cuboid.results.files import Results, read_tracks

@@ -23,8 +23,8 @@ import pytest
 
 from browser import Watched, browser, pixels
 from cuboid.cli import serving, view
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import InputError, OutputError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.inputs.readers import open_recording
 from cuboid.method.text_search import Embeddings, TextModel
 from cuboid.results.files import Results

@@ -14,10 +14,10 @@ from importlib import import_module
 from io import TextIOWrapper
 from types import ModuleType
 
-from cuboid import __version__
 from cuboid.cli.names import without_guessing
 from cuboid.cli.parser import MISTAKE, Parser, did_you_mean
 from cuboid.ground.core.errors import CuboidError, one_line, printable
+from cuboid.ground.version import __version__
 
 # The commands in groups, as the help lists them, with a line for each.
 GROUPS = {

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from cuboid import __version__
 from cuboid.cli.progress import LINE_EVERY_S
 from cuboid.cli.recording import (
     add_furniture,
@@ -26,6 +25,7 @@ from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.text_model import add_embedding, embedding_model
 from cuboid.cli.workers import add_workers, workers_from
 from cuboid.ground.core.errors import counted, one_line, printable
+from cuboid.ground.version import __version__
 
 if TYPE_CHECKING:
     from cuboid.fleet.batch.batch import Plan
@@ -170,7 +170,6 @@ def run(args: argparse.Namespace) -> int:
     need_cluster("cuboid batch")
     from contextlib import nullcontext
 
-    from cuboid.cli.batch import BatchProgress
     from cuboid.fleet.batch.batch import Order, carry_out, plan
     from cuboid.fleet.batch.claim import claimed
     from cuboid.fleet.batch.sources import expand

@@ -46,10 +46,10 @@ def run(args: argparse.Namespace) -> int:
     if args.output.exists() and not args.force:
         raise OutputError(f"{args.output}: exists; --force replaces it")
     from cuboid.cli.progress import counting
-    from cuboid.inputs.calibration import calibrate_recording
     from cuboid.inputs.readers.calibration import write_camera
     from cuboid.inputs.readers.undistortion import rescaled
     from cuboid.results.files.pending import new_file
+    from cuboid.runs.pipeline.calibrating import calibrate_recording
 
     recording = _open(args)
     with counting("estimating poses") as shown:

@@ -25,9 +25,9 @@ def run(args: argparse.Namespace) -> int:
 
     with counting("tracking a made recording") as progress:
         compile_kernels(progress)
-    from cuboid.ground.core.compiled import KERNELS
-    from cuboid.ground.core.compiletime import compiling_s
-    from cuboid.ground.core.kernelcache import cache_folder
+    from cuboid.ground.compiling.compiled import KERNELS
+    from cuboid.ground.compiling.compiletime import compiling_s
+    from cuboid.ground.compiling.kernelcache import cache_folder
 
     done = sum(kernel.cache.compiled for kernel in KERNELS.values())
     there = sum(kernel.cached for kernel in KERNELS.values())

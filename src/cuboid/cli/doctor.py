@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass
 from importlib import import_module, metadata
 from pathlib import Path
 
-from cuboid import __version__
 from cuboid.cli.results import add_results, give
 from cuboid.ground.core.extras import how_to_install
 from cuboid.ground.core.threads import cores
+from cuboid.ground.version import __version__
 
 EXAMPLE = "cuboid doctor"
 
@@ -156,8 +156,8 @@ def _kernels() -> Iterator[Check]:
     except ImportError as error:
         yield Check("kernels", BAD, f"the tracker cannot be imported: {error}")
         return
-    from cuboid.ground.core.compiled import KERNELS
-    from cuboid.ground.core.kernelcache import cache_folder
+    from cuboid.ground.compiling.compiled import KERNELS
+    from cuboid.ground.compiling.kernelcache import cache_folder
 
     ready = sum(kernel.cached for kernel in KERNELS.values())
     rest = "" if ready == len(KERNELS) else "; the others when they are first used, or now by 'cuboid compile'"

@@ -68,6 +68,6 @@ def _server(path: str, model: TextModel | None) -> MCPServer:
 
         return server_of_place(open_place(path, model))
     need_cluster("cuboid mcp STORE")
-    from cuboid.services.service.store_mcp import server_of as server_of_store
+    from cuboid.fleet.store.mcp import server_of as server_of_store
 
     return server_of_store(path, model)

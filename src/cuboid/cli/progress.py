@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from cuboid.ground.core import compiletime
-from cuboid.ground.core.compiletime import working_s
+from cuboid.ground.compiling import compiletime
+from cuboid.ground.compiling.compiletime import working_s
 from cuboid.ground.core.errors import counted
 from cuboid.ground.core.results import FrameResult
 from cuboid.runs.tracking.types import Progress
@@ -39,7 +39,7 @@ class CompileCount:
         """Return the state of compiling, such as "compiling kernels 37 of 119, about 40 s left"; else ""."""
         if not compiletime.compiling():
             return ""
-        from cuboid.ground.core.compiled import KERNELS
+        from cuboid.ground.compiling.compiled import KERNELS
 
         if len(KERNELS) != self._kernel_count:  # another module was imported
             self._kernel_count = len(KERNELS)

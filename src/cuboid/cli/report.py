@@ -26,8 +26,8 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.tables import console
     from cuboid.ground.core.errors import InputError, counted
     from cuboid.ground.core.threads import limit_threads
+    from cuboid.ground.formats.folder import REPORT
     from cuboid.results.files import Results
-    from cuboid.results.files.folder import REPORT
     from cuboid.results.views.report import summarise, write_report
 
     limit_threads(1)

@@ -276,9 +276,9 @@ def _forget(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _export(scene: Scene, args: argparse.Namespace) -> Answer:
+    from cuboid.ground.formats.folder import REPORT
     from cuboid.results.exports import export
     from cuboid.results.files import Results
-    from cuboid.results.files.folder import REPORT
 
     document = {"output": str(args.output), "form": args.to}
     if args.to == "results":

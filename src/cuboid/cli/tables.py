@@ -13,8 +13,8 @@ from rich.table import Table
 
 from cuboid.ground.core.errors import counted, printable
 from cuboid.ground.core.results import TrackedObject
+from cuboid.ground.formats.folder import EVENTS
 from cuboid.results.files import RunReport, Timing
-from cuboid.results.files.folder import EVENTS
 from cuboid.results.files.object_table import cells_of
 from cuboid.results.files.rows import EventRow
 from cuboid.runs.tracking.measuring import DETECTOR_BUDGET, DetectorCost

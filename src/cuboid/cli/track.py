@@ -225,9 +225,9 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         objects_table,
         skipped_lines,
     )
-    from cuboid.ground.core.compiletime import compiling_s
+    from cuboid.ground.compiling.compiletime import compiling_s
+    from cuboid.ground.formats.folder import REPORT, VIDEO
     from cuboid.results.files import Results
-    from cuboid.results.files.folder import REPORT, VIDEO
 
     out, report = console(), outcome.report
     if outcome.objects:

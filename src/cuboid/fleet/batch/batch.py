@@ -8,7 +8,6 @@ from typing import Any
 
 from distributed import Client, Future, KilledWorker, as_completed
 
-from cuboid import __version__
 from cuboid.fleet.batch.cluster import RETRIES
 from cuboid.fleet.batch.sources import Source
 from cuboid.fleet.batch.task import Ended, Task, give_up, identify, track
@@ -18,6 +17,7 @@ from cuboid.fleet.store.rows import RunHead
 from cuboid.fleet.store.schema import DONE, FAILED, SET_ASIDE
 from cuboid.fleet.store.snapshot import key_of, snapshot
 from cuboid.ground.core.errors import CuboidError
+from cuboid.ground.version import __version__
 
 # Number of recordings after which the store merges their files: reading so many small files takes one or two seconds.
 GATHER_EVERY = 512

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import dask
 from distributed import CancelledError, Client, KilledWorker, LocalCluster, Nanny, SchedulerPlugin, Status
 
-from cuboid import __version__
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.threads import POOLS, cores
+from cuboid.ground.version import __version__
 
 # A recording of 640x480 needs 0.4 GB; an open bag file and a long map need a few times that.
 MEMORY_LIMIT = "4GiB"

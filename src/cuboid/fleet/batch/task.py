@@ -23,7 +23,7 @@ from cuboid.fleet.store.rows import ReadAs, RunHead, day_of, failure, recorded, 
 from cuboid.fleet.store.schema import DONE, FAILED, RUNS, TABLES
 from cuboid.fleet.store.snapshot import Part, key_of
 from cuboid.ground.core.errors import InputError, MissingExtraError, one_line
-from cuboid.results.files.folder import RUN
+from cuboid.ground.formats.folder import RUN
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -14,15 +14,15 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
-from cuboid import __version__
 from cuboid.fleet.store.find import find
 from cuboid.fleet.store.page import MORE, WORST, found_page, summary_page
 from cuboid.fleet.store.place import RESULTS, Place
 from cuboid.fleet.store.query import SharedTables, Tables
 from cuboid.fleet.store.summary import summarise_store
 from cuboid.ground.core.errors import InputError
+from cuboid.ground.formats.folder import OUTPUT_NAMES
+from cuboid.ground.version import __version__
 from cuboid.method.text_search import TextModel
-from cuboid.results.files.folder import OUTPUT_NAMES
 from cuboid.results.views.guard import Guard
 from cuboid.results.views.serving import LOCAL_NAMES
 from cuboid.services.queries.parameters import PARAMETERS, TEXT, filters_of, given

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.geometry.overlap import intersection_matrix, overlap_min_matrix, pack
 

@@ -13,8 +13,8 @@ from distributed import Client
 from cuboid.fleet.store.place import Place
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.schema import DONE, OBJECTS, RUNS, SIGHTINGS
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import pack
 from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz

@@ -1,1 +1,1 @@
-"""The base package of all others: frames, errors, configuration, and kernels that several stages share."""
+"""What all stages share: frames, results, errors, configuration, and kernels of several stages."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cuboid.ground.core.downscaling import SAME_SURFACE
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics
+from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.kernels.blocks import halve_depth
 from cuboid.ground.core.kernels.cells import AREA, CELL_COLUMNS, RMS, fit_cells
 from cuboid.ground.core.kernels.pixels import drop_mixed
@@ -18,6 +18,9 @@ CELL_RAD = 0.03
 # Depths of neighbours on one surface differ by less than this times z squared (plus 1 cm): ten standard deviations of
 # the first Kinect's noise. A reading that differs by more on both sides lies on neither surface: it mixes two.
 MIXED_PER_M = 0.014
+# Two readings whose depths differ by less than this fraction of the depth lie on one surface: at 1 m that is
+# 1 cm, several times a structured-light sensor's noise and less than an object's step above its table.
+SAME_SURFACE = 0.01
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,6 @@ import numpy as np
 
 from cuboid.ground.core.frame import Frame
 
-# Two readings whose depths differ by less than this fraction of the depth lie on one surface: at 1 m that is
-# 1 cm, several times a structured-light sensor's noise and less than an object's step above its table.
-SAME_SURFACE = 0.01
-
 
 def downscale(frame: Frame, factor: int) -> Frame:
     """Return the frame whose pixels are blocks of `factor` x `factor` pixels of this one.

@@ -9,13 +9,11 @@ from numbers import Real
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.core.display import png_of
 from cuboid.ground.core.errors import FrameError, InputError, shown
 from cuboid.ground.core.values import LATEST_S
 from cuboid.ground.geometry.se3 import rigid
-
-Float32Array = npt.NDArray[np.float32]
-Float64Array = npt.NDArray[np.float64]
-UInt8Array = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,9 +139,7 @@ class Frame:
 
     def _repr_png_(self) -> bytes:
         """Show color and depth side by side, in a notebook."""
-        from cuboid.ground.core.display import png_of
-
-        return png_of("frame_png", self)
+        return png_of(self)
 
     def at(self, T_world_camera: Float64Array) -> Frame:
         """Return the same frame with another pose."""

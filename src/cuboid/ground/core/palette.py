@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 
 # The hues of M. Okabe and K. Ito, "Color Universal Design" (2002), without black, which cannot be seen in the
 # dark halo of a line. The order makes the first few labels differ most.

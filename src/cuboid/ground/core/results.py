@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from msgspec import Meta
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.core.display import png_of
 from cuboid.ground.core.records import LEVEL, PIXEL, column
 from cuboid.ground.core.values import (
     Count,
@@ -185,9 +186,7 @@ class FrameResult:
 
     def _repr_png_(self) -> bytes:
         """Show the heat and the objects that are seen, in a notebook."""
-        from cuboid.ground.core.display import png_of
-
-        return png_of("result_png", self)
+        return png_of(self)
 
 
 class Relation(Entry, frozen=True):

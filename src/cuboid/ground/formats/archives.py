@@ -12,11 +12,11 @@ import weakref
 import zipfile
 from collections.abc import Iterable
 from contextlib import suppress
-from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any, BinaryIO
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO
 
-if TYPE_CHECKING:
-    from cuboid.ground.formats.stored import Entry, StoredPath
+from cuboid.ground.formats import cache
+from cuboid.ground.formats.stores import Entry
 
 # Maximum size of a compressed file that is unpacked in memory; larger ones go to the cache, for random access.
 MAX_IN_MEMORY = 16 << 20
@@ -77,7 +77,7 @@ class Window(io.RawIOBase):
 class _Index:
     """Folders and files by their names from the root of an archive."""
 
-    def __init__(self, archive: StoredPath, sizes: Iterable[tuple[str, int]]) -> None:
+    def __init__(self, archive: Path, sizes: Iterable[tuple[str, int]]) -> None:
         self._root = archive
         self._sizes: dict[str, int] = {}
         self._folders: dict[str, dict[str, None]] = {"": {}}
@@ -91,13 +91,11 @@ class _Index:
                     break
                 name = folder
 
-    def name(self, path: StoredPath) -> str:
+    def name(self, path: Path) -> str:
         """Return a path as seen from the root."""
         return "/".join(path.parts[len(self._root.parts) :])
 
-    def entry(self, path: StoredPath) -> Entry:
-        from cuboid.ground.formats.stored import Entry
-
+    def entry(self, path: Path) -> Entry:
         name = self.name(path)
         if name in self._folders:
             return Entry(0, True)
@@ -105,7 +103,7 @@ class _Index:
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
         return Entry(self._sizes[name], False)
 
-    def names(self, path: StoredPath) -> list[str]:
+    def names(self, path: Path) -> list[str]:
         name = self.name(path)
         if name not in self._folders:
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path))
@@ -121,15 +119,21 @@ def _plain(name: str) -> str | None:
 class ZipStore:
     """The files of a zip archive.
 
+    Parameters
+    ----------
+    archive : Path
+    file : file
+        The archive itself, open for reading; the store closes it.
+
     Raises
     ------
     OSError
         The index is missing or damaged.
     """
 
-    def __init__(self, archive: StoredPath) -> None:
+    def __init__(self, archive: Path, file: BinaryIO) -> None:
         self._lock = threading.Lock()
-        self._file = archive.outside()
+        self._file = file
         weakref.finalize(self, self._file.close)
         self._file.seek(max(0, self._file.seek(0, os.SEEK_END) - 1))
         self._file.read(1)  # zipfile would hide a server's error
@@ -143,15 +147,15 @@ class ZipStore:
         self._infos = {name: one for one in infos if not one.filename.endswith("/") and (name := _plain(one.filename))}
         self._index = _Index(archive, ((name, one.file_size) for name, one in self._infos.items()))
 
-    def entry(self, path: StoredPath) -> Entry:
+    def entry(self, path: Path) -> Entry:
         """Return the entry at a path."""
         return self._index.entry(path)
 
-    def names(self, path: StoredPath) -> list[str]:
+    def names(self, path: Path) -> list[str]:
         """Return the names in a folder."""
         return self._index.names(path)
 
-    def open(self, path: StoredPath) -> BinaryIO:
+    def open(self, path: Path) -> BinaryIO:
         """Open a file; a compressed one is unpacked in memory or in the cache."""
         if self.entry(path).is_folder:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -162,9 +166,7 @@ class ZipStore:
             return io.BufferedReader(self._window(info), BUFFER_BYTES)
         if info.file_size <= MAX_IN_MEMORY:
             return io.BytesIO(self._unpacked(info, path))
-        from cuboid.ground.formats.cache import CACHE
-
-        return CACHE.file(path, info.file_size, lambda file: self._unpack_into(info, file, path)).open("rb")
+        return cache.CACHE.file(path, info.file_size, lambda file: self._unpack_into(info, file, path)).open("rb")
 
     def _window(self, info: zipfile.ZipInfo) -> Window:
         with self._lock:
@@ -175,12 +177,12 @@ class ZipStore:
         start = info.header_offset + _LOCAL_HEADER.size + sum(_LOCAL_HEADER.unpack(header))
         return Window(self._file, self._lock, start, info.file_size, self)
 
-    def _unpacked(self, info: zipfile.ZipInfo, path: StoredPath) -> bytes:
+    def _unpacked(self, info: zipfile.ZipInfo, path: Path) -> bytes:
         file = io.BytesIO()
         self._unpack_into(info, file, path)
         return file.getvalue()
 
-    def _unpack_into(self, info: zipfile.ZipInfo, file: BinaryIO, path: StoredPath) -> None:
+    def _unpack_into(self, info: zipfile.ZipInfo, file: BinaryIO, path: Path) -> None:
         try:
             with self._lock, self._zip.open(info) as packed:
                 while data := packed.read(1 << 20):
@@ -194,15 +196,21 @@ class ZipStore:
 class TarStore:
     """The files of a tar archive; of a truncated one the complete files.
 
+    Parameters
+    ----------
+    archive : Path
+    file : file
+        As of `ZipStore`.
+
     Raises
     ------
     OSError
         It is none.
     """
 
-    def __init__(self, archive: StoredPath) -> None:
+    def __init__(self, archive: Path, file: BinaryIO) -> None:
         self._lock = threading.Lock()
-        self._file = archive.outside()
+        self._file = file
         weakref.finalize(self, self._file.close)
         end = self._file.seek(0, os.SEEK_END)
         self._file.seek(0)
@@ -219,15 +227,15 @@ class TarStore:
                 tar.members = []  # type: ignore[attr-defined] # it would keep them all
         self._index = _Index(archive, ((name, size) for name, (_, size) in self._spans.items()))
 
-    def entry(self, path: StoredPath) -> Entry:
+    def entry(self, path: Path) -> Entry:
         """Return the entry at a path."""
         return self._index.entry(path)
 
-    def names(self, path: StoredPath) -> list[str]:
+    def names(self, path: Path) -> list[str]:
         """Return the names in a folder."""
         return self._index.names(path)
 
-    def open(self, path: StoredPath) -> BinaryIO:
+    def open(self, path: Path) -> BinaryIO:
         """Open a file."""
         if self.entry(path).is_folder:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))

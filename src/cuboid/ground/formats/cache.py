@@ -11,35 +11,12 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
-
-if TYPE_CHECKING:
-    from cuboid.ground.formats.stored import StoredPath
+from typing import BinaryIO
 
 # Environment variable and default of the cache's size limit: a compressed bag of an hour at 640x480.
 LIMIT_VARIABLE, LIMIT_MB = "CUBOID_CACHE_MB", 4096
 # Free space that the cache leaves on the disk.
 LEFT_FREE_BYTES = 512 << 20
-COPY_BYTES = 1 << 20
-
-
-def local_file(path: Path) -> Path:
-    """Return a local path with the contents of a file; files in a store are copied.
-
-    Raises
-    ------
-    OSError
-        It cannot be read, or is larger than the cache may be.
-    """
-    from cuboid.ground.formats.stored import StoredPath
-
-    if not isinstance(path, StoredPath):
-        return path
-
-    with path.open("rb") as source:
-        if isinstance(name := getattr(source, "name", None), str | Path):  # already a file in the cache
-            return Path(name)
-        return CACHE.file(path, path.stat().st_size, lambda file: shutil.copyfileobj(source, file, COPY_BYTES))
 
 
 class Cache:
@@ -51,7 +28,7 @@ class Cache:
         self._files: OrderedDict[str, tuple[Path, int]] = OrderedDict()
         self._made = 0
 
-    def file(self, path: StoredPath, size: int, write: Callable[[BinaryIO], None]) -> Path:
+    def file(self, path: Path, size: int, write: Callable[[BinaryIO], None]) -> Path:
         """Return the cached file with the contents of a path; `write` creates it if it is missing.
 
         Raises
@@ -67,7 +44,7 @@ class Cache:
             self._files.move_to_end(key)
             return self._files[key][0]
 
-    def _write(self, path: StoredPath, write: Callable[[BinaryIO], None]) -> Path:
+    def _write(self, path: Path, write: Callable[[BinaryIO], None]) -> Path:
         if self._folder is None:
             self._folder = Path(tempfile.mkdtemp(prefix="cuboid-cache-"))
             atexit.register(shutil.rmtree, self._folder, ignore_errors=True)

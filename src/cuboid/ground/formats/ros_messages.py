@@ -9,9 +9,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry import se3
 
 OPTICAL_FRAME, WORLD_FRAME = "camera_color_optical_frame", "world"

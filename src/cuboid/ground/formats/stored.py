@@ -10,14 +10,16 @@ from __future__ import annotations
 import errno
 import os
 import re
+import shutil
 import stat
 from collections import OrderedDict
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO
 
 from cuboid.ground.core.paths import PathLike
+from cuboid.ground.formats import cache
+from cuboid.ground.formats.stores import Store
 
 URL = re.compile(r"([a-z][a-z0-9+.-]+):/+(?=[^/])")
 # Scheme, and host or bucket.
@@ -29,27 +31,8 @@ ARCHIVE_ENDINGS = ZIP_ENDINGS + TAR_ENDINGS
 PACKED_ENDINGS = (".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar.zst", ".7z", ".rar")
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """A file or a folder in a store: its size in bytes, 0 of a folder."""
-
-    size: int
-    is_folder: bool
-
-
-class Store(Protocol):
-    """A place that holds files; its methods raise OSError."""
-
-    def entry(self, path: StoredPath) -> Entry:
-        """Return the entry at a path."""
-
-    def names(self, path: StoredPath) -> list[str]:
-        """Return the names in a folder."""
-
-    def open(self, path: StoredPath) -> BinaryIO:
-        """Open a file for reading, from any place in any order."""
-
-
+# Bytes that are copied at a time.
+COPY_BYTES = 1 << 20
 # Number of archives and servers that stay open; others are opened again on request.
 STORES_OPEN = 16
 _stores: OrderedDict[str, Store] = OrderedDict()
@@ -195,4 +178,20 @@ def _enter(archive: StoredPath) -> None:
     from cuboid.ground.formats.archives import TarStore, ZipStore
 
     kind = ZipStore if archive.suffix.lower() in ZIP_ENDINGS else TarStore
-    _keep(PurePath.__str__(archive), kind(archive))
+    _keep(PurePath.__str__(archive), kind(archive, archive.outside()))
+
+
+def local_file(path: Path) -> Path:
+    """Return a local path with the contents of a file; files in a store are copied.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, or is larger than the cache may be.
+    """
+    if not isinstance(path, StoredPath):
+        return path
+    with path.open("rb") as source:
+        if isinstance(name := getattr(source, "name", None), str | Path):  # already a file in the cache
+            return Path(name)
+        return cache.CACHE.file(path, path.stat().st_size, lambda file: shutil.copyfileobj(source, file, COPY_BYTES))

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from cuboid.ground.core.extras import missing
 from cuboid.ground.formats.archives import BUFFER_BYTES, Window
-from cuboid.ground.formats.stored import Entry, StoredPath
+from cuboid.ground.formats.stores import Entry
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 # Block size of downloads, and number of blocks cached per open file: a small image fits into one block.
 BLOCK_BYTES, BLOCKS_KEPT = 256 << 10, 32
@@ -50,7 +51,7 @@ class ServerStore:
         self._alone: dict[str, dict[str, Entry | None]] = {}  # entries that were requested one by one
         self._files: OrderedDict[str, tuple[Any, threading.Lock, int]] = OrderedDict()
 
-    def entry(self, path: StoredPath) -> Entry:
+    def entry(self, path: Path) -> Entry:
         """Return what lies at a path: as its folder's list says, where that is known, else as the server answers."""
         with self._lock:
             listed = self._entries.get(str(path.parent))
@@ -64,13 +65,13 @@ class ServerStore:
                 self._entries[str(path)] = self._list(path)
             return found
 
-    def _is_known_file(self, path: StoredPath) -> bool:
+    def _is_known_file(self, path: Path) -> bool:
         """Tell whether a path is known for a file: a server with a query in the name would answer for what is in it."""
         folder = str(path.parent)
         entry = self._alone.get(folder, {}).get(path.name) or self._entries.get(folder, {}).get(path.name)
         return entry is not None and not entry.is_folder
 
-    def _ask(self, path: StoredPath) -> Entry:
+    def _ask(self, path: Path) -> Entry:
         url = str(path)
         found = _tried(lambda: self._system.info(url), url)
         if self._http:
@@ -83,7 +84,7 @@ class ServerStore:
             raise OSError(errno.EIO, "the server does not say how large it is", url)
         return Entry(int(found["size"]), False)
 
-    def _list(self, path: StoredPath) -> dict[str, Entry | None]:
+    def _list(self, path: Path) -> dict[str, Entry | None]:
         url = f"{path}/" if self._http else str(path)
         found: dict[str, Entry | None] = {}
         for one in _tried(lambda: self._system.ls(url, detail=True), url):
@@ -94,14 +95,14 @@ class ServerStore:
                 found[name] = None if one.get("size") is None else Entry(int(one["size"]), False)
         return found
 
-    def names(self, path: StoredPath) -> list[str]:
+    def names(self, path: Path) -> list[str]:
         """Return the names in a folder."""
         if not self.entry(path).is_folder:
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path))
         with self._lock:
             return [name for name in self._entries[str(path)] if name]
 
-    def open(self, path: StoredPath) -> BinaryIO:
+    def open(self, path: Path) -> BinaryIO:
         """Open a file; it is fetched block by block, as it is read."""
         size = self.entry(path).size
         with self._lock:

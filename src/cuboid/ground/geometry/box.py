@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 
 # The eight corners in units of half sizes; corner k has bit 0, 1, 2 of k for +x, +y, +z.
 CORNER_SIGNS = np.array(

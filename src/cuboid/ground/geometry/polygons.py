@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 
 
 def lie_inside(points: Float64Array, polygon: Float64Array) -> npt.NDArray[np.bool_]:

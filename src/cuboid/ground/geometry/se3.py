@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:  # `core.frame` imports this module, so this module must not import it at run time
-    from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 
 # Largest accepted deviation of a matrix from a rotation; files with 3 digits stay below. The matrix is then corrected.
 RIGID_TOLERANCE = 0.01

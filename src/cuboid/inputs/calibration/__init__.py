@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from cuboid.inputs.calibration.calibrate import CalibrationResult, calibrate, spread_out
 from cuboid.inputs.calibration.check import Verdict, intrinsics_warning, quick_check
-from cuboid.inputs.calibration.recording import calibrate_recording
 from cuboid.inputs.calibration.registering import (
     Misregistration,
     find_misregistration,
@@ -17,7 +16,6 @@ __all__ = [
     "Misregistration",
     "Verdict",
     "calibrate",
-    "calibrate_recording",
     "find_misregistration",
     "intrinsics_warning",
     "quick_check",

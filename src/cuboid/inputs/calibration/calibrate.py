@@ -8,8 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry import se3
 from cuboid.inputs.calibration.comparing import CENTER_X, CENTER_Y, DEPTH, FOCAL
 from cuboid.inputs.calibration.pairs import choose_pairs

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.inputs.calibration.calibrate import FOCAL_ONLY, MIN_ERROR, MIN_PAIRS, WITH_CENTER, best_of_tried, spread_out
 from cuboid.inputs.calibration.comparing import FOCAL
 from cuboid.inputs.calibration.pairs import choose_pairs

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, Pinhole
+from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.core.frame import Pinhole
 from cuboid.inputs.calibration.views import View
 
 # The fitted parameters, in this order: logarithm of the focal length, optical centre in pixels of the small images, and

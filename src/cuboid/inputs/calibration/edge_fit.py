@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame
+from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.core.frame import Frame
 from cuboid.inputs.calibration.kernels.edges import depth_edges, edge_agreement
 
 # Minimum width of the downsampled images, pixels: edges are located to half a pixel of them.

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, Pinhole
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Pinhole
 from cuboid.ground.geometry import se3
 from cuboid.inputs.calibration.views import View
 

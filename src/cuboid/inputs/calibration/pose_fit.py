@@ -8,8 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry.se3 import inverse, transform
 from cuboid.inputs.readers.pose_convention import converted
 

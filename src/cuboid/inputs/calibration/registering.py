@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.inputs.calibration.calibrate import MIN_PAIRS, spread_out
 from cuboid.inputs.calibration.edge_fit import (
     FINE_BLUR_PX,

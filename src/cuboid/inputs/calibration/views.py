@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.downscaling import downscale
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics, Pinhole
+from cuboid.ground.core.frame import Frame, Intrinsics, Pinhole
 
 # Brightness is normalised by local mean and contrast, with a Gaussian of this standard deviation, pixels: cameras
 # change exposure, and shiny surfaces change with the angle.

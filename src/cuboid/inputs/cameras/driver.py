@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float64Array, UInt8Array
 from cuboid.ground.core.registry import Registry
 from cuboid.inputs.readers.reader import Calibration
 from cuboid.inputs.readers.undistortion import DepthArray

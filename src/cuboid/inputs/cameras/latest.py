@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.formats.folder import ResultFolder, writing
 from cuboid.inputs.readers.depth_camera import DepthCamera
 from cuboid.inputs.recordings.converting import WRITERS, units_kept
-from cuboid.results.files.folder import ResultFolder, writing
 
 # Formats in which a live camera can be recorded.
 FORMS = ("plain", "mcap")

@@ -14,8 +14,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.ground.geometry.se3 import rigid
 from cuboid.inputs.cameras.driver import CAMERAS, Shot, image_size, library, refuse_unknown, whole_number
 from cuboid.inputs.readers.depth_camera import DepthCamera

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.ground.geometry.se3 import rigid
 from cuboid.inputs.cameras.driver import (
     CAMERAS,

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.inputs.cameras.driver import CAMERAS, Shot, StreamEndedError, library, refuse_unknown
 from cuboid.inputs.readers.phone import T_OPENGL_OPENCV, phone_cameras, shrink_factor, shrunk
 from cuboid.inputs.readers.posetext import pose_from_quaternion

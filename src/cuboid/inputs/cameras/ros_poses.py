@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.geometry.se3 import inverse
 from cuboid.ground.middleware.transport import Inlet, Qos, Transport
 from cuboid.inputs.readers.bag_transforms import STAMPED_TYPES, Edge, camera_pose, edges_of, frame_name

@@ -24,8 +24,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers.image_folder import images_in

@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.inputs.readers.depth_camera import DepthCamera
 from cuboid.inputs.readers.images import decode_bytes
 from cuboid.inputs.readers.matroska import MAGIC, Block, Matroska, Track, list_matroska, read_span

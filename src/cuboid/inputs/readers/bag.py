@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.extras import missing
-from cuboid.ground.formats.cache import local_file
+from cuboid.ground.formats.stored import local_file
 from cuboid.inputs.readers.bag_mcap import Times, mcap_times
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.inputs.readers.bag import Bag
 
 # Measurements within this time of a frame are averaged: over half a second, a velocity change of 0.1 m/s causes a tilt

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.inputs.readers.images import decode_bytes
 from cuboid.inputs.readers.undistortion import DepthArray
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers.bag import Bag
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.inputs.readers.posetext import Trajectory
 from cuboid.inputs.readers.reader import READERS, Calibration, Listing, Reader
 from cuboid.inputs.readers.tum import BONN, has_lists, list_frames

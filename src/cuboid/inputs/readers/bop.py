@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers.documents import read_object
 from cuboid.inputs.readers.image_folder import images_in

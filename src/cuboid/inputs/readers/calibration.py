@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, OutputError
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike
 from cuboid.ground.formats.camera_file import MAX_UNITS, MIN_UNITS, CameraDocument, MatrixRow
 from cuboid.ground.formats.json_validation import read_json

@@ -71,8 +71,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError, shown
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.formats.reading import UnreadableError, names_in, text_lines
 from cuboid.inputs.readers.calibration import CAMERA_FILE
 from cuboid.inputs.readers.depth_camera import DepthCamera, check_number

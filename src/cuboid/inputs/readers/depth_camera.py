@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.formats.camera_file import CameraDocument
 from cuboid.ground.formats.run_file import ConfigEntry
 from cuboid.ground.geometry.se3 import rigid

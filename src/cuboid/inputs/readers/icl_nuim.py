@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError, shown
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.formats.reading import names_in
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.inputs.readers.posetext import numbered_rows, pose_from_quaternion

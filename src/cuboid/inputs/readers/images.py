@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, UInt8Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float32Array, UInt8Array
 from cuboid.ground.formats.reading import UnreadableError, read_bytes
 from cuboid.inputs.readers.reader import ImageSource
 from cuboid.inputs.readers.undistortion import DepthArray

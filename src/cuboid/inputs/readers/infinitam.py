@@ -29,8 +29,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import FrameError, InputError, shown
-from cuboid.ground.core.frame import Float32Array, Float64Array
 from cuboid.ground.formats.reading import names_in
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.ground.geometry import se3

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.inputs.readers.depth_camera import DepthCamera, check_number
 from cuboid.inputs.readers.documents import read_object
 from cuboid.inputs.readers.images import image_dimensions

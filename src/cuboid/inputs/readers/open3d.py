@@ -19,8 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.formats.reading import names_in
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.inputs.readers.calibration import CAMERA_FILE

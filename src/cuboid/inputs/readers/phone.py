@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.ground.formats.reading import UnreadableError, read_bytes
 from cuboid.inputs.readers.depth_camera import DepthCamera
 from cuboid.inputs.readers.images import MAX_IMAGE_BYTES, decode_bytes, decode_depth

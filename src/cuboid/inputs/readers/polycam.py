@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array, UInt8Array
 from cuboid.inputs.readers.depth_camera import check_number
 from cuboid.inputs.readers.documents import read_object
 from cuboid.inputs.readers.image_folder import images_in

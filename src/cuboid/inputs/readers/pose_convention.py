@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.geometry.se3 import compose, inverse, quat_wxyz_from_rotation
 
 # From a camera with y down and z forward to one with y up and z backward.

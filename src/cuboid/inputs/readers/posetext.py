@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError, shown
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.values import LATEST_S, refuse_no_quaternion
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.ground.geometry import se3

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.registry import Registry
 from cuboid.ground.formats.reading import names_in
 from cuboid.inputs.readers.depth_camera import DepthCamera

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers.bag import ROS1_MAGIC, Bag, is_bag_file
 from cuboid.inputs.readers.bag_cameras import camera_of

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.extras import missing
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
-from cuboid.ground.formats.cache import local_file
 from cuboid.ground.formats.reading import UnreadableError, names_in, opened
+from cuboid.ground.formats.stored import local_file
 from cuboid.inputs.readers.depth_camera import check_number
 from cuboid.inputs.readers.documents import read_object
 from cuboid.inputs.readers.image_folder import images_in

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.extras import missing
-from cuboid.ground.core.frame import Float32Array
 from cuboid.ground.formats.reading import UnreadableError, names_in, read_bytes
 from cuboid.inputs.readers.depth_camera import check_number
 from cuboid.inputs.readers.documents import read_object

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics, SkippedFrame, UInt8Array, unit
+from cuboid.ground.core.frame import Frame, Intrinsics, SkippedFrame, unit
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers import calibration as calibrations
 from cuboid.inputs.readers.depth_camera import DepthCamera

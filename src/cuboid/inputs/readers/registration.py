@@ -5,8 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.inputs.readers.depth_camera import DepthCamera
 
 # Maximum error, pixels, of a pixel's ray when projected through the lens again; beyond it the lens model is not valid.

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.formats.reading import names_in
 from cuboid.inputs.readers.bag import Bag, is_bag_file
 from cuboid.inputs.readers.bag_cameras import camera_of

@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array, UInt8Array
 from cuboid.inputs.readers.depth_camera import DepthCamera
 from cuboid.inputs.readers.images import decode_bytes
 from cuboid.inputs.readers.matroska import read_span

@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array, UInt8Array
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.inputs.readers.image_folder import images_in
 from cuboid.inputs.readers.images import image_dimensions

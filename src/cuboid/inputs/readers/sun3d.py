@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.formats.reading import names_in
 from cuboid.inputs.readers.image_folder import images_in
 from cuboid.inputs.readers.images import decode_depth

@@ -29,8 +29,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.inputs.readers.posetext import Trajectory, parse_time
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
 
 # Depth as stored: whole units, or units with fractions.
 DepthArray = npt.NDArray[np.uint16] | npt.NDArray[np.float32]

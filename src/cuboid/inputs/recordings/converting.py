@@ -18,14 +18,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError, OutputError
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.formats.folder import ResultFolder, writing
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers import Recording
 from cuboid.inputs.readers.calibration import CAMERA_FILE, write_camera
 from cuboid.inputs.readers.depth_camera import DepthCamera
-from cuboid.results.files.folder import ResultFolder, writing
 
 # Units per metre of depth that has no integer values in the recording's units: a fifth of a millimetre, up to 13 m.
 CARRIED_UNITS = 5000.0

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float64Array, Frame
+from cuboid.ground.core.frame import Frame
 from cuboid.inputs.calibration.registering import find_misregistration
 from cuboid.inputs.readers import Recording
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry.se3 import inverse, transform
 from cuboid.inputs.readers.recording import Recording
 

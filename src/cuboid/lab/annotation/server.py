@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import CuboidError, FrameError, one_line
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.palette import COLORS
 from cuboid.inputs.readers.recording import Recording
 from cuboid.lab.annotation.propagate import propagated

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.geometry.se3 import mean_motion
 from cuboid.inputs.readers.posetext import Trajectory
 from cuboid.lab.evaluation.result import Result

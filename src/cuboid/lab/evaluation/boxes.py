@@ -8,7 +8,7 @@ from itertools import permutations
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.overlap import overlap_min_matrix
 from cuboid.lab.evaluation.matching import FrameOverlap, match, ratio
 from cuboid.lab.evaluation.result import MapBoxes

@@ -8,6 +8,7 @@ from typing import Any
 
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.formats.folder import TRACKS
 from cuboid.inputs.readers.recording import Recording
 from cuboid.lab.evaluation.funnel import Stage, early_stages, open_again, rects_by_frame
 from cuboid.lab.evaluation.keyframe_scores import (
@@ -24,7 +25,6 @@ from cuboid.lab.evaluation.keyframes import COUNTING, Keyframe, Keyframes, check
 from cuboid.lab.evaluation.names import NameQuality, name_quality
 from cuboid.lab.evaluation.result import read_rects
 from cuboid.results.files import Results, RunReport
-from cuboid.results.files.folder import TRACKS
 from cuboid.results.files.text import LENGTH, plain, rounded
 
 FORMAT, VERSION = "cuboid-keyframes-evaluation", 1

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.downscaling import downscale
 from cuboid.ground.core.errors import ConfigError, CuboidError, InputError
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.formats.folder import PROPOSALS
 from cuboid.ground.formats.rows_files import OwnRectEntry
 from cuboid.inputs.readers.recording import Recording
 from cuboid.lab.evaluation.result import RectRows, read_rects
 from cuboid.method.proposals import SOURCES, make_source
 from cuboid.results.files import Results
-from cuboid.results.files.folder import PROPOSALS
 from cuboid.results.views.projection import visible_rect
 
 Rects = Mapping[int, Float64Array]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.lab.evaluation.matching import FrameOverlap
 from cuboid.lab.evaluation.result import IntArray
 from cuboid.method.objects.matching import assign

@@ -7,12 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float64Array, UInt8Array
+from cuboid.ground.formats.folder import writing
 from cuboid.inputs.readers.recording import Recording
 from cuboid.lab.evaluation.keyframe_scores import JudgedFrame
 from cuboid.lab.evaluation.rectangles import Outcome
-from cuboid.results.files.folder import writing
 from cuboid.results.views.tags import TAG_PX, place_tag, put_tag
 from cuboid.results.views.text import Color, ink, put_text
 

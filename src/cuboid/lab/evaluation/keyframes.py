@@ -14,8 +14,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, printable
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.formats.json_validation import checked, format_in, read_json
 from cuboid.ground.formats.keyframes_file import FORMAT, KeyframeEntry, KeyframesDocument

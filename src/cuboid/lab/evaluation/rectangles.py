@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.rectangles import fractions_inside, rect_iou_matrix
 from cuboid.lab.evaluation.keyframes import Keyframe
 from cuboid.lab.evaluation.matching import match

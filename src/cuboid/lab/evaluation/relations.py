@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import RELATIONS, Relation, SupportPlane
 from cuboid.ground.core.tolerances import DRIFT_M
 from cuboid.ground.core.values import RelationKind

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.formats.folder import EVENTS, MAP, PROPOSALS, TRACKS, TRAJECTORY
 from cuboid.ground.formats.rows_files import BoxEntry, OwnBoxEntry, OwnRectEntry, RectEntry
 from cuboid.ground.formats.table_validation import read_table
 from cuboid.ground.geometry.overlap import pack
 from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
 from cuboid.results.files import Results
-from cuboid.results.files.folder import EVENTS, MAP, PROPOSALS, TRACKS, TRAJECTORY
 from cuboid.results.files.rows import EventRow, read_events
 
 IntArray = npt.NDArray[np.int64]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.overlap import intersection_matrix, iou_matrix, pack
 from cuboid.lab.evaluation.matching import FrameOverlap, match
 from cuboid.lab.evaluation.result import BoxRows, IntArray

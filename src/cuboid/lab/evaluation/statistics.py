@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 
 # B. Efron and R. Tibshirani, "An Introduction to the Bootstrap" (1993): percentiles of resampled means need thousands
 # of samples.

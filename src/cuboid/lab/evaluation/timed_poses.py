@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import CuboidError, FrameError, InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.formats.folder import TRAJECTORY
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.inputs.readers import open_recording
 from cuboid.inputs.readers.posetext import Trajectory, parse_numbers, pose_from_quaternion
 from cuboid.inputs.readers.recording import DEFAULT_RATE_HZ
-from cuboid.results.files.folder import TRAJECTORY
 
 # Suffix of pose files of RGB-D Scenes v2: one line per frame, without times.
 POSE_SUFFIX = ".pose"

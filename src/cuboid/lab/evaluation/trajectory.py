@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.paths import PathLike
 from cuboid.lab.evaluation.timed_poses import TimedPoses, read_poses
 from cuboid.results.files.text import plain

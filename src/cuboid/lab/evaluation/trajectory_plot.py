@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float64Array
 from cuboid.lab.evaluation.trajectory import TrajectoryErrors
 from cuboid.results.files.pending import write_whole
 

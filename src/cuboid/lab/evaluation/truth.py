@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import printable
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.core.values import RelationKind
 from cuboid.ground.formats.json_validation import read_json

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.lab.synthetic.material import Material, Texture, two_paints
 from cuboid.lab.synthetic.mesh import box, lathe, merged, shift, tube, turn
 from cuboid.lab.synthetic.scene import Agent

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.draft import SMALL, Draft, add_middle_table, add_room, circling, on_floor
 from cuboid.lab.synthetic.material import CARD, Material, Texture, two_paints

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 
 # Maximum ratio of widest to narrowest extent of a round outline: a ten-sided prism has 1.052, a square 1.41.
 ROUND_EXTENT = 1.06

@@ -7,8 +7,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.containers import build_containers, build_sideboard
 from cuboid.lab.synthetic.draft import APART_M, SMALL, Draft, add_middle_table, add_room, circling, finish, on_floor

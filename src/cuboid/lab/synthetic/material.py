@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 
 Color = tuple[float, float, float]
 

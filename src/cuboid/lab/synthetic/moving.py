@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.se3 import inverse
 from cuboid.lab.synthetic.agents import hand, hand_agents, walker
 from cuboid.lab.synthetic.containers import open_walls

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
 from cuboid.lab.synthetic.mesh import turn
 from cuboid.lab.synthetic.scene import FRAMES_PER_S

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.lab.synthetic.footprint import gap_m, hull
 from cuboid.lab.synthetic.mesh import shift
 from cuboid.lab.synthetic.scene import SceneObject, Surface

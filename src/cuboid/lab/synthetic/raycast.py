@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 
 MODULES, EXTRA = ("embreex.rtcore_scene", "embreex.mesh_construction"), "synth"
 # Offset of a ray's start from its surface, metres: far above the 0.5 micrometres of single precision at 5 m.

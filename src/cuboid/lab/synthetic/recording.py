@@ -27,10 +27,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.formats.folder import ResultFolder, writing
 from cuboid.ground.geometry import se3
 from cuboid.lab.synthetic import truth
 from cuboid.lab.synthetic.faults import named, spoil
@@ -39,7 +41,6 @@ from cuboid.lab.synthetic.raycast import EXTRA, MODULES
 from cuboid.lab.synthetic.scene import Scene
 from cuboid.lab.synthetic.sensors import SENSORS
 from cuboid.lab.synthetic.view import Rendered, SceneView
-from cuboid.results.files.folder import ResultFolder, writing
 
 # Units of the depth images: 0.2 mm, a seventh of a structured-light step at 0.7 m; up to 13 m.
 DEPTH_UNITS_PER_M = 5000

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
 from cuboid.lab.synthetic.footprint import gap_m, hull, smallest_rectangle
 from cuboid.lab.synthetic.scene import Furniture, Scene

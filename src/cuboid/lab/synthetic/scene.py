@@ -7,7 +7,8 @@ from typing import Self
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry import se3
 from cuboid.ground.geometry.box import Box
 from cuboid.lab.synthetic.footprint import hull, is_round, smallest_rectangle

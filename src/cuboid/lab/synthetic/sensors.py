@@ -21,8 +21,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.compiled import kernel
-from cuboid.ground.core.frame import Float32Array, Intrinsics
+from cuboid.ground.arrays import Float32Array
+from cuboid.ground.compiling.compiled import kernel
+from cuboid.ground.core.frame import Intrinsics
 
 Sensor = Callable[[Float32Array, Float32Array, Intrinsics, np.random.Generator], Float32Array]
 Mask = npt.NDArray[np.bool_]

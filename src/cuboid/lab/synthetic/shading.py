@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.compiled import kernel
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.lab.synthetic.material import Material, linear
 from cuboid.lab.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster
 

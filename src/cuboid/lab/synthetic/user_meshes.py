@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.formats.reading import opened
 from cuboid.lab.synthetic.footprint import hull, smallest_rectangle

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry import se3
 from cuboid.lab.synthetic.mesh import Mesh, corner_normals, merged, sample_surface
 from cuboid.lab.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster, pixel_rays

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import SIGMAS
 from cuboid.method.boxes.fit import plane_axes
 from cuboid.method.boxes.kernels.shifts import shift_means

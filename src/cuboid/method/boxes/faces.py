@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.kernels.extents import side_layers

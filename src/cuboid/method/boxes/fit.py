@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.tolerances import MIN_SIGMA_M
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.kernels import resting as kernel

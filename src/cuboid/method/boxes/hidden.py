@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import MIN_READINGS, OUTLIER_FRACTION
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import overlap_min_matrix, pack

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import JUMP_M, MIN_READINGS, OUTLIER_FRACTION
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of

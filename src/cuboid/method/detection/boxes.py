@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 
 # Maximum number of boxes per frame from a source of many rough ones: recall at IoU 0.5 grows little after a hundred
 # (Hosang et al., "What makes for effective detection proposals?", 2016), and each costs time downstream.

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.method.detection.images import IMAGENET_FORM, STRETCHED_FORM, YOLO_FORM, YOLOX_FORM, ImageForm
 from cuboid.method.detection.vocabulary import COCO
 

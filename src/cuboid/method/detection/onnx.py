@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array, UInt8Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.method.detection.boxes import MAX_BOXES, best_boxes, thin_out
 from cuboid.method.detection.images import Fit
 from cuboid.method.detection.layouts import Masks, Raw

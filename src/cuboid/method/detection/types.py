@@ -8,7 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float32Array, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 
 
 @dataclass(frozen=True, slots=True)

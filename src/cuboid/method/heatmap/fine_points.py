@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array
+from cuboid.ground.arrays import Float32Array
 from cuboid.ground.core.observation import Observation
 from cuboid.method.heatmap.kernels import owners
 from cuboid.method.heatmap.kernels import voxels as kernel

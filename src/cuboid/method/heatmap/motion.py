@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, JUMP_M
 from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.se3 import inverse

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.method.heatmap.anchors import of_each
 from cuboid.method.heatmap.kernels import corrections as kernel
 from cuboid.method.heatmap.kernels import cubes as kernel_cubes

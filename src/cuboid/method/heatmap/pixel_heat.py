@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.working import WorkingImage
 from cuboid.method.heatmap.kernels import votes as kernel
 from cuboid.method.heatmap.kernels.claims import proposal_overlaps

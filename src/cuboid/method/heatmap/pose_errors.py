@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import JUMP_M, JUMP_SIGMAS
 from cuboid.ground.geometry.se3 import transform
 from cuboid.method.poses.alignment import Reference, align

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.state import Record
 from cuboid.method.heatmap.anchors import Anchors
 from cuboid.method.heatmap.kernels import cubes as kernel_cubes

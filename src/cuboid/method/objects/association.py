@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import iou_matrix, pack
 from cuboid.method.heatmap.kernels.claims import segment_overlaps

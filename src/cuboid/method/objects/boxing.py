@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.denoising import denoised, is_thick
 from cuboid.method.boxes.faces import to_faces

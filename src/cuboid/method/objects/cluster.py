@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.observation import Observation
 from cuboid.ground.core.tolerances import BIAS_M, DRIFT_M, MIN_READINGS

@@ -10,7 +10,7 @@ from cuboid.ground.core.tolerances import DRIFT_M, OUTLIER_FRACTION
 from cuboid.method.boxes.quantiles import quantile
 from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS
 from cuboid.method.objects.distances import touch
-from cuboid.method.objects.entry import MapObject
+from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.outline import OWN_FRACTION, enclosed, ends_above, ends_beside
 from cuboid.method.objects.store import ObjectStore
 from cuboid.method.objects.validity import fits_object
@@ -24,6 +24,10 @@ FOOT_FRACTION = 0.5
 FREE_SIDE_FRACTION = 0.5
 # Whether two touching objects are separate is undecided while the log-odds that they are two are below this.
 UNSURE = 1.1
+# From this fraction of readings in its rectangle on, an object counts as seen by depth.
+READ_FRACTION = 0.5
+# Hits required for the label of an object without depth: two may come from a reflection.
+MIN_HITS = 3
 
 
 def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config: TrackerConfig) -> bool:
@@ -55,6 +59,11 @@ def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, c
         and not _may_be_part(entry, store)
         and not _may_be_rim(entry, planes)
     )
+
+
+def is_certain(entry: ObjectWithoutDepth) -> bool:
+    """Return whether an object without depth certainly exists, and depth does not show it."""
+    return entry.log_odds >= CERTAIN_LOG_ODDS and entry.hits >= MIN_HITS and entry.read < READ_FRACTION
 
 
 def _is_beside(entry: MapObject, store: ObjectStore) -> bool:

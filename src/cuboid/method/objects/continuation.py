@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, UInt8Array
 from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.tolerances import DRIFT_M
 from cuboid.ground.geometry.box import Box

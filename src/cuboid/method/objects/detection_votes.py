@@ -1,4 +1,4 @@
-"""Detections as evidence on pairs of objects with depth readings: that two of them are one, or that they are two.
+"""Detections as evidence for the names of objects with depth, and that two of them are one, or two.
 
 One detection over two touching objects, which shows neither of them alone, is a vote that they are one. Two detections,
 each of which shows one of the two, are a vote that they are two. The votes have the log-odds of segments; see
@@ -13,15 +13,40 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import DRIFT_M
 from cuboid.ground.geometry.rectangles import fractions_inside, rect_iou_matrix
 from cuboid.method.detection.types import Detections
 from cuboid.method.objects.distances import touch
 from cuboid.method.objects.entry import MapObject
-from cuboid.method.objects.naming import INSIDE_FRACTION, SAME_IOU
+from cuboid.method.objects.naming import INSIDE_FRACTION, SAME_IOU, likely_classes, match_detections
 from cuboid.method.objects.store import ObjectStore
 from cuboid.method.objects.visibility import Visibility
+
+
+def name_objects(
+    found: Detections, visible: Sequence[tuple[MapObject, Visibility]], store: ObjectStore, eye: Float64Array
+) -> None:
+    """Add a detector's result for a frame to the evidence for names.
+
+    Parameters
+    ----------
+    found : Detections
+        Detections in the frame.
+    visible : sequence of (MapObject, Visibility)
+        The visible objects of the map.
+    store : ObjectStore
+        The store that contains them.
+    eye : (3,) float64
+        Position of the camera in the map.
+    """
+    rects = np.array([view.rect_xyxy for _, view in visible]).reshape(-1, 4)
+    partner = match_detections(found, rects)
+    inside = fractions_inside(rects, found.boxes_xyxy.astype(np.float64)).max(axis=1, initial=0.0)
+    for k, (entry, view) in enumerate(visible):
+        likely = likely_classes(found.names, found.scores[partner == k].max(axis=0, initial=0.0))
+        if likely or inside[k] <= INSIDE_FRACTION:
+            store.add_name_evidence(entry, likely, view.visible, eye)
 
 
 def add_votes(
@@ -37,7 +62,7 @@ def add_votes(
     store : ObjectStore
         The store that contains them.
     weight : float
-        Weight of the frame, 0..1: the novelty of `Affinity.add_evidence`.
+        Weight of the frame, 0..1: the novelty of `ObjectStore.add_pair_evidence`.
     """
     shown = [(entry, view.rect_xyxy) for entry, view in visible if view.seen and len(entry.points)]
     if len(shown) < 2 or not len(found):
@@ -53,7 +78,7 @@ def add_votes(
         if (apart or _shows_both(boxes, rects[[a, b]], iou[:, [a, b]], inside[[a, b]])) and touch(
             first.points, second.points, DRIFT_M
         ):
-            store.affinity.add_evidence(first.number, second.number, same=not apart, novelty=weight)
+            store.add_pair_evidence(first, second, same=not apart, novelty=weight)
 
 
 def _detection_of_each(iou: Float64Array) -> npt.NDArray[np.intp]:

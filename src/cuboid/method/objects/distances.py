@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array
+from cuboid.ground.arrays import Float32Array
 from cuboid.method.objects.kernels.nearness import count_near
 
 

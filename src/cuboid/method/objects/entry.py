@@ -1,15 +1,19 @@
-"""An object in the map."""
+"""The record of an object: with depth, or without depth from the rectangles of a detector.
+
+Attributes are assigned only by the modules of `objects.store`; all other code reads. Values of attributes are replaced,
+never changed in place; this includes arrays, dicts and lists.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.state import ADDED, TRANSIENT, Record
 from cuboid.ground.geometry.box import Box
 from cuboid.method.surfaces.kernels.outlines import KINDS
@@ -24,22 +28,73 @@ class State(Enum):
 
 
 @dataclass(slots=True, eq=False)
-class MapObject(Record):
-    """An object of the map, confirmed (with a label) or not.
-
-    Values of attributes are replaced, never changed in place; this includes arrays, dicts and lists.
+class ObjectRecord(Record):
+    """The part of the record that all objects have: identity, label, evidence.
 
     Attributes
     ----------
     number : int
-        Owner number in the voxel map, from 1; never reused.
-    box : Box
+        Number from 1, never reused; objects with and without depth are numbered separately.
+    first_frame : int
+        First frame that saw it.
+    last_frame : int
+        Last frame that saw it.
     state : State
         "candidate", "confirmed" or "retired".
     label : int
         Label, 0 until confirmed.
     keyframe : int
-        Keyframe to which most of its points are anchored; -1 (unknown) after a frame has fused new points.
+        Keyframe to which most of its points, or its last detection, are anchored; -1: unknown.
+    frames_seen : int
+        Frames that saw it.
+    log_odds : float
+        Evidence that it is an object, from its sightings so far.
+    merged_labels : list of int
+        Labels of objects that were merged into it.
+    name_log_odds : dict of str to float
+        Evidence for each class from a detector, by name; see `naming`. Empty without a detector.
+    views : (V, 4) float64
+        Directions from which a detector saw it (unit vectors), with the number of times for each.
+    """
+
+    number: int
+    first_frame: int
+    last_frame: int
+    _: KW_ONLY
+    state: State = State.CANDIDATE
+    label: int = 0
+    keyframe: int = -1
+    frames_seen: int = 0
+    log_odds: float = 0.0
+    merged_labels: list[int] = field(default_factory=list)
+    name_log_odds: dict[str, float] = field(default_factory=dict, metadata=ADDED)
+    views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)), metadata=ADDED)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether it has a label and is not retired."""
+        return self.state is State.CONFIRMED
+
+    @property
+    def score(self) -> float:
+        """Confidence that it is an object, 0..1."""
+        return float(1.0 / (1.0 + np.exp(-self.log_odds)))
+
+    @property
+    def center(self) -> Float64Array:
+        """Its centre in the map, (3,) metres."""
+        raise NotImplementedError
+
+
+@dataclass(slots=True, eq=False)
+class MapObject(ObjectRecord):
+    """An object of the map, confirmed (with a label) or not.
+
+    Its number is the owner number in the voxel map.
+
+    Attributes
+    ----------
+    box : Box
     plane : int or None
         Identity of its supporting plane.
     points : (N, 3) float32
@@ -48,60 +103,36 @@ class MapObject(Record):
         Their colors.
     heat : float
         Mean heat of its voxels.
-    first_frame : int
-        First frame that saw it.
-    last_frame : int
-        Last frame that saw it.
-    frames_seen : int
-        Frames that saw it.
     sightings : int
         Number of frames whose proposals it matched.
-    log_odds : float
-        Evidence that it is an object, from its sightings so far.
     outline : (4, KINDS) float64
         Kinds of its boundary in its sightings, by side and kind; see `kernels.outlines.outlines`.
     supports : dict of int to int
         Number of its pixels seen above each plane, by the identity of the plane.
-    merged_labels : list of int
-        Labels of objects that were merged into it.
     fitted : int
         Number of sightings at the last fit of its box.
     supports_plane : bool
         Whether it supported its plane at the last fit, as furniture does.
     holder : int
         Number of the object that it is attached to, if nothing supported it from below at the last fit; 0: none.
-    name_log_odds : dict of str to float
-        Evidence for each class from a detector, by name; see `naming`. Empty without a detector.
-    views : (V, 4) float64
-        Directions from which a detector saw it (unit vectors), with the number of times for each.
     moved : bool
         Whether it was seen to move by itself.
     taken_by : MapObject or None
         The object into which it was merged.
     """
 
-    number: int
     box: Box
-    first_frame: int
-    last_frame: int
-    state: State = State.CANDIDATE
-    label: int = 0
-    keyframe: int = -1
+    _: KW_ONLY
     plane: int | None = None
     points: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     colors: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     heat: float = 0.0
-    frames_seen: int = 0
     sightings: int = 0
-    log_odds: float = 0.0
     outline: Float64Array = field(default_factory=lambda: np.zeros((4, KINDS)))
     supports: dict[int, int] = field(default_factory=dict)
-    merged_labels: list[int] = field(default_factory=list)
     fitted: int = 0
     supports_plane: bool = False
     holder: int = 0
-    name_log_odds: dict[str, float] = field(default_factory=dict, metadata=ADDED)
-    views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)), metadata=ADDED)
     moved: bool = field(default_factory=bool, metadata=ADDED)
     taken_by: MapObject | None = field(default=None, metadata=TRANSIENT)
 
@@ -114,11 +145,6 @@ class MapObject(Record):
         return entry
 
     @property
-    def confirmed(self) -> bool:
-        """Whether it has a label and is not retired."""
-        return self.state is State.CONFIRMED
-
-    @property
     def center(self) -> Float64Array:
         """Centre of its box, (3,) metres."""
         return self.box.center
@@ -128,10 +154,51 @@ class MapObject(Record):
         """RGB, 0..255."""
         return self.colors.mean(0) if len(self.colors) else np.zeros(3)
 
+
+@dataclass(slots=True, eq=False)
+class ObjectWithoutDepth(ObjectRecord):
+    """An object that a detector sees and depth does not, with or without a label.
+
+    Attributes
+    ----------
+    information : (3, 3) float64
+        Inverse covariance of its position.
+    vector : (3,) float64
+        Information matrix times position.
+    size_m : (2,) float64
+        Width and height across the line of sight, metres.
+    weight : float
+        Sum of the weights of the sightings in `size_m`.
+    hits : int
+        Number of its detections.
+    read : float
+        Mean fraction of its rectangles with depth readings.
+    meetings : dict of int to int
+        Number of frames in which it had the rectangle of an object of the map, by that object's number.
+    partner : int
+        Number of the object of the map that it is, 0: none.
+    size_scatter_m2 : (2,) float64
+        Weighted variance of the sizes of the sightings.
+    distance_m : float
+        Weighted mean distance of the camera at the sightings.
+    """
+
+    information: Float64Array
+    vector: Float64Array
+    _: KW_ONLY
+    size_m: Float64Array = field(default_factory=lambda: np.zeros(2))
+    weight: float = 0.0
+    hits: int = 0
+    read: float = 0.0
+    meetings: dict[int, int] = field(default_factory=dict)
+    partner: int = 0
+    size_scatter_m2: Float64Array = field(default_factory=lambda: np.zeros(2))
+    distance_m: float = 0.0
+
     @property
-    def score(self) -> float:
-        """Confidence that it is an object, 0..1."""
-        return float(1.0 / (1.0 + np.exp(-self.log_odds)))
+    def center(self) -> Float64Array:
+        """Its centre in the map, (3,) metres."""
+        return np.asarray(np.linalg.solve(self.information, self.vector))
 
 
 def summed_counts(first: Mapping[int, int], second: Mapping[int, int]) -> dict[int, int]:

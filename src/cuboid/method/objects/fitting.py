@@ -8,8 +8,8 @@ from math import log, log1p
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Float32Array, Float64Array
 from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.tolerances import DRIFT_M, MIN_READINGS, SIGMAS
 from cuboid.ground.geometry.box import Box
@@ -82,64 +82,72 @@ class Fitting:
         caused.
         """
         rows = self._voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
-        entry.fitted = entry.sightings
         if len(rows) < MIN_READINGS:
+            self._store.postpone_fit(entry)
             if entry.confirmed:
                 self._store.retire(entry)
             return
-        rows, plane, rests = self._find_support(entry, rows)
+        rows, plane, rests, supports = self._find_support(entry, rows)
         stored = self._voxels.stored
-        entry.points, entry.colors = stored.xyz(rows), stored.rgb(rows)
-        entry.heat, entry.keyframe = float(stored.heat(rows).mean()), stored.keyframe_of(rows)
+        points = stored.xyz(rows)
         others = [o.box for o in self._store.neighbours(entry) if o.confirmed]
-        bare, noise_m = self._boxing.fit(rows, entry.points, rests, self._planes.likely_up, others, eye)
+        bare, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others, eye)
         box = bare if rests is None else with_foot(bare, *rests, others, self._voxels)
-        self._store.place(entry, box)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
             # A floating object may stand on a plane that was not known yet: estimate its support again from later
             # sightings.
-            entry.supports = {plane.identity: 1}
+            supports = {plane.identity: 1}
+        self._store.fit(
+            entry,
+            box,
+            points=points,
+            colors=stored.rgb(rows),
+            heat=float(stored.heat(rows).mean()),
+            keyframe=stored.keyframe_of(rows),
+            plane=None if plane is None else plane.identity,
+            supports=supports,
+        )
         near = self._store.neighbours(entry)
-        entry.holder = 0 if rests is None else find_holder(entry, *rests, near, self._voxels)
+        holder = 0 if rests is None else find_holder(entry, *rests, near, self._voxels)
         labelled = [o for o in near if o.confirmed]
         supports_plane = self._supports_plane(entry) or encloses(entry, labelled, self._voxels.voxel_m)
         structure = supports_plane or self._is_structure(entry, box, noise_m, labelled)
-        if plane is not None and not structure and not entry.holder:
+        if plane is not None and not structure and not holder:
             self._store.place(entry, self._with_seat(entry, bare, plane, near))
         if structure:
-            entry.log_odds -= STRUCTURE
+            self._store.add_evidence(entry, -STRUCTURE)
             # Candidates are fitted only while they are likely.
             while (times := times - 1) > 0 and entry.log_odds > 0:
-                entry.log_odds -= STRUCTURE
+                self._store.add_evidence(entry, -STRUCTURE)
         # Regardless of its outline: an object that supports a plane, or encloses others, at two successive fits is
         # furniture.
-        if too_large(box, self._config) or (entry.confirmed and entry.supports_plane and supports_plane):
+        furniture = entry.confirmed and entry.supports_plane and supports_plane
+        self._store.attach(entry, holder, supports_plane=supports_plane)
+        if furniture or too_large(box, self._config):
             self._store.retire(entry)
-        entry.supports_plane = supports_plane
 
-    def _find_support(self, entry: MapObject, rows: Rows) -> tuple[Rows, Plane | None, Rest | None]:
-        """Set the supporting plane of an object.
+    def _find_support(self, entry: MapObject, rows: Rows) -> tuple[Rows, Plane | None, Rest | None, dict[int, int]]:
+        """Find the supporting plane of an object.
 
-        Return its rows above the support, the plane, and normal and offset of the surface at which the box ends.
+        Return its rows above the support, the plane, normal and offset of the surface at which the box ends, and the
+        pixels above each plane that the next fit uses.
         """
         points = self._voxels.stored.xyz(rows)
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
         plane = self._planes.find(identity)
         if plane is not None:
             plane = self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)
-        entry.plane = None if plane is None else plane.identity
         if plane is None:
-            return rows, None, None
+            return rows, None, None, entry.supports
         normal, offset = self._planes.in_world(plane)
         above = self._above(points, normal, offset)
         rows, points = rows[above], points[above]
         above_rim = above_support_rim(points, normal, offset, self._voxels.voxel_m)
         if above_rim.all():
-            return rows, plane, (normal, offset)
+            return rows, plane, (normal, offset), entry.supports
         # The real support is not known yet: the box ends at the foot of the object.
         foot_m = float((points[above_rim] @ normal).min()) - 2.0 * self._voxels.voxel_m
-        entry.supports, entry.plane = {plane.identity: 1}, None
-        return rows[above_rim], None, (normal, -foot_m)
+        return rows[above_rim], None, (normal, -foot_m), {plane.identity: 1}
 
     def _is_structure(self, entry: MapObject, box: Box, noise_m: float, labelled: Sequence[MapObject]) -> bool:
         """Return whether an object beside labelled ones is noise of a surface, or a part of a larger surface."""

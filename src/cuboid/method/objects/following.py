@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.observation import Observation
 from cuboid.ground.core.results import ObjectEvent, Sighting
@@ -263,8 +263,7 @@ class Following:
         for counts in (self._stirs, self._leaves):
             counts.pop(entry.number, None)
         self._settled = [settled for settled in self._settled if settled[0] is not entry]
-        self._voxels.stored.remove(entry.number)
-        self._store.retire(entry)
+        self._store.lift(entry)
 
     def _levels_of(self, seen: Observation) -> tuple[Level, ...]:
         self._levels = self._levels or levels_of(seen.image)
@@ -287,8 +286,8 @@ class Following:
         followed.missed = 0
         followed.step = found.T_now_start @ inverse(followed.T)
         followed.T, followed.score = found.T_now_start, found.score
-        followed.entry.points = transform(followed.T, followed.points).astype(np.float32)
-        followed.entry.box = followed.from_box.moved(followed.T)
+        points = transform(followed.T, followed.points).astype(np.float32)
+        self._store.move(followed.entry, followed.from_box.moved(followed.T), points)
         followed.path.append((time_s, followed.entry.box.center))
         while followed.path and time_s - followed.path[0][0] > REST_S:
             followed.path.popleft()
@@ -372,7 +371,7 @@ class Following:
         if best is None:
             return False
         gone = self._gone.pop(best)
-        self._store.adopt(entry, gone.entry)
+        self._store.take_over(entry, gone.entry)
         if gone.reported:
             self._report("back", entry, gone.from_box, entry.box, scores[best])
         elif np.linalg.norm(entry.box.center - gone.from_box.center) > MOVED_M:
@@ -435,8 +434,7 @@ class Following:
         found = list(shown)
         for entry, view in zip(present, views, strict=True):
             if view.seen:
-                entry.frames_seen += 1
-                entry.last_frame = seen.frame
+                self._store.record_seen([entry], seen.frame)
                 found.append(Sighting(entry.label, entry.box, None, view.visible, view.rect_xyxy))
         return tuple(sorted(found, key=lambda item: item.label))
 

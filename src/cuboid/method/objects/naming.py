@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Protocol, TypedDict
+from typing import TypedDict
 
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.results import NEXT_NAMES
-from cuboid.ground.geometry.rectangles import fractions_inside, rect_iou_matrix
+from cuboid.ground.geometry.rectangles import rect_iou_matrix
 from cuboid.method.detection.types import Detections
-from cuboid.method.objects.entry import MapObject
 
 # A detection shows an object if their rectangles overlap by this IoU: the usual threshold in detector benchmarks.
 SAME_IOU = 0.5
@@ -48,17 +47,6 @@ MIN_NAME_SCORE = 0.5
 NAME_DIGITS = 2
 
 
-class Nameable(Protocol):
-    """An object that a detector can name; its attributes are those of `MapObject`."""
-
-    name_log_odds: dict[str, float]
-    views: Float64Array
-
-    @property
-    def center(self) -> Float64Array:
-        """Its centre in the map, (3,) metres."""
-
-
 class Named(TypedDict):
     """The name fields of results; see `TrackedObject`."""
 
@@ -82,55 +70,19 @@ def match_detections(found: Detections, rects_xyxy: Float64Array) -> npt.NDArray
     return np.where(iou.max(axis=1) >= SAME_IOU, iou.argmax(axis=1), -1)
 
 
-def name_objects(found: Detections, seen: Sequence[tuple[MapObject, float, Float64Array]], eye: Float64Array) -> None:
-    """Add a detector's result for a frame to the evidence for names.
-
-    Parameters
-    ----------
-    found : Detections
-        Detections in the frame.
-    seen : sequence of (MapObject, float, (4,) float64)
-        The visible objects, with the visible fraction and the rectangle of each.
-    eye : (3,) float64
-        Position of the camera in the map.
-    """
-    rects = np.array([rect for _, _, rect in seen]).reshape(-1, 4)
-    partner = match_detections(found, rects)
-    inside = fractions_inside(rects, found.boxes_xyxy.astype(np.float64)).max(axis=1, initial=0.0)
-    for k, (entry, visible, _) in enumerate(seen):
-        likely = likely_classes(found.names, found.scores[partner == k].max(axis=0, initial=0.0))
-        if likely or inside[k] <= INSIDE_FRACTION:
-            add_evidence(entry, likely, visible, eye)
-
-
 def likely_classes(names: Sequence[str], scores: Float32Array) -> dict[str, float]:
     """Return the classes whose scores (C,) a detector would list; a class with an empty name is ignored."""
     return {names[c]: float(scores[c]) for c in np.flatnonzero(scores >= MIN_SCORE).tolist() if names[c]}
 
 
-def add_evidence(entry: Nameable, scores: Mapping[str, float], visible: float, eye: Float64Array) -> float:
-    """Add a detector's scores for one object, empty if it detects nothing there, to the evidence for its name.
-
-    Return the weight of the sighting, 0..1.
-
-    Parameters
-    ----------
-    entry : MapObject
-    scores : mapping of str to float
-        Scores by class, `MIN_SCORE` or more; absent classes were not detected.
-    visible : float
-        Visible fraction of the object.
-    eye : (3,) float64
-        Position of the camera in the map.
-    """
-    weight, before = visible * novelty(entry, eye), entry.name_log_odds
-    entry.name_log_odds = _likely(
+def with_scores(log_odds: Mapping[str, float], scores: Mapping[str, float], weight: float) -> dict[str, float]:
+    """Return the evidence for a name after a sighting, with the classes' scores and a weight of 0..1."""
+    return _likely(
         {
-            name: before.get(name, 0.0) + weight * score_gain(scores.get(name, 0.0))
-            for name in sorted({*before, *scores})
+            name: log_odds.get(name, 0.0) + weight * score_gain(scores.get(name, 0.0))
+            for name in sorted({*log_odds, *scores})
         }
     )
-    return weight
 
 
 def merged_evidence(first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
@@ -177,18 +129,22 @@ def _likely(log_odds: Mapping[str, float]) -> dict[str, float]:
     return {name: log_odds[name] for name in order[:MAX_CLASSES]}
 
 
-def novelty(entry: Nameable, eye: Float64Array) -> float:
-    """Return the weight 1/n of the n-th sighting from one direction, and count the sighting in the object."""
-    toward = eye - entry.center
+def counted_view(views: Float64Array, toward: Float64Array) -> tuple[Float64Array, float]:
+    """Count a sighting from a direction; return all directions (V, 4), and its weight: 1/n for the n-th one.
+
+    Parameters
+    ----------
+    views : (V, 4) float64
+        Directions so far (unit vectors), with the number of times for each.
+    toward : (3,) float64
+        From the object to the camera, any length.
+    """
     direction = toward / max(float(np.linalg.norm(toward)), 1e-9)
-    views = entry.views
     if len(views):
         cosine = views[:, :3] @ direction
         nearest = int(cosine.argmax())
         if cosine[nearest] >= math.cos(SAME_VIEW_RAD) or len(views) >= MAX_VIEWS:
             counted = views.copy()
             counted[nearest, 3] += 1.0
-            entry.views = counted
-            return float(1.0 / counted[nearest, 3])
-    entry.views = np.vstack([views, [*direction, 1.0]])
-    return 1.0
+            return counted, float(1.0 / counted[nearest, 3])
+    return np.vstack([views, [*direction, 1.0]]), 1.0

@@ -5,28 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from math import ceil
 
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Float64Array, UInt8Array
 from cuboid.ground.core.limits import MAX_CANDIDATES
 from cuboid.ground.core.observation import Observation
 from cuboid.ground.core.state import Record
 from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.box import Box
-from cuboid.ground.geometry.se3 import transform
 from cuboid.method.heatmap.voxel_map import VoxelMap
-from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS, MAX_LOG_ODDS
+from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS
 from cuboid.method.objects.association import Association, SegmentedFrame, associate
 from cuboid.method.objects.boxing import Boxing
 from cuboid.method.objects.confirmation import is_confirmable
-from cuboid.method.objects.entry import MapObject, State, summed_counts
+from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.fitting import Fitting
 from cuboid.method.objects.outline import log_odds_of, with_viewpoint_change
+from cuboid.method.objects.retirement import is_carved, is_unlikely
 from cuboid.method.objects.store import ObjectStore, ObjectStoreState
 from cuboid.method.objects.validity import fits_object
 from cuboid.method.objects.visibility import boxes_in_frustum
@@ -40,8 +39,6 @@ MIN_NOVELTY = 0.1
 SURE_MATCH = 0.5
 # A segment shows an object if it covers this fraction of the object's visible pixels.
 COVERED_FRACTION = 0.5
-# A visible object was taken away if at most this fraction of its points is left.
-LEFT_FRACTION = 0.1
 # On a later visit, all earlier sightings, and earlier hits of a voxel, count as at most this number.
 VISIT_SIGHTINGS = 3
 # Log-odds that a visible candidate loses in a frame without a matching proposal.
@@ -135,8 +132,7 @@ class ObjectMap:
         -------
         Association
         """
-        for entry in objects:
-            entry.keyframe = -1  # most of its points may be anchored to the keyframe of this frame now
+        self.store.forget_keyframes(objects)
         segments, found = frame.segments, associate(frame, objects, self.store.boxes_of(objects))
         novelty = novelty_of(seen)
         number_of = self._update_objects(seen, segments, frame.boxes, found)
@@ -195,11 +191,7 @@ class ObjectMap:
         # Regardless of its outline: a labelled object whose box does not have the size of an object gains nothing.
         if entry.confirmed and not fits_object(entry.box, self._config):
             evidence = min(evidence, 0.0)
-        entry.log_odds = min(MAX_LOG_ODDS, max(-MAX_LOG_ODDS, entry.log_odds + evidence))
-        entry.outline = entry.outline + segment.outline
-        entry.sightings += 1
-        if segment.supports:
-            entry.supports = summed_counts(entry.supports, segment.supports)
+        self.store.see(entry, segment, evidence)
 
     def _allowed_transfers(
         self, number_of: npt.NDArray[np.int32], found: Association
@@ -235,18 +227,16 @@ class ObjectMap:
         Return the pairs of numbers of the objects that lie side by side.
         """
         separate = set()
-        affinity = self.store.affinity
-        numbers = [o.number for o in found.objects]
         covered = (found.object_pixels >= MIN_READINGS) & (found.overlap >= COVERED_FRACTION * found.object_pixels)
         for i in np.flatnonzero(covered.sum(1) > 1):
             for a, b in combinations(np.flatnonzero(covered[i]).tolist(), 2):
-                affinity.add_evidence(numbers[a], numbers[b], same=True, novelty=novelty)
+                self.store.add_pair_evidence(found.objects[a], found.objects[b], same=True, novelty=novelty)
         matched, match = found.match >= 0, found.match.tolist()
         adjacent = np.triu(frame_segments.contact + frame_segments.contact.T > 0, 1) & matched & matched[:, None]
         for i, j in zip(*(k.tolist() for k in np.nonzero(adjacent)), strict=True):
             a, b = found.objects[match[i]], found.objects[match[j]]
             if self._are_separate(frame_segments, i, j) and not self._are_attached(a, b):
-                affinity.add_evidence(a.number, b.number, same=False, novelty=novelty)
+                self.store.add_pair_evidence(a, b, same=False, novelty=novelty)
                 separate.add(frozenset((a.number, b.number)))
         return separate
 
@@ -257,10 +247,8 @@ class ObjectMap:
     def _add_attachments(self, objects: Sequence[MapObject], novelty: float) -> None:
         """Add evidence that objects without support from below are parts of the objects to which they are attached."""
         for entry in objects:
-            if entry.moved:
-                continue
-            if entry.holder and entry.holder in self.store and self.store[entry.holder].state is not State.RETIRED:
-                self.store.affinity.add_attachment(entry.number, entry.holder, novelty)
+            if not entry.moved:
+                self.store.add_attachment(entry, novelty)
 
     def _add_overlaps(self, objects: Sequence[MapObject], novelty: float, separate: set[frozenset[int]]) -> None:
         """Add evidence that objects which overlap in space are one: solids do not overlap.
@@ -278,14 +266,14 @@ class ObjectMap:
             # Count each pair once, and no object with itself.
             counted = first.confirmed and first.number >= second.number
             if not counted and frozenset((first.number, second.number)) not in separate:
-                self.store.affinity.add_evidence(first.number, second.number, same=True, novelty=novelty)
+                self.store.add_pair_evidence(first, second, same=True, novelty=novelty)
 
     def _penalise_missed(self, found: Association) -> None:
         """Lower the log-odds of candidates in view without a match."""
         matched = set(found.match.tolist())
         for j, entry in enumerate(found.objects):
             if entry.state is State.CANDIDATE and j not in matched:
-                entry.log_odds -= MISSED
+                self.store.add_evidence(entry, -MISSED)
 
     def _retire_removed(self, found: Association, settled: frozenset[int]) -> None:
         """Retire unmatched confirmed objects whose points were removed by free-space carving: most were taken away."""
@@ -293,9 +281,7 @@ class ObjectMap:
         for j, entry in enumerate(found.objects):
             if j in matched or not entry.confirmed or entry.number in settled:
                 continue
-            # Some points at its foot remain: a ray that passes close to a table is like one that hits an object on
-            # it.
-            if not self._voxels.stored.has_rows(entry.number, ceil(LEFT_FRACTION * len(entry.points))):
+            if is_carved(entry, self._voxels):
                 self.store.retire(entry)
 
     def reset_supports(self) -> None:
@@ -305,7 +291,7 @@ class ObjectMap:
         """
         self.store.retire_all([entry for entry in self.store.living() if not entry.confirmed])
         for entry in self.store.confirmed():
-            entry.plane, entry.supports = None, {}
+            self.store.reset_support(entry)
             self._fitting.fit(entry)
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
@@ -316,23 +302,13 @@ class ObjectMap:
         moved : mapping of int to (4, 4) float64
             T_new_old in the world for each keyframe that moved.
         """
-        for entry in self.store.living():
-            if entry.keyframe < 0:
-                entry.keyframe = self._voxels.stored.keyframe_of(self._voxels.stored.rows_of(entry.number))
-            T = moved.get(entry.keyframe)
-            if T is not None:
-                R, t = T[:3, :3], T[:3, 3]
-                self.store.place(entry, Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation))
-                entry.points = transform(T, entry.points).astype(np.float32)
-                entry.views = np.hstack([entry.views[:, :3] @ R.T, entry.views[:, 3:]])
+        self.store.apply_correction(moved)
         self._voxels.moving.apply_correction(moved)
 
     def begin_visit(self) -> None:
         """Begin a later visit: limit the weight of earlier sightings, so that boxes are soon refitted."""
         self._voxels.begin_visit(VISIT_SIGHTINGS)
-        for entry in self.store.living():
-            entry.sightings = min(entry.sightings, VISIT_SIGHTINGS)
-            entry.fitted = min(entry.fitted, VISIT_SIGHTINGS)
+        self.store.begin_visit(VISIT_SIGHTINGS)
 
     def _merge(self, numbers: Sequence[int], eye: Float64Array) -> None:
         """Merge objects that are one according to their affinity; the camera is at `eye` (3,)."""
@@ -358,10 +334,7 @@ class ObjectMap:
 
     def _retire_unlikely(self, numbers: Sequence[int]) -> None:
         """Retire objects whose log-odds have fallen below the threshold."""
-        entries = self.store.all_of(numbers)
-        self.store.retire_all(
-            [o for o in entries if -o.log_odds >= (CERTAIN_LOG_ODDS if o.confirmed else CERTAIN_LOG_ODDS / 2.0)]
-        )
+        self.store.retire_all([o for o in self.store.all_of(numbers) if is_unlikely(o)])
 
     def record_seen(
         self, frame: int, seen: Sequence[MapObject], has_rested: Callable[[MapObject], bool]
@@ -390,7 +363,5 @@ class ObjectMap:
             ):
                 self.store.confirm(entry)
                 confirmed.append(entry)
-        for entry in seen:
-            entry.frames_seen += 1
-            entry.last_frame = frame
+        self.store.record_seen(seen, frame)
         return confirmed

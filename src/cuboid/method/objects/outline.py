@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS
 from cuboid.method.surfaces.kernels.outlines import (
     BORDER,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.observation import Observation
 from cuboid.ground.core.tolerances import DRIFT_M, MIN_READINGS, NEAREST_M
 from cuboid.ground.geometry.rectangles import rect_iou_matrix

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject
 

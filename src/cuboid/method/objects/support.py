@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.tolerances import DRIFT_M, JUMP_M, MIN_READINGS, OUTLIER_FRACTION
 from cuboid.ground.geometry.box import Box

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.geometry import se3
 from cuboid.method.poses.kernels import align as kernel
 from cuboid.method.poses.pyramid import LEVELS, Level

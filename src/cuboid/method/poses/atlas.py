@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.state import Record
 from cuboid.ground.geometry import se3
 from cuboid.method.poses.alignment import Alignment, Reference, align, merge, pick

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import MIN_READINGS, SIGMAS
 from cuboid.method.poses.alignment import NOISE, SIGMA_LOW, Alignment, Reference
 from cuboid.method.poses.keyframes import pixels_of

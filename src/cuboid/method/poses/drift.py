@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.tolerances import DRIFT_M, DRIFT_RAD, MIN_READINGS
 from cuboid.ground.geometry.se3 import inverse, moved_beyond, tidied
 from cuboid.method.poses.alignment import Alignment, Prior, Reference, align, pick

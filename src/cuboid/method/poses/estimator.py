@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.state import Record
 from cuboid.ground.geometry import se3
 from cuboid.method.poses.alignment import Alignment, Prior, Reference, align

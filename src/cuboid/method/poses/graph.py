@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
 
 # Largest number of Gauss-Newton steps, and the step (metres, radians) below which the iteration stops.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.state import TRANSIENT, Record
 from cuboid.ground.geometry import se3
 from cuboid.method.poses.alignment import Reference, pick

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD
 from cuboid.ground.geometry import se3
 from cuboid.method.poses.kernels import align as kernel

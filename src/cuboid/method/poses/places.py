@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry import se3
 
 # Largest number of corners of an image: a third of them suffices if two images show the same place.

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.downscaling import SAME_SURFACE
-from cuboid.ground.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float32Array, UInt8Array
+from cuboid.ground.core.depth import SAME_SURFACE
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.kernels.blocks import halve_depth
 from cuboid.ground.core.working import WorkingImage
 from cuboid.method.poses.kernels import align as kernel

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, shown
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry.se3 import inverse, tidied, view_shift_m
 
 if TYPE_CHECKING:

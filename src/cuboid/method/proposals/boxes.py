@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.method.detection.boxes import MAX_BOXES, best_boxes, unit_scores
 from cuboid.method.proposals.types import Proposals
 

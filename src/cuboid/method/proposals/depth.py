@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.depth import DepthImage, cell_pixels, shrunk
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.kernels import patches, regions, segments
 from cuboid.ground.core.kernels.cells import CELL_COLUMNS
 from cuboid.ground.core.kernels.holes import fill_holes

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Frame, UInt8Array
+from cuboid.ground.arrays import Float32Array, UInt8Array
+from cuboid.ground.core.frame import Frame
 
 # Working width, pixels: at half the width of a 640-pixel image edges take a quarter of the time and lose little.
 WIDTH = 320

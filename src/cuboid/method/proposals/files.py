@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.formats.reading import opened
 from cuboid.ground.formats.rows_files import RectangleEntry
 from cuboid.ground.formats.table_validation import read_table

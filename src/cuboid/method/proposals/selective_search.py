@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.method.detection.boxes import thin_out
 from cuboid.method.proposals.boxes import boxes_as_proposals, refuse_options
 from cuboid.method.proposals.edges import Edges, find_edges

@@ -9,7 +9,8 @@ from typing import Protocol, overload
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float32Array, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 
 
 class JoinedMasks(Sequence[UInt8Array]):

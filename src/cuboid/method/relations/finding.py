@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import RELATIONS, Relation, SupportPlane, TrackedObject, Wall
 from cuboid.ground.core.values import RelationKind
 from cuboid.ground.geometry.polygons import lie_inside

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from cuboid.ground.core.frame import Float64Array, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.results import MapPoints, SupportPlane
 from cuboid.ground.core.tolerances import DRIFT_M
 from cuboid.ground.geometry.box import Box

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import MapPoints, Wall
 from cuboid.ground.core.tolerances import BIAS_M, DRIFT_M
 from cuboid.ground.geometry.box import Box

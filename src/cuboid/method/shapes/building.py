@@ -11,8 +11,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float32Array, Float64Array
 from cuboid.ground.core.results import MapPoints, SupportPlane, TrackedObject
 from cuboid.ground.geometry import se3
 from cuboid.ground.geometry.box import Box

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.tolerances import JUMP_M
 from cuboid.ground.geometry import se3
 from cuboid.method.shapes.mesh import ObjectMesh

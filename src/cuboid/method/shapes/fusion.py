@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.depth import MIXED_PER_M, without_mixed
-from cuboid.ground.core.frame import Float32Array, Float64Array
 from cuboid.ground.core.tolerances import JUMP_M, NEAREST_M
 from cuboid.ground.geometry import se3
 from cuboid.ground.geometry.box import Box

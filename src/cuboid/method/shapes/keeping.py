@@ -24,8 +24,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import Sighting, TrackedObject
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import iou_matrix, pack, unpack

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float64Array, UInt8Array
 from cuboid.ground.geometry import se3
 
 EXTRA = "shapes"

@@ -9,7 +9,8 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.tolerances import NEAREST_M
 from cuboid.ground.geometry import se3
 from cuboid.ground.geometry.box import Box

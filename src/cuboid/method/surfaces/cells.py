@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.depth import DepthImage, cell_pixels
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.kernels import cells as kernel
 from cuboid.ground.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Float32Array, Float64Array
 from cuboid.ground.core.kernels.pixels import back_project
 from cuboid.ground.core.limits import MAX_SEGMENTS
 from cuboid.ground.core.observation import Observation

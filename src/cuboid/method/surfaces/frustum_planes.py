@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.method.surfaces.grid import CELL_M, Places, window_intersection
 from cuboid.method.surfaces.plane import Plane
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.state import ADDED, TRANSIENT, WatchedRecord
 from cuboid.ground.core.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, MIN_SIGMA_M, SIGMAS
 from cuboid.method.surfaces.grid import GroundPlan

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import DRIFT_M
 from cuboid.method.surfaces.grid import CELL_M, LIMIT_CELLS, cells_of
 from cuboid.method.surfaces.plane import ON_PLANE_M, Plane

@@ -15,8 +15,9 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.state import Record, snapshot
 from cuboid.ground.core.tolerances import DRIFT_M, DRIFT_RAD, SIGMAS
 from cuboid.ground.geometry.box import Box

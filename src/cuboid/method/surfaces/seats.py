@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.method.surfaces.grid import CELL_M, GroundPlan, Places, cells_of, window_intersection
 from cuboid.method.surfaces.plane import REACH_M, Plane

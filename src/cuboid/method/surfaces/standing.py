@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.depth import MIXED_PER_M, DepthImage
-from cuboid.ground.core.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.kernels import cells as cell_kernel
 from cuboid.ground.core.kernels import patches
 from cuboid.ground.core.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, OUTLIER_FRACTION

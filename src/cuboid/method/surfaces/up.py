@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.state import Record
 from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.method.surfaces.standing import ENOUGH, SAME_COS, FlatAreas

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.state import Record
 from cuboid.method.surfaces.grid import Places, cells_of
 from cuboid.method.surfaces.plane import Plane

@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float32Array
 from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, read_bytes
 from cuboid.method.text_search.model import TextQuery

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array, UInt8Array
 from cuboid.ground.core.errors import InputError, one_line
-from cuboid.ground.core.frame import Float32Array, UInt8Array
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.method.detection.session import IDS, KINDS, MASK, Session, start
 from cuboid.method.detection.tokens import Tokens

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, UInt8Array
 from cuboid.ground.core.tolerances import NEAREST_M
 from cuboid.ground.geometry import se3
 from cuboid.ground.geometry.box import Box

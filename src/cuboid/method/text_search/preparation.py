@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.ground.formats.json_validation import read_json
 from cuboid.method.detection.images import CLIP_DEVIATION, CLIP_MEAN
 

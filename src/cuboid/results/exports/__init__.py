@@ -7,6 +7,7 @@ from typing import Any
 
 from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.formats.folder import OUTPUT_NAMES
 from cuboid.ground.formats.reading import real_path
 from cuboid.results.exports import (
     coco,
@@ -24,7 +25,7 @@ from cuboid.results.exports import (
     usd,
 )
 from cuboid.results.exports.registry import EXPORTS, Export
-from cuboid.results.files import OUTPUT_NAMES, Results
+from cuboid.results.files import Results
 from cuboid.results.files.pending import new_file, new_folder
 
 __all__ = [

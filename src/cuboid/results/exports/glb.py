@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.palette import UNLABELLED, color_of
 from cuboid.ground.geometry import se3
 from cuboid.method.shapes.mesh import EXTRA

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.palette import UNLABELLED
 from cuboid.ground.geometry import se3
 from cuboid.method.shapes.mesh import EXTRA

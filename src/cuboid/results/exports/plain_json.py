@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.palette import hex_of
 from cuboid.ground.core.records import columns_of, plain_fields
 from cuboid.ground.core.results import SUPPORT, SupportPlane, TrackedObject

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.results import SupportPlane, TrackedObject
 from cuboid.ground.geometry import se3
 from cuboid.method.shapes.mesh import EXTRA, ObjectMesh

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
 from cuboid.method.shapes.mesh import EXTRA
 from cuboid.results.exports.registry import EXPORTS, Export

@@ -15,8 +15,8 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.palette import UNLABELLED
 from cuboid.method.shapes.mesh import EXTRA
 from cuboid.results.exports.obj import obj_text

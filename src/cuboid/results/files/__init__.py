@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from cuboid.ground.formats.run_file import LimitReached, Timing
-from cuboid.results.files.folder import OUTPUT_NAMES, ResultFolder
 from cuboid.results.files.objects import ObjectsFile, read_objects, write_objects
 from cuboid.results.files.opened import FrameRecord, Results, open_results
 from cuboid.results.files.ply import read_map, write_map
@@ -19,13 +18,11 @@ from cuboid.results.files.rows import (
 from cuboid.results.files.writer import ResultWriter
 
 __all__ = [
-    "OUTPUT_NAMES",
     "FrameRecord",
     "LimitReached",
     "ObjectsFile",
     "PoseRow",
     "ProposalRow",
-    "ResultFolder",
     "ResultWriter",
     "Results",
     "RunReport",

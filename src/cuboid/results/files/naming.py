@@ -7,8 +7,8 @@ from pathlib import Path
 
 from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.results import TrackedObject
+from cuboid.ground.formats.folder import OBJECTS
 from cuboid.method.objects.naming import chosen_name
-from cuboid.results.files.folder import OBJECTS
 from cuboid.results.files.objects import read_objects, write_objects
 from cuboid.results.files.pending import PendingFile
 

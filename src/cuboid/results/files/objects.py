@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.records import columns_of, plain_fields
 from cuboid.ground.core.results import SUPPORT, MapPoints, Relation, SupportPlane, TrackedObject, Wall
 from cuboid.ground.formats.json_validation import read_json

@@ -9,14 +9,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError, shown
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.core.results import MapPoints, SupportPlane, TrackedObject, Wall
-from cuboid.inputs.readers.recording import Recording
-from cuboid.inputs.readers.reopen import reopen_recording
-from cuboid.method.poses.sources import LOST
-from cuboid.results.files.folder import (
+from cuboid.ground.formats.folder import (
     AGENTS,
     EMBEDDINGS,
     EVENTS,
@@ -29,6 +27,9 @@ from cuboid.results.files.folder import (
     VIEWS,
     finish_replacing,
 )
+from cuboid.inputs.readers.recording import Recording
+from cuboid.inputs.readers.reopen import reopen_recording
+from cuboid.method.poses.sources import LOST
 from cuboid.results.files.naming import name_object
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.objects import ObjectsFile, read_objects
@@ -50,7 +51,7 @@ from cuboid.results.files.rows import (
 )
 
 if TYPE_CHECKING:
-    from cuboid.ground.core.frame import Float32Array
+    from cuboid.ground.arrays import Float32Array
     from cuboid.method.shapes import ObjectView
     from cuboid.method.text_search import Embeddings, TextModel
 

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cuboid.ground.core.errors import OutputError
+from cuboid.ground.formats.folder import writing
 from cuboid.ground.formats.reading import kind_of, real_path
-from cuboid.results.files.folder import writing
 
 DEVICES = Path("/dev")
 

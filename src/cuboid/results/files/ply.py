@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, UInt8Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float32Array, UInt8Array
 from cuboid.ground.core.results import MapPoints
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, read_bytes
 from cuboid.ground.geometry.se3 import FARTHEST_M

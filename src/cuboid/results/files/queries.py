@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.errors import InputError, OutputError, shown
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.results import MapPoints, Relation, SupportPlane, TrackedObject, Wall
 from cuboid.results.files.object_table import ObjectTable
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.records import box_numbers, columns_of
 from cuboid.ground.core.results import FrameResult, ObjectEvent, Proposal3D, Sighting, tag_of
 from cuboid.ground.formats.rows_files import AgentEntry, EventEntry, PoseEntry, ProposalEntry, ProposalLabel, TrackEntry

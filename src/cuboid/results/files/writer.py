@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TextIO
 from cuboid.ground.core.errors import OutputError
 from cuboid.ground.core.paths import PathLike
 from cuboid.ground.core.results import FrameResult, MapPoints
-from cuboid.results.files.folder import (
+from cuboid.ground.formats.folder import (
     AGENTS,
     EVENTS,
     MAP,

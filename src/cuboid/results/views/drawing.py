@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import Sighting, TrackedObject, tag_of
 from cuboid.ground.geometry.box import Box

@@ -14,8 +14,8 @@ import av
 import cv2
 import numpy as np
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import OutputError
-from cuboid.ground.core.frame import UInt8Array
 from cuboid.results.files.pending import PendingFile
 from cuboid.results.views.pixels import shrunk
 

@@ -7,7 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Frame, Intrinsics, UInt8Array
+from cuboid.ground.arrays import UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import FrameResult
 from cuboid.results.views.overlays import depth_picture, heat_over
@@ -16,6 +17,14 @@ from cuboid.results.views.tags import TAG_PX, place_tag, put_tag
 # Approximate width of a notebook's column, pixels.
 WIDEST_PX = 960
 DARK = 24
+
+
+def png_of(value: object) -> bytes:
+    """Return the picture of a frame or of a result, as PNG."""
+    if isinstance(value, FrameResult):
+        return result_png(value)
+    assert isinstance(value, Frame)
+    return frame_png(value)
 
 
 def frame_png(frame: Frame) -> bytes:

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import MapPoints, SupportPlane
 from cuboid.ground.geometry.se3 import inverse, transform

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import UInt8Array
+from cuboid.ground.arrays import UInt8Array
 
 
 def shrunk(picture: UInt8Array, max_width_px: int) -> UInt8Array:

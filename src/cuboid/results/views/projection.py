@@ -9,7 +9,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry.box import EDGES, Box
 from cuboid.ground.geometry.se3 import inverse, transform
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from cuboid.ground.core.frame import Frame, UInt8Array
+from cuboid.ground.arrays import UInt8Array
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.formats.folder import MAP
 from cuboid.results.files import read_map
-from cuboid.results.files.folder import MAP
 from cuboid.results.views.drawing import Status, draw_frame, draw_proposals
 from cuboid.results.views.overlays import depth_picture, heat_over, map_heat, planes_over
 from cuboid.results.views.replay import Replay, ReplayedFrame

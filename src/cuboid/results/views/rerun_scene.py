@@ -18,8 +18,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import MapPoints, SupportPlane, tag_of
 from cuboid.ground.geometry.box import Box

@@ -9,8 +9,9 @@ from typing import Self
 import cv2
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import InputError, OutputError
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult
 from cuboid.results.views.live.watch import TrackerView
 from cuboid.results.views.pixels import encode_jpeg

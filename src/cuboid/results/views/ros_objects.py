@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import ObjectEvent, tag_of
 from cuboid.ground.formats.ros_messages import RosMessages

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float32Array, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult, TrackedObject
 from cuboid.ground.formats.ros_messages import OPTICAL_FRAME, TRANSFORMS, RosMessages, nanoseconds
 from cuboid.ground.middleware.transport import Outlet, Outlets, Qos

@@ -9,7 +9,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.palette import ink_on
 from cuboid.results.views.text import Color, ink, mixed
 

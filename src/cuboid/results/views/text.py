@@ -7,7 +7,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import UInt8Array
+from cuboid.ground.arrays import UInt8Array
 
 Color = tuple[int, int, int]
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from cuboid.ground.core.compiletime import working_s
+from cuboid.ground.compiling.compiletime import working_s
 from cuboid.ground.core.downscaling import downscale
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Frame, SkippedFrame
 from cuboid.inputs.readers.prefetch import run_ahead
 from cuboid.method.poses.sources import LOST
 from cuboid.runs.tracking.measuring import FrameClock
-from cuboid.runs.tracking.tracker import Tracker
+from cuboid.runs.tracking.running import RunningTracker
 from cuboid.runs.tracking.types import Progress, Watch
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class Pipeline:
 
     path: Path
     planned: int | None
-    tracker: Tracker
+    tracker: RunningTracker
     scale: int
     view: FrameSink | None
     watch: Watch | None

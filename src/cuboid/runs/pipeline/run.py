@@ -8,24 +8,24 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid import __version__
-from cuboid.ground.core.compiletime import working_s
+from cuboid.ground.compiling.compiletime import working_s
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.formats.folder import VIDEO
 from cuboid.ground.formats.reading import real_path
+from cuboid.ground.version import __version__
 from cuboid.method.poses.sources import AUTO, CORRECTED, ESTIMATED, GIVEN, Poses
 from cuboid.results.files import Results, ResultWriter, RunReport
-from cuboid.results.files.folder import VIDEO
 from cuboid.runs.pipeline.loop import Decoded, Pipeline, decode
 from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
 from cuboid.runs.pipeline.plan import Plan, plan_for
 from cuboid.runs.pipeline.streaming import FrameSource, Stream
-from cuboid.runs.tracking.checks import checked_warnings
+from cuboid.runs.tracking.checks import checked_warnings, own_warnings
 from cuboid.runs.tracking.measuring import peak_memory_mb
+from cuboid.runs.tracking.running import RunningTracker
 from cuboid.runs.tracking.saving import objects_file, write_page
-from cuboid.runs.tracking.tracker import Tracker
 from cuboid.runs.tracking.types import MakeFrameSink, MakeTracker, RecordingLike, RunOutcome, TrackerLike
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def track_recording(
             complete = pipeline.follow(decoded, hooks.stop)
         if complete and not tracker.T_world_camera and plan.poses == ESTIMATED:
             raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
-        warnings = tracker.warnings if writer is None else checked_warnings(tracker, bare, every)
+        warnings = own_warnings(tracker) if writer is None else checked_warnings(tracker, bare, every)
         if session is not None:
             warnings = (*session.warnings(), *warnings)
         report = _report(plan, tracker, complete=complete, begun_s=begun_s, warnings=warnings)
@@ -157,7 +157,7 @@ def _session(plan: Plan, into: IntoScene) -> AbstractContextManager[SceneRun]:
 
 def _tracking(
     plan: Plan, session: SceneRun | None, writer: ResultWriter | None, make_tracker: MakeTracker | None, *, shapes: bool
-) -> tuple[Tracker, Poses]:
+) -> tuple[RunningTracker, Poses]:
     """Return the tracker, and the source of its poses."""
     camera, options, source = plan.camera, plan.options, plan.source_of_poses()
     write = None if writer is None else partial(writer.add, pixels=options.scale)
@@ -166,10 +166,10 @@ def _tracking(
         mapper = make(camera, plan.config, plan.proposals)
         if options.detector is not None:
             _use_detector(mapper, plan)
-        return Tracker.of_parts(camera, plan.config, mapper, source, write, shapes=shapes), source
+        return RunningTracker(camera, plan.config, mapper, source, write, shapes=shapes), source
     session.tracker.use_detector(options.detector, plan.detector_every)
     source = session.poses(source)
-    tracker = Tracker.of_parts(camera, plan.config, session.tracker, source, write, shapes=shapes)
+    tracker = RunningTracker(camera, plan.config, session.tracker, source, write, shapes=shapes)
     tracker.resume(session.begun.T_world_camera, session.begun.times_s, session.begun.skipped)
     return tracker, source
 
@@ -181,7 +181,9 @@ def _decode(recording: RecordingLike, frames: range, options: TrackOptions) -> G
     return decode(recording, frames, ahead=ahead)
 
 
-def _report(plan: Plan, tracker: Tracker, *, complete: bool, begun_s: float, warnings: tuple[str, ...]) -> RunReport:
+def _report(
+    plan: Plan, tracker: RunningTracker, *, complete: bool, begun_s: float, warnings: tuple[str, ...]
+) -> RunReport:
     recording = plan.recording
     live = recording.source if isinstance(recording, Stream) else None
     used, skipped = len(tracker.T_world_camera), tuple(tracker.log.skipped)
@@ -205,7 +207,7 @@ def _report(plan: Plan, tracker: Tracker, *, complete: bool, begun_s: float, war
     )
 
 
-def _vocabulary(tracker: Tracker) -> dict[str, Any]:
+def _vocabulary(tracker: RunningTracker) -> dict[str, Any]:
     """Return the classes of the detector, if one was used."""
     return {"vocabulary": list(tracker.vocabulary)} if tracker.vocabulary else {}
 

@@ -7,16 +7,16 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from cuboid import __version__
-from cuboid.ground.core.compiletime import working_s
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.compiling.compiletime import working_s
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.formats.folder import RUN, TRAJECTORY, TRAJECTORY_ONLINE, ResultFolder, writing
+from cuboid.ground.version import __version__
 from cuboid.inputs.readers import Recording
 from cuboid.method.poses import PoseEstimator
 from cuboid.method.poses.sources import LOST
-from cuboid.results.files import PoseRow, ResultFolder, RunReport, write_run
-from cuboid.results.files.folder import RUN, TRAJECTORY, TRAJECTORY_ONLINE, writing
+from cuboid.results.files import PoseRow, RunReport, write_run
 from cuboid.runs.pipeline.loop import decode
 from cuboid.runs.tracking.measuring import FrameClock, FrameLog, peak_memory_mb
 

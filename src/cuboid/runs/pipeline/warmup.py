@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 
 CAMERA = Intrinsics(260.0, 260.0, 159.5, 119.5, 320, 240)
 FRAMES = 20

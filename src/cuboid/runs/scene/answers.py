@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import TrackedObject, tag_of
 from cuboid.ground.core.values import EventName, RelationKind
 from cuboid.ground.geometry.box import Box

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.records import box_numbers
 from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.ground.geometry.box import Box

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.similarity import CLEARER, MIN_SIMILARITY, color_profile_of, similarity
@@ -121,8 +121,7 @@ class Changes:
         gone = seen_again < SEEN_AGAIN and carved >= CARVED and len(again) < LEFT * len(entry.points)
         if gone or (replaced and len(again) and not self._standing(tracker, old).still):
             # The object that stands there now is found anew from later frames, not from the evidence of both visits.
-            tracker.retire(entry)
-            entry.box = old.box
+            tracker.retire(entry, old.box)
 
     def _standing(self, tracker: PosedTracker, old: OldObject) -> Standing:
         return standing(tracker.voxels, old, self._first_frame)
@@ -144,7 +143,7 @@ class Changes:
             elif new:
                 fractions = [float((found.owners == o.number).mean()) for o in new]
                 if max(fractions) >= HEIR_FRACTION:
-                    tracker.adopt(new.pop(int(np.argmax(fractions))), old)
+                    tracker.take_over(new.pop(int(np.argmax(fractions))), old)
         if gone and new:
             self._find_moved(tracker, gone, new)
 
@@ -156,7 +155,7 @@ class Changes:
             row, column = np.delete(similarity[k], j), np.delete(similarity[:, j], k)
             others = max(row.max(initial=0.0), column.max(initial=0.0))
             if similarity[k, j] >= MIN_SIMILARITY and similarity[k, j] >= CLEARER * others and j not in taken:
-                tracker.adopt(new[j], gone[k])
+                tracker.take_over(new[j], gone[k])
                 taken.add(j)
 
     def _merge_moved_together(self, tracker: PosedTracker) -> bool:

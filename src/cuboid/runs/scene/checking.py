@@ -215,7 +215,7 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
     for entry in tracker.ever_labelled():
         known = tracker.voxels.rows_at(entry.points.astype(np.float64)) >= 0
         if known.any():  # an object whose points are all lost keeps them: they mark its place
-            entry.points, entry.colors = entry.points[known], entry.colors[known]
+            tracker.keep_points(entry, known)
     state = StateFile(new, tracker, poses)
     with transaction(new):
         state.write(new, state.snapshot())

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float32Array
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation, transform
 from cuboid.method.objects.entry import MapObject
 from cuboid.runs.scene.database import has_table, transaction
@@ -47,16 +47,16 @@ def merge(connection: sqlite3.Connection, path: str, label: int, other: int) -> 
     if label == other:
         raise InputError(f"{path}: expected two labels, got {label} twice")
     with edited(connection, path) as tracker:
-        unread = {item.label: item for item in tracker.unread_objects()}
-        if label in unread or other in unread:
+        without_depth = {item.label: item for item in tracker.objects_without_depth()}
+        if label in without_depth or other in without_depth:
             boxes = [
-                unread[k].box if k in unread else tracker.in_world(_living(tracker, path, k).box)
+                without_depth[k].box if k in without_depth else tracker.in_world(_living(tracker, path, k).box)
                 for k in (label, other)
             ]
             apart_m = float(np.linalg.norm(boxes[0].center - boxes[1].center))
             if apart_m > sum(box.size.max() for box in boxes):
                 raise InputError(f"{path}: {label} and {other} are {apart_m:.2f} m apart, farther than they are large")
-            return tracker.merge_unread(label, other)
+            return tracker.merge_without_depth(label, other)
         first_entry, second_entry = (_living(tracker, path, k) for k in (label, other))
         kept = tracker.merge(first_entry, second_entry)
         if not kept.confirmed:
@@ -74,8 +74,8 @@ def forget(connection: sqlite3.Connection, path: str, label: int) -> None:
     """
     with edited(connection, path) as tracker:
         entry = next((o for o in tracker.ever_labelled() if o.label == label), None)
-        unread = tracker.forget_unread(label)
-        if entry is None and not unread:
+        without_depth = tracker.retire_without_depth(label)
+        if entry is None and not without_depth:
             raise InputError(f"{path}: no object has the label {label}")
         if entry is not None and entry.confirmed:
             tracker.retire(entry)

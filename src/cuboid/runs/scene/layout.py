@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.geometry.se3 import inverse, level_rotation, transform
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.similarity import MIN_SIMILARITY, color_profile_of, similarity

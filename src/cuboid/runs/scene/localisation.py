@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.state import Record
 from cuboid.ground.core.working import thin
 from cuboid.ground.geometry.se3 import angle, exp, inverse, mean_motion, tidied, transform, view_shift_m

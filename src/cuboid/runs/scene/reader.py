@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.core.results import MapPoints, SceneChange, SupportPlane
 from cuboid.method.objects.naming import chosen_name
@@ -26,7 +26,7 @@ from cuboid.runs.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.runs.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
 
 if TYPE_CHECKING:
-    from cuboid.ground.core.frame import Float32Array
+    from cuboid.ground.arrays import Float32Array
     from cuboid.method.text_search import TextModel
     from cuboid.runs.scene.vectors import SceneVector
     from cuboid.runs.tracking.posed_tracker import PosedTracker

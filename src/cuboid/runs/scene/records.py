@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterable
-from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, Frame
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.records import box_numbers
 from cuboid.ground.core.results import FrameResult, Sighting, SupportPlane, TrackedObject
 from cuboid.ground.geometry.box import Box
@@ -53,7 +53,7 @@ class Rows:
         Objects as they were, with 0, or with the label of an object that was merged into them.
     merged : list of (int, int)
         Merged labels, each with the label into which it was merged.
-    unread : list of (TrackedObject, int)
+    without_depth : list of (TrackedObject, int)
         Objects without usable depth, as they were, with the label of the row: their own, or one merged into them.
     kinds : dict of int to str or None
         New kinds of labels whose kind changed; None for volumes. Labels that are not listed keep the scene's entry.
@@ -71,7 +71,7 @@ class Rows:
     objects: list[tuple[MapObject, int]] = field(default_factory=list)
     merged: list[tuple[int, int]] = field(default_factory=list)
     pictures: dict[int, tuple[float, bytes]] = field(default_factory=dict)
-    unread: list[tuple[TrackedObject, int]] = field(default_factory=list)
+    without_depth: list[tuple[TrackedObject, int]] = field(default_factory=list)
     kinds: dict[int, str | None] = field(default_factory=dict)
     ended: list[int] = field(default_factory=list)
 
@@ -88,9 +88,9 @@ class Rows:
             connection.execute("DELETE FROM planes")
             many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*plane) for plane in self.planes))
         many(_UPSERT, (_object_row(entry, label) for entry, label in self.objects))
-        many(_UPSERT, (_unread_row(item, label) for item, label in self.unread))
+        many(_UPSERT, (_row_without_depth(item, label) for item, label in self.without_depth))
         of_map = {entry.label: name_scores(entry.name_log_odds) for entry, label in self.objects if not label}
-        write_classes(connection, of_map | {label: _classes_of(item) for item, label in self.unread})
+        write_classes(connection, of_map | {label: _classes_of(item) for item, label in self.without_depth})
         write_kinds(connection, self.kinds)
         many("UPDATE objects SET state = 'gone' WHERE label = ? AND state = 'present'", [(k,) for k in self.ended])
         many("UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", [(b, a) for a, b in self.merged])
@@ -157,7 +157,7 @@ class Records:
         """Return all rows since the last call, with the tracker's objects and planes as they are now."""
         rows, self._rows = self._rows, Rows()
         self._objects(tracker, rows)
-        self._unread(tracker, rows)
+        self._objects_without_depth(tracker, rows)
         rows.planes = list(zip(tracker.plane_identities, tracker.planes, strict=True))
         return rows
 
@@ -178,20 +178,19 @@ class Records:
             counts = entry.frames_seen, entry.last_frame, len(entry.merged_labels)
             now = (entry.box, entry.points, entry.state, *counts, identity, entry.name_log_odds)
             if not _same(self._written.get(entry.label), now):
-                copied = copy(entry)  # the attributes' values are replaced, never modified
-                copied.plane = identity
-                copied.box = tracker.in_world(entry.box)
+                # The attributes' values are replaced, never modified: the copy stays as it is.
+                copied = replace(entry, plane=identity, box=tracker.in_world(entry.box))
                 rows.objects += [(copied, 0), *((copied, k) for k in entry.merged_labels if k not in self._merged)]
                 rows.merged += [(k, entry.label) for k in entry.merged_labels]
                 self._merged |= {*entry.merged_labels}
                 self._written[entry.label] = now
 
-    def _unread(self, tracker: PosedTracker, rows: Rows) -> None:
+    def _objects_without_depth(self, tracker: PosedTracker, rows: Rows) -> None:
         """Add objects without usable depth; those missing now became a volume, were merged, or ended."""
-        items = tracker.unread_objects()
+        items = tracker.objects_without_depth()
         now: dict[int, str | None] = {item.label: item.kind for item in items}
         newly_merged = [(item, k) for item in items for k in item.merged_labels if k not in self._merged]
-        rows.unread = [*((item, item.label) for item in items), *newly_merged]
+        rows.without_depth = [*((item, item.label) for item in items), *newly_merged]
         rows.merged += [(k, item.label) for item in items for k in item.merged_labels]
         self._merged |= {k for _, k in newly_merged}
         volumes = {label for entry in tracker.ever_labelled() for label in (entry.label, *entry.merged_labels)}
@@ -276,7 +275,7 @@ def _object_row(entry: MapObject, label: int = 0) -> dict[str, Any]:
     }
 
 
-def _unread_row(item: TrackedObject, label: int) -> dict[str, Any]:
+def _row_without_depth(item: TrackedObject, label: int) -> dict[str, Any]:
     """Return the row, under this label, of an object without usable depth."""
     return {
         "label": label,

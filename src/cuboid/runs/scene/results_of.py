@@ -11,26 +11,28 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cuboid import __version__
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.results import FrameResult, Sighting, TrackedObject
+from cuboid.ground.version import __version__
 from cuboid.results.files import ObjectsFile, ResultWriter, RunReport
 from cuboid.runs.scene.answers import SceneObject, ScenePast
 from cuboid.runs.scene.furniture import known_furniture, of_recording, read_names
-from cuboid.runs.scene.scene import Scene
+from cuboid.runs.scene.reader import SceneReader
 from cuboid.runs.scene.validation import CameraColumn, Settings, columns_of, document, read_rows
 from cuboid.runs.scene.visit import load_tracker
 
 NOT_IN_SCENE = "the scene has no pose of this frame"
 
 
-def write_results(scene: Scene, connection: sqlite3.Connection, number: int, folder: Path, *, force: bool) -> None:
+def write_results(
+    scene: SceneReader, connection: sqlite3.Connection, number: int, folder: Path, *, force: bool
+) -> None:
     """Write the results of a recording: its sightings, with the objects' boxes at its end.
 
     Parameters
     ----------
-    scene : Scene
+    scene : SceneReader
     connection : sqlite3.Connection
         Connection to the scene.
     number : int
@@ -86,7 +88,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
         writer.finish(found, points, report)
 
 
-def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[TrackedObject]]:
+def _seen(scene: SceneReader, number: int) -> tuple[dict[int, list[Sighting]], list[TrackedObject]]:
     """Return the sightings of a recording by frame, and the objects that were seen in it."""
     frames: dict[int, list[Sighting]] = defaultdict(list)
     objects: list[TrackedObject] = []

@@ -13,7 +13,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult, MapPoints, TrackedObject, Wall
 from cuboid.ground.core.tolerances import DETECT_EVERY
 from cuboid.ground.geometry.se3 import inverse, transform

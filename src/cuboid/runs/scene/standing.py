@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cuboid.ground.core.frame import Float32Array
+from cuboid.ground.arrays import Float32Array
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.runs.scene.before import OldObject
 

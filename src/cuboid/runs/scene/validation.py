@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from msgspec import Meta
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.values import FocalLength, ImageSide, Pixel, Point, refuse_no_quaternion
 from cuboid.ground.formats.json_validation import in_words
 from cuboid.ground.geometry.box import Box

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array
+from cuboid.ground.arrays import Float32Array
 from cuboid.method.text_search import TextModel, mean_vector
 from cuboid.method.text_search.pictures import squared
 from cuboid.runs.scene.database import has_table

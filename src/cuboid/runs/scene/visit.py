@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.frame import Float64Array, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.runs.scene import before
 from cuboid.runs.scene.database import transaction
 from cuboid.runs.scene.saving import SceneBlockStore, load_state

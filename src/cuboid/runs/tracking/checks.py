@@ -9,19 +9,19 @@ import numpy as np
 from cuboid.ground.core.errors import FrameError
 from cuboid.method.poses.sources import ESTIMATED, LOST, NO_POSE
 from cuboid.runs.tracking.diagnosis import RunFacts, diagnose, explains, median_or_none
+from cuboid.runs.tracking.running import RunningTracker
 from cuboid.runs.tracking.types import RecordingLike
 
 if TYPE_CHECKING:
     from cuboid.inputs.calibration.pose_fit import PoseFit
-    from cuboid.runs.tracking.tracker import Tracker
 
 
-def checked_warnings(tracker: Tracker, recording: RecordingLike, every: int) -> tuple[str, ...]:
+def checked_warnings(tracker: RunningTracker, recording: RecordingLike, every: int) -> tuple[str, ...]:
     """Return the warnings of a run, including those for which frames are read again; this takes a second or two.
 
     Parameters
     ----------
-    tracker : Tracker
+    tracker : RunningTracker
         The tracker at the end of the run.
     recording : RecordingLike
         The recording of its frames.
@@ -49,8 +49,13 @@ def checked_warnings(tracker: Tracker, recording: RecordingLike, every: int) -> 
     )
 
 
+def own_warnings(tracker: RunningTracker) -> tuple[str, ...]:
+    """Return the likely faults of a tracker's frames that it knows without their recording, one line each."""
+    return (*diagnose(run_facts(tracker)), *tracker.pose_warnings, *tracker.view_warnings)
+
+
 def run_facts(
-    tracker: Tracker, recording: RecordingLike | None = None, every: int = 1, fit: PoseFit | None = None
+    tracker: RunningTracker, recording: RecordingLike | None = None, every: int = 1, fit: PoseFit | None = None
 ) -> RunFacts:
     """Return the facts of a run for its diagnosis; without the recording, only those that the tracker knows."""
     reasons = [reason for _, reason in tracker.log.skipped]
@@ -72,7 +77,7 @@ def run_facts(
     )
 
 
-def _without_pose(tracker: Tracker, recording: RecordingLike | None) -> int:
+def _without_pose(tracker: RunningTracker, recording: RecordingLike | None) -> int:
     """Return the number of skipped frames that lack a pose although poses come with the frames."""
     if tracker.poses == ESTIMATED:
         return 0

@@ -7,24 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, Frame
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.observation import Observation
 from cuboid.ground.core.results import Sighting, TrackedObject
 from cuboid.ground.core.tolerances import DETECT_EVERY
 from cuboid.method.detection import make_detector
 from cuboid.method.detection.types import Detections, Detector
-from cuboid.method.objects.detection_votes import add_votes
-from cuboid.method.objects.entry import MapObject
-from cuboid.method.objects.naming import chosen_name, name_objects, name_scores
+from cuboid.method.objects.box_without_depth import Planes, box_of, size_sigma_of
+from cuboid.method.objects.detection_votes import add_votes, name_objects
+from cuboid.method.objects.entry import MapObject, ObjectRecord
+from cuboid.method.objects.naming import chosen_name, name_scores
 from cuboid.method.objects.object_map import novelty_of
 from cuboid.method.objects.store import ObjectStore
-from cuboid.method.objects.unread import UnreadMap
-from cuboid.method.objects.unread_object import Planes, UnreadObject, box_of, size_sigma_of
 from cuboid.method.objects.visibility import Visibility
+from cuboid.method.objects.without_depth import WithoutDepth
 from cuboid.runs.tracking.rolling import Roll
 
 
-def same_fields(entry: MapObject | UnreadObject) -> dict[str, Any]:
+def same_fields(entry: ObjectRecord) -> dict[str, Any]:
     """Return the fields of results that objects with and without depth readings have in common."""
     names = ("label", "score", "first_frame", "last_frame", "frames_seen")
     return {
@@ -62,12 +63,12 @@ class Detecting:
 
     def begin(self, store: ObjectStore, far_m: float) -> None:
         """Start with a map of objects; objects without depth readings start no farther away than `far_m`."""
-        self._store, self._unread = store, UnreadMap(store, far_m)
+        self._store, self._without_depth = store, WithoutDepth(store, far_m)
 
     @property
-    def unread(self) -> UnreadMap:
+    def without_depth(self) -> WithoutDepth:
         """The objects without depth readings."""
-        return self._unread
+        return self._without_depth
 
     def is_due(self, count: int) -> bool:
         """Return whether the detector processes a frame with `count` earlier frames."""
@@ -98,24 +99,24 @@ class Detecting:
             )
         self.vocabulary = self.vocabulary or tuple(name for name in found.names if name)
         turned = roll.detections(found)
-        name_objects(turned, [(entry, view.visible, view.rect_xyxy) for entry, view in visible], seen.eye)
+        name_objects(turned, visible, self._store, seen.eye)
         # The detections stand for all frames up to the next ones: segments vote in each of them.
         add_votes(turned, visible, self._store, min(1.0, self._every * novelty_of(seen)))
-        self._unread.update(turned, visible, seen)
+        self._without_depth.update(turned, visible, seen)
 
     def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
         """Return the sightings of a frame, including those of objects without depth readings."""
-        return self._unread.sightings(shown, seen, planes)
+        return self._without_depth.sightings(shown, seen, planes)
 
     @property
     def labelled(self) -> int:
         """Number of labelled objects without depth readings."""
-        return len(self._unread.confirmed())
+        return len(self._without_depth.confirmed())
 
     def objects(self, planes: Planes, T_world_map: Float64Array) -> list[TrackedObject]:
         """Return the labelled objects without depth readings, by label, in the world."""
         found = []
-        for entry in self._unread.confirmed():
+        for entry in self._without_depth.confirmed():
             box, kind = box_of(entry, planes)
             found.append(
                 TrackedObject(
@@ -133,4 +134,4 @@ class Detecting:
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
         """Move objects with their keyframes; see `ObjectMap.apply_correction`."""
-        self._unread.apply_correction(moved)
+        self._store.apply_correction_without_depth(moved)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.compiletime import working_s
+from cuboid.ground.compiling.compiletime import working_s
 from cuboid.ground.core.limits import LIMITS
 from cuboid.results.files import LimitReached, Timing
 

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.depth import excess_noise, resolves_m
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.kernels.pixels import PlanesInView, assign_planes
 from cuboid.ground.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.ground.core.observation import Observation
@@ -31,10 +32,9 @@ from cuboid.method.heatmap.motion import Motion
 from cuboid.method.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.method.heatmap.voxel_map import VoxelMap, VoxelMapState
 from cuboid.method.objects.association import Association, SegmentedFrame, prior_of
-from cuboid.method.objects.entry import MapObject
+from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.following import Following
 from cuboid.method.objects.object_map import ObjectMap, ObjectMapState
-from cuboid.method.objects.unread_object import UnreadObject
 from cuboid.method.objects.validity import too_large
 from cuboid.method.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.method.proposals import make_source
@@ -77,7 +77,7 @@ class PosedTrackerState(Record):
     planes : PlaneTrackerState
     voxels : VoxelMapState
     map : ObjectMapState
-    unread : tuple of UnreadObject
+    unread : tuple of ObjectWithoutDepth
         Objects without depth readings, found by a detector.
     furniture_labels : dict of int to tuple of int
         Labels of the furniture that bears a plane, by identity of the plane, oldest first.
@@ -93,7 +93,7 @@ class PosedTrackerState(Record):
     planes: PlaneTrackerState
     voxels: VoxelMapState
     map: ObjectMapState
-    unread: tuple[UnreadObject, ...] = dataclasses.field(default_factory=tuple, metadata=ADDED)
+    unread: tuple[ObjectWithoutDepth, ...] = dataclasses.field(default_factory=tuple, metadata=ADDED)
     furniture_labels: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict, metadata=ADDED)
 
 
@@ -195,7 +195,7 @@ class PosedTracker(TrackedMap):
             planes=self._planes.state(),
             voxels=self._voxels.state(),
             map=self._map.state(),
-            unread=self._detecting.unread.state(),
+            unread=self._map.store.state_without_depth(),
             furniture_labels=dict(self._furniture_labels),
         )
 
@@ -215,7 +215,7 @@ class PosedTracker(TrackedMap):
         tracker._map = ObjectMap.from_state(state.map, c, tracker._voxels, tracker._planes)
         tracker._begin_motion()
         tracker._detecting.begin(tracker._map.store, c.max_depth_m)
-        tracker._detecting.unread.restore(state.unread)
+        tracker._map.store.restore_without_depth(state.unread)
         tracker._furniture_labels = dict(state.furniture_labels)
         tracker._turns, tracker._T_world_map = state.turns, state.T_world_map
         tracker._count, tracker._due = state.count, state.due
@@ -343,7 +343,7 @@ class PosedTracker(TrackedMap):
             clock.lap("detector")
         if self._detecting.is_used:
             sightings = self._detecting.sightings(sightings, seen, self._support_planes())
-            clock.lap("unread")
+            clock.lap("without depth")
         return sightings
 
     def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:

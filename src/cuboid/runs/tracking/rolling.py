@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, Intrinsics
+from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult
 from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.method.detection.types import Detections

@@ -7,20 +7,20 @@ from math import gcd
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid import __version__
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.formats.folder import REPORT
+from cuboid.ground.version import __version__
 from cuboid.results.files import ObjectsFile, Results, ResultWriter, RunReport
-from cuboid.results.files.folder import REPORT
 from cuboid.results.files.writer import RowLog
-from cuboid.runs.tracking.checks import checked_warnings
+from cuboid.runs.tracking.checks import checked_warnings, own_warnings
 from cuboid.runs.tracking.measuring import peak_memory_mb
+from cuboid.runs.tracking.running import RunningTracker
 from cuboid.runs.tracking.types import RecordingLike, lens_settings
 
 if TYPE_CHECKING:
     from cuboid.ground.core.results import MapPoints, SceneChange
     from cuboid.results.views.report.pictures import Picture
-    from cuboid.runs.tracking.tracker import Tracker
 
 # Name of the format, in `run.json`, for frames that a program passed to the tracker.
 FRAMES_FORMAT = "frames"
@@ -29,7 +29,7 @@ NO_RECORDING = "the recording of the frames is not known"
 
 
 def save_results(
-    tracker: Tracker,
+    tracker: RunningTracker,
     rows: RowLog,
     output: Path,
     recording: RecordingLike | None,
@@ -44,7 +44,7 @@ def save_results(
 
     Parameters
     ----------
-    tracker : Tracker
+    tracker : RunningTracker
     rows : RowLog
         Rows of the frames.
     output : Path
@@ -63,7 +63,7 @@ def save_results(
         every, skipped = _counted(tracker)
         lens = {} if recording is None else lens_settings(recording)
         warnings = (
-            tracker.warnings
+            own_warnings(tracker)
             if recording is None
             else (*recording.warnings, *checked_warnings(tracker, recording, every))
         )
@@ -91,13 +91,13 @@ def save_results(
 
 
 def objects_file(
-    tracker: Tracker, intrinsics: Intrinsics, points: MapPoints, *, relations: bool, furniture: bool
+    tracker: RunningTracker, intrinsics: Intrinsics, points: MapPoints, *, relations: bool, furniture: bool
 ) -> ObjectsFile:
     """Return the content of `objects.json` at the end of a run.
 
     Parameters
     ----------
-    tracker : Tracker
+    tracker : RunningTracker
     intrinsics : Intrinsics
         Of the recording's color image at its full size.
     points : MapPoints
@@ -137,7 +137,7 @@ def write_page(
     return summary.pictures
 
 
-def _counted(tracker: Tracker) -> tuple[int, tuple[tuple[int, str], ...]]:
+def _counted(tracker: RunningTracker) -> tuple[int, tuple[tuple[int, str], ...]]:
     """Return the step between the given frames, and all unused frames with reasons.
 
     `run.json` counts frames 0, n, 2n, ... of a recording: those of them that were not given are listed.

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.results import MapPoints, SupportPlane, TrackedObject
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import transform
 from cuboid.method.heatmap.voxel_map import VoxelMap
+from cuboid.method.objects.box_without_depth import Planes
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.object_map import ObjectMap
-from cuboid.method.objects.unread_object import Planes
 from cuboid.method.relations.furniture import find_furniture
 from cuboid.method.surfaces.plane import Plane
 from cuboid.method.surfaces.planes import PlaneTracker
@@ -77,9 +78,9 @@ class TrackedMap(MapQueries):
         """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
         index_of = {identity: k for k, identity in enumerate(self.plane_identities)}
         items = [self._tracked(entry, index_of) for entry in self._map.store.confirmed()]
-        unread = self.unread_objects()
-        items += unread
-        return ObjectTable(sorted(items, key=lambda item: item.label) if unread else items)
+        without_depth = self.objects_without_depth()
+        items += without_depth
+        return ObjectTable(sorted(items, key=lambda item: item.label) if without_depth else items)
 
     def _tracked(self, entry: MapObject, index_of: Mapping[int, int]) -> TrackedObject:
         """Return an object as results contain it; `index_of` gives the index of a plane by its identity."""
@@ -171,25 +172,38 @@ class TrackedMap(MapQueries):
         """Merge two objects because a user says that they are one; return the result, under the older label."""
         return self._map.merge(first, second)
 
-    def retire(self, entry: MapObject) -> None:
-        """Retire an object because a user asks for it, or because it was taken away; its label is never reused."""
-        self._map.store.retire(entry)
+    def retire(self, entry: MapObject, last_box: Box | None = None) -> None:
+        """Retire an object because a user asks for it, or because it was taken away; its label is never reused.
 
-    def unread_objects(self) -> list[TrackedObject]:
+        Parameters
+        ----------
+        entry : MapObject
+        last_box : Box, optional
+            Box at which it was last known to be, if its present one shows something else.
+        """
+        self._map.store.retire(entry)
+        if last_box is not None:
+            self._map.store.place(entry, last_box)
+
+    def keep_points(self, entry: MapObject, kept: npt.NDArray[np.bool_]) -> None:
+        """Keep only some points (N,) of an object, because the others were lost with a damaged file."""
+        self._map.store.keep_points(entry, kept)
+
+    def objects_without_depth(self) -> list[TrackedObject]:
         """Return the labelled objects without depth readings, by label."""
         return self._detecting.objects(self._support_planes(), self.T_world_map)
 
-    def merge_unread(self, label: int, other: int) -> int:
+    def merge_without_depth(self, label: int, other: int) -> int:
         """Merge two objects of which one or both have no depth readings; return the older label, which stays."""
-        return self._detecting.unread.merge(label, other, self._support_planes())
+        return self._detecting.without_depth.merge(label, other, self._support_planes())
 
-    def forget_unread(self, label: int) -> bool:
-        """Remove an object without depth readings because a user asks for it; return whether one had the label."""
-        return self._detecting.unread.forget(label)
+    def retire_without_depth(self, label: int) -> bool:
+        """Retire an object without depth readings because a user asks for it; return whether one had the label."""
+        return self._detecting.without_depth.retire(label)
 
-    def adopt(self, entry: MapObject, old: MapObject) -> None:
-        """Merge a retired object into a labelled one, because it was moved there; its older label stays."""
-        self._map.store.adopt(entry, old)
+    def take_over(self, entry: MapObject, old: MapObject) -> None:
+        """Let a labelled object take over the older label of a retired one, because that one was moved there."""
+        self._map.store.take_over(entry, old)
 
     @property
     def support(self) -> PlaneTracker:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.results.files import RunReport
 from cuboid.results.files.object_table import ObjectTable

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import ObjectEvent, TrackedObject
 from cuboid.ground.core.tolerances import DRIFT_M
 from cuboid.services.queries.answers import MapChange

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.frame import Float64Array, UInt8Array
 from cuboid.ground.core.results import SupportPlane
 from cuboid.ground.geometry.box import Box
 from cuboid.method.relations.footprints import Footprints

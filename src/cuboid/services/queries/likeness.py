@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.palette import linear_rgb, oklab
 
 # The basic color terms of English (B. Berlin and P. Kay, "Basic Color Terms", 1969), each with a few

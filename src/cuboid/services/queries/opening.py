@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cuboid.ground.formats.folder import OBJECTS, RUN
 from cuboid.method.text_search import TextModel
-from cuboid.results.files.folder import OBJECTS, RUN
 from cuboid.services.queries.place import Place
 from cuboid.services.queries.sources import ResultsSource, SceneSource
 

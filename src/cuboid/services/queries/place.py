@@ -13,8 +13,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.frame import Float32Array, Float64Array
 from cuboid.ground.core.results import Relation, SupportPlane, TrackedObject
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.method.relations import Branch, find_relations, place_tree

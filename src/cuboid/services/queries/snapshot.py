@@ -10,8 +10,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.frame import Float64Array
 from cuboid.ground.core.results import TrackedObject
 from cuboid.services.queries.answers import State
 from cuboid.services.queries.filters import LIKELY, Filters, label_of

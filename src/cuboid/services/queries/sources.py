@@ -9,12 +9,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Protocol
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float32Array, Float64Array
 from cuboid.ground.core.results import TrackedObject, Wall
+from cuboid.ground.formats.folder import OBJECTS
 from cuboid.method.text_search import TextModel
 from cuboid.results.files import Results
-from cuboid.results.files.folder import OBJECTS
 from cuboid.results.files.queries import MapQueries
 from cuboid.runs.scene import Scene, SceneObject
 from cuboid.services.queries.answers import PastRelated, Seen, SightingAnswer, State, Vector

@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Float32Array, Float64Array
 from cuboid.ground.core.results import MapPoints, ObjectEvent, SupportPlane, TrackedObject, Wall
 from cuboid.method.text_search import TextModel
 from cuboid.results.files.object_table import ObjectTable

@@ -17,8 +17,8 @@ from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-from cuboid import __version__
 from cuboid.ground.core.errors import InputError, MissingExtraError
+from cuboid.ground.version import __version__
 from cuboid.method.text_search import TextQuery
 from cuboid.results.views.guard import Guard
 from cuboid.services.queries.answers import About, FoundObject, FreePlace, History, MapChange, Surface, TreeNode

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from cuboid import __version__
+from cuboid.ground.version import __version__
 from cuboid.services.service.endpoints import ENDPOINTS, JSON, Endpoint
 
 SOCKET = "/api/changes/live"

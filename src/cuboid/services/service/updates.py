@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from cuboid.ground.core.frame import Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import ObjectEvent, SupportPlane, TrackedObject
 from cuboid.results.files.queries import PointCloud
 from cuboid.services.queries.answers import SightingAnswer

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.kernels.regions import BACKGROUND
 from cuboid.ground.core.kernels.segments import FAR, NONE, PLANE
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.kernels.cells import AREA, CX, CY, CZ, NX, NY, NZ, RMS
 from cuboid.ground.core.kernels.segments import FAR, NONE, PLANE, SURFACE
 from cuboid.ground.core.tolerances import SIGMAS

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cuboid.ground.core.compiled import kernel
-from cuboid.ground.core.frame import Float32Array
+from cuboid.ground.arrays import Float32Array
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.kernels.segments import CREASE, GROOVE, NONE
 from cuboid.ground.core.tolerances import JUMP_SIGMAS
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 
 # Two planes with a smaller distance than this coincide, metres.
 COINCIDE_M = 1e-10

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.compiled import kernel
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.compiling.compiled import kernel
 
 
 @kernel

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.ground.core.compiled import kernel
-from cuboid.ground.core.frame import Float32Array, Float64Array
+from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.compiling.compiled import kernel
 
 # Half the side of a reading's footprint, in pixels of the depth image: slightly more than half a pixel, because
 # neighbours on a curved surface do not meet exactly.

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.tolerances import DRIFT_M, JUMP_M, JUMP_SIGMAS, MIN_READINGS, MIN_SIGMA_M, SIGMAS
 from cuboid.method.boxes.kernels.extents import side_spread
 from cuboid.method.boxes.kernels.resting import ROUND_RADIUS

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.tolerances import DRIFT_M, JUMP_M
 from cuboid.method.boxes.kernels.extents import best_turn, reach
 

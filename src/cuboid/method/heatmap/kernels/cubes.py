@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 
 # Bits of a cube's coordinate along an axis, and of a voxel's coordinate within its cube.
 KEY_BITS, CUBE_BITS = 21, 5

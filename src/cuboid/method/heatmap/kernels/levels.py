@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.method.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, HEATS, add_block, fill_index, row_of
 
 # Bits of a cell's coordinate in its cube along an axis; a cell has two voxels per side.

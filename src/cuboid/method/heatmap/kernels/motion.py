@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.tolerances import JUMP_SIGMAS
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.method.objects.kernels.nearness import count_near

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.tolerances import NEAREST_M, SIGMAS
 from cuboid.ground.geometry.kernels.overlap import BATCH, SLACK_M
 from cuboid.method.boxes.kernels.extents import ends_at

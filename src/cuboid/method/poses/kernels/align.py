@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 
 # Channels of a packed image: intensity, its two derivatives per pixel, depth in metres.
 INTENSITY, ALONG_U, ALONG_V, DEPTH = range(4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cuboid.ground.core.compiled import kernel
+from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.tolerances import JUMP_SIGMAS, SIGMAS
 
 # Columns of `others` in `bounds`: kinds of neighbour across the outline of a piece, other than planes it touches.

@@ -12,7 +12,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import MapPoints, names_of
 from cuboid.results.files.objects import surface_to_json

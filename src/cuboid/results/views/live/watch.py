@@ -12,7 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, Frame, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 from cuboid.results.files.rows import EventRow
 

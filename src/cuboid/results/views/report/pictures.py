@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import CuboidError
-from cuboid.ground.core.frame import Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry.box import Box
 from cuboid.results.files import PoseRow, TrackRow
 from cuboid.results.views.pixels import encode_jpeg, shrunk

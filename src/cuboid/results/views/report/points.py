@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cuboid.ground.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.results import MapPoints
 
 # A laptop without a graphics card still rotates this many points smoothly; packed they take about 3 MB.

@@ -15,10 +15,10 @@ from urllib.parse import parse_qs
 from cuboid.ground.core.errors import CuboidError, FrameError, InputError, one_line
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.results import TrackedObject, names_of
+from cuboid.ground.formats.folder import REPORT
 from cuboid.inputs.readers import Recording
 from cuboid.method.text_search import TextMatch
 from cuboid.results.files import Results
-from cuboid.results.files.folder import REPORT
 from cuboid.results.files.naming import name_object
 from cuboid.results.files.pending import write_whole
 from cuboid.results.views.pixels import encode_jpeg

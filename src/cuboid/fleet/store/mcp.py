@@ -10,11 +10,11 @@ from mcp.server.mcpserver import Image, MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 from pydantic import Field
 
-from cuboid import __version__
 from cuboid.fleet.store.find import find, picture_of
 from cuboid.fleet.store.query import SharedTables, Tables
 from cuboid.fleet.store.summary import summarise_store
 from cuboid.ground.core.errors import InputError
+from cuboid.ground.version import __version__
 from cuboid.method.text_search import TextModel
 from cuboid.services.queries.parameters import text_query
 from cuboid.services.queries.words import moment, thing

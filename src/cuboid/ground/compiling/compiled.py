@@ -19,8 +19,8 @@ from typing import Any, Literal
 from numba import njit
 from numba.core import event
 
-from cuboid.ground.core import compiletime
-from cuboid.ground.core.kernelcache import KernelCache
+from cuboid.ground.compiling import compiletime
+from cuboid.ground.compiling.kernelcache import KernelCache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +93,7 @@ def _compiled(function: FunctionType, error_model: ErrorModel, inline: Inline) -
 
 
 class _Compiling(event.Listener):
-    """Forwards numba's compile events to `cuboid.ground.core.compiletime`."""
+    """Forwards numba's compile events to `cuboid.ground.compiling.compiletime`."""
 
     def on_start(self, event: Any) -> None:
         """Report that numba begins to compile a kernel."""

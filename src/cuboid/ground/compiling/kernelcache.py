@@ -15,7 +15,7 @@ from typing import Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
-from cuboid.ground.core.kernelstamp import stamp_of
+from cuboid.ground.compiling.kernelstamp import stamp_of
 
 # The environment variable of numba that names its cache folder; a user who sets it has chosen the folder.
 VARIABLE = "NUMBA_CACHE_DIR"
@@ -91,8 +91,8 @@ class KernelCache(FunctionCache):
     """The compiled code of one kernel on disk.
 
     Its files are named by module, function and a stamp of all inputs of the compilation
-    (`cuboid.ground.core.kernelstamp`). The stamp is computed when the kernel is first called: earlier, functions that
-    it uses may not be defined yet.
+    (`cuboid.ground.compiling.kernelstamp`). The stamp is computed when the kernel is first called: earlier, functions
+    that it uses may not be defined yet.
 
     Parameters
     ----------

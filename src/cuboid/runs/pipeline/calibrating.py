@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Float64Array, Frame
+from cuboid.ground.core.frame import Frame
 from cuboid.inputs.calibration.calibrate import CalibrationResult, calibrate, spread_out
 from cuboid.inputs.readers import Recording
 

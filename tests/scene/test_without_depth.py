@@ -176,7 +176,7 @@ def into_scene(
         return {one.label for one in last.sightings}
 
 
-def unread_of(path: Path) -> list[SceneObject]:
+def without_depth_of(path: Path) -> list[SceneObject]:
     with Scene.open(path) as scene:
         return [item for item in scene.all_objects if item.kind != "volume"]
 
@@ -184,7 +184,7 @@ def unread_of(path: Path) -> list[SceneObject]:
 def test_in_a_scene_it_keeps_its_label_from_one_recording_to_the_next(tmp_path: Path) -> None:
     path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
     first = into_scene(path, shown, dark(shown))
-    (item,) = unread_of(path)
+    (item,) = without_depth_of(path)
     assert item.label in first
     assert (item.kind, item.name, item.state, item.points) == ("box", "tv", "present", 0)
     assert np.linalg.norm(item.box.center - PLACE) < 0.08
@@ -192,7 +192,7 @@ def test_in_a_scene_it_keeps_its_label_from_one_recording_to_the_next(tmp_path: 
     again = Shown(frames=20, begin=0.5)
     second = into_scene(path, again, dark(again))
     assert item.label in second
-    (later,) = unread_of(path)
+    (later,) = without_depth_of(path)
     assert (later.label, later.state, later.last_seen) == (item.label, "present", (2, 19))
     with Scene.open(path) as scene:
         history = scene.history(item.label)
@@ -205,13 +205,13 @@ def test_in_a_scene_it_keeps_its_label_from_one_recording_to_the_next(tmp_path: 
 def test_a_scene_without_a_detector_leaves_it_as_it_was(tmp_path: Path) -> None:
     path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
     into_scene(path, shown, dark(shown))
-    (item,) = unread_of(path)
+    (item,) = without_depth_of(path)
     with Scene.open(path) as scene:
         tracker = scene.tracker(CAMERA, proposals=others_of(shown))  # type: ignore[arg-type]
         for frame in dark(shown):
             tracker.update(frame)
         assert item.label not in {one.label for one in tracker.objects}  # this recording has not seen it
-    (later,) = unread_of(path)
+    (later,) = without_depth_of(path)
     assert (later.label, later.state, later.last_seen) == (item.label, "present", (1, 29))
 
 
@@ -220,7 +220,7 @@ def test_in_a_scene_it_ends_when_it_is_not_there_any_more(tmp_path: Path) -> Non
     into_scene(path, shown, dark(shown))
     again = Shown(frames=60)
     into_scene(path, again, dark(again), detected=())
-    (item,) = unread_of(path)
+    (item,) = without_depth_of(path)
     assert item.state == "gone"
     assert problems(path) == []
 
@@ -228,7 +228,7 @@ def test_in_a_scene_it_ends_when_it_is_not_there_any_more(tmp_path: Path) -> Non
 def test_in_a_scene_its_label_stays_when_depth_comes(tmp_path: Path) -> None:
     path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
     into_scene(path, shown, dark(shown))
-    (item,) = unread_of(path)
+    (item,) = without_depth_of(path)
     again = Shown(frames=40)
     source = Source("/again", "made", "given", 40, CAMERA, {"every": 1})
     with Scene.open(path) as scene:
@@ -236,7 +236,7 @@ def test_in_a_scene_its_label_stays_when_depth_comes(tmp_path: Path) -> None:
         tracker.use_detector(detector_of(again), 1)
         for frame in again.frames:
             tracker.update(frame)
-    assert unread_of(path) == []
+    assert without_depth_of(path) == []
     with Scene.open(path) as scene:
         near = [one for one in scene.objects if np.linalg.norm(one.box.center - PLACE) < 0.1]
         assert [(one.label, one.kind) for one in near] == [(item.label, "volume")]
@@ -260,10 +260,10 @@ def halves_of(shown: Shown) -> Callable[[Frame, Intrinsics], Detections]:
 def test_people_merge_two_labels_of_what_depth_does_not_read(tmp_path: Path) -> None:
     path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
     into_scene(path, shown, dark(shown), detect=halves_of(shown))
-    older, younger = (item.label for item in unread_of(path))
+    older, younger = (item.label for item in without_depth_of(path))
     with Scene.open(path) as scene:
         assert scene.merge(younger, older) == older
-    (one,) = [item for item in unread_of(path) if item.label == older]
+    (one,) = [item for item in without_depth_of(path) if item.label == older]
     assert (one.label, one.kind, one.name, one.state) == (older, "box", "tv", "present")
     assert np.linalg.norm(one.box.center - PLACE) < 0.08
     assert (abs(one.box.size - THINGS[1].size) < 0.24).all()
@@ -274,13 +274,15 @@ def test_people_merge_two_labels_of_what_depth_does_not_read(tmp_path: Path) -> 
     assert problems(path) == []
     again = Shown(frames=20, begin=0.5)
     assert older in into_scene(path, again, dark(again))  # whole from now on
-    assert [(item.label, item.last_seen) for item in unread_of(path) if item.state == "present"] == [(older, (2, 19))]
+    assert [(item.label, item.last_seen) for item in without_depth_of(path) if item.state == "present"] == [
+        (older, (2, 19))
+    ]
 
 
 def test_people_merge_it_with_an_object_of_the_map(tmp_path: Path) -> None:
     path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
     into_scene(path, shown, dark(shown))
-    (item,) = unread_of(path)
+    (item,) = without_depth_of(path)
     with Scene.open(path) as scene:
         volume = next(one for one in scene.objects if one.kind == "volume")
         kept = scene.merge(item.label, volume.label)
@@ -296,7 +298,7 @@ def test_people_merge_it_with_an_object_of_the_map(tmp_path: Path) -> None:
 def test_what_is_far_apart_is_not_merged(tmp_path: Path) -> None:
     path, shown = tmp_path / "kitchen.cuboid", Shown((*THINGS[:2], FAR), frames=30)
     into_scene(path, shown, dark(shown))
-    (item,) = unread_of(path)
+    (item,) = without_depth_of(path)
     with Scene.open(path) as scene:
         apart_m = {one.label: float(np.linalg.norm(one.box.center - item.box.center)) for one in scene.objects}
         far = max(apart_m, key=lambda label: apart_m[label])
@@ -308,10 +310,10 @@ def test_what_is_far_apart_is_not_merged(tmp_path: Path) -> None:
 def test_people_forget_and_name_it(tmp_path: Path) -> None:
     path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
     into_scene(path, shown, dark(shown))
-    (item,) = unread_of(path)
+    (item,) = without_depth_of(path)
     with Scene.open(path) as scene:
         scene.name(item.label, "my screen")
-    (named,) = unread_of(path)
+    (named,) = without_depth_of(path)
     assert (named.name, named.names[0][0]) == ("my screen", "tv")
     with Scene.open(path) as scene:
         scene.forget(item.label)
@@ -333,7 +335,7 @@ def test_a_run_that_was_broken_off_goes_on_with_it(tmp_path: Path) -> None:
             for frame in part:
                 tracker.update(frame)
             tracker.close(complete=resume)
-    (one,), (other,) = unread_of(whole), unread_of(broken)
+    (one,), (other,) = without_depth_of(whole), without_depth_of(broken)
     assert (one.label, one.score, one.frames_seen) == (other.label, other.score, other.frames_seen)
     np.testing.assert_array_equal(one.box.center, other.box.center)
     np.testing.assert_array_equal(one.box.size, other.box.size)
