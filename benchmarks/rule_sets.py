@@ -24,13 +24,18 @@ import numpy as np
 from cuboid import TrackerConfig, open_recording
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.threads import limit_threads
+from cuboid.ground.geometry.rectangles import rect_iou_matrix
 from cuboid.inputs.readers.recording import Recording
 from cuboid.lab.evaluation import evaluate, evaluate_keyframes
 from cuboid.lab.evaluation.figures import figures
+from cuboid.lab.evaluation.matching import match
 from cuboid.lab.synthetic.kinds import FRAMES
 from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.tracking.posed_tracker import PosedTracker
+from proposal_sources import FIT, View, stills
 from scenes import Case, MadeScene, made
+from still_recordings import SHAKE_M
 
 TRUTH = Path(__file__).resolve().parent / "truth"
 # Standard deviation of the added noise of depth, as a fraction of the sensor's.
@@ -134,15 +139,25 @@ def _of_keyframes(output: Path, keyframes: Path, recording: Path) -> dict[str, A
 
 
 def _stills(data: Path, noise: int | None) -> dict[str, Any]:
-    from proposal_sources import stills
-    from stills import judge as judge_still
 
     views = list(stills(data / STILLS))
     if noise is not None:
         rng = np.random.default_rng(noise)
         views = [view._replace(frame=_noisy(view.frame, rng)) for view in views]
-    wanted, _, _, labelled, false = np.sum([judge_still(view, STILL_FRAMES) for view in views], axis=0).tolist()
+    wanted, labelled, false = np.sum([_judge_still(view) for view in views], axis=0).tolist()
     return _row(STILLS, {"recall_50": labelled / wanted, "precision_50": labelled / max(1, labelled + false)})
+
+
+def _judge_still(view: View) -> np.ndarray:
+    """Return of a still the objects to be found, those with a label in the last frame, and the false labels."""
+    rng, tracker = np.random.default_rng(0), PosedTracker(view.intrinsics)
+    for index in range(STILL_FRAMES):
+        T = np.eye(4)
+        T[:3, 3] = rng.normal(0.0, SHAKE_M, 3)
+        found = tracker.update(Frame(index, index / 30.0, view.frame.color, view.frame.depth_m, T))
+    seen = np.array([one.rect_xyxy for one in found.sightings]).reshape(-1, 4)
+    pairs = match(rect_iou_matrix(view.rectangles, seen), FIT)
+    return np.array([view.wanted.sum(), sum(bool(view.wanted[i]) for i, _ in pairs), len(seen) - len(pairs)])
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,11 +69,22 @@ class MadeScene:
         return "-".join(parts)
 
 
-def source_digest(folder: str = "") -> str:
-    """Return eight digits that change with the program's source, or with that of one of its folders."""
+def source_digest(folder: str = "", source: Path = SOURCE, without: Collection[str] = ()) -> str:
+    """Return eight digits that change with a program's source, or with that of one of its folders.
+
+    Parameters
+    ----------
+    folder : str
+    source : Path
+        Folder of the package.
+    without : collection of str
+        Packages in it that do not count.
+    """
     digest = hashlib.sha256()
-    for path in sorted((SOURCE / folder).glob("**/*.py")):
-        digest.update(str(path.relative_to(SOURCE)).encode())
+    for path in sorted((source / folder).glob("**/*.py")):
+        if path.relative_to(source).parts[0] in without:
+            continue
+        digest.update(str(path.relative_to(source)).encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:8]
 

@@ -14,7 +14,7 @@ from cuboid.ground.geometry.overlap import iou_matrix
 from cuboid.lab.evaluation.boxes import (
     MapQuality,
     ObjectBox,
-    average_precision,
+    hits_by_score,
     map_quality,
     proposal_quality,
     size_errors,
@@ -105,18 +105,13 @@ def test_an_object_that_no_frame_shows_need_not_be_in_the_map(tmp_path: Path) ->
         assert boxes[1] is None
 
 
-def test_average_precision_on_paper() -> None:
-    # By score: hit, wrong, hit, and one of four objects never found: 1/4 * 1 + 1/4 * 2/3.
+def test_boxes_choose_objects_by_score() -> None:
+    # The box with the higher score takes the object; a second box of the same object is wrong.
     there = rows([cube(0), cube(1), cube(2), cube(3)])
-    found = rows([cube(1), cube(8), cube(0)])
-    ap = average_precision(iou_matrix(found, there), np.array([0.5, 0.7, 0.9]), 0.5)
-    assert ap == pytest.approx(0.25 * 1 + 0.25 * 2 / 3)
-    # Two wrong ones last cost nothing; a second box of the same object is wrong.
-    found = rows([cube(0), cube(1), cube(0)])
-    assert average_precision(iou_matrix(found, there), np.array([0.9, 0.8, 0.1]), 0.5) == pytest.approx(0.5)
-    assert average_precision(iou_matrix(found, there), np.array([0.9, 0.1, 0.8]), 0.5) == pytest.approx(
-        0.25 * (1 + 2 / 3)
-    )
+    found = rows([cube(0), cube(1), cube(0), cube(8)])
+    iou = iou_matrix(found, there)
+    assert hits_by_score(iou, np.array([0.1, 0.8, 0.9, 1.0]), 0.5).tolist() == [False, True, True, False]
+    assert hits_by_score(iou, np.array([0.9, 0.8, 0.1, 1.0]), 0.5).tolist() == [True, True, False, False]
 
 
 def test_sizes_are_compared_along_the_same_axes() -> None:

@@ -197,7 +197,7 @@ def test_the_command_prints_what_is_found_and_writes_it(tmp_path: Path, capsys: 
     shown = capsys.readouterr().out
     assert "3 keyframes judged, 6 rectangles of 2 objects to be found" in shown
     assert [line.split() for line in shown.splitlines() if line.strip().startswith("IoU 0.50")] == [
-        ["IoU", "0.50", "0.667", "0.667", "4", "of", "6", "2", "2", "2", "of", "2", "0.667", "0.500"]
+        ["IoU", "0.50", "0.667", "0.667", "4", "of", "6", "2", "2", "2", "of", "2", "0.667", "0.500", "-"]
     ]
     document = json.loads((tmp_path / "all.json").read_text())
     assert (document["format"], document["at"][1]["recall"]) == ("cuboid-keyframes-evaluation", 0.833333)

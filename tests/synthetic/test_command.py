@@ -9,6 +9,7 @@ import cuboid
 from cuboid.cli import synth
 from cuboid.ground.core.errors import MissingExtraError
 from cuboid.lab.synthetic import KINDS
+from cuboid.lab.synthetic.looks import STYLES
 from cuboid.lab.synthetic.paths import CAMERAS, POSE_NOISES
 from cuboid.lab.synthetic.sensors import SENSORS
 
@@ -24,12 +25,13 @@ def test_the_command_knows_all_there_is():
     assert tuple(CAMERAS) == synth.CAMERAS
     assert tuple(SENSORS) == synth.SENSORS
     assert tuple(POSE_NOISES) == synth.POSE_NOISES
+    assert STYLES == synth.STYLES
 
 
 def test_a_recording_is_made_and_named(tmp_path, capsys):
     out = tmp_path / "made"
     words = "--kind clutter --seed 2 --frames 4 --size 64x48 --sensor time-of-flight --motion drone"
-    words += " --pose-noise drift --faults zero-depth,nan-pose --workers 1"
+    words += " --pose-noise drift --faults zero-depth,nan-pose --workers 1 --style real"
     assert call("--output", str(out), *words.split()) == 0
     assert capsys.readouterr().out.startswith("synthetic clutter 2: 4 frames, ")
     recording = cuboid.open_recording(out)
@@ -42,7 +44,7 @@ def test_a_recording_is_made_and_named(tmp_path, capsys):
     [
         (["--seed", "-1"], "a whole number of at least 0"),
         (["--size", "640"], "expected WIDTHxHEIGHT such as 640x480"),
-        (["--kind", "kitchen"], "invalid choice: 'kitchen'"),
+        (["--kind", "garage"], "invalid choice: 'garage'"),
         (["--frames", "0"], "at least 1"),
     ],
 )

@@ -4,16 +4,21 @@ import numpy as np
 import pytest
 
 from cuboid.ground.core.frame import Intrinsics
-from cuboid.lab.synthetic.sensors import SENSORS, STEP_PER_M, projector_shadow
+from cuboid.lab.synthetic.noise_models import STEP_PER_M
+from cuboid.lab.synthetic.sensor_effects import Seen, projector_shadow
+from cuboid.lab.synthetic.sensors import SENSORS
 
 CAMERA = Intrinsics(540.0, 540.0, 159.5, 119.5, 320, 240)
 SHAPE = (240, 320)
 
 
-def measure(name, depth, cosine=1.0, seed=0):
+DEVICES = ("kinect-v1", "realsense-d435", "azure-kinect", "iphone-lidar")
+
+
+def measure(name, depth, cosine=1.0, seed=0, albedo=0.6, shine=0.0):
     shape = np.shape(depth) or SHAPE
-    full = np.broadcast_to(np.float32(depth), shape).copy()
-    return SENSORS[name](full, np.full(shape, cosine, np.float32), CAMERA, np.random.default_rng(seed))
+    full = (np.broadcast_to(np.float32(value), shape).copy() for value in (depth, cosine, albedo, shine))
+    return SENSORS[name](Seen(*full), CAMERA, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("z", [0.7, 1.5, 3.0])
@@ -124,3 +129,59 @@ def test_same_seed_same_depth():
         np.testing.assert_array_equal(measure(name, step_scene()), measure(name, step_scene()))
         if name != "clean":
             assert (measure(name, step_scene()) != measure(name, step_scene(), seed=1)).any()
+
+
+@pytest.mark.parametrize("name", DEVICES[:3])
+def test_dark_and_mirroring_surfaces_are_holes(name):
+    """All columns right of the band that the second camera or the projector does not reach."""
+    at = np.s_[10:-10, 60:-10]
+    assert (measure(name, 1.0)[at] > 0).mean() > 0.97
+    assert (measure(name, 2.2, albedo=0.003)[at] > 0).mean() < 0.25
+    assert (measure(name, 1.0, shine=0.9)[at] > 0).mean() < 0.1
+    assert (measure(name, 1.0, np.cos(np.radians(40)), shine=0.9)[at] > 0).mean() > 0.97
+    blobs = (measure(name, 2.0, albedo=0.052 if name == "kinect-v1" else 0.028)[at] == 0).astype(float)
+    assert 0.05 < blobs.mean() < 0.98
+    assert np.corrcoef(blobs[:, 1:].ravel(), blobs[:, :-1].ravel())[0, 1] > 0.3, "holes are blobs, not single pixels"
+
+
+def test_stereo_deviates_as_published_and_sees_texture():
+    """z^2 * 0.08 px / (447 px * 0.05 m); where the pattern is too weak, the texture of the surface helps."""
+    for z in (0.7, 1.5):
+        errors = measure("realsense-d435", z)[20:-20, 60:] - z
+        np.testing.assert_allclose(errors.std(), 0.08 * z * z / (447 * 0.05), rtol=0.15)
+    rng = np.random.default_rng(2)
+    dark, printed = np.full(SHAPE, 0.02), np.where(rng.random(SHAPE) < 0.5, 0.0, 0.3)
+    seen = [(measure("realsense-d435", 3.0, albedo=albedo)[20:-20, 60:-20] > 0).mean() for albedo in (dark, printed)]
+    assert seen[0] < 0.25
+    assert seen[1] > 0.95
+
+
+def test_stereo_has_bands_without_readings_and_grown_edges():
+    """The band is f b (1/1 - 1/2) = 540 * 0.05 / 2 = 13 columns; at the left border it is f b / 2 = 13."""
+    seen = measure("realsense-d435", step_scene())
+    assert not seen[:, :12].any()
+    assert ((seen[80:160] == 0).mean(axis=0)[138:149] > 0.7).all()
+    grown = (seen[80:160, 220:222] > 0.9) & (seen[80:160, 220:222] < 1.1)
+    assert 0.05 < grown.mean() < 0.95, "the near body grows over its right edge in places"
+
+
+def test_the_depth_of_kinect_is_displaced_and_that_of_the_phone_is_soft():
+    kinect, light = measure("kinect-v1", step_scene()), measure("structured-light", step_scene())
+    both = (kinect[:, 1:-4] > 0) & (light[:, :-5] > 0)
+    np.testing.assert_array_equal(kinect[:, 1:-4][both], light[:, :-5][both])
+    assert both.mean() > 0.8
+    assert not kinect[:, :1].any()
+    assert not kinect[:, -3:].any()
+    phone = measure("iphone-lidar", step_scene())
+    assert (phone > 0).all()
+    edge = phone[80:160, 210:230].mean(axis=0)
+    assert ((edge > 1.1) & (edge < 1.9)).sum() >= 2
+    assert np.abs(phone[80:160, 165:205] - 1).max() < 0.03
+
+
+def test_flying_pixels_of_azure_lie_between_and_many_are_lost():
+    seen = measure("azure-kinect", step_scene())[80:160, 217:223]
+    assert 0.2 < (seen == 0).mean() < 0.9
+    assert ((seen > 1.1) & (seen < 1.9)).any()
+    noise = [measure("azure-kinect", 2.0, albedo=albedo)[:, 60:] for albedo in (0.8, 0.2)]
+    assert noise[1][noise[1] > 0].std() > 1.5 * noise[0].std(), "the weaker the signal, the stronger the noise"

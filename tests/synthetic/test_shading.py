@@ -4,7 +4,8 @@ import numpy as np
 
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.lab.synthetic import make_scene
-from cuboid.lab.synthetic.material import Material, Texture
+from cuboid.lab.synthetic.light import ColorCamera, Lamp, Light
+from cuboid.lab.synthetic.material import Layer, Material, Texture, Zone
 from cuboid.lab.synthetic.mesh import box, corner_normals
 from cuboid.lab.synthetic.paths import look_at
 from cuboid.lab.synthetic.raycast import RayCaster, pixel_rays
@@ -18,15 +19,17 @@ T = look_at((0, -1.2, 1.0), (0, 0, 0))
 def cast(meshes, materials, lamp=(0.5, -1.0, 2.0)):
     corners = np.concatenate([mesh.corners() for mesh in meshes])
     caster = RayCaster(corners)
+    parts, layers = part_rows(materials, [np.eye(4)] * len(meshes))
     look = ShadingParameters(
         face_part=np.repeat(np.arange(len(meshes), dtype=np.int32), [len(mesh.faces) for mesh in meshes]),
         normals=np.concatenate([corner_normals(mesh) for mesh in meshes]).astype(np.float32),
-        parts=part_rows(materials, [np.eye(4)] * len(meshes)),
-        lamp=np.array([lamp]),
+        parts=parts,
+        layers=layers,
+        light=Light((Lamp(np.array([lamp])),)),
     )
     hits = caster.first_hits(T[:3, 3].astype(np.float32), pixel_rays(CAMERA, T))
-    color, cosine = shade(caster, look, hits, np.random.default_rng(0))
-    return look, hits, color.astype(int), cosine
+    shaded = shade(caster, look, hits, np.random.default_rng(0), ColorCamera(), 0)
+    return look, hits, shaded.color.astype(int), shaded.cosine
 
 
 def test_depth_is_that_of_the_plane():
@@ -59,6 +62,23 @@ def test_textures_have_both_colors():
             seen = color[hits.face >= 0]
             redness = (seen[:, 0] - seen[:, 2]) / seen.sum(axis=1)
             assert np.ptp(np.percentile(redness, [5, 95])) > 0.15, texture.name
+
+
+def test_a_layer_covers_its_zone_alone():
+    """The box has a red body, a blue band at its upper half and a green sheet on its top."""
+    blue, green = (0.1, 0.1, 0.9), (0.1, 0.9, 0.1)
+    band = Layer(blue, blue, zone=Zone.BAND, extent=(0.25, 1, 0, 0))
+    sheet = Layer(green, green, zone=Zone.SHEET, extent=(0, 0, 0.1, 0.1))
+    look = Material((0.9, 0.1, 0.1), (0.9, 0.1, 0.1), layers=(band, sheet))
+    _, hits, color, _ = cast([box((0.5, 0.5, 0.5))], [look])
+    x, _, z = np.moveaxis(hits.eye + hits.rays * hits.depth_m[..., None], -1, 0)
+    side = (hits.face >= 0) & (z < 0.47)
+    strongest = color.argmax(axis=-1)
+    assert (strongest[side & (z < 0.22)] == 0).all()
+    assert (strongest[side & (z > 0.28)] == 2).all()
+    top = (hits.face >= 0) & (z > 0.499)
+    assert (strongest[top & (abs(x) > 0.14)] == 2).all()
+    assert (strongest[top] == 1).any()
 
 
 def test_kernel_of_places_equals_its_plain_form():

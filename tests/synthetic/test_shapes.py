@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cuboid.lab.synthetic.mesh import box, corner_normals, lathe, sample_surface
-from cuboid.lab.synthetic.shapes import MAKERS
+from cuboid.lab.synthetic.raycast import RayCaster
+from cuboid.lab.synthetic.shapes import CATALOGUE, MAKERS
 
 
 @pytest.mark.parametrize("name", MAKERS)
@@ -19,16 +20,61 @@ def test_a_model_is_a_household_thing_that_stands_on_zero(name, seed):
     np.testing.assert_allclose(np.linalg.norm(corner_normals(mesh), axis=2), 1, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", MAKERS)
+# Longest side of things that have about the same size everywhere, metres.
+LONGEST_M = {"monitor": (0.45, 0.65), "keyboard": (0.34, 0.47), "laptop": (0.27, 0.38), "mouse": (0.09, 0.13)}
+LONGEST_M |= {"smartphone": (0.13, 0.17), "banana": (0.12, 0.2), "apple": (0.06, 0.1), "plate": (0.15, 0.28)}
+LONGEST_M |= {"fork": (0.17, 0.23), "knife": (0.17, 0.28), "spoon": (0.14, 0.22), "scissors": (0.15, 0.25)}
+LONGEST_M |= {"shoe": (0.24, 0.32), "backpack": (0.34, 0.5), "bear": (0.15, 0.3), "kettle": (0.19, 0.28)}
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_thing_stands_on_zero_and_has_the_size_of_its_kind(name, seed):
+    mesh = CATALOGUE[name](np.random.default_rng(seed)).mesh()
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    least, most = LONGEST_M.get(name, (0.035, 0.5))
+    assert abs(low[2]) < 1e-9
+    assert (high - low).min() > 0.008
+    assert least <= (high - low).max() <= most
+    assert np.isfinite(corner_normals(mesh)).all()
+    assert (np.linalg.norm(mesh.area_normals(), axis=1) > 0).all()
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_rays_from_outside_meet_outsides(name):
+    """A hole in a surface shows the inner side of the opposite one: such rays are at most 1 in 200."""
+    mesh = CATALOGUE[name](np.random.default_rng(5)).mesh()
+    caster, normals = RayCaster(mesh.corners()), mesh.area_normals()
+    middle, reach = mesh.vertices.mean(0), np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / 2
+    wrong = hit = 0
+    for bearing, rise in ((0.3, 0.2), (1.8, 0.5), (3.2, 0.9), (4.9, 1.3)):
+        away = np.array([np.cos(bearing) * np.cos(rise), np.sin(bearing) * np.cos(rise), np.sin(rise)])
+        eye = (middle + 5 * reach * away).astype(np.float32)
+        targets = middle + np.random.default_rng(0).uniform(-reach, reach, (60, 60, 3))
+        rays = (targets - eye).astype(np.float32)
+        face = caster.first_hits(eye, rays).face
+        hit += int((face >= 0).sum())
+        wrong += int((np.einsum("ijk,ijk->ij", normals[face], rays) >= 0)[face >= 0].sum())
+    assert hit > 300
+    assert wrong <= hit / 200
+
+
+def test_models_of_a_name_differ():
+    for name, make in CATALOGUE.items():
+        sizes = {tuple(np.round(np.ptp(make(np.random.default_rng(k)).mesh().vertices, axis=0), 4)) for k in range(4)}
+        assert len(sizes) >= 3, name
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
 def test_faces_look_outward(name):
     """The enclosed volume is positive: its sum over faces changes sign where a part is inside out."""
-    for mesh, _ in MAKERS[name](np.random.default_rng(3)).parts:
+    for mesh, _ in CATALOGUE[name](np.random.default_rng(3)).parts:
         a, b, c = np.moveaxis(mesh.corners() - mesh.vertices.mean(axis=0), 1, 0)
         assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() > 0
 
 
 def test_same_seed_same_model():
-    for make in MAKERS.values():
+    for make in CATALOGUE.values():
         first, second = (make(np.random.default_rng(7)).mesh().vertices for _ in range(2))
         np.testing.assert_array_equal(first, second)
 

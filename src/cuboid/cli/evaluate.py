@@ -107,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
 
 def print_evaluation(found: Evaluation) -> None:
     """Print the evaluation as tables."""
+    from cuboid.cli.keyframes import print_names, print_reliability
     from cuboid.cli.tables import console
 
     out = console()
@@ -120,12 +121,11 @@ def print_evaluation(found: Evaluation) -> None:
         out.print(_identity_table(found.identity))
         out.print(_identity_lines(found.identity), markup=False)
         out.print(_reidentification_table(found.identity))
+        print_reliability(found.identity.reliability[-1])
     if found.events is not None:
         out.print(_event_lines(found.events), markup=False)
     out.print(_objects_table(found))
     if found.names is not None:
-        from cuboid.cli.keyframes import print_names
-
         print_names(found.names)
     if found.relations is not None:
         out.print(_relations_table(found.relations))

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from cuboid.lab.evaluation.evaluate_keyframes import KeyframeEvaluation
     from cuboid.lab.evaluation.names import NameQuality
+    from cuboid.lab.evaluation.reliability import Reliability
 
 # Number of frames of a list that are named.
 NAMED = 8
@@ -83,6 +84,7 @@ def print_evaluation(found: KeyframeEvaluation) -> None:
     if found.skipped:
         out.print(f"skipped by the run, so that all their rectangles count as missed: {_frames(found.skipped)}")
     out.print(_scores_table(found))
+    print_reliability(at.reliability)
     if len(found.funnel) > 1:
         out.print(_funnel_table(found))
     for stage in found.funnel:
@@ -111,6 +113,21 @@ def print_names(names: NameQuality) -> None:
         out.print(table)
 
 
+def print_reliability(found: Reliability) -> None:
+    """Print how well the probability of labels agrees with the fraction of right ones; nothing without labels."""
+    from cuboid.cli.tables import console, new_table
+
+    if found.labels == 0:
+        return
+    bins = [one for one in found.bins if one.labels]
+    table = new_table("probability of labels", *(f"{one.low:.1f} to {one.high:.1f}" for one in bins))
+    table.add_row("labels", *(str(one.labels) for one in bins))
+    table.add_row("mean probability", *(_score(one.mean_probability) for one in bins))
+    table.add_row("fraction right", *(_score(one.fraction_right) for one in bins))
+    console().print(table)
+    console().print(f"expected calibration error {_score(found.expected_calibration_error)}")
+
+
 def _frames(frames: tuple[int, ...]) -> str:
     more = f" and {len(frames) - NAMED} more" if len(frames) > NAMED else ""
     return f"{'frame' if len(frames) == 1 else 'frames'} {', '.join(map(str, frames[:NAMED]))}{more}"
@@ -133,6 +150,7 @@ def _scores_table(found: KeyframeEvaluation) -> Table:
         "objects found",
         "one label",
         "IDF1",
+        "AP",
     )
     for at in found.at:
         table.add_row(
@@ -145,6 +163,7 @@ def _scores_table(found: KeyframeEvaluation) -> Table:
             f"{at.objects_found} of {at.objects}",
             _score(at.one_label),
             _score(at.idf1),
+            _score(at.ap),
         )
     return table
 

@@ -19,9 +19,14 @@ EXAMPLE = "cuboid synth --kind clutter --seed 7 --output DIR"
 KINDS = (
     *("table", "occluders", "leave", "tables", "clutter", "room"),
     *("overhead", "bin", "counter", "stacks", "shelf", "moving", "containers", "sideboard"),
+    *("desk", "kitchen", "bookshelf", "toybox", "floor", "tray", "alone"),
 )
 CAMERAS = ("orbit", "handheld", "drone")
-SENSORS = ("structured-light", "time-of-flight", "clean")
+SENSORS = (
+    *("structured-light", "time-of-flight", "clean"),
+    *("kinect-v1", "realsense-d435", "azure-kinect", "iphone-lidar"),
+)
+STYLES = ("plain", "real")
 POSE_NOISES = ("none", "drift", "jumps")
 
 
@@ -39,6 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive,
         metavar="N",
         help="make N recordings of the place (visit-1, visit-2, ... in DIR); objects move, go and come between them",
+    )
+    scene.add_argument(
+        "--style",
+        choices=STYLES,
+        default=STYLES[0],
+        help="real: materials, light and camera as in homes, with the same geometry (default: plain)",
     )
     scene.add_argument("--meshes", type=Path, metavar="DIR", help="use these objects: .obj, .glb, .ply files")
     camera = parser.add_argument_group("camera")
@@ -84,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
     meshes = load_meshes(args.meshes) if args.meshes else ()
     if args.visits:
         return _visits(args, meshes)
-    scene = make_scene(args.kind, args.seed, frames=args.frames, camera=args.motion, meshes=meshes)
+    scene = make_scene(args.kind, args.seed, meshes=meshes, **_made_as(args))
     with counting("rendering") as progress:
         render_recording(scene, args.output, progress=progress, **_rendered_as(args))
     counts = {"frames": scene.frames, "objects": len(scene.objects), "surfaces": len(scene.surfaces)}
@@ -101,7 +112,7 @@ def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
     from cuboid.cli.tables import console
     from cuboid.lab.synthetic import make_visits, render_visits
 
-    scenes = make_visits(args.kind, args.seed, args.visits, frames=args.frames, camera=args.motion, meshes=meshes)
+    scenes = make_visits(args.kind, args.seed, args.visits, meshes=meshes, **_made_as(args))
     with counting("rendering") as progress:
         truth = render_visits(scenes, args.output, progress=progress, **_rendered_as(args))
 
@@ -115,6 +126,11 @@ def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
 
     give(args, {"output": str(args.output), "visits": truth["visits"]}, show)
     return 0
+
+
+def _made_as(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of the scene from the arguments, for `make_scene` and `make_visits`."""
+    return {"frames": args.frames, "camera": args.motion, "style": args.style}
 
 
 def _rendered_as(args: argparse.Namespace) -> dict[str, Any]:

@@ -10,9 +10,10 @@ import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.overlap import overlap_min_matrix
+from cuboid.lab.evaluation.average_precision import average_precision
 from cuboid.lab.evaluation.matching import FrameOverlap, match, ratio
 from cuboid.lab.evaluation.result import MapBoxes
-from cuboid.lab.evaluation.scope import FOUND_IOU, Scope, counted
+from cuboid.lab.evaluation.scope import FOUND_IOU, BoolArray, Scope, counted
 
 THRESHOLDS = (0.25, 0.5)
 # Minimum common fraction of the smaller of two boxes for a box and an object to belong together. Hoover et al. 1996
@@ -152,19 +153,18 @@ def _map_at(
         precision=ratio(hits, boxes),
         recall=ratio(hits, objects),
         f1=ratio(2 * hits, boxes + objects),
-        ap=average_precision(iou, score, threshold),
+        ap=average_precision(score, hits_by_score(iou, score, threshold), objects),
         mean_iou=ratio(iou[i, j].sum(), hits),
         center_error_cm=ratio(center[i, j].sum(), hits),
         size_error_cm=ratio(size[i, j].sum(), hits),
     )
 
 
-def average_precision(iou: Float64Array, score: Float64Array, threshold: float) -> float | None:
-    """Return the area under the precision-recall curve, with boxes in the order of falling score.
+def hits_by_score(iou: Float64Array, score: Float64Array, threshold: float) -> BoolArray:
+    """Return which boxes find an object, (N,), where the boxes choose in the order of falling score.
 
     Each box is matched with the unmatched object that it overlaps most, if their IoU is at least `threshold` (Lin et
-    al., ECCV 2014). The area is under the precision's falling envelope, at every recall (Everingham et al., "The PASCAL
-    VOC Challenge", IJCV 2010, as of 2010).
+    al., ECCV 2014).
 
     Parameters
     ----------
@@ -172,19 +172,17 @@ def average_precision(iou: Float64Array, score: Float64Array, threshold: float) 
     score : (N,) float64
     threshold : float
     """
+    hit = np.zeros(len(iou), bool)
     if iou.shape[1] == 0:
-        return None
+        return hit
     order = np.argsort(-score, kind="stable")
     free = np.ones(iou.shape[1], bool)
-    hit = np.zeros(len(order), bool)
-    for k, box in enumerate(order):
+    for box in order:
         open_iou = np.where(free, iou[box], -1.0)
         best = int(open_iou.argmax())
         if open_iou[best] >= threshold:
-            hit[k], free[best] = True, False
-    precision = hit.cumsum() / np.arange(1, len(hit) + 1)
-    envelope = np.maximum.accumulate(precision[::-1])[::-1]
-    return float(envelope[hit].sum() / iou.shape[1])
+            hit[box], free[best] = True, False
+    return hit
 
 
 def center_errors(boxes: Float64Array, truth: Float64Array) -> Float64Array:

@@ -37,6 +37,7 @@ from cuboid.lab.evaluation.matching import FrameOverlap
 from cuboid.lab.evaluation.names import NameQuality, name_quality
 from cuboid.lab.evaluation.points import HeatQuality, heat_quality, read_labelled_cloud
 from cuboid.lab.evaluation.relations import RelationsAt, relation_quality
+from cuboid.lab.evaluation.reliability import NO_OBJECT, Reliability, reliability, right_labels
 from cuboid.lab.evaluation.result import BoxRows, IntArray, Result, read_result
 from cuboid.lab.evaluation.scope import FOUND_IOU, Scope
 from cuboid.lab.evaluation.truth import Truth, read_truth
@@ -64,6 +65,8 @@ class Identity:
         Mean number of labels over the objects that were found.
     median_frames_to_first_label : float or None
         Median over the objects that were found.
+    reliability : tuple of Reliability
+        Reliability of the probability of labels at IoU 0.25 and 0.5.
     """
 
     hota: Hota
@@ -73,6 +76,7 @@ class Identity:
     label_consistency: float | None
     labels_per_object: float | None
     median_frames_to_first_label: float | None
+    reliability: tuple[Reliability, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +190,7 @@ def evaluate(
         overlaps = scope.frame_overlaps(result.tracks)
         pairs = {threshold: correspondences(overlaps, threshold) for threshold in THRESHOLDS}
         events = None if truth.events is None else _events(scope, truth, result, overlaps, pairs[FOUND_IOU])
-        identity, labels[:] = _identity(scope, result.tracks, overlaps, pairs)
+        identity, labels[:] = _identity(scope, result, overlaps, pairs)
         proposals = _proposals(scope, result.proposals)
     return Evaluation(
         result=str(result.path),
@@ -233,9 +237,9 @@ def _judged_frames(result: Result, truth: Truth) -> IntArray:
 
 
 def _identity(
-    scope: Scope, tracks: BoxRows, frames: Sequence[FrameOverlap], pairs: Mapping[float, Sequence[Pairs]]
+    scope: Scope, result: Result, frames: Sequence[FrameOverlap], pairs: Mapping[float, Sequence[Pairs]]
 ) -> tuple[Identity, list[ObjectLabels]]:
-    names = np.unique(tracks.label)
+    names = np.unique(result.tracks.label)
     lines = timelines(frames, pairs[FOUND_IOU], len(scope.objects), names)
     labels = object_labels(lines)
     found = [item for item in labels if item.labels]
@@ -248,8 +252,24 @@ def _identity(
         label_consistency=consistency(lines),
         labels_per_object=float(np.mean([len(item.labels) for item in found])) if found else None,
         median_frames_to_first_label=float(np.median(waits)) if waits else None,
+        reliability=tuple(
+            reliability(right_labels(*_labels_and_objects(frames, pairs[threshold], names)), result.probability)
+            for threshold in THRESHOLDS
+        ),
     )
     return identity, labels
+
+
+def _labels_and_objects(
+    frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], names: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Return label (N,) and object (N,), or `NO_OBJECT`, of all judged sightings."""
+    rows = []
+    for frame, frame_pairs in zip(frames, pairs, strict=True):
+        object_of = {number: item for item, number in frame_pairs}
+        rows += [(names[number], object_of.get(number, NO_OBJECT)) for number in frame.found.tolist()]
+    label, item = np.array(rows, np.int64).reshape(-1, 2).T
+    return label, item
 
 
 def _events(

@@ -23,6 +23,7 @@ from cuboid.lab.evaluation.keyframe_scores import (
 )
 from cuboid.lab.evaluation.keyframes import COUNTING, Keyframe, Keyframes, check_frames, read_keyframes
 from cuboid.lab.evaluation.names import NameQuality, name_quality
+from cuboid.lab.evaluation.probabilities import of_labels, read_probabilities
 from cuboid.lab.evaluation.result import read_rects
 from cuboid.results.files import Results, RunReport
 from cuboid.results.files.text import LENGTH, plain, rounded
@@ -124,7 +125,9 @@ def evaluate_keyframes(
         if isinstance(opened, Recording):
             check_frames(truth, opened)
         stages = [*early_stages(run, opened, [item.frame for item in judged if item.frame not in skipped]), *stages]
-    frames, funnel = judge(judged, sightings, stages)
+    probability = read_probabilities(result, sightings.frame, sightings.label)
+    frames, funnel = judge(judged, sightings, probability, stages)
+    label_probability = of_labels(sightings.label, probability)
     objects = outcomes_of(truth.objects, frames)
     return KeyframeEvaluation(
         result=str(result),
@@ -132,7 +135,7 @@ def evaluate_keyframes(
         frames=frames,
         not_given=not_given,
         skipped=skipped,
-        at=tuple(scores_at(frames, k) for k in range(len(THRESHOLDS))),
+        at=tuple(scores_at(frames, k, label_probability) for k in range(len(THRESHOLDS))),
         funnel=funnel,
         objects=objects,
         recording=opened,

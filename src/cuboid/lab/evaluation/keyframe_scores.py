@@ -8,12 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
+from cuboid.lab.evaluation.average_precision import average_precision
 from cuboid.lab.evaluation.clear import clear
 from cuboid.lab.evaluation.funnel import NO_RECTS, Stage
 from cuboid.lab.evaluation.keyframes import DrawnObject, Keyframe
 from cuboid.lab.evaluation.matching import FrameOverlap, ratio
 from cuboid.lab.evaluation.rectangles import BoolArray, FrameJudgement, Outcome, judge_frame
-from cuboid.lab.evaluation.result import RectRows
+from cuboid.lab.evaluation.reliability import NO_OBJECT, Reliability, reliability, right_labels
+from cuboid.lab.evaluation.result import IntArray, RectRows
 
 # IoU thresholds; the first one is reported first, and is used for pictures and tables.
 THRESHOLDS = (0.5, 0.25)
@@ -30,6 +33,8 @@ class JudgedFrame:
     keyframe : Keyframe
     sightings : RectRows
         Labelled rectangles of the result in the frame.
+    probability : (P,) float64
+        Probability of each sighting; NaN where the result gives none.
     at : tuple of FrameJudgement
         Judgements of the sightings, one per threshold.
     stages : mapping of str to (G,) bool
@@ -38,6 +43,7 @@ class JudgedFrame:
 
     keyframe: Keyframe
     sightings: RectRows
+    probability: Float64Array
     at: tuple[FrameJudgement, ...]
     stages: Mapping[str, BoolArray]
 
@@ -63,6 +69,10 @@ class ScoresAt:
         Fraction of pairs with the object's most frequent label, over objects found more than once.
     idf1 : float or None
         IDF1 for the best one-to-one pairing of objects with labels (Ristani et al., ECCV workshops 2016).
+    ap : float or None
+        Average precision of the sightings, ranked by probability; None without objects or without probabilities.
+    reliability : Reliability
+        Reliability of the probability of the labels with a true or false sighting.
     """
 
     threshold: float
@@ -76,6 +86,8 @@ class ScoresAt:
     objects_found: int
     one_label: float | None
     idf1: float | None
+    ap: float | None
+    reliability: Reliability
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,9 +147,9 @@ class DrawnOutcome:
 
 
 def judge(
-    keyframes: Sequence[Keyframe], sightings: RectRows, stages: Sequence[Stage]
+    keyframes: Sequence[Keyframe], sightings: RectRows, probability: Float64Array, stages: Sequence[Stage]
 ) -> tuple[tuple[JudgedFrame, ...], tuple[StageRecall, ...]]:
-    """Judge the labelled sightings of each keyframe, and the rectangles of each stage."""
+    """Judge the labelled sightings of each keyframe, with their probability, and the rectangles of each stage."""
     judged = [_judge_stage(stage, keyframes) for stage in stages]
     frames = []
     for t, keyframe in enumerate(keyframes):
@@ -145,7 +157,7 @@ def judge(
         rows = RectRows(sightings.frame[in_frame], sightings.label[in_frame], sightings.rects_xyxy[in_frame])
         reached = {stage.short: of[0][t].found for stage, of in zip(stages, judged, strict=True) if of}
         at = tuple(judge_frame(keyframe, rows.rects_xyxy, threshold) for threshold in THRESHOLDS)
-        frames.append(JudgedFrame(keyframe, rows, at, reached))
+        frames.append(JudgedFrame(keyframe, rows, probability[in_frame], at, reached))
     return tuple(frames), tuple(_recall(stage, of, keyframes) for stage, of in zip(stages, judged, strict=True))
 
 
@@ -168,8 +180,8 @@ def _recall(stage: Stage, judged: Sequence[Sequence[FrameJudgement]], keyframes:
     return StageRecall(stage.name, stage.short, ratio(rects, len(keyframes)), tuple(at), "")
 
 
-def scores_at(frames: Sequence[JudgedFrame], k: int) -> ScoresAt:
-    """Return the figures at threshold number `k`."""
+def scores_at(frames: Sequence[JudgedFrame], k: int, probability: Mapping[int, float]) -> ScoresAt:
+    """Return the figures at threshold number `k`; `probability` is that of each label."""
     at = [frame.at[k] for frame in frames]
     outcomes = Counter(outcome for judgement in at for outcome in judgement.outcomes)
     rectangles, found = (sum(int(which.sum()) for which in each) for each in zip(*_counts(at), strict=True))
@@ -188,7 +200,40 @@ def scores_at(frames: Sequence[JudgedFrame], k: int) -> ScoresAt:
         objects_found=sum(len(found_labels) > 0 for found_labels in labels.values()),
         one_label=ratio(sum(max(Counter(found_labels).values()) for found_labels in repeated), sum(map(len, repeated))),
         idf1=_idf1(frames, k),
+        ap=_average_precision(frames, k, rectangles),
+        reliability=reliability(right_labels(*_labels_and_objects(frames, k)), probability),
     )
+
+
+def ranking(frames: Sequence[JudgedFrame], k: int) -> tuple[Float64Array, BoolArray]:
+    """Return probability (N,), NaN where unknown, and rightness (N,) of all true and false sightings."""
+    rows = [
+        (p, outcome is Outcome.TRUE)
+        for frame in frames
+        for p, outcome in zip(frame.probability.tolist(), frame.at[k].outcomes, strict=True)
+        if outcome not in ASIDE
+    ]
+    return np.array([p for p, _ in rows], np.float64), np.array([right for _, right in rows], bool)
+
+
+def _average_precision(frames: Sequence[JudgedFrame], k: int, rectangles: int) -> float | None:
+    probability, right = ranking(frames, k)
+    unranked = len(probability) > 0 and bool(np.isnan(probability).all())
+    return None if unranked else average_precision(probability, right, rectangles)
+
+
+def _labels_and_objects(frames: Sequence[JudgedFrame], k: int) -> tuple[IntArray, IntArray]:
+    """Return label (N,) and object (N,), or `NO_OBJECT`, of all true and false sightings."""
+    label: list[int] = []
+    item: list[int] = []
+    for frame in frames:
+        pairs = zip(frame.at[k].partner.tolist(), frame.keyframe.drawn, strict=True)
+        object_of = {partner: drawn.id for partner, drawn in pairs}
+        for n, outcome in enumerate(frame.at[k].outcomes):
+            if outcome not in ASIDE:
+                label.append(int(frame.sightings.label[n]))
+                item.append(object_of.get(n, NO_OBJECT))
+    return np.array(label, np.int64), np.array(item, np.int64)
 
 
 def _counts(at: Sequence[FrameJudgement]) -> list[tuple[BoolArray, BoolArray]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from cuboid.ground.formats.rows_files import BoxEntry, OwnBoxEntry, OwnRectEntry
 from cuboid.ground.formats.table_validation import read_table
 from cuboid.ground.geometry.overlap import pack
 from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
+from cuboid.lab.evaluation.probabilities import of_labels, read_probabilities
 from cuboid.results.files import Results
 from cuboid.results.files.rows import EventRow, read_events
 
@@ -95,6 +97,8 @@ class Result:
         Events of objects; empty if there is no such file.
     T_truth_result : (4, 4) float64
         Transform that was applied to the boxes, to the world of the truth; the files are unchanged.
+    probability : mapping of int to float
+        Probability of each label at its last sighting; empty if the result gives none.
     """
 
     path: Path
@@ -108,6 +112,7 @@ class Result:
     trajectory: Path | None = None
     events: tuple[EventRow, ...] = ()
     T_truth_result: Float64Array = field(default_factory=lambda: np.eye(4))
+    probability: Mapping[int, float] = field(default_factory=dict)
 
     def moved(self, T_truth_result: Float64Array) -> Result:
         """Return a copy with every box transformed to the truth's world by a rigid motion (4, 4)."""
@@ -139,9 +144,10 @@ def read_result(path: PathLike) -> Result:
     finished = Results(path)
     report = finished.report
     objects = finished.found.objects
+    tracks = read_boxes(path / TRACKS)
     return Result(
         path=path,
-        tracks=read_boxes(path / TRACKS),
+        tracks=tracks,
         objects=MapBoxes(
             np.array([item.label for item in objects], np.int64),
             pack([item.box for item in objects]),
@@ -154,6 +160,7 @@ def read_result(path: PathLike) -> Result:
         map_points=path / MAP if (path / MAP).exists() else None,
         trajectory=path / TRAJECTORY if (path / TRAJECTORY).exists() else None,
         events=tuple(read_events(path / EVENTS)) if (path / EVENTS).exists() else (),
+        probability=of_labels(tracks.label, read_probabilities(path, tracks.frame, tracks.label)),
     )
 
 

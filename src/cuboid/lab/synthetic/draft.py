@@ -13,7 +13,7 @@ from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.paths import CAMERAS, STEP_M, Style, around, fly
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.scene import Agent, Furniture, Scene, SceneEvent, Surface
-from cuboid.lab.synthetic.shapes import MAKERS, Model
+from cuboid.lab.synthetic.shapes import CATALOGUE, MAKERS, Model
 
 # Default gap between objects, metres.
 APART_M = 0.06
@@ -67,12 +67,12 @@ class Draft:
         self.furniture.append(Furniture(model, T_room_model, doubtful))
 
     def models(self, count: int, names: Sequence[str] = tuple(MAKERS)) -> list[Model]:
-        """Draw random models, the user's first; a kind is repeated only after all kinds are used."""
+        """Draw random models of these names, the user's first; a name is repeated only after all are used."""
         user_models = [self.meshes[int(k)] for k in self.rng.permutation(len(self.meshes))][:count]
         drawn: list[str] = []
         while len(drawn) < count - len(user_models):
             drawn += [names[int(k)] for k in self.rng.permutation(len(names))]
-        return user_models + [MAKERS[name](self.rng) for name in drawn[: count - len(user_models)]]
+        return user_models + [CATALOGUE[name](self.rng) for name in drawn[: count - len(user_models)]]
 
 
 def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float) -> Scene:

@@ -9,6 +9,7 @@ import numpy as np
 from cuboid.lab.synthetic.material import Color, Material, Texture, paint, wood
 from cuboid.lab.synthetic.mesh import box, grid, lathe, merged, shift, turn
 from cuboid.lab.synthetic.shapes import Model
+from cuboid.lab.synthetic.solids import pipe, rounded_box
 
 # Height of a room and of a curtain, length of a sofa, metres.
 WALL_M, CURTAIN_M, SOFA_M = 2.7, 2.5, 1.7
@@ -66,21 +67,26 @@ def floor(rng: np.random.Generator, half_m: float) -> Model:
     return Model("floor", ((box(size, (0, 0, -0.02)), materials[int(rng.integers(len(materials)))]),))
 
 
+def plain_floor(half_m: float, color: Color) -> Model:
+    """Return a floor in one color."""
+    return Model("floor", ((box((2 * half_m, 2 * half_m, 0.02), (0, 0, -0.02)), Material(color, shine=0.1)),))
+
+
 def ceiling(half_m: float) -> Model:
     """Return a ceiling at 2.7 m."""
     size = (2 * half_m, 2 * half_m, 0.02)
     return Model("ceiling", ((box(size, (0, 0, WALL_M)), Material((0.9, 0.9, 0.88))),))
 
 
-def wall(rng: np.random.Generator, length_m: float, height_m: float = WALL_M) -> Model:
-    """Return a wall along x with a skirting and two pictures; its face is at y = 0, towards -y."""
+def wall(rng: np.random.Generator, length_m: float, height_m: float = WALL_M, *, pictures: bool = True) -> Model:
+    """Return a wall along x with a skirting and, if wanted, two pictures; its face is at y = 0, towards -y."""
     tint = float(rng.uniform(0.0, 0.08))
     plaster = Material((0.86 - tint, 0.85 - tint, 0.80), (0.80 - tint, 0.79 - tint, 0.74), Texture.MARBLE, 0.25)
     parts = [
         (box((length_m, 0.05, height_m), (0, 0.025, 0)), plaster),
         (box((length_m, 0.012, 0.09), (0, -0.006, 0)), Material((0.93, 0.93, 0.92))),
     ]
-    for side in (-1, 1):
+    for side in (-1, 1) if pictures else ():
         wide, high = rng.uniform(0.4, 0.8), rng.uniform(0.35, 0.6)
         place = (side * length_m * rng.uniform(0.12, 0.3), -0.012, 1.2)
         picture = Material(paint(rng), paint(rng), (Texture.MARBLE, Texture.CHECKER)[int(rng.integers(2))], 0.12)
@@ -112,6 +118,39 @@ def chair(rng: np.random.Generator) -> Model:
         (
             (merged([legs, posts, rails]), wood(rng, 0.05)),
             (seat, Material(color, second, Texture.SPECKLE, 0.02)),
+        ),
+    )
+
+
+def stool(rng: np.random.Generator) -> Model:
+    """Return a round stool with three sloping legs."""
+    height, r = rng.uniform(0.42, 0.5), rng.uniform(0.15, 0.18)
+    seat = lathe([(0, height - 0.035), (r, height - 0.035), (r, height - 0.005), (r - 0.01, height), (0, height)], 48)
+    legs = [
+        pipe([(1.05 * r, 0, 0.0), (0.65 * r, 0, height - 0.03)], 0.015).moved(turn(2 * np.pi * k / 3)) for k in range(3)
+    ]
+    return Model("stool", ((seat, wood(rng, 0.05)), (merged(legs), wood(rng, 0.04))))
+
+
+def office_chair(rng: np.random.Generator) -> Model:
+    """Return a swivel chair on five castors that faces +x."""
+    height = rng.uniform(0.44, 0.52)
+    angles = 2 * np.pi * np.arange(5) / 5
+    spokes = [pipe([(0.02, 0, 0.1), (0.3, 0, 0.07)], (0.025, 0.016)).moved(turn(a)) for a in angles]
+    castor = lathe([(0, -0.02), (0.028, -0.02), (0.028, 0.02), (0, 0.02)], 20).moved(turn(np.pi / 2, 0))
+    castors = [castor.moved(turn(a) @ shift((0.3, 0, 0.028))) for a in angles]
+    column = lathe([(0.032, 0.08), (0.032, 0.25), (0.018, 0.25), (0.018, height - 0.05)], 24)
+    spine = pipe([(-0.1, 0, height - 0.03), (-0.27, 0, height), (-0.29, 0, height + 0.3)], 0.02)
+    seat = rounded_box((0.46, 0.48, 0.08), 0.1, 0.03, (0, 0, height - 0.05))
+    back = rounded_box((0.46, 0.44, 0.06), 0.1, 0.025).moved(
+        shift((-0.23, 0, height + 0.37)) @ turn(-np.pi / 2 + 0.12, 1)
+    )
+    color, second = CLOTH[int(rng.integers(len(CLOTH)))]
+    return Model(
+        "office chair",
+        (
+            (merged([*spokes, *castors, column, spine]), Material((0.12, 0.12, 0.13), shine=0.3)),
+            (merged([seat, back]), Material(color, second, Texture.SPECKLE, 0.01)),
         ),
     )
 

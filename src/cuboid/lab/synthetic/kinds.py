@@ -12,11 +12,14 @@ from cuboid.ground.core.errors import InputError
 from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.containers import build_containers, build_sideboard
 from cuboid.lab.synthetic.draft import APART_M, SMALL, Draft, add_middle_table, add_room, circling, finish, on_floor
+from cuboid.lab.synthetic.interiors import build_bookshelf, build_desk, build_kitchen
+from cuboid.lab.synthetic.looks import STYLES, dressed, materials_of
 from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.moving import build_moving
 from cuboid.lab.synthetic.paths import CAMERAS, STEP_M, STEP_RAD, around, random_motion
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.places import build_bin, build_counter, build_overhead, build_shelf, build_stacks
+from cuboid.lab.synthetic.plain_places import build_alone, build_floor, build_toybox, build_tray
 from cuboid.lab.synthetic.scene import Scene, Surface
 from cuboid.lab.synthetic.shapes import MAKERS, Model
 
@@ -167,6 +170,7 @@ def path_room(draft: Draft) -> None:
     draft.waypoints = np.concatenate([_curtain_first(tour[0]), tour])
 
 
+# The seed of a scene includes the position of its kind: append new kinds.
 KINDS: Mapping[str, Builder] = MappingProxyType(
     {
         "table": build_table,
@@ -183,6 +187,13 @@ KINDS: Mapping[str, Builder] = MappingProxyType(
         "moving": build_moving,
         "containers": build_containers,
         "sideboard": build_sideboard,
+        "desk": build_desk,
+        "kitchen": build_kitchen,
+        "bookshelf": build_bookshelf,
+        "toybox": build_toybox,
+        "floor": build_floor,
+        "tray": build_tray,
+        "alone": build_alone,
     }
 )
 # Camera paths for repeated visits of a place.
@@ -201,6 +212,13 @@ FRAMES: Mapping[str, int] = MappingProxyType(
         "moving": 420,
         "containers": 160,
         "sideboard": 120,
+        "desk": 160,
+        "kitchen": 160,
+        "bookshelf": 140,
+        "toybox": 120,
+        "floor": 160,
+        "tray": 160,
+        "alone": 140,
     }
 )
 
@@ -212,6 +230,7 @@ def make_scene(
     frames: int | None = None,
     camera: str | None = None,
     meshes: Sequence[Model] = (),
+    style: str = "plain",
 ) -> Scene:
     """Make a scene; the same arguments make the same scene.
 
@@ -227,22 +246,28 @@ def make_scene(
         One of `CAMERAS`: motion style of the camera; by default drawn from the seed.
     meshes : sequence of Model, optional
         The user's objects, which are used before generated ones.
+    style : str
+        One of `STYLES`: ``plain``, or ``real`` with the same geometry and the materials, light and color camera of real
+        households.
 
     Raises
     ------
     InputError
-        The kind or the camera is unknown.
+        The kind, the camera or the style is unknown.
     """
     if kind not in KINDS:
         raise InputError(f"no kind of scene is called '{kind}'; there are {', '.join(KINDS)}")
     if camera is not None and camera not in CAMERAS:
         raise InputError(f"no camera is called '{camera}'; there are {', '.join(CAMERAS)}")
+    if style not in STYLES:
+        raise InputError(f"no style is called '{style}'; there are {', '.join(STYLES)}")
     rng = np.random.default_rng([seed, list(KINDS).index(kind)])
     drawn = tuple(CAMERAS)[int(rng.integers(len(CAMERAS)))]
     T_world_room, focal = random_motion(rng), float(rng.uniform(525, 600))
     draft = Draft(rng, frames or FRAMES[kind], camera or drawn, meshes, [], Arrangement((), rng), np.empty((0, 6)))
     KINDS[kind](draft)
-    return finish(draft, f"synthetic {kind} {seed}", kind, seed, T_world_room, focal)
+    scene = finish(draft, f"synthetic {kind} {seed}", kind, seed, T_world_room, focal)
+    return scene if style == "plain" else dressed(scene, seed, materials_of(meshes))
 
 
 def _leaving(draft: Draft, surface: int, angle: float, length_m: float) -> Float64Array:

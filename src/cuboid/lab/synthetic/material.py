@@ -23,6 +23,57 @@ class Texture(IntEnum):
     BANDS = 5
     SPECKLE = 6
     TILES = 7
+    PRINT = 8
+    CHECKED_CLOTH = 9
+    STRIPED_CLOTH = 10
+    FLOWERS = 11
+    TERRAZZO = 12
+    CARPET = 13
+    BLOTCHES = 14
+    GRAIN = 15
+    BOARDS = 16
+    DOTS = 17
+    ZIGZAG = 18
+    BRICKS = 19
+    VEINS = 20
+
+
+class Zone(IntEnum):
+    """The zone of a body that a layer covers; `Layer.extent` is a, b, c, d."""
+
+    ALL = 0
+    BAND = 1  # heights a..b
+    SIDE = 2  # beyond distance b from the axis in direction a (radians)
+    LABEL = 3  # on sides: a rectangle around s = a, t = b, half sizes c and d
+    ROUND_LABEL = 4  # the ellipse in it
+    SHEET = 5  # the same rectangle on faces that look up
+    ROUND_SHEET = 6
+    INSIDE = 7  # sides that face the axis: the inside of a mug
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """A second material that covers a zone of a body: a label, a colored band, wear.
+
+    Attributes
+    ----------
+    color, second : (r, g, b)
+    texture : Texture
+    scale_m : float
+    zone : Zone
+    extent : (a, b, c, d)
+        The zone's extent, metres.
+    opacity : float
+        0..1.
+    """
+
+    color: Color
+    second: Color
+    texture: Texture = Texture.PLAIN
+    scale_m: float = 0.03
+    zone: Zone = Zone.ALL
+    extent: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +91,15 @@ class Material:
         Strength of the highlight, 0..1.
     mirror : float
         Fraction of the light, and of the depth readings, from the mirror image in a level face, 0..1.
+    polish : float
+        Exponent of the highlight: the higher, the smaller.
+    grain : float
+        Strength of the fine noise, 0..1.
+    layers : tuple of Layer
+        Each covers those before it.
+    axis, yaw_rad, radius_m : (x, y), float, float
+        Vertical axis and direction of the body in its model, and the radius of a round body (0 for others): textures
+        along the surface follow them.
     """
 
     color: Color
@@ -48,6 +108,12 @@ class Material:
     scale_m: float = 0.03
     shine: float = 0.0
     mirror: float = 0.0
+    polish: float = 20.0
+    grain: float = 0.12
+    layers: tuple[Layer, ...] = ()
+    axis: tuple[float, float] = (0.0, 0.0)
+    yaw_rad: float = 0.0
+    radius_m: float = 0.0
 
 
 WOODS: tuple[tuple[Color, Color], ...] = (

@@ -101,7 +101,7 @@ def lathe(profile: npt.ArrayLike, segments: int = 48) -> Mesh:
     rings = np.empty((len(radius), segments, 3))
     rings[..., :2] = radius[:, None, None] * circle
     rings[..., 2] = height[:, None]
-    return _without_slivers(Mesh(rings.reshape(-1, 3), _strip_faces(len(radius), segments, wrap=True)))
+    return without_slivers(Mesh(rings.reshape(-1, 3), strip_faces(len(radius), segments, wrap=True)))
 
 
 def tube(path: npt.ArrayLike, radius: npt.ArrayLike) -> Mesh:
@@ -117,13 +117,13 @@ def tube(path: npt.ArrayLike, radius: npt.ArrayLike) -> Mesh:
     rings = line[:, None] + radii[:, None, None] * np.moveaxis(around, 0, 1)
     first, last = np.broadcast_to(line[0], (segments, 3)), np.broadcast_to(line[-1], (segments, 3))
     vertices = np.concatenate([first, rings.reshape(-1, 3), last])
-    return _without_slivers(Mesh(vertices, _strip_faces(len(line) + 2, segments, wrap=True)))
+    return without_slivers(Mesh(vertices, strip_faces(len(line) + 2, segments, wrap=True)))
 
 
 def grid(points: npt.ArrayLike) -> Mesh:
     """Return the sheet through a grid of points (A, B, 3); its outside is (direction of B) x (direction of A)."""
     sheet = np.asarray(points, np.float64)
-    return Mesh(sheet.reshape(-1, 3), _strip_faces(sheet.shape[0], sheet.shape[1], wrap=False))
+    return Mesh(sheet.reshape(-1, 3), strip_faces(sheet.shape[0], sheet.shape[1], wrap=False))
 
 
 def corner_normals(mesh: Mesh) -> Float64Array:
@@ -181,7 +181,8 @@ def turn(angle_rad: float, axis: int = 2) -> Float64Array:
     return T
 
 
-def _strip_faces(rows: int, columns: int, *, wrap: bool) -> Faces:
+def strip_faces(rows: int, columns: int, *, wrap: bool) -> Faces:
+    """Return the faces of a grid of vertices; with `wrap` the last column is joined to the first."""
     a, b = np.meshgrid(np.arange(rows - 1), np.arange(columns if wrap else columns - 1), indexing="ij")
     right = (b + 1) % columns
     low, low_right = a * columns + b, a * columns + right
@@ -191,7 +192,7 @@ def _strip_faces(rows: int, columns: int, *, wrap: bool) -> Faces:
     return np.concatenate([first, second]).astype(np.int32)
 
 
-def _without_slivers(mesh: Mesh) -> Mesh:
+def without_slivers(mesh: Mesh) -> Mesh:
     """Remove faces without area, which a ring shrunk to a point leaves, and unused vertices."""
     kept = mesh.faces[np.linalg.norm(mesh.area_normals(), axis=1) > 1e-14]
     used, faces = np.unique(kept, return_inverse=True)

@@ -77,6 +77,32 @@ class Arrangement:
         """Put a model at a place (coordinates -1..1 of the surface), unrotated."""
         return self._add(model, self.surfaces[surface].at(*place), surface)
 
+    def put_near(
+        self,
+        model: Model,
+        surface: int,
+        gap: float,
+        place: tuple[float, float],
+        spread: tuple[float, float],
+        angle_rad: float | None = None,
+    ) -> SceneObject | None:
+        """Put a model near a place, at least `gap` metres from all others.
+
+        `place` and the largest distance from it, `spread`, are coordinates -1..1 of the surface; the model is turned by
+        `angle_rad`, by default a random angle. Returns None if there is no room.
+        """
+        model = turned(model, self._rng.uniform(0, 2 * np.pi) if angle_rad is None else angle_rad)
+        outline = hull(model.mesh().vertices[:, :2])
+        for _ in range(TRIES):
+            point = self.surfaces[surface].at(*(place + self._rng.uniform(-1, 1, 2) * spread))
+            if self._free(outline + point, surface, gap):
+                return self._add(model, point, surface)
+        return None
+
+    def outlines(self, surface: int) -> list[Float64Array]:
+        """Return the convex outlines (K, 2) in the room of the objects of a surface."""
+        return [self._outlines[one.id] for one in self.objects if one.surface == surface]
+
     def put_beside(self, model: Model, other: SceneObject, gap: float, others_gap: float) -> SceneObject | None:
         """Put a model `gap` metres from another object on the same surface, and `others_gap` from the rest."""
         for _ in range(TRIES // 5):
@@ -132,7 +158,7 @@ class Arrangement:
         if not self.surfaces[surface].contains(outline, EDGE_M):
             return False
         return all(
-            gap_m(outline, self._outlines[other.id]) >= gap
+            _boxes_apart(outline, self._outlines[other.id], gap) or gap_m(outline, self._outlines[other.id]) >= gap
             for other in self.objects
             if other.surface == surface and other.id != ignoring
         )
@@ -157,3 +183,9 @@ class Arrangement:
             now = self.objects[one.id - 1]
             self.objects[one.id - 1] = replace(now, touches=(*now.touches, other.id))
         return self.objects[first.id - 1]
+
+
+def _boxes_apart(first: Float64Array, second: Float64Array, gap: float) -> bool:
+    """Tell whether the level bounding boxes of two outlines are more than `gap` apart: then so are the outlines."""
+    between = np.maximum(first.min(0) - second.max(0), second.min(0) - first.max(0))
+    return bool(between.max() > gap)

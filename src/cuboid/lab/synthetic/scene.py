@@ -12,6 +12,7 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry import se3
 from cuboid.ground.geometry.box import Box
 from cuboid.lab.synthetic.footprint import hull, is_round, smallest_rectangle
+from cuboid.lab.synthetic.light import ColorCamera, Light
 from cuboid.lab.synthetic.mesh import Mesh
 from cuboid.lab.synthetic.shapes import Model
 
@@ -168,8 +169,8 @@ class Scene:
         True camera poses.
     focal_px : float
         Focal length at an image width of 640 pixels.
-    lamp : (L, 3) float64
-        Points of the lamp, in the room.
+    light : Light
+    color_camera : ColorCamera
     ghosts : tuple of SceneObject
         Objects of an earlier visit that are gone.
     agents : tuple of Agent
@@ -187,9 +188,8 @@ class Scene:
     T_world_room: Float64Array
     T_room_camera: Float64Array
     focal_px: float
-    lamp: Float64Array = field(
-        default_factory=lambda: np.array([[1.0, -0.7, 2.55], [0.65, -0.5, 2.6], [0.75, -0.95, 2.6]])
-    )
+    light: Light = field(default_factory=Light)
+    color_camera: ColorCamera = field(default_factory=ColorCamera)
     ghosts: tuple[SceneObject, ...] = ()
     agents: tuple[Agent, ...] = ()
     events: tuple[SceneEvent, ...] = ()

@@ -1,6 +1,6 @@
-"""Shading of hits to a color image: Lambert's law with a lamp and ambient light, and textures by position.
+"""Shading of hits to a color image: Lambert's law with lamps and ambient light, and textures by position.
 
-The lamp consists of a few points, so that shadows have soft edges. Shadow rays are cast for every second pixel of every
+A lamp consists of a few points, so that shadows have soft edges. Shadow rays are cast for every second pixel of every
 second row, and the results are spread to neighbours on the same part.
 """
 
@@ -15,56 +15,80 @@ import numpy.typing as npt
 
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.compiling.compiled import kernel
+from cuboid.lab.synthetic.light import ColorCamera, Light
 from cuboid.lab.synthetic.material import Material, linear
 from cuboid.lab.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster
+from cuboid.lab.synthetic.textures import NOISE, fraction_at, noise_at
 
-# Ambient light on a surface that faces down, and on one that faces up; the rest comes from the lamp.
-AMBIENT_DOWN, AMBIENT_UP = 0.27, 0.42
-# The lamp's light at a distance of 1 m, which falls with the square of the distance, and its maximum.
-LAMP, LAMP_MOST = 4.8, 1.3
 # Strength of highlights.
 GLOSS = 0.55
 # Size of the fine texture noise of every surface, metres.
 FINE_M = 0.012
-# The blur of a small lens, pixels; it also smooths the aliasing of one ray per pixel.
-BLUR_PX = 0.55
-# Noise of the color sensor, grey levels.
-COLOR_NOISE = 1.6
+# Faces whose normal has a larger vertical component than this have textures along x and y.
+LEVEL = 0.7
 
-_NOISE_CELLS = 32
-_NOISE = np.random.default_rng(20).random((_NOISE_CELLS,) * 3, np.float32)
 _GAMMA = np.rint(np.linspace(0.0, 1.0, 4096) ** (1 / 2.2) * 255).astype(np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
 class ShadingParameters:
-    """The surfaces of a scene, as tables for the shading.
+    """The surfaces and the light of a scene, as tables for the shading.
 
     Attributes
     ----------
     face_part : (F,) int32
     normals : (F, 3, 3) float32
         Normals of each face's corners, in the room.
-    parts : (P, 21) float64
-        color, second (linear), texture, scale, shine, T_body_room (3 x 4, by rows).
-    lamp : (L, 3) float64
-        Points of the lamp, in the room.
+    parts : (P, 30) float64
+        color, second (linear), texture, scale, shine, T_body_room (3 x 4, by rows), polish, grain, axis (2), cosine and
+        sine of yaw, radius, first layer, one after the last layer.
+    layers : (M, 14) float64
+        color, second (linear), texture, scale, zone, its extent (4), opacity.
+    light : Light
     """
 
     face_part: npt.NDArray[np.int32]
     normals: Float32Array
     parts: Float64Array
-    lamp: Float64Array
+    layers: Float64Array
+    light: Light
 
 
-def part_rows(materials: Sequence[Material], T_body_room: Sequence[Float64Array]) -> Float64Array:
-    """Return the table `ShadingParameters.parts`."""
-    rows = np.empty((len(materials), 21))
+def part_rows(materials: Sequence[Material], T_body_room: Sequence[Float64Array]) -> tuple[Float64Array, Float64Array]:
+    """Return the tables `ShadingParameters.parts` and `ShadingParameters.layers`."""
+    rows = np.empty((len(materials), 30))
+    layers: list[list[float]] = []
     for row, look, T in zip(rows, materials, T_body_room, strict=True):
         row[0:3], row[3:6] = linear(look.color), linear(look.second)
         row[6:9] = look.texture, look.scale_m, look.shine
-        row[9:] = T[:3].reshape(-1)
-    return rows
+        row[9:21] = T[:3].reshape(-1)
+        row[21:23] = look.polish, look.grain
+        row[23:28] = *look.axis, np.cos(look.yaw_rad), np.sin(look.yaw_rad), look.radius_m
+        row[28] = len(layers)
+        for layer in look.layers:
+            colors = (*linear(layer.color), *linear(layer.second))
+            layers.append([*colors, layer.texture, layer.scale_m, layer.zone, *layer.extent, layer.opacity])
+        row[29] = len(layers)
+    return rows, np.array(layers, np.float64).reshape(-1, 14)
+
+
+@dataclass(frozen=True, slots=True)
+class Shaded:
+    """An image of a color camera.
+
+    Attributes
+    ----------
+    color : (H, W, 3) uint8
+        RGB.
+    cosine : (H, W) float32
+        Cosine of the angle between ray and surface normal.
+    albedo : (H, W) float32
+        Fraction of the light that the surface reflects, 0..1.
+    """
+
+    color: UInt8Array
+    cosine: Float32Array
+    albedo: Float32Array
 
 
 def shade(
@@ -72,91 +96,44 @@ def shade(
     look: ShadingParameters,
     hits: Hits,
     rng: np.random.Generator,
-) -> tuple[UInt8Array, Float32Array]:
-    """Return the color image (H, W, 3) RGB, and the cosine of each pixel's ray to its surface (H, W)."""
+    camera: ColorCamera,
+    frame: int,
+) -> Shaded:
+    """Return the image of a camera; the exposure depends on the frame."""
     shape = hits.depth_m.shape
     points, normals = np.empty((2, *shape, 3), np.float32)
-    cosine = np.empty(shape, np.float32)
+    cosine, albedo = np.empty((2, *shape), np.float32)
     _places(hits.depth_m, hits.face, hits.u, hits.v, hits.rays, hits.eye, look.normals, points, normals, cosine)
-    lit = _lit_fraction(caster, look, points[::2, ::2], normals[::2, ::2])
+    lamps = look.light.lamps
+    lit = np.stack([_lit_fraction(caster, lamp.points, points[::2, ::2], normals[::2, ::2]) for lamp in lamps])
+    table = np.array([[*lamp.points.mean(axis=0), *lamp.color, lamp.strength, lamp.most] for lamp in lamps])
+    ambient = np.array([look.light.down, look.light.up])
     part = np.where(hits.face >= 0, look.face_part[hits.face], np.int32(-1))
+    response = np.array([*camera.gain_at(frame), camera.vignetting, camera.saturation])
+    tables = look.parts, look.layers, table, ambient, lit, response, NOISE, _GAMMA
     color = np.empty((*shape, 3), np.uint8)
-    _colors(part, points, normals, hits.eye, look.parts, look.lamp.mean(axis=0), lit, _NOISE, _GAMMA, color)
-    color = cv2.GaussianBlur(color, (0, 0), BLUR_PX)
-    noise = rng.standard_normal(shape, np.float32) * np.float32(COLOR_NOISE)
-    noisy: UInt8Array = cv2.add(color, cv2.merge([noise] * 3), dtype=cv2.CV_8U).astype(np.uint8, copy=False)
-    return noisy, cosine
+    _colors(part, points, normals, hits.eye, *tables, color, albedo)
+    return Shaded(_exposed(color, camera, rng), cosine, albedo)
 
 
-def _lit_fraction(
-    caster: RayCaster, look: ShadingParameters, points: Float32Array, normals: Float32Array
-) -> Float32Array:
-    """Return the visible fraction of the lamp (h, w) for points (h, w, 3) with normals (h, w, 3)."""
+def _exposed(color: UInt8Array, camera: ColorCamera, rng: np.random.Generator) -> UInt8Array:
+    """Return an image with the blur of the lens and the noise of the sensor."""
+    shape = color.shape[:2]
+    color = cv2.GaussianBlur(color, (0, 0), camera.blur_px).astype(np.uint8, copy=False)
+    noise = cv2.merge([rng.standard_normal(shape, np.float32) * np.float32(camera.noise)] * 3)
+    if camera.color_noise > 0:
+        noise = noise + rng.standard_normal(noise.shape, np.float32) * np.float32(camera.color_noise)
+    noisy: UInt8Array = cv2.add(color, noise, dtype=cv2.CV_8U).astype(np.uint8, copy=False)
+    return noisy
+
+
+def _lit_fraction(caster: RayCaster, lamp: Float64Array, points: Float32Array, normals: Float32Array) -> Float32Array:
+    """Return the visible fraction of a lamp's points (L, 3) for points (h, w, 3) with normals (h, w, 3)."""
     start = np.ascontiguousarray((points + normals * np.float32(SHADOW_BIAS_M)).reshape(-1, 3))
     lit = np.zeros(len(start), np.float32)
-    for point in look.lamp:
+    for point in lamp:
         lit += caster.reaches(start, point)
-    return (lit / np.float32(len(look.lamp))).reshape(points.shape[:2])
-
-
-@kernel
-def _noise_at(noise: Float32Array, x: float, y: float, z: float) -> float:  # pragma: no cover (compiled)
-    """Interpolate the periodic noise of a 32 x 32 x 32 lattice, 0..1."""
-    fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
-    i, j, k = int(fx) & 31, int(fy) & 31, int(fz) & 31
-    a, b, c = x - fx, y - fy, z - fz
-    a, b, c = a * a * (3 - 2 * a), b * b * (3 - 2 * b), c * c * (3 - 2 * c)
-    i1, j1, k1 = (i + 1) & 31, (j + 1) & 31, (k + 1) & 31
-    low = (noise[i, j, k] * (1 - a) + noise[i1, j, k] * a) * (1 - b) + (
-        noise[i, j1, k] * (1 - a) + noise[i1, j1, k] * a
-    ) * b
-    high = (noise[i, j, k1] * (1 - a) + noise[i1, j, k1] * a) * (1 - b) + (
-        noise[i, j1, k1] * (1 - a) + noise[i1, j1, k1] * a
-    ) * b
-    return float(low * (1 - c) + high * c)
-
-
-@kernel
-def _cell(noise: Float32Array, x: float, y: float, z: float) -> float:  # pragma: no cover (compiled)
-    """Return the random number, 0..1, of the cell of the unit lattice at a position."""
-    i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-    return float(noise[(i * 7 + j * 3) & 31, (j * 11 + k * 5) & 31, (k * 13 + i) & 31])
-
-
-@kernel
-def _second_fraction(
-    noise: Float32Array, texture: int, x: float, y: float, z: float
-) -> float:  # pragma: no cover (compiled)
-    """Return the fraction of the second color at a place in units of the texture's scale, 0..1."""
-    if texture == 1:  # checker
-        even = int(np.floor(x + 0.37)) + int(np.floor(y + 0.37)) + int(np.floor(z + 0.37))
-        return float(even & 1)
-    if texture == 2:  # stripes
-        wave = np.sin(2 * np.pi * (0.5 * x + 0.3 * y + z))
-        return float(min(max(0.5 + 3.0 * wave, 0.0), 1.0))
-    if texture == 3:  # wood: growth rings along x, and its grain
-        bend = _noise_at(noise, x * 0.13, y * 0.5, z * 0.5)
-        ring = 0.5 + 0.5 * np.sin(2 * np.pi * (y * 0.9 + 3.0 * bend))
-        return float(0.65 * ring + 0.35 * _noise_at(noise, x * 0.8, y * 9.0, z * 9.0))
-    if texture == 4:  # marble
-        coarse = _noise_at(noise, x, y, z)
-        veins: float = 0.7 * coarse + 0.5 * _noise_at(noise, x * 2.7 + 5, y * 2.7, z * 2.7)
-        return min(max(veins - 0.1, 0.0), 1.0)
-    if texture == 5:  # bands with print
-        band = int(np.floor(z))
-        tone = _cell(noise, 3.0, band + 0.5, 11.0)
-        part = z - band
-        if tone > 0.45 and 0.2 < part < 0.8:
-            across = np.arctan2(y, x) * 2.2 + x * 1.1
-            return 1.0 if _cell(noise, across * 5.0, part * 5.0, band * 3.0 + 0.5) > 0.55 else 0.1
-        return 0.0 if tone > 0.45 else 1.0
-    if texture == 6:  # speckle
-        return 1.0 if _cell(noise, x * 5.0, y * 5.0, z * 5.0) > 0.82 else 0.0
-    if texture == 7:  # tiles with joints
-        tile = _cell(noise, x, y, 2.5)
-        joint = min(abs(x - np.round(x)), abs(y - np.round(y)))
-        return 1.0 if joint < 0.012 else 0.35 * tile + 0.15 * _noise_at(noise, x * 6.0, y * 6.0, 0.0)
-    return 0.0
+    return (lit / np.float32(len(lamp))).reshape(points.shape[:2])
 
 
 @kernel
@@ -207,23 +184,89 @@ def _places(
 
 
 @kernel
+def _covers(
+    layer: Float64Array, u: float, v: float, z: float, nu: float, nv: float, nz: float, s: float, t: float
+) -> bool:  # pragma: no cover (compiled)
+    """Return whether a layer covers a place at (u, v, z) with normal (nu, nv, nz); s, t as for textures."""
+    zone, a, b, c, d = int(layer[8]), layer[9], layer[10], layer[11], layer[12]
+    if zone == 0:
+        return True
+    if zone == 1:
+        return bool(a <= z <= b)
+    if zone == 2:
+        return bool(u * np.cos(a) + v * np.sin(a) > b)
+    if zone == 7:
+        return bool(u * nu + v * nv < -1e-4 or (nz > LEVEL and z < a))
+    if (zone <= 4 and abs(nz) > LEVEL) or (zone > 4 and nz < LEVEL):
+        return False
+    ds, dt = (s - a) / c, (t - b) / d
+    if zone in (3, 5):
+        return bool(abs(ds) < 1 and abs(dt) < 1)
+    return bool(ds * ds + dt * dt < 1)
+
+
+@kernel
+def _mixed(
+    look: Float64Array,
+    layers: Float64Array,
+    noise: Float32Array,
+    place: tuple[float, float, float],
+    normal: tuple[float, float, float],
+) -> tuple[float, float, float]:  # pragma: no cover (compiled)
+    """Return the color (linear) of a part at a place with a normal, both in the body's coordinates."""
+    x, y, z = place[0] - look[23], place[1] - look[24], place[2]
+    u, v = look[25] * x + look[26] * y, look[25] * y - look[26] * x
+    first, last = int(look[28]), int(look[29])
+    s, t, nu, nv = u, v, 0.0, 0.0
+    if look[6] > 7 or last > first:
+        nu = look[25] * normal[0] + look[26] * normal[1]
+        nv = look[25] * normal[1] - look[26] * normal[0]
+        if abs(normal[2]) <= LEVEL:
+            t = z
+            s = np.arctan2(v, u) * look[27] if look[27] > 0 else (nu * v - nv * u) / np.sqrt(nu * nu + nv * nv)
+    w = look[7]
+    f = fraction_at(noise, int(look[6]), u / w, v / w, z / w, s / w, t / w)
+    red, green, blue = look[0] * (1 - f) + look[3] * f, look[1] * (1 - f) + look[4] * f, look[2] * (1 - f) + look[5] * f
+    for k in range(first, last):
+        layer = layers[k]
+        if _covers(layer, u, v, z, nu, nv, normal[2], s, t):
+            w, o = layer[7], layer[13]
+            f = fraction_at(noise, int(layer[6]), u / w, v / w, z / w, s / w, t / w)
+            red += o * (layer[0] * (1 - f) + layer[3] * f - red)
+            green += o * (layer[1] * (1 - f) + layer[4] * f - green)
+            blue += o * (layer[2] * (1 - f) + layer[5] * f - blue)
+    return red, green, blue
+
+
+@kernel
 def _colors(
     part: npt.NDArray[np.int32],
     points: Float32Array,
     normals: Float32Array,
     eye: Float32Array,
     parts: Float64Array,
-    lamp: Float64Array,
+    layers: Float64Array,
+    lamps: Float64Array,
+    ambient: Float64Array,
     lit: Float32Array,
+    response: Float64Array,
     noise: Float32Array,
     gamma: UInt8Array,
     color: UInt8Array,
+    albedo: Float32Array,
 ) -> None:  # pragma: no cover (compiled)
-    """Fill `color` (H, W, 3) from the output of `_places` and the tables of `ShadingParameters`."""
-    for r in range(part.shape[0]):
-        for c in range(part.shape[1]):
+    """Fill `color` (H, W, 3) and `albedo` (H, W) from the output of `_places` and the tables.
+
+    `lamps` (G, 8) has middle, color, strength and maximum of each lamp, `ambient` (2, 3) the light from below and from
+    above, `lit` (G, h, w) each lamp's visible fraction, `response` (5,) gain, vignetting and saturation.
+    """
+    height, width = part.shape
+    direct, gloss, amount = np.empty(3), np.empty(3), np.empty(3)
+    for r in range(height):
+        for c in range(width):
             if part[r, c] < 0:
                 color[r, c, :] = 30
+                albedo[r, c] = 0.0
                 continue
             look = parts[part[r, c]]
             px, py, pz = points[r, c, 0], points[r, c, 1], points[r, c, 2]
@@ -231,21 +274,37 @@ def _colors(
             x = look[9] * px + look[10] * py + look[11] * pz + look[12]
             y = look[13] * px + look[14] * py + look[15] * pz + look[16]
             z = look[17] * px + look[18] * py + look[19] * pz + look[20]
-            fraction = _second_fraction(noise, int(look[6]), x / look[7], y / look[7], z / look[7])
-            fine = 0.94 + 0.12 * _noise_at(noise, x / FINE_M, y / FINE_M, z / FINE_M)
-            lx, ly, lz = lamp[0] - px, lamp[1] - py, lamp[2] - pz
-            far = np.sqrt(lx * lx + ly * ly + lz * lz)
-            lx, ly, lz = lx / far, ly / far, lz / far
-            sees = _smooth_lit(lit, part, r, c)
-            direct = sees * max(nx * lx + ny * ly + nz * lz, 0.0) * min(LAMP / (far * far), LAMP_MOST)
-            lifted = 0.5 + 0.5 * nz
-            light = direct + AMBIENT_DOWN + (AMBIENT_UP - AMBIENT_DOWN) * lifted
+            nbx = look[9] * nx + look[10] * ny + look[11] * nz
+            nby = look[13] * nx + look[14] * ny + look[15] * nz
+            nbz = look[17] * nx + look[18] * ny + look[19] * nz
+            mix = _mixed(look, layers, noise, (x, y, z), (nbx, nby, nbz))
+            fine = 1.0 - 0.5 * look[22] + look[22] * noise_at(noise, x / FINE_M, y / FINE_M, z / FINE_M)
             ex, ey, ez = eye[0] - px, eye[1] - py, eye[2] - pz
             length = np.sqrt(ex * ex + ey * ey + ez * ez)
-            hx, hy, hz = lx + ex / length, ly + ey / length, lz + ez / length
-            half = max(nx * hx + ny * hy + nz * hz, 0.0) / np.sqrt(hx * hx + hy * hy + hz * hz + 1e-12)
-            half *= half
-            gloss = look[8] * sees * GLOSS * half**20 if half > 0.5 else 0.0
+            direct[:] = 0.0
+            gloss[:] = 0.0
+            for g in range(len(lamps)):
+                lamp = lamps[g]
+                sees = _smooth_lit(lit[g], part, r, c)
+                lx, ly, lz = lamp[0] - px, lamp[1] - py, lamp[2] - pz
+                far = np.sqrt(lx * lx + ly * ly + lz * lz)
+                lx, ly, lz = lx / far, ly / far, lz / far
+                falls = sees * max(nx * lx + ny * ly + nz * lz, 0.0) * min(lamp[6] / (far * far), lamp[7])
+                hx, hy, hz = lx + ex / length, ly + ey / length, lz + ez / length
+                half = max(nx * hx + ny * hy + nz * hz, 0.0) / np.sqrt(hx * hx + hy * hy + hz * hz + 1e-12)
+                half *= half
+                shines = look[8] * sees * GLOSS * half ** int(look[21]) if half > 0.5 else 0.0
+                for k in range(3):
+                    direct[k] += falls * lamp[3 + k]
+                    gloss[k] += shines * lamp[3 + k]
+            lifted = 0.5 + 0.5 * nz
+            across, down = (2.0 * c - width) / width, (2.0 * r - height) / width
+            dims = 1.0 - response[3] * 0.64 * (across * across + down * down)
             for k in range(3):
-                amount = (look[k] * (1 - fraction) + look[3 + k] * fraction) * fine * light + gloss
-                color[r, c, k] = gamma[int(min(max(amount, 0.0), 1.0) * 4095)]
+                light = direct[k] + ambient[0, k] + (ambient[1, k] - ambient[0, k]) * lifted
+                amount[k] = (mix[k] * fine * light + gloss[k]) * (response[k] * dims)
+            albedo[r, c] = (0.3 * mix[0] + 0.6 * mix[1] + 0.1 * mix[2]) * fine
+            grey = 0.3 * amount[0] + 0.6 * amount[1] + 0.1 * amount[2]
+            for k in range(3):
+                value = amount[k] if response[4] == 1.0 else grey + response[4] * (amount[k] - grey)
+                color[r, c, k] = gamma[int(min(max(value, 0.0), 1.0) * 4095)]

@@ -17,6 +17,7 @@ from cuboid.ground.geometry import se3
 from cuboid.lab.synthetic.mesh import Mesh, corner_normals, merged, sample_surface
 from cuboid.lab.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster, pixel_rays
 from cuboid.lab.synthetic.scene import Placed, Scene, SceneObject
+from cuboid.lab.synthetic.sensor_effects import Seen
 from cuboid.lab.synthetic.sensors import SENSORS
 from cuboid.lab.synthetic.shading import ShadingParameters, part_rows, shade
 
@@ -86,7 +87,7 @@ class SceneView:
         moving = [body.path is not None for body, _ in parts]
         self.face_moves: npt.NDArray[np.bool_] = np.repeat(np.array(moving, np.bool_), faces)
         self._face_part = np.repeat(np.arange(len(parts), dtype=np.int32), faces)
-        self._materials, self._lamp = materials, scene.lamp
+        self._materials, self._light, self._camera = materials, scene.light, scene.color_camera
         # Mesh of each part in its current pose, with the normals of its corners.
         self._standing: dict[int, tuple[Mesh, Float32Array]] = {}
         self._stand(0)
@@ -107,12 +108,9 @@ class SceneView:
             parts.append(self._standing[k])
             poses.append(se3.inverse(body.at(frame).T_room_model))
         self._caster = RayCaster(merged(mesh for mesh, _ in parts).corners())
-        self._look = ShadingParameters(
-            face_part=self._face_part,
-            normals=np.concatenate([normals for _, normals in parts]),
-            parts=part_rows(self._materials, poses),
-            lamp=self._lamp,
-        )
+        rows, layers = part_rows(self._materials, poses)
+        normals = np.concatenate([normals for _, normals in parts])
+        self._look = ShadingParameters(self._face_part, normals, rows, layers, self._light)
 
     def render(self, frame: int, sensor: str) -> Rendered:
         """Render a frame with one of `SENSORS`."""
@@ -122,13 +120,20 @@ class SceneView:
         rays = pixel_rays(self._intrinsics, T)
         hits = self._caster.first_hits(T[:3, 3].astype(np.float32), rays)
         color_rng, depth_rng = (np.random.default_rng([self._seed, frame, k]) for k in range(2))
-        color, cosine = shade(self._caster, self._look, hits, color_rng)
-        color, true_m = self._mirrored(hits, color, np.random.default_rng([self._seed, frame, 2]))
-        depth = SENSORS[sensor](true_m, cosine, self._intrinsics, depth_rng)
+        shaded = shade(self._caster, self._look, hits, color_rng, self._camera, frame)
+        color, true_m = self._mirrored(hits, shaded.color, frame)
+        seen = Seen(true_m, shaded.cosine, shaded.albedo, self._shine(hits))
+        depth = SENSORS[sensor](seen, self._intrinsics, depth_rng)
         return Rendered(color, depth, hits)
 
-    def _mirrored(self, hits: Hits, color: UInt8Array, rng: np.random.Generator) -> tuple[UInt8Array, Float32Array]:
+    def _shine(self, hits: Hits) -> Float32Array:
+        """Return the strength of the highlight of each pixel's surface, (H, W)."""
+        shine = self._look.parts[:, 8].astype(np.float32)
+        return np.where(hits.face >= 0, shine[self._look.face_part[hits.face]], np.float32(0))
+
+    def _mirrored(self, hits: Hits, color: UInt8Array, frame: int) -> tuple[UInt8Array, Float32Array]:
         """Return color and depth with mirror images in level faces; their depth is below the face."""
+        rng = np.random.default_rng([self._seed, frame, 2])
         part = np.where(hits.face >= 0, self._look.face_part[hits.face], 0)
         mirror = np.where(hits.face >= 0, self._mirrors[part], np.float32(0))
         mirror = np.where(self._look.normals[hits.face, 0, 2] > LEVEL_COSINE, mirror, np.float32(0))
@@ -143,7 +148,7 @@ class SceneView:
             image = self._caster.first_hits(eye, rays, depth_m + np.float32(SHADOW_BIAS_M))
             there = (mirror > 0) & (np.abs(points[..., 2] - height_m) < LEVEL_M) & (image.face >= 0)
             image = replace(image, face=np.where(there, image.face, np.int32(-1)))
-            shown, _ = shade(self._caster, self._look, image, rng)
+            shown = shade(self._caster, self._look, image, rng, self._camera, frame).color
             share = np.where(there, mirror, np.float32(0))[..., None]
             color = np.rint(color * (1 - share) + shown * share).astype(np.uint8)
             near = (image.depth_m - depth_m) * np.linalg.norm(hits.rays, axis=-1) < MIRRORED_M

@@ -20,6 +20,7 @@ from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.lab.synthetic.draft import APART_M, Draft, finish
 from cuboid.lab.synthetic.kinds import FRAMES, WAYS, make_scene
+from cuboid.lab.synthetic.looks import STYLES, dressed, materials_of
 from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.paths import CAMERAS
 from cuboid.lab.synthetic.placement import Arrangement
@@ -50,6 +51,7 @@ def make_visits(
     frames: int | None = None,
     camera: str | None = None,
     meshes: Sequence[Model] = (),
+    style: str = "plain",
 ) -> list[Scene]:
     """Make a scene and its changed versions at later visits; the same arguments make the same scenes.
 
@@ -60,14 +62,16 @@ def make_visits(
     seed : int
     count : int
         Number of visits, including the first one.
-    frames, camera, meshes
+    frames, camera, meshes, style
         As for `make_scene`.
 
     Raises
     ------
     InputError
-        The kind or the camera is unknown, or the kind has no visits.
+        The kind, the camera or the style is unknown, or the kind has no visits.
     """
+    if style not in STYLES:
+        raise InputError(f"no style is called '{style}'; there are {', '.join(STYLES)}")
     scenes = [make_scene(kind, seed, frames=frames, camera=camera, meshes=meshes)]
     if kind not in WAYS:
         raise InputError(f"a scene of the kind '{kind}' cannot be visited again; there are {', '.join(WAYS)}")
@@ -75,7 +79,7 @@ def make_visits(
     for visit in range(2, count + 1):
         scene, last_id = _next(scenes, kind, seed, visit, last_id, frames or FRAMES[kind], camera)
         scenes.append(scene)
-    return scenes
+    return scenes if style == "plain" else [dressed(scene, seed, materials_of(meshes)) for scene in scenes]
 
 
 def _next(
@@ -99,8 +103,8 @@ def _next(
     focal = float(rng.uniform(525, 600))
     name = f"synthetic {kind} {seed}, visit {visit}"
     scene = finish(draft, name, kind, seed + VISIT_SEED * (visit - 1), before.T_world_room, focal)
-    lamp = scenes[0].lamp + rng.uniform(-1, 1, 3) * LAMP_M
-    return replace(scene, lamp=lamp, ghosts=tuple(body for body in ghosts if body is not None)), last_id
+    light = scenes[0].light.moved(rng.uniform(-1, 1, 3) * LAMP_M)
+    return replace(scene, light=light, ghosts=tuple(body for body in ghosts if body is not None)), last_id
 
 
 def _moved(place: Arrangement, number: int, rng: np.random.Generator) -> SceneObject | None:

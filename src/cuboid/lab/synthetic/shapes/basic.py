@@ -1,39 +1,15 @@
-"""Procedural models of objects on tables: each is a function of a random generator.
-
-A model stands on z = 0 around the origin; sizes are those of household objects, metres.
-"""
+"""Boxes and bodies of revolution: packages, vessels, balls."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
 
 from cuboid.lab.synthetic.material import CARD, PAINTS, Material, Texture, paint, two_paints
-from cuboid.lab.synthetic.mesh import Mesh, box, grid, lathe, merged, prism, shift, tube, turn
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
-    """A body of parts, each with a material, standing on z = 0.
-
-    Attributes
-    ----------
-    name : str
-    parts : tuple of (Mesh, Material)
-    """
-
-    name: str
-    parts: tuple[tuple[Mesh, Material], ...]
-
-    def mesh(self) -> Mesh:
-        """Return all parts as one mesh."""
-        return merged(mesh for mesh, _ in self.parts)
-
-
-Maker = Callable[[np.random.Generator], Model]
+from cuboid.lab.synthetic.mesh import Mesh, box, grid, lathe, merged, prism, shift, tube
+from cuboid.lab.synthetic.shapes.model import Maker, Model
 
 
 def carton(rng: np.random.Generator) -> Model:
@@ -312,8 +288,3 @@ MAKERS: Mapping[str, Maker] = MappingProxyType(
         "hat_box": hat_box,
     }
 )
-
-
-def turned(model: Model, angle_rad: float) -> Model:
-    """Return the model rotated about its vertical axis."""
-    return Model(model.name, tuple((mesh.moved(turn(angle_rad)), look) for mesh, look in model.parts))

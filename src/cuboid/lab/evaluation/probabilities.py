@@ -1,0 +1,67 @@
+"""The probability of each sighting of a result: that of `tracks.csv` if it has any, else that of its label."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.values import Fraction, FrameNumber, Label
+from cuboid.ground.formats.folder import TRACKS
+from cuboid.ground.formats.reading import text_lines
+from cuboid.ground.formats.table_validation import Row, read_table
+from cuboid.results.files import Results
+
+COLUMN = "probability"
+
+
+class ProbabilityEntry(Row, frozen=True):
+    """The probability of a sighting; other columns are ignored."""
+
+    frame: FrameNumber
+    label: Label
+    probability: Fraction | None
+
+
+def read_probabilities(path: Path, frame: npt.NDArray[np.int64], label: npt.NDArray[np.int64]) -> Float64Array:
+    """Return the probability of each sighting, (N,); NaN where there is none.
+
+    Parameters
+    ----------
+    path : Path
+        A result folder, whose `objects.json` gives the probability (`score`) of labels, or the CSV of another tracker.
+    frame, label : (N,) int64
+        The sightings.
+
+    Raises
+    ------
+    InputError
+        A file is malformed; the message names file and line.
+    """
+    table = path / TRACKS if path.is_dir() else path
+    if COLUMN in _header(table):
+        rows = read_table(table, ProbabilityEntry, any_order=True)
+        of_row = {(row.frame, row.label): row.probability for _, row in rows}
+        values = [of_row.get(key) for key in zip(frame.tolist(), label.tolist(), strict=True)]
+    elif path.is_dir():
+        survivor = Results(path).survivor
+        values = [survivor[name].score if name in survivor else None for name in label.tolist()]
+    else:
+        values = [None] * len(label)
+    return np.array(values, np.float64)
+
+
+def of_labels(label: npt.NDArray[np.int64], probability: Float64Array) -> dict[int, float]:
+    """Return the probability of each label at its last sighting; sightings are in frame order."""
+    known = ~np.isnan(probability)
+    return dict(zip(label[known].tolist(), probability[known].tolist(), strict=True))
+
+
+def _header(path: Path) -> list[str]:
+    lines = text_lines(path)
+    try:
+        return [name.strip() for name in next(iter(lines), "").split(",")]
+    finally:
+        lines.close()
