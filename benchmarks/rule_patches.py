@@ -187,13 +187,13 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "pairs: held by another",
         75,
-        ((FITTING, "entry.holder = 0 if rests is None else find_holder(entry, *rests, near, self._voxels)", "entry.holder = 0"),),
+        ((FITTING, "holder = 0 if rests is None else find_attachment(entry, *rests, neighbours, self._voxels)", "holder = 0"),),
     ),
-    Rule("pairs: shared room", 12, ((OBJECT_MAP, "        self._add_overlaps(objects, novelty)\n", ""),)),
+    Rule("pairs: shared room", 12, ((OBJECT_MAP, "        self._add_overlaps(objects, novelty, separate)\n", ""),)),
     Rule(
         "pairs: hollow",
         14,
-        (("method/objects/store.py", "found[i, j] = not _is_inside_hollow(entries[i], others[j])", "pass"),),
+        (("method/objects/store/objects.py", "found[i, j] = not _is_inside_hollow(entries[i], others[j])", "pass"),),
     ),
     Rule(
         "pairs: novelty",
@@ -226,7 +226,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "structure: counts for each fit",
         9,
-        ((FITTING, "while (times := times - 1) > 0 and entry.log_odds > 0:", "while False:"),),
+        ((FITTING, "while (counted := counted - 1) > 0 and entry.log_odds > 0:", "while False:"),),
     ),
     Rule(
         "structure: bears a plane twice",
@@ -234,7 +234,7 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 FITTING,
-                "if too_large(box, self._config) or (entry.confirmed and entry.supports_plane and supports_plane):",
+                "if furniture or too_large(box, self._config):",
                 "if too_large(box, self._config):",
             ),
         ),
@@ -263,7 +263,7 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 FITTING,
-                "if plane is not None and not structure and not entry.holder:",
+                "if plane is not None and not structure and not holder:",
                 "if False:",
             ),
             (
@@ -288,7 +288,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "box: hidden foot",
         24,
-        ((FITTING, "box = bare if rests is None else with_foot(bare, *rests, others, self._voxels)", "box = bare"),),
+        ((FITTING, "box = seen_box if rests is None else with_hidden_foot(seen_box, *rests, others, self._voxels)", "box = seen_box"),),
     ),
     Rule(
         "box: foot always",

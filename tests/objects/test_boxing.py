@@ -8,7 +8,7 @@ from made_maps import grid, map_of, shell
 
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import iou
-from cuboid.method.boxes.hidden import with_foot
+from cuboid.method.boxes.hidden import with_hidden_foot
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.boxing import Boxing
 
@@ -29,7 +29,7 @@ def floor(hidden: np.ndarray | None = None) -> np.ndarray:
 def fitted(voxels: VoxelMap, plane: tuple[np.ndarray, float] | None, others: list[Box] | None = None) -> Box:
     rows = voxels.stored.rows_of(THING)
     box = Boxing(voxels).fit(rows, voxels.stored.xyz(rows), plane, UP, others or [])[0]
-    return box if plane is None else with_foot(box, *plane, others or [], voxels)
+    return box if plane is None else with_hidden_foot(box, *plane, others or [], voxels)
 
 
 def test_what_was_seen_all_round_has_its_own_box() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from made_maps import box_of, grid, map_of, shell
 
 from cuboid.method.objects.entry import MapObject
-from cuboid.method.objects.support import above_support_rim, encloses, find_holder
+from cuboid.method.objects.support import above_support_rim, encloses, find_attachment
 
 UP = np.array([0.0, 0.0, 1.0])
 TABLE = grid((0.0, 0.6), (0.0, 0.4), (-0.01, 0.0))
@@ -26,7 +26,7 @@ def holder(table: np.ndarray, *things: np.ndarray) -> int:
     numbered = list(enumerate(things, 1))
     entries = [MapObject(k, 0, 0, box_of(p), points=p.astype(np.float32)) for k, p in numbered]
     voxels = map_of((table, 0), *((points, number) for number, points in numbered))
-    return find_holder(entries[0], UP, 0.0, entries[1:], voxels)
+    return find_attachment(entries[0], UP, 0.0, entries[1:], voxels)
 
 
 def test_a_spout_over_the_table_is_held_by_its_pot() -> None:

@@ -87,7 +87,7 @@ def is_clear_of(box: Box, near: Sequence[Box]) -> bool:
     return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= BESIDE_FRACTION)
 
 
-def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
+def with_hidden_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
     """Return a box extended down to its plane, unless evidence shows that it floats; see `foot_is_hidden`."""
     gap = box.foot_m(normal, offset)
     if gap > MIN_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):

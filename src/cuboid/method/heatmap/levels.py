@@ -99,14 +99,14 @@ class Levels:
         stored = self._stored
         if stored.cubes.bits[cubes].all():
             return
-        bare = np.unique(cubes[stored.cubes.bits[cubes] == 0])
-        stored.load(bare)
-        begun, parted = stored.blocks, np.empty(len(bare), bool)
+        undivided = np.unique(cubes[stored.cubes.bits[cubes] == 0])
+        stored.load(undivided)
+        first_new, parted = stored.blocks, np.empty(len(undivided), bool)
         words = words_of(stored.memory.rows)
-        kernel.split_cells(bare, stored.cubes, words, stored.points, *rows_of_a_cube(), parted)
-        stored.note_new_blocks(begun)
-        stored.unindexed[bare] = False
-        self.mark_viewed(bare[parted])
+        kernel.split_cells(undivided, stored.cubes, words, stored.points, *rows_of_a_cube(), parted)
+        stored.note_new_blocks(first_new)
+        stored.unindexed[undivided] = False
+        self.mark_viewed(undivided[parted])
 
     def mark_viewed(self, cubes: Rows) -> None:
         """Record that cubes (N,), each listed once, are accessed now."""

@@ -105,10 +105,10 @@ class MovingPoints:
     def _enter(self, keys: npt.NDArray[np.int64], taken: npt.NDArray[Any]) -> None:
         """Insert moved points into the cubes with these keys."""
         columns = columns_of(taken)
-        current, begun = self._anchors.anchors_after_motion(columns.anchor), self._stored.blocks
+        current, first_new = self._anchors.anchors_after_motion(columns.anchor), self._stored.blocks
         rows = np.empty(len(keys), np.int64)
         kernel.insert_points(keys, columns, current, self._stored.cubes, self._stored.points, rows)
-        self._stored.note_new_blocks(begun)
+        self._stored.note_new_blocks(first_new)
         rows = rows[rows >= 0]
         cubes = self._stored.cubes.cube_of[rows >> BLOCK_BITS]
         self._stored.owned_blocks.add_rows(self._stored.owner[rows], rows >> BLOCK_BITS)

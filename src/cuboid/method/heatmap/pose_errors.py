@@ -19,7 +19,7 @@ FINEST = 1
 # hand moves, the best motion leaves .9 and more; if poses are wrong by 3 to 26 cm, it leaves .1 to .4.
 UNEXPLAINED = 0.5
 # Two intensities agree if they differ by at most this number of gray levels: light changes as the camera moves.
-ALIKE = 24
+MAX_INTENSITY_DIFFERENCE = 24
 
 
 def true_motion(
@@ -64,5 +64,5 @@ def _disagreeing(
     intensity, _, _, depth_m = level.image[v, u].T
     read, z = depth_m > 0, points[shown, 2]
     elsewhere = np.abs(depth_m - z) > JUMP_M + JUMP_SIGMAS * noise_per_m * z * z
-    unlike = np.abs(intensity - (shade[0] * old_level.intensity[shown] + shade[1])) > ALIKE
+    unlike = np.abs(intensity - (shade[0] * old_level.intensity[shown] + shade[1])) > MAX_INTENSITY_DIFFERENCE
     return int(np.count_nonzero(read & (elsewhere | unlike))) / max(1, int(np.count_nonzero(read)))

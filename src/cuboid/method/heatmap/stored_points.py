@@ -162,9 +162,9 @@ class StoredPoints:
         """One more than the highest block number; number 0 is not used."""
         return int(self.cubes.used[1])
 
-    def note_new_blocks(self, begun: int) -> None:
+    def note_new_blocks(self, first_new: int) -> None:
         """Record that the blocks from a number on were created in this visit."""
-        self.ready[begun : self.blocks] = self.visit
+        self.ready[first_new : self.blocks] = self.visit
 
     def fuse(
         self,
@@ -177,10 +177,10 @@ class StoredPoints:
         level: int = 0,
     ) -> Rows:
         """Fuse the pixels of a frame; return the cubes that contain its points. See `kernels.voxels.fuse`."""
-        begun, anchor = self.blocks, self.anchors.current_anchor(keyframe)
+        first_new, anchor = self.blocks, self.anchors.current_anchor(keyframe)
         voxel_m = self.voxel_m / 2 if level == FINE else self.voxel_m
         kernel.fuse(pixels, voxel_m, far_m, frame, turn, anchor, level, self.cubes, self.points, slots)
-        self.note_new_blocks(begun)
+        self.note_new_blocks(first_new)
         touched = self.seen[: lookup.touched(slots, self.cubes.cube_of, self.marks, self.seen)]
         self.anchors.has_points_in(anchor, touched)
         return touched

@@ -30,7 +30,7 @@ COARSEST = 1
 TRIED_M = 0.02
 # A reading lies on a point within this distance and its noise, metres. Two colors agree within this number of levels:
 # light changes as an object turns.
-ON_M, ALIKE = 0.01, 48
+ON_M, MAX_COLOR_CHANGE = 0.01, 48
 # If the balance of a place exceeds this, no other place is tried.
 CLEAR_BALANCE = 0.6
 # An object is found if this fraction of its points that nothing hides agree with the frame, ...
@@ -101,17 +101,17 @@ class Cluster:
         """
         if len(self._colors) < MIN_READINGS:
             return None
-        near = self._aligned(seen, levels, expected)
-        if near is not None and near.balance > CLEAR_BALANCE:
-            return near
+        fit = self._aligned(seen, levels, expected)
+        if fit is not None and fit.balance > CLEAR_BALANCE:
+            return fit
         steps = np.arange(-int(np.ceil(reach_m / TRIED_M)), 1 + int(np.ceil(reach_m / TRIED_M))) * TRIED_M
         shifts = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
         shifts = shifts[np.argsort((shifts**2).sum(1), kind="stable")]
         counts = self._counts(seen, expected, shifts)
         best = expected.copy()
         best[:3, 3] += shifts[np.argmax(counts[:, 0] - counts[:, 1])]
-        fits = [near, self._aligned(seen, levels, best)]
-        return max((fit for fit in fits if fit is not None), key=lambda fit: fit.balance, default=None)
+        fits = [fit, self._aligned(seen, levels, best)]
+        return max((found for found in fits if found is not None), key=lambda found: found.balance, default=None)
 
     def _aligned(self, seen: Observation, levels: tuple[Level, ...], start: Float64Array) -> Fit | None:
         """Return the place that an alignment finds from a start, T_now_start (4, 4); None if it does not fit."""
@@ -132,7 +132,7 @@ class Cluster:
         points = transform(T, self._points.points).astype(np.float32)
         normals = (self._points.normals @ T[:3, :3].T).astype(np.float32)
         view, T_camera = (image.depth_m, image.color), np.ascontiguousarray(seen.T_camera_world)
-        limits = ON_M, self._noise_per_m, ALIKE
+        limits = ON_M, self._noise_per_m, MAX_COLOR_CHANGE
         score_shifts(points, normals, self._colors, shifts, view, image.camera.pinhole, T_camera, *limits, counts)
         return counts
 
@@ -151,8 +151,8 @@ def _in_front(points: Float64Array, image: WorkingImage) -> npt.NDArray[np.int64
 
 def _normals(points: Float64Array) -> Float64Array:
     """Return the normals (N, 3) of the surface at points (N, 3) in the camera; they face it."""
-    _, near = cKDTree(points).query(points, min(NEIGHBOURS, len(points)))
-    neighbours = points[near.reshape(len(points), -1)]
+    _, nearest = cKDTree(points).query(points, min(NEIGHBOURS, len(points)))
+    neighbours = points[nearest.reshape(len(points), -1)]
     neighbours = neighbours - neighbours.mean(1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", neighbours, neighbours))
     normals = vectors[:, :, 0]

@@ -14,7 +14,7 @@ from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.outline import OWN_FRACTION, enclosed, ends_above, ends_beside
 from cuboid.method.objects.store import ObjectStore
 from cuboid.method.objects.validity import fits_object
-from cuboid.method.objects.visibility import ALIKE
+from cuboid.method.objects.visibility import MAX_COLOR_DIFFERENCE
 from cuboid.method.surfaces.kernels.outlines import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP
 from cuboid.method.surfaces.planes import PlaneTracker
 
@@ -116,7 +116,7 @@ def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> b
     color of too many objects to be evidence.
     """
     plane, color = planes.find(entry.plane), entry.mean_color
-    if plane is None or np.ptp(color) <= ALIKE:
+    if plane is None or np.ptp(color) <= MAX_COLOR_DIFFERENCE:
         return False
     normal, offset = planes.in_world(plane)
     height = entry.points @ normal + offset
@@ -127,7 +127,7 @@ def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> b
         other.log_odds > 0.0
         and other.box.size.prod() > entry.box.size.prod()
         # An object that has no box yet may have any color.
-        and (not len(other.points) or np.abs(other.mean_color - color).max() <= ALIKE)
+        and (not len(other.points) or np.abs(other.mean_color - color).max() <= MAX_COLOR_DIFFERENCE)
         for other in store.all_of(store.affinity.partners(entry.number))
     )
 

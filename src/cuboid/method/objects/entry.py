@@ -117,7 +117,7 @@ class MapObject(ObjectRecord):
         Number of the object that it is attached to, if nothing supported it from below at the last fit; 0: none.
     moved : bool
         Whether it was seen to move by itself.
-    taken_by : MapObject or None
+    merged_into : MapObject or None
         The object into which it was merged.
     """
 
@@ -134,14 +134,14 @@ class MapObject(ObjectRecord):
     supports_plane: bool = False
     holder: int = 0
     moved: bool = field(default_factory=bool, metadata=ADDED)
-    taken_by: MapObject | None = field(default=None, metadata=TRANSIENT)
+    merged_into: MapObject | None = field(default=None, metadata=TRANSIENT)
 
     @property
     def survivor(self) -> MapObject:
         """The object into which it was merged, transitively; the object itself if it was not merged."""
         entry = self
-        while entry.taken_by is not None:
-            entry = entry.taken_by
+        while entry.merged_into is not None:
+            entry = entry.merged_into
         return entry
 
     @property

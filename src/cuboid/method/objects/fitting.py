@@ -14,7 +14,7 @@ from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.tolerances import DRIFT_M, MIN_READINGS, SIGMAS
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.fit import fit_box
-from cuboid.method.boxes.hidden import with_foot
+from cuboid.method.boxes.hidden import with_hidden_foot
 from cuboid.method.heatmap.stored_points import Rows
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.boxing import Boxing
@@ -22,7 +22,7 @@ from cuboid.method.objects.continuation import is_structure
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.outline import CLEAR, ends_above
 from cuboid.method.objects.store import ObjectStore
-from cuboid.method.objects.support import above_support_rim, encloses, find_holder
+from cuboid.method.objects.support import above_support_rim, encloses, find_attachment
 from cuboid.method.objects.validity import fits_object, too_large
 from cuboid.method.surfaces.plane import Plane
 from cuboid.method.surfaces.planes import PlaneTracker
@@ -72,13 +72,13 @@ class Fitting:
         confirmed = [o for o in waiting if o.confirmed][:FITS]
         likely = [o for o in waiting if not o.confirmed and o.log_odds > 0][:FITS]
         for entry in confirmed + likely:
-            self.fit(entry, eye, _times_grown(entry))
+            self.fit(entry, eye, _fits_due(entry))
 
-    def fit(self, entry: MapObject, eye: Float64Array | None = None, times: int = 1) -> None:
+    def fit(self, entry: MapObject, eye: Float64Array | None = None, counted: int = 1) -> None:
         """Fit the box of an object; retire it if it has too few voxels, or if it has grown too large.
 
         If the camera position `eye` (3,), world, metres, is given, the points are denoised along the camera's rays.
-        `times` is the number of fits for which this one counts: those that new viewpoints at each sighting would have
+        `counted` is the number of fits for which this one counts: those that new viewpoints at each sighting would have
         caused.
         """
         rows = self._voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
@@ -91,8 +91,8 @@ class Fitting:
         stored = self._voxels.stored
         points = stored.xyz(rows)
         others = [o.box for o in self._store.neighbours(entry) if o.confirmed]
-        bare, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others, eye)
-        box = bare if rests is None else with_foot(bare, *rests, others, self._voxels)
+        seen_box, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others, eye)
+        box = seen_box if rests is None else with_hidden_foot(seen_box, *rests, others, self._voxels)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
             # A floating object may stand on a plane that was not known yet: estimate its support again from later
             # sightings.
@@ -107,17 +107,17 @@ class Fitting:
             plane=None if plane is None else plane.identity,
             supports=supports,
         )
-        near = self._store.neighbours(entry)
-        holder = 0 if rests is None else find_holder(entry, *rests, near, self._voxels)
-        labelled = [o for o in near if o.confirmed]
+        neighbours = self._store.neighbours(entry)
+        holder = 0 if rests is None else find_attachment(entry, *rests, neighbours, self._voxels)
+        labelled = [o for o in neighbours if o.confirmed]
         supports_plane = self._supports_plane(entry) or encloses(entry, labelled, self._voxels.voxel_m)
         structure = supports_plane or self._is_structure(entry, box, noise_m, labelled)
         if plane is not None and not structure and not holder:
-            self._store.place(entry, self._with_seat(entry, bare, plane, near))
+            self._store.place(entry, self._with_seat(entry, seen_box, plane, neighbours))
         if structure:
             self._store.add_evidence(entry, -STRUCTURE)
             # Candidates are fitted only while they are likely.
-            while (times := times - 1) > 0 and entry.log_odds > 0:
+            while (counted := counted - 1) > 0 and entry.log_odds > 0:
                 self._store.add_evidence(entry, -STRUCTURE)
         # Regardless of its outline: an object that supports a plane, or encloses others, at two successive fits is
         # furniture.
@@ -167,21 +167,21 @@ class Fitting:
             return True
         return self._planes.has_plane_on_top(entry.box) and not ends_above(entry.outline)
 
-    def _with_seat(self, entry: MapObject, bare: Box, plane: Plane, near: Sequence[MapObject]) -> Box:
+    def _with_seat(self, entry: MapObject, seen_box: Box, plane: Plane, neighbours: Sequence[MapObject]) -> Box:
         """Return the box of a floating object extended by its seat and down to its plane, as for the legs of a chair.
 
-        `bare` is the box without a hidden foot; it decides whether the object floats. An object that is higher above
-        its plane than its longest side hangs, and an object on top of another one has no legs.
+        `seen_box` is the box without a hidden foot; it decides whether the object floats. An object that is higher
+        above its plane than its longest side hangs, and an object on top of another one has no legs.
         """
         box, (normal, offset) = entry.box, self._planes.in_world(plane)
-        if not DRIFT_M < bare.foot_m(normal, offset) <= bare.size.max():
+        if not DRIFT_M < seen_box.foot_m(normal, offset) <= seen_box.size.max():
             return box
-        foot = bare.center - bare.size[2] / 2.0 * normal
+        foot = seen_box.center - seen_box.size[2] / 2.0 * normal
         seat = self._planes.seat_of(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS], plane)
-        if not len(seat) or any(o.confirmed and o.box.contains(foot[None], DRIFT_M)[0] for o in near):
+        if not len(seat) or any(o.confirmed and o.box.contains(foot[None], DRIFT_M)[0] for o in neighbours):
             return box
         feet = seat - np.outer(seat @ normal + offset, normal)
-        extended = fit_box(np.concatenate([bare.corners(), seat, feet]), normal, offset, 0.0)
+        extended = fit_box(np.concatenate([seen_box.corners(), seat, feet]), normal, offset, 0.0)
         return box if too_large(extended, self._config) else extended
 
     def _above(self, points: Float32Array, normal: Float64Array, offset: float) -> npt.NDArray[np.bool_]:
@@ -193,7 +193,7 @@ class Fitting:
         return above if np.count_nonzero(above) >= MIN_READINGS else np.ones(len(points), bool)
 
 
-def _times_grown(entry: MapObject) -> int:
+def _fits_due(entry: MapObject) -> int:
     """Return how often the number of sightings has grown by `GROWN` since the last fit, at least one sighting each."""
     if not entry.fitted and len(entry.points):
         return 1

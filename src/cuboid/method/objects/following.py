@@ -40,14 +40,16 @@ from cuboid.method.surfaces.planes import PlaneTracker
 
 # An object begins to move when frames see through the first fraction of the visible part of its place. It has left when
 # this number of frames in a row see through the second fraction.
-STIRS, LEFT, IN_A_ROW = 0.2, 0.5, 3
+MOVING_FRACTION, DEPARTED_FRACTION, MIN_FRAMES = 0.2, 0.5, 3
 # An object can leave only if something moved within this distance of it, metres: about the width of a hand.
-NEAR_M = 0.1
+MOTION_GAP_M = 0.1
 # Largest distance of an object from its place in the first frame of its motion, and later from its expected place,
 # metres.
 FIRST_REACH_M, REACH_M = 0.08, 0.04
 # A followed object has moved if its new place explains more of its points than its last one, by this fraction.
-BETTER = 0.05
+MOVED_BETTER = 0.05
+# An object that begins to move is elsewhere if the other place explains more of its points, by this fraction.
+ELSEWHERE_BETTER = 0.2
 # A followed object that is not found in this many frames in a row is lost.
 LOST_FRAMES = 6
 # An object is at rest after it has stood on a surface for this time, seconds, or has not moved for two seconds: its
@@ -134,10 +136,10 @@ class Following:
         self._followed: list[_Followed] = []
         self._gone: list[_Gone] = []
         # Times of the last frames with motion near each object, by number, seconds.
-        self._near_s: dict[int, deque[float]] = {}
+        self._motion_s: dict[int, deque[float]] = {}
         # Number of frames in a row in which each object began to move, and left, by number.
-        self._stirs: dict[int, int] = {}
-        self._leaves: dict[int, int] = {}
+        self._moving_frames: dict[int, int] = {}
+        self._departed_frames: dict[int, int] = {}
         # Objects that came to rest, each with the time until which readings in its place count as still.
         self._settled: list[tuple[MapObject, float]] = []
         # Time of the last frame with motion at each candidate, by number.
@@ -172,7 +174,7 @@ class Following:
         if seen.moving is not None:
             places = _points_of(seen)
             self._arrivals.note_motion(places)
-            self._note_near(places, time_s)
+            self._note_motion(places, time_s)
         self._find_leaving(seen, time_s)
         for followed in list(self._followed):
             self._follow(followed, seen, time_s)
@@ -214,23 +216,23 @@ class Following:
             points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
             stays, passed = count_passed(points, image.depth_m, pinhole, T, IN_PLACE_M, noise)
             enough = passed >= MIN_READINGS
-            self._count(self._stirs, entry, enough and passed >= STIRS * (stays + passed))
-            self._count(self._leaves, entry, enough and passed >= LEFT * (stays + passed))
-            if self._stirs.get(entry.number, 0):
+            self._count(self._moving_frames, entry, enough and passed >= MOVING_FRACTION * (stays + passed))
+            self._count(self._departed_frames, entry, enough and passed >= DEPARTED_FRACTION * (stays + passed))
+            if self._moving_frames.get(entry.number, 0):
                 self._let_go(entry, seen, time_s)
 
-    def _note_near(self, places: Float32Array, time_s: float) -> None:
+    def _note_motion(self, places: Float32Array, time_s: float) -> None:
         """Record near which labelled objects something moves."""
-        centers = (np.unique(np.floor(places / NEAR_M), axis=0) + 0.5) * NEAR_M
+        centers = (np.unique(np.floor(places / MOTION_GAP_M), axis=0) + 0.5) * MOTION_GAP_M
         for entry in self._store.confirmed():
-            if entry.box.distances_m(centers).min(initial=np.inf) < NEAR_M:
-                self._near_s.setdefault(entry.number, deque(maxlen=IN_A_ROW)).append(time_s)
+            if entry.box.distances_m(centers).min(initial=np.inf) < MOTION_GAP_M:
+                self._motion_s.setdefault(entry.number, deque(maxlen=MIN_FRAMES)).append(time_s)
 
     def _may_leave(self, time_s: float) -> list[MapObject]:
         """Return the labelled objects near which something moved in enough frames, the last not long ago."""
-        self._near_s = {number: at_s for number, at_s in self._near_s.items() if time_s - at_s[-1] < GONE_S}
-        near = {number for number, at_s in self._near_s.items() if len(at_s) == IN_A_ROW}
-        return [entry for entry in self._store.confirmed() if entry.number in near] if near else []
+        self._motion_s = {number: at_s for number, at_s in self._motion_s.items() if time_s - at_s[-1] < GONE_S}
+        numbers = {number for number, at_s in self._motion_s.items() if len(at_s) == MIN_FRAMES}
+        return [entry for entry in self._store.confirmed() if entry.number in numbers] if numbers else []
 
     @staticmethod
     def _count(counts: dict[int, int], entry: MapObject, again: bool) -> None:
@@ -250,7 +252,7 @@ class Following:
             self._remove(entry)
             followed = _Followed(entry, profile, cluster, box, entry.points, time_s)
             self._followed.append(followed)
-        elif self._leaves.get(entry.number, 0) >= IN_A_ROW:
+        elif self._departed_frames.get(entry.number, 0) >= MIN_FRAMES:
             self._remove(entry)
             if not young:
                 self._gone.append(_Gone(entry, color_profile_of(entry), entry.box, time_s))
@@ -260,7 +262,7 @@ class Following:
         return since_s is not None and time_s - since_s < REST_S
 
     def _remove(self, entry: MapObject) -> None:
-        for counts in (self._stirs, self._leaves):
+        for counts in (self._moving_frames, self._departed_frames):
             counts.pop(entry.number, None)
         self._settled = [settled for settled in self._settled if settled[0] is not entry]
         self._store.lift(entry)
@@ -275,7 +277,7 @@ class Following:
         expected = followed.step @ followed.T
         stays = followed.cluster.fit_at(seen, followed.T)
         found = followed.cluster.find(seen, self._levels_of(seen), expected, REACH_M)
-        if stays is not None and (found is None or found.balance < stays.balance + BETTER):
+        if stays is not None and (found is None or found.balance < stays.balance + MOVED_BETTER):
             found = stays
         if found is None:
             followed.missed += 1
@@ -470,4 +472,4 @@ def _mark_inside(box: Box, beyond_m: float, seen: Observation, marks: UInt8Array
 def _is_elsewhere(found: Fit, in_place: Fit | None, box: Box) -> bool:
     """Return whether an object was found elsewhere, and clearly better than in its place."""
     far = np.linalg.norm(transform(found.T_now_start, box.center) - box.center) > STILL_M
-    return bool(far and (in_place is None or found.balance >= in_place.balance + STIRS))
+    return bool(far and (in_place is None or found.balance >= in_place.balance + ELSEWHERE_BETTER))

@@ -26,7 +26,7 @@ COVERED_FRACTION = 0.6
 KNOWN_BENEATH_FRACTION = 0.8
 
 
-def find_holder(
+def find_attachment(
     entry: MapObject, normal: Float64Array, offset: float, others: Iterable[MapObject], voxels: VoxelMap
 ) -> int:
     """Return the number of the object to which an unsupported object is attached; 0 if there is none.

@@ -27,7 +27,7 @@ MIN_VISIBLE_FRACTION = 0.1
 BLEND_GAIN = 0.2
 # Largest difference per channel, of 255, between the color of a pixel and of a point that agree: noise, exposure, and
 # texture finer than a voxel.
-ALIKE = EDGE_LEVELS // 3
+MAX_COLOR_DIFFERENCE = EDGE_LEVELS // 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ def measure_visibility(
     surfaces = kernel.Surfaces(np.concatenate(points), np.concatenate(colors), ends, _feet(boxes), numbers)
     pinhole, T = c.pinhole, np.ascontiguousarray(observed.T_camera_world)
     view = kernel.View(image.depth_m, image.color, slots, owner, pinhole, T)
-    kernel.count_seen(surfaces, view, noise_per_m, DRIFT_M, ALIKE, counts, corners)
+    kernel.count_seen(surfaces, view, noise_per_m, DRIFT_M, MAX_COLOR_DIFFERENCE, counts, corners)
     seen, hidden, unknown = counts.T
     visible = seen / np.maximum(1.0, seen + hidden + 0.5 * unknown)
     seen_enough = (visible >= MIN_VISIBLE_FRACTION) & (seen >= MIN_READINGS)

@@ -166,12 +166,13 @@ class WithoutDepth:
         distance_m = max(float(np.linalg.norm(entry.center - seen.eye)), NEAREST_M)
         along = np.outer(direction, direction)
         across = np.eye(3) - along
-        sure = weight / (distance_m * max(DIRECTION_RAD, DIRECTION_SIZE * size_rad)) ** 2
-        information, vector = sure * across, sure * (across @ seen.eye)
+        precision = weight / (distance_m * max(DIRECTION_RAD, DIRECTION_SIZE * size_rad)) ** 2
+        information, vector = precision * across, precision * (across @ seen.eye)
         read_m = distance_of(box, seen)
         if read_m is not None:
-            near = weight / (DISTANCE * read_m) ** 2
-            information, vector = information + near * along, vector + near * (along @ (seen.eye + read_m * direction))
+            precision = weight / (DISTANCE * read_m) ** 2
+            information = information + precision * along
+            vector = vector + precision * (along @ (seen.eye + read_m * direction))
         self._store.add_ray(entry, information, vector)
 
     def _start(self, found: Detections, k: int, shown_xyxy: Float64Array, seen: Observation) -> None:

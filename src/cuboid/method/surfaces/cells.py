@@ -14,7 +14,7 @@ from cuboid.ground.core.kernels import cells as kernel
 from cuboid.ground.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M
 
 # Level patches are searched only beyond this distance, metres (an arm's length); nearer, cells show the same.
-NEAR_M = 1.2
+PATCHES_BEYOND_M = 1.2
 # Smallest number of cells of a surface.
 MIN_CELLS = 6
 # A cell is flat if its residual of 1/z is within JUMP_SIGMAS of the sensor's noise: dark and shiny table tops show 1.5
@@ -51,8 +51,8 @@ class Cells:
 def patch_pixels(camera: Intrinsics) -> int:
     """Return the edge of a patch in a camera's image, pixels: half a cell.
 
-    Beyond `NEAR_M`, level patches are searched in addition to cells: of a distant shelf seen at a grazing angle, no
-    cell shows the board alone.
+    Beyond `PATCHES_BEYOND_M`, level patches are searched in addition to cells: of a distant shelf seen at a grazing
+    angle, no cell shows the board alone.
     """
     return cell_pixels(camera) // 2
 
@@ -109,7 +109,7 @@ def with_level_patches(
     patches = np.empty((rows * columns, 5))
     R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
     seen_by, patch = (image.depth_m, image.camera.pinhole, up @ R), patch_pixels(image.camera)
-    number = kernel.level_patches(*seen_by, patch, noise_per_m, NEAR_M, max_depth_m, skip, patches)
+    number = kernel.level_patches(*seen_by, patch, noise_per_m, PATCHES_BEYOND_M, max_depth_m, skip, patches)
     level = patches[:number]
     return Cells(
         places=np.concatenate([cells.places, np.repeat(level[:, 4:].astype(np.int64), 4, axis=1)]),

@@ -55,7 +55,7 @@ class Plane(WatchedRecord):
         Whether objects may stand on it.
     plan : GroundPlan
         The area that it covers.
-    taken_by : Plane or None
+    absorbed_by : Plane or None
         The plane that absorbed this one.
     keyframes : (K,) int64
         Keyframes that saw it.
@@ -76,7 +76,7 @@ class Plane(WatchedRecord):
     last_frame: int = 0
     in_use: bool = False
     plan: GroundPlan = field(default_factory=GroundPlan)
-    taken_by: Plane | None = field(default=None, metadata=TRANSIENT)
+    absorbed_by: Plane | None = field(default=None, metadata=TRANSIENT)
     keyframes: Keyframes = field(default_factory=lambda: np.zeros(0, np.int64))
     keyframe_moments: Float64Array = field(default_factory=lambda: np.zeros((0, 13)))
     first_frame: int = field(default_factory=int, metadata=ADDED)
@@ -108,7 +108,7 @@ class Plane(WatchedRecord):
         self.in_use |= other.in_use
         self.fit()
         self.plan.absorb(other.plan)
-        other.taken_by = self
+        other.absorbed_by = self
 
     def fit(self) -> None:
         """Compute normal and offset: a horizontal plane, tilted only as far as its points require.

@@ -169,7 +169,7 @@ class PlaneTracker:
         tracker._vote, tracker._next_identity = state.vote, state.next_identity
         tracker.T_plan_world = state.T_plan_world
         tracker.planes = list(planes.values())
-        tracker._of = {identity: planes[heir] for identity, heir in state.of.items()}
+        tracker._of = {identity: planes[absorber] for identity, absorber in state.of.items()}
         tracker._windows, tracker._last_update, tracker._as_seen = state.windows, state.last_update, state.as_seen
         tracker._main = None if state.main is None else planes[state.main]
         tracker._stale = {planes[identity] for identity in state.stale}
@@ -391,8 +391,8 @@ class PlaneTracker:
         for k, plane in enumerate(self.planes):
             plane.index = k
         self._windows.retain(keep)
-        heirs = {identity: _survivor(plane) for identity, plane in self._of.items()}
-        self._of = {identity: heir for identity, heir in heirs.items() if heir is not None}
+        survivors = {identity: _survivor(plane) for identity, plane in self._of.items()}
+        self._of = {identity: plane for identity, plane in survivors.items() if plane is not None}
         self._stale, self._changed = ({p for p in planes if p.index >= 0} for planes in (self._stale, self._changed))
 
     def find(self, identity: int | None) -> Plane | None:
@@ -476,5 +476,5 @@ class PlaneTracker:
 def _survivor(plane: Plane | None) -> Plane | None:
     """Return the plane that absorbed a plane, or the plane itself; None if neither exists any more."""
     while plane is not None and plane.index < 0:
-        plane = plane.taken_by
+        plane = plane.absorbed_by
     return plane

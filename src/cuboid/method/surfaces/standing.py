@@ -175,12 +175,12 @@ def _areas_in_parts(
     free = np.flatnonzero((area_m2 > 0) & (cells[:, cell_kernel.RMS] < limit) & (member < 0))
     normals, centers = cells[:, cell_kernel.NX : cell_kernel.NZ + 1], cells[:, cell_kernel.CX : cell_kernel.CZ + 1]
     while len(free) >= MIN_CELLS and area_m2[free].sum() >= least_m2:
-        alike = normals[free] @ normals[free].T > SAME_COS
-        most_common = int(np.argmax(alike @ area_m2[free]))
-        same = free[alike[most_common]]
+        similar = normals[free] @ normals[free].T > SAME_COS
+        most_common = int(np.argmax(similar @ area_m2[free]))
+        same = free[similar[most_common]]
         if area_m2[same].sum() < least_m2:
             break
-        free = free[~alike[most_common]]
+        free = free[~similar[most_common]]
         normal = area_m2[same] @ normals[same]
         R = level_rotation(normal / np.linalg.norm(normal))
         area_cells = same[largest_level(centers[same] @ R.T, area_m2[same], np.arange(len(same)), config.max_size_m)]

@@ -25,18 +25,18 @@ from cuboid.runs.tracking.posed_tracker import PosedTracker
 # An object is unmoved if at least STILL_FRACTION of its old points lie within STILL_M metres of its new points, or if
 # its centre has moved by at most STILL_MIDDLE_M metres.
 STILL_M, STILL_FRACTION, STILL_MIDDLE_M = 0.025, 0.5, 0.03
-# An object is gone if at least CARVED of its old points were carved, less than SEEN_AGAIN of them were seen again, and
-# less than LEFT of it is left: a rim at its foot that looks like its support.
-CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
+# An object is gone if at least CARVED_FRACTION of its old points were carved, less than SEEN_AGAIN_FRACTION of them
+# were seen again, and less than REMAINING_FRACTION of it is left: a rim at its foot that looks like its support.
+CARVED_FRACTION, SEEN_AGAIN_FRACTION, REMAINING_FRACTION = 0.5, 0.15, 0.3
 # An object in the place of an old one is a different object if their similarity is at most this and the old one is
 # gone.
 UNLIKE = 0.15
 # An old object may still be there although the map now has it as two objects, or as part of another one. Its label goes
 # to the new object that has at least this fraction of its points.
-HEIR_FRACTION = 0.25
-# A new object is a piece of another one if at least PIECE of its points lie within PIECE_M metres of an unchanged or
-# moved object, or of a larger new one.
-PIECE, PIECE_M = 0.5, 0.02
+OWNED_FRACTION = 0.25
+# A new object is a piece of another one if at least PIECE_FRACTION of its points lie within PIECE_M metres of an
+# unchanged or moved object, or of a larger new one.
+PIECE_FRACTION, PIECE_M = 0.5, 0.02
 # Interval, in frames, at which moved objects are searched for.
 EVERY_FRAMES = 10
 
@@ -113,12 +113,16 @@ class Changes:
         fitted_anew = entry.box is not old.box and entry.last_frame >= self._first_frame
         in_place = _distance_m(entry.box, old.box) < 0.5 * max(old.box.size.max(), entry.box.size.max())
         replaced = fitted_anew and in_place and self._similarity(entry, old) < UNLIKE
-        if carved < CARVED and not replaced:
+        if carved < CARVED_FRACTION and not replaced:
             return
         rows = voxels.stored.rows_of(entry.number)
         again = voxels.stored.xyz(rows[voxels.stored.seen_since(rows, self._first_frame)])
         seen_again = fraction_near(old.points, again, STILL_M)
-        gone = seen_again < SEEN_AGAIN and carved >= CARVED and len(again) < LEFT * len(entry.points)
+        gone = (
+            seen_again < SEEN_AGAIN_FRACTION
+            and carved >= CARVED_FRACTION
+            and len(again) < REMAINING_FRACTION * len(entry.points)
+        )
         if gone or (replaced and len(again) and not self._standing(tracker, old).still):
             # The object that stands there now is found anew from later frames, not from the evidence of both visits.
             tracker.retire(entry, old.box)
@@ -142,7 +146,7 @@ class Changes:
                 gone.append(old)
             elif new:
                 fractions = [float((found.owners == o.number).mean()) for o in new]
-                if max(fractions) >= HEIR_FRACTION:
+                if max(fractions) >= OWNED_FRACTION:
                     tracker.take_over(new.pop(int(np.argmax(fractions))), old)
         if gone and new:
             self._find_moved(tracker, gone, new)
@@ -205,7 +209,7 @@ class Changes:
         for entry in sorted(entries, key=lambda o: (-float(o.box.size.prod()), o.label)):
             if entry.label not in old_objects and entry.confirmed and entry.first_frame >= self._first_frame:
                 is_new = self._before.was_seen(tracker, entry) and not self._before.may_have_stood(tracker, entry)
-                is_new = is_new and fraction_near(entry.points, known_points, PIECE_M) < PIECE
+                is_new = is_new and fraction_near(entry.points, known_points, PIECE_M) < PIECE_FRACTION
                 found[entry.label] = Change(
                     entry.label, "new" if is_new else "found", None, tracker.in_world(entry.box).center
                 )

@@ -21,7 +21,7 @@ MANY_LOST, MIN_LOST = 0.1, 3
 # Fraction of pixels with readings below which a warning is given; real recordings at hand have 29 to 100 %.
 FEW_READINGS = 0.15
 # Plausible range of the median depth of a room or a table, metres; real recordings at hand have 0.44 to 2.2.
-NEAR_M, FAR_M = 0.2, 8.0
+NEAREST_MEDIAN_M, FARTHEST_MEDIAN_M = 0.2, 8.0
 # Largest distance at which objects are found, metres.
 REACH_M = 4.0
 # Points in results are 32-bit numbers; above this step between two such numbers, metres, rounding is larger than the
@@ -194,14 +194,14 @@ def _scale_or_poses(facts: RunFacts) -> str | None:
         if better is not None:
             return better
     median_m = facts.depth_median_m
-    if median_m is not None and not NEAR_M <= median_m <= FAR_M:
+    if median_m is not None and not NEAREST_MEDIAN_M <= median_m <= FARTHEST_MEDIAN_M:
         if fit is not None and _proves_scale(fit):
-            where = "far away" if median_m > FAR_M else "near"
+            where = "far away" if median_m > FARTHEST_MEDIAN_M else "near"
             return (
                 f"the median depth is {median_m:.2g} m, and depth and poses agree in scale: if the scene is not that "
                 f"{where}, both are in another unit than metres"
             )
-        likely = units * (10 if median_m > FAR_M else 0.1)
+        likely = units * (10 if median_m > FARTHEST_MEDIAN_M else 0.1)
         return (
             f"the depth scale of {units:g} units per metre is probably wrong: the median depth is {median_m:.2g} m; "
             f"at --depth-scale {likely:g} it is {median_m * units / likely:.2g} m"

@@ -9,7 +9,7 @@ from cuboid.ground.core.tolerances import JUMP_SIGMAS, NEAREST_M
 
 
 @kernel
-def score_shifts(points, normals, colors, shifts, view, camera, T_camera_world, margin, noise, alike, counts):
+def score_shifts(points, normals, colors, shifts, view, camera, T_camera_world, margin, noise, max_difference, counts):
     """Count, for each of several shifts of a cluster, the points that a frame confirms, and those it sees through.
 
     Parameters
@@ -25,7 +25,7 @@ def score_shifts(points, normals, colors, shifts, view, camera, T_camera_world, 
     T_camera_world : (4, 4) float64
     margin, noise : float
         A reading agrees with a point within the margin, metres, plus four standard deviations, noise times z squared.
-    alike : int
+    max_difference : int
         Largest difference per channel, of 255, between colors that agree.
     counts : (S, 3) int64, output
         Points that face the camera: those that agree, those seen through, and all inside the image.
@@ -60,5 +60,5 @@ def score_shifts(points, normals, colors, shifts, view, camera, T_camera_world, 
                 continue
             same = True
             for c in range(3):
-                same &= abs(np.int64(color[v, u, c]) - np.int64(colors[k, c])) <= alike
+                same &= abs(np.int64(color[v, u, c]) - np.int64(colors[k, c])) <= max_difference
             counts[s, 0] += same

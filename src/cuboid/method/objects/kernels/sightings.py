@@ -62,7 +62,7 @@ class View(NamedTuple):
 
 
 @kernel
-def count_seen(surfaces, view, noise, agree, alike, counts, corners):
+def count_seen(surfaces, view, noise, agree, max_difference, counts, corners):
     """Count, for each object, the points that a frame sees, the hidden points, and the unknown points.
 
     A point is seen if the reading at its pixel agrees with it; without a reading, if the color agrees. A point behind a
@@ -81,7 +81,7 @@ def count_seen(surfaces, view, noise, agree, alike, counts, corners):
         The standard deviation of depth is this value times z squared.
     agree : float
         A reading agrees with a point within this distance, metres, or within three standard deviations.
-    alike : int
+    max_difference : int
         Largest difference per channel, of 255, between colors that agree.
     counts : (n, 3) int64, output
         Points seen, hidden, and unknown.
@@ -111,7 +111,7 @@ def count_seen(surfaces, view, noise, agree, alike, counts, corners):
                     reading, row, same = depth[y, x], slots[y, x], True
                     of_object = row >= 0 and owner[row] == numbers[k]
                     for c in range(3):
-                        same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
+                        same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= max_difference
             within = max(agree, SIGMAS * noise * z * z)
             if ahead > NEAREST_M and (of_object or not 0.0 < reading < z - within):
                 # Limited to one image width or height outside: a point beside the camera would be infinitely far.

@@ -141,12 +141,12 @@ class ObjectStore(EvidenceWithoutDepth):
         """
         self._voxels.stored.release([entry.number for entry in entries if isinstance(entry, MapObject)])
         for entry in entries:
-            entry.state = State.RETIRED
             if isinstance(entry, MapObject):
                 self._close(entry)
                 if not entry.label:
                     del self._objects[entry.number]
             else:
+                entry.state = State.RETIRED
                 del self._without_depth[entry.number]
 
     def _close(self, entry: MapObject) -> None:
@@ -202,7 +202,7 @@ class ObjectStore(EvidenceWithoutDepth):
         self.affinity.transfer(gone.number, kept.number)
         self._close(gone)
         del self._objects[gone.number]
-        gone.taken_by = kept
+        gone.merged_into = kept
         return kept, gone
 
     def merge_without_depth(

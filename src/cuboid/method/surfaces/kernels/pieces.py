@@ -18,17 +18,17 @@ def find_root(parent, a):
 
 
 @kernel
-def label_regions(depth, assigned, noise, jump, parent, labels):
+def label_regions(depth, assigned, noise, jump_m, parent, labels):
     """Number the 8-connected regions of pixels of one proposal with continuous depth.
 
-    Neighbours are connected if their depths differ by less than `jump` (metres) plus the noise of two readings.
+    Neighbours are connected if their depths differ by less than `jump_m` plus the noise of two readings.
 
     Parameters
     ----------
     depth : (H, W) float32
     assigned : (H, W) int32
         Proposal of each pixel, -1: none.
-    noise, jump : float
+    noise, jump_m : float
     parent : (H * W,) int32, scratch
     labels : (H, W) int32, output
         From 1 in the order of their first pixel, 0 elsewhere.
@@ -48,7 +48,7 @@ def label_regions(depth, assigned, noise, jump, parent, labels):
                 continue
             parent[pixel] = root = pixel
             z, proposal = row_depth[u], row[u]
-            limit = jump + JUMP_SIGMAS * noise * z * z
+            limit = jump_m + JUMP_SIGMAS * noise * z * z
             for k in range(4):
                 uu = u + k - 1 if k < 3 else u - 1
                 if uu < 0 or uu >= columns or (v == 0 and k < 3):

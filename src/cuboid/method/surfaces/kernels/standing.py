@@ -52,7 +52,7 @@ def lie_on(depth, camera, planes, noise, floor, bias, max_depth, on):
 
 
 @kernel
-def label_pieces(depth, on, noise, jump, labels, queue):
+def label_pieces(depth, on, noise, jump_m, labels, queue):
     """Number the connected pieces of surface on no plane, cut at depth jumps.
 
     Parameters
@@ -61,7 +61,7 @@ def label_pieces(depth, on, noise, jump, labels, queue):
     on : (H, W) int8
         From `lie_on`.
     noise : float
-    jump : float
+    jump_m : float
         Larger depth steps, beyond noise, are jumps, metres.
     labels : (H, W) int32, output
         From 0; -1 elsewhere.
@@ -86,7 +86,7 @@ def label_pieces(depth, on, noise, jump, labels, queue):
                 v, u = queue[head]
                 head += 1
                 z = depth[v, u]
-                limit = jump + JUMP_SIGMAS * noise * z * z
+                limit = jump_m + JUMP_SIGMAS * noise * z * z
                 for k in range(4):
                     vv, uu = v + (k == 0) - (k == 1), u + (k == 2) - (k == 3)
                     if vv < 0 or uu < 0 or vv >= rows or uu >= columns:
@@ -133,14 +133,14 @@ def gather_pieces(labels, starts, pixels):
 
 
 @kernel
-def bounds(depth, on, labels, noise, jump, reach, touches, others):
+def bounds(depth, on, labels, noise, jump_m, reach, touches, others):
     """Count the kinds of neighbours across the outline of each piece: a plane that it touches, or something else.
 
     The first reading outwards decides, across holes up to `reach` pixels at 1 m; if there is none, nothing is counted.
 
     Parameters
     ----------
-    depth, on, labels, noise, jump
+    depth, on, labels, noise, jump_m
         See `label_pieces`.
     reach : float
         Pixels times metres.
@@ -163,7 +163,7 @@ def bounds(depth, on, labels, noise, jump, reach, touches, others):
             ):
                 continue
             z = depth[v, u]
-            limit = jump + JUMP_SIGMAS * noise * z * z
+            limit = jump_m + JUMP_SIGMAS * noise * z * z
             for k in range(4):
                 dv, du = (k == 0) - (k == 1), (k == 2) - (k == 3)
                 for n in range(1, max(2, int(reach / z)) + 1):
