@@ -11,7 +11,7 @@ from rich.console import Console
 
 from cuboid.cli import progress as module
 from cuboid.cli.progress import COMPILING, CompileCount, LineProgress, TerminalProgress, about_left
-from cuboid.ground.core import compiled, compiletime
+from cuboid.ground.compiling import compiled, compiletime
 from cuboid.ground.core.results import FrameResult
 from fakes import INTRINSICS, FakeRecording, FakeTracker
 

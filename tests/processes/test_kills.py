@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from commands import command, contents, run
 
+from cuboid.ground.formats import folder as folders
 from cuboid.ground.formats.folder import ResultFolder
 from cuboid.results.files import Results
-from cuboid.results.files import folder as folders
 from fakes import write_recording
 
 # More with CUBOID_KILLS=100.

@@ -52,6 +52,7 @@ def labels(place: Place, **filters: Any) -> list[int]:
         ({"on": "3", "name": "crate"}, []),
         ({"near": (0.3, 0.0, 0.7), "within_m": 0.2}, [5, 3]),
         ({"near_object": "mug", "within_m": 0.1}, [3]),
+        ({"near": (0.3, 0.0, 0.7), "near_object": "mug", "within_m": 0.2}, [3]),
         ({"since": datetime(2026, 3, 1, 12, 0, 4, tzinfo=UTC)}, [1, 2, 3, 5]),
         ({"until": datetime(2026, 3, 1, 12, 0, 4, tzinfo=UTC)}, [4]),
     ],
@@ -66,7 +67,7 @@ def test_filters(place: Place, filters: dict[str, Any], expected: list[int]) -> 
 def test_in_a_large_map_relations_around_a_thing_are_those_of_the_whole(
     results: Path, place: Place, filters: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cuboid.services.queries.place.SMALL", 1)
+    monkeypatch.setattr("cuboid.services.queries.shared_map.SMALL", 1)
     monkeypatch.setattr("cuboid.services.queries.snapshot.NEAR_M", 0.3)
     large = open_place(str(results))
     assert large.find(Filters(**filters)) == place.find(Filters(**filters))

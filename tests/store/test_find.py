@@ -13,8 +13,11 @@ from made_stores import BEGIN, colors_of, put_run, run_of, thing
 
 from cuboid.cli import main
 from cuboid.fleet.store.compact import compact
+from cuboid.fleet.store.find import StoreObjects
 from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.schema import OBJECTS, TABLES
+from cuboid.services.queries.questions import last_seen
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +114,17 @@ def test_the_nearest_and_the_most_alike_come_first(capsys: pytest.CaptureFixture
     assert alike[:2] == ["kitchen-2#1", "office/desk#1"]
     assert "kitchen-1#1" not in alike
     assert found(capsys, store, "--like", "kitchen-1#1", "--limit", "1") == ["kitchen-2#1"]
+
+
+def test_a_store_answers_when_something_was_last_seen(tmp_path: Path) -> None:
+    """The question is the one that a scene, results and a run answer, see `tests/queries`."""
+    place = Place(str(tmp_path))
+    put_run(place, 1, [thing(1, name="cup"), thing(2, last_seen=BEGIN + timedelta(days=2))], recording="kitchen")
+    put_run(place, 2, [thing(2, name="Cup", last_seen=BEGIN + timedelta(days=1))], recording="office")
+    objects = StoreObjects(Tables(place.url))
+    assert [(row["recording"], row["label"]) for row in last_seen(objects, "cup")] == [("office", 2), ("kitchen", 1)]
+    assert [row["recording"] for row in last_seen(objects, "#2")] == ["kitchen", "office"]
+    assert last_seen(objects, "lamp") == []
 
 
 def test_pages_show_names_as_text(store: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

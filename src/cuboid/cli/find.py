@@ -45,24 +45,8 @@ def run(args: argparse.Namespace) -> int:
 
     limit_threads(1)
     model = ranking_model(args)
-    filters = Filters(
-        size_m=args.size,
-        near=args.near,
-        near_object=args.near_object,
-        within_m=args.within,
-        on=args.on,
-        inside=args.inside,
-        beside=args.beside,
-        recording=args.recording,
-        since=args.since,
-        until=args.until,
-        color=args.color,
-        name=args.name,
-        min_score=args.min_score,
-        like=args.like,
-        text=text_query(args.text, model),
-        limit=args.limit,
-    )
+    text = text_query(args.text, model)
+    filters = Filters(**{field: getattr(args, field) for _, field, *_ in CONDITIONS}, text=text, limit=args.limit)
     pictures = args.html is not None
     if is_place(args.place):
         rows = _in_place(args.place, filters, model, pictures=pictures)
@@ -119,43 +103,11 @@ def _table(rows: list[dict[str, Any]]) -> Table:
 def _add_filters(parser: argparse.ArgumentParser) -> None:
     """Add the conditions on objects."""
     which = parser.add_argument_group("conditions")
-    which.add_argument(
-        "--size", type=_word(sizes), metavar="A..B", help="range of the longest side, such as 8..14cm or 0.5m.."
-    )
-    which.add_argument(
-        "--near", type=_word(place), metavar="X,Y,Z", help="near a point in the world of the recordings, metres"
-    )
-    which.add_argument(
-        "--within",
-        type=_word(length),
-        default=0.5,
-        metavar="D",
-        help="largest distance from that point (default: 0.5m)",
-    )
-    which.add_argument("--near-object", metavar="LABEL|NAME", help="near another object, at most --within away")
-    which.add_argument("--on", metavar="LABEL|NAME|plane:N", help="on an object or a surface")
-    which.add_argument("--in", dest="inside", metavar="LABEL|NAME", help="in an object")
-    which.add_argument("--beside", metavar="LABEL|NAME", help="beside an object")
-    which.add_argument("--recording", metavar="GLOB", help="in recordings with this name, such as 'kitchen*'")
-    which.add_argument(
-        "--since",
-        type=_word(moment),
-        metavar="WHEN",
-        help="last seen after this date or time, such as 2026-03-01, or within the last 7d, 12h, 30min",
-    )
-    which.add_argument("--until", type=_word(moment), metavar="WHEN", help="last seen before this date or time")
-    which.add_argument(
-        "--color", metavar="WORD", help="at least 30 %% of the object has this color: red, blue, grey, ..."
-    )
-    which.add_argument("--name", metavar="NAME", help="name of the object, or class that a detector gave")
-    add_text(which)
-    which.add_argument("--min-score", type=float, metavar="S", help="least confidence that it is an object, 0 to 1")
-    which.add_argument(
-        "--like",
-        type=_word(thing),
-        metavar="RECORDING#LABEL",
-        help="most similar to this object first, by size, shape and colors",
-    )
+    for option, field, read, metavar, meaning in CONDITIONS:
+        default = 0.5 if field == "within_m" else None
+        which.add_argument(option, dest=field, type=read, default=default, metavar=metavar, help=meaning)
+        if field == "name":
+            add_text(which)
 
 
 def _word(read: Callable[[str], T]) -> Callable[[str], T]:
@@ -168,3 +120,28 @@ def _word(read: Callable[[str], T]) -> Callable[[str], T]:
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return read_word
+
+
+# Option, field of `Filters`, reader, placeholder, and help of each condition, in the order of the help.
+CONDITIONS: tuple[tuple[str, str, Callable[[str], Any], str, str], ...] = (
+    ("--size", "size_m", _word(sizes), "A..B", "range of the longest side, such as 8..14cm or 0.5m.."),
+    ("--near", "near", _word(place), "X,Y,Z", "near a point in the world of the recordings, metres"),
+    ("--within", "within_m", _word(length), "D", "largest distance from that point (default: 0.5m)"),
+    ("--near-object", "near_object", str, "LABEL|NAME", "near another object, at most --within away"),
+    ("--on", "on", str, "LABEL|NAME|plane:N", "on an object or a surface"),
+    ("--in", "inside", str, "LABEL|NAME", "in an object"),
+    ("--beside", "beside", str, "LABEL|NAME", "beside an object"),
+    ("--recording", "recording", str, "GLOB", "in recordings with this name, such as 'kitchen*'"),
+    (
+        "--since",
+        "since",
+        _word(moment),
+        "WHEN",
+        "last seen after this date or time, such as 2026-03-01, or within the last 7d, 12h, 30min",
+    ),
+    ("--until", "until", _word(moment), "WHEN", "last seen before this date or time"),
+    ("--color", "color", str, "WORD", "at least 30 %% of the object has this color: red, blue, grey, ..."),
+    ("--name", "name", str, "NAME", "name of the object, or class that a detector gave"),
+    ("--min-score", "min_score", float, "S", "least confidence that it is an object, 0 to 1"),
+    ("--like", "like", _word(thing), "RECORDING#LABEL", "most similar to this object first, by size, shape and colors"),
+)

@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from cuboid.cli.serving import add_address, listen
+from cuboid.cli.serving import add_address, listen, serve_app
 from cuboid.cli.text_model import add_text_model, serving_model
 
 if TYPE_CHECKING:
@@ -40,22 +40,12 @@ def run(args: argparse.Namespace) -> int:
         print(f"cuboid: {args.place} over standard input and output", file=sys.stderr, flush=True)
         server.run("stdio")
         return 0
-    import uvicorn
-
     from cuboid.services.service.mcp import application
 
-    address = listen(args.host, args.port, args.token)
-    try:
+    with listen(args.host, args.port, args.token) as address:
         url = address.url.replace("/?", "/mcp?") if address.token else f"{address.url}mcp"
-        print(f"{args.place} at {url} (Ctrl-C ends it)", flush=True)
         app = application(server, token=address.token, hosts=address.hosts)
-        config = uvicorn.Config(app, log_level="warning", server_header=False, access_log=False)
-        uvicorn.Server(config).run(sockets=[address.listening])
-    except KeyboardInterrupt:
-        print("ended")
-    finally:
-        address.listening.close()
-    return 0
+        return serve_app(app, address, f"{args.place} at {url}")
 
 
 def _server(path: str, model: TextModel | None) -> MCPServer:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
+from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -106,33 +107,42 @@ class _Rate:
         return (self.frames - 1) / max(now_s - self._first_s, 1e-9)
 
 
-class TerminalProgress(Progress):
-    """Context manager: a bar with frames per second and the number of objects."""
+def _bar(console: Console) -> Bar:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[state]}"),
+        TimeRemainingColumn(),
+    )
+    return Bar(*columns, console=console, transient=True)
 
-    def __init__(self, console: Console) -> None:
-        self._bar = Bar(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[state]}"),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-        )
-        self._task = self._bar.add_task("tracking", total=None, state="")
-        self._rate = _Rate()
-        self._state = ""
-        self._shown = ExitStack()
 
-    def __enter__(self) -> TerminalProgress:
-        self._shown.enter_context(self._bar)
-        self._shown.enter_context(showing_compilation(self._compiling))
-        return self
+class _Shown(Progress):
+    """Context manager: what it shows begins and ends with it."""
+
+    def __init__(self) -> None:
+        self._rate, self._shown = _Rate(), ExitStack()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._shown.close()
+
+
+class TerminalProgress(_Shown):
+    """Context manager: a bar with frames per second and the number of objects."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self._bar = _bar(console)
+        self._task = self._bar.add_task("tracking", total=None, state="")
+        self._state = ""
+
+    def __enter__(self) -> Self:
+        self._shown.enter_context(self._bar)
+        self._shown.enter_context(showing_compilation(self._compiling))
+        return self
 
     def start(self, frames: int | None) -> None:
         """Show the empty bar."""
@@ -176,24 +186,18 @@ class _Lines:
         print(f"cuboid: {text}", file=sys.stderr, flush=True)
 
 
-class LineProgress(Progress):
+class LineProgress(_Shown):
     """Context manager: a plain line every few seconds on standard error."""
 
     def __init__(self) -> None:
-        self._rate = _Rate()
+        super().__init__()
         self._done = 0
         self._of = ""
         self._lines = _Lines()
-        self._shown = ExitStack()
 
-    def __enter__(self) -> LineProgress:
+    def __enter__(self) -> Self:
         self._shown.enter_context(showing_compilation(self._lines.print_soon))
         return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._shown.close()
 
     def start(self, frames: int | None) -> None:
         """Store the number of frames."""
@@ -228,14 +232,7 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
             shown.enter_context(showing_compilation(lines.print_soon))
             yield lambda done, total: lines.print(f"{what}, {done} of {total}")
             return
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[state]}"),
-            TimeRemainingColumn(),
-        )
-        bar = shown.enter_context(Bar(*columns, console=console, transient=True))
+        bar = shown.enter_context(_bar(console))
         task = bar.add_task(what, total=None, state="")
         shown.enter_context(showing_compilation(lambda text: bar.update(task, state=text, refresh=True)))
         yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from cuboid.cli.serving import add_address, listen
+from cuboid.cli.serving import add_address, listen, serve_app
 from cuboid.cli.text_model import add_text_model, serving_model
 
 if TYPE_CHECKING:
@@ -34,19 +34,9 @@ def run(args: argparse.Namespace) -> int:
     of_one = is_place(args.place)
     (need_serve if of_one else need_cluster)("cuboid serve")
     limit_threads(1)
-    import uvicorn
-
-    address = listen(args.host, args.port, args.token)
-    try:
+    with listen(args.host, args.port, args.token) as address:
         app = _app(args.place, address, serving_model(args), of_one=of_one)
-        print(f"{args.place} at {address.url} (Ctrl-C ends it)", flush=True)
-        server = uvicorn.Server(uvicorn.Config(app, log_level="warning", server_header=False, access_log=False))
-        server.run(sockets=[address.listening])
-    except KeyboardInterrupt:
-        print("ended")
-    finally:
-        address.listening.close()
-    return 0
+        return serve_app(app, address, f"{args.place} at {address.url}")
 
 
 def _app(path: str, address: Address, model: TextModel | None, *, of_one: bool) -> Starlette:

@@ -7,9 +7,12 @@ import os
 import secrets
 import socket
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
+    from starlette.types import ASGIApp
+
     from cuboid.results.views.serving import PageServer
 
 
@@ -43,6 +46,19 @@ def serve(args: argparse.Namespace, what: str, page: PageServer) -> int:
     return 0
 
 
+def serve_app(app: ASGIApp, address: Address, said: str) -> int:
+    """Serve an ASGI application until Ctrl-C; return the exit status."""
+    import uvicorn
+
+    print(f"{said} (Ctrl-C ends it)", flush=True)
+    config = uvicorn.Config(app, log_level="warning", server_header=False, access_log=False)
+    try:
+        uvicorn.Server(config).run(sockets=[address.listening])
+    except KeyboardInterrupt:
+        print("ended")
+    return 0
+
+
 def port(text: str) -> int:
     """Parse the number of a port."""
     try:
@@ -70,7 +86,7 @@ def add_address(parser: argparse.ArgumentParser, default_port: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """The address at which a server listens.
+    """The address at which a server listens; a context manager, which closes it.
 
     Attributes
     ----------
@@ -87,6 +103,14 @@ class Address:
     token: str | None
     hosts: tuple[str, ...]
     url: str
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.listening.close()
 
 
 def listen(host: str, number: int, token: str | None) -> Address:

@@ -8,8 +8,6 @@ from typing import Any
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.middleware import Middleware
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
@@ -21,10 +19,9 @@ from cuboid.fleet.store.query import SharedTables, Tables
 from cuboid.fleet.store.summary import summarise_store
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.formats.folder import OUTPUT_NAMES
-from cuboid.ground.version import __version__
 from cuboid.method.text_search import TextModel
-from cuboid.results.views.guard import Guard
 from cuboid.results.views.serving import LOCAL_NAMES
+from cuboid.services.queries.api import guarded, openapi_document, query_parameters
 from cuboid.services.queries.parameters import PARAMETERS, TEXT, filters_of, given
 from cuboid.services.queries.rows import plain
 
@@ -38,24 +35,6 @@ PATHS = {
     ),
     "/api/failures": ("Recordings that are not done, by reason", ()),
 }
-
-
-class Store:
-    """The store behind the pages: it answers one query at a time, from the tables as they are then."""
-
-    def __init__(self, url: str) -> None:
-        self.url = url
-        self._tables = SharedTables(url)
-
-    async def ask(self, question: Callable[[Tables], Response]) -> Response:
-        """Answer in a thread; what is wrong with the question is an answer as well."""
-        return await run_in_threadpool(self._ask, question)
-
-    def _ask(self, question: Callable[[Tables], Response]) -> Response:
-        try:
-            return self._tables.ask(question)
-        except InputError as error:
-            return JSONResponse({"error": str(error)}, 400)
 
 
 def application(
@@ -79,25 +58,28 @@ def application(
     InputError
         There is no store at the URL.
     """
-    store = Store(url)
+    tables = SharedTables(url)
+
+    async def ask(question: Callable[[Tables], Response]) -> Response:
+        return await run_in_threadpool(tables.ask, question)
 
     async def summary(request: Request) -> Response:
         asked = dict(request.query_params)
 
-        def answer(tables: Tables) -> Response:
-            found = summarise_store(tables, WORST + MORE, given(asked).get("recording"))
+        def answer(of: Tables) -> Response:
+            found = summarise_store(of, WORST + MORE, given(asked).get("recording"))
             return HTMLResponse(summary_page(found, "the store", {"Recordings": "", "Objects": "objects"}, asked))
 
-        return await store.ask(answer)
+        return await ask(answer)
 
     async def search(request: Request) -> Response:
         asked = dict(request.query_params)
 
-        def answer(tables: Tables) -> Response:
+        def answer(of: Tables) -> Response:
             rows: list[dict[str, Any]] = []
             fault = ""
             try:
-                rows = find(tables, filters_of(given(asked), model), pictures=True)
+                rows = find(of, filters_of(given(asked), model), pictures=True)
             except InputError as error:  # the form shows it, with the values to correct
                 fault = str(error)
             links = {"Recordings": ".", "Objects": ""}
@@ -105,75 +87,48 @@ def application(
             page = found_page(rows, "Objects of the store", links, asked, fault, names)
             return HTMLResponse(page, 400 if fault else 200)
 
-        return await store.ask(answer)
+        return await ask(answer)
 
     async def objects(request: Request) -> Response:
-        asked = given(request.query_params)
-        return await store.ask(lambda tables: _rows("objects", find(tables, filters_of(asked, model))))
+        filters = given(request.query_params)
+        return await ask(lambda of: _rows("objects", find(of, filters_of(filters, model))))
 
     async def recordings(request: Request) -> Response:
         filters = filters_of(given(request.query_params))
-        return await store.ask(
-            lambda tables: _rows("recordings", summarise_store(tables, filters.limit, filters.recording).worst)
-        )
+        return await ask(lambda of: _rows("recordings", summarise_store(of, filters.limit, filters.recording).worst))
 
     async def failures(request: Request) -> Response:
-        return await store.ask(lambda tables: _rows("failures", summarise_store(tables, 1).failed))
+        return await ask(lambda of: _rows("failures", summarise_store(of, 1).failed))
 
     async def file(request: Request) -> Response:
-        return await run_in_threadpool(_file, store.url, request.path_params["path"])
+        return await run_in_threadpool(_file, url, request.path_params["path"])
 
-    async def described(request: Request) -> Response:
-        return JSONResponse(openapi(secured=token is not None))
-
-    return Starlette(
-        routes=[
-            Route("/", summary),
-            Route("/objects", search),
-            Route("/api/objects", objects),
-            Route("/api/recordings", recordings),
-            Route("/api/failures", failures),
-            Route(f"/{RESULTS}/{{path:path}}", file),
-            Route("/openapi.json", described),
-        ],
-        middleware=[
-            Middleware(Guard, token=token),
-            Middleware(TrustedHostMiddleware, allowed_hosts=list(hosts)),
-        ],
-        exception_handlers={InputError: _refused},
-    )
+    routes = [
+        Route("/", summary),
+        Route("/objects", search),
+        Route("/api/objects", objects),
+        Route("/api/recordings", recordings),
+        Route("/api/failures", failures),
+        Route(f"/{RESULTS}/{{path:path}}", file),
+    ]
+    return guarded(routes, openapi(secured=token is not None), token, hosts)
 
 
 def openapi(*, secured: bool) -> dict[str, Any]:
     """Return the description of the API, as an OpenAPI 3.1 document."""
-    answer = {"200": {"description": "rows", "content": {"application/json": {"schema": {"type": "object"}}}}}
-    wrong = {"400": {"description": "what is wrong with the question, in one line"}}
-    document: dict[str, Any] = {
-        "openapi": "3.1.0",
-        "info": {"title": "Cuboid store", "version": __version__, "description": "Read-only."},
-        "paths": {
-            path: {
-                "get": {
-                    "summary": what,
-                    "parameters": [
-                        {
-                            "name": name,
-                            "in": "query",
-                            "schema": PARAMETERS[name].schema,
-                            "description": PARAMETERS[name].meaning,
-                        }
-                        for name in names
-                    ],
-                    "responses": answer | wrong,
-                }
-            }
-            for path, (what, names) in PATHS.items()
-        },
+    responses: dict[str, Any] = {
+        "200": {"description": "rows", "content": {"application/json": {"schema": {"type": "object"}}}}
     }
-    if secured:
-        document["components"] = {"securitySchemes": {"token": {"type": "http", "scheme": "bearer"}}}
-        document["security"] = [{"token": []}]
-    return document
+    responses["400"] = {"description": "what is wrong with the question, in one line"}
+    paths = {
+        path: {
+            "summary": what,
+            "parameters": query_parameters({name: PARAMETERS[name] for name in names}),
+            "responses": responses,
+        }
+        for path, (what, names) in PATHS.items()
+    }
+    return openapi_document("Cuboid store", "Read-only.", paths, secured=secured)
 
 
 def _rows(name: str, rows: list[dict[str, Any]]) -> Response:
@@ -190,7 +145,3 @@ def _file(url: str, path: str) -> Response:
     except (FileNotFoundError, InputError):
         return PlainTextResponse("not there", 404)
     return Response(content, media_type=TYPES.get(Path(path).suffix, "application/octet-stream"))
-
-
-async def _refused(request: Request, error: Exception) -> Response:
-    return JSONResponse({"error": str(error)}, 400)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any, NamedTuple
 
 from cuboid.fleet.store.query import SUPERSEDED, Tables
 from cuboid.fleet.store.schema import OBJECTS, RUNS
 from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.values import RelationKind
 from cuboid.method.text_search import TextQuery
+from cuboid.services.queries import questions
 from cuboid.services.queries.filters import LIKELY, Filters, is_surface, label_of
 from cuboid.services.queries.likeness import COLOR_WORDS
 
@@ -27,6 +31,133 @@ UNLIKE = f"({_SIZE}) / 3 + list_distance(colors, ?::FLOAT[]) / sqrt(2) + list_di
 # Cosine of the angle between an object's vector and another one, both of length 1. They are cast to arrays, because
 # DuckDB refuses lists in a column with nulls.
 FITTING = "array_inner_product(try_cast(embedding as FLOAT[{n}]), ?::FLOAT[{n}])"
+
+
+class Sql(NamedTuple):
+    """A condition in SQL, and the values of its placeholders."""
+
+    text: str
+    values: Sequence[Any] = ()
+
+
+class StoreObjects:
+    """The objects of the newest runs in a store, as rows: an `ObjectSource`.
+
+    Parameters
+    ----------
+    tables : Tables
+    pictures : bool
+        Whether each row includes the object's picture.
+    """
+
+    def __init__(self, tables: Tables, *, pictures: bool = False) -> None:
+        self._tables, self._pictures = tables, pictures
+
+    def present(self) -> Sql:
+        """Return the objects at the end of a run: a store has no others."""
+        return Sql("true")
+
+    def sized(self, low_m: float, high_m: float) -> Sql:
+        """Return the objects whose longest side is within a range."""
+        return Sql("longest_m between ? and ?", (low_m, high_m))
+
+    def scored(self, least: float) -> Sql:
+        """Return the objects with a least confidence."""
+        return Sql("score >= ?", (least,))
+
+    def named(self, name: str) -> Sql:
+        """Return the objects with a name or a likely class."""
+        of_class = "select 1 from unnest(names) as next(one) where lower(one.name) = lower(?) and one.score >= ?"
+        return Sql(f"(lower(name) = lower(?) or exists ({of_class}))", (name, name, LIKELY))
+
+    def called(self, label_or_name: str) -> Sql:
+        """Return the objects with a label or a name."""
+        label = label_of(label_or_name)
+        return self.named(label_or_name.strip()) if label is None else Sql("label = ?", (label,))
+
+    def colored(self, word: str) -> Sql:
+        """Return the objects of whose points enough have a color."""
+        return Sql("colors[?] >= ?", (COLOR_WORDS.index(word) + 1, COLORED))
+
+    def seen(self, since: datetime | None, until: datetime | None) -> Sql:
+        """Return the objects that were seen last within a range of time."""
+        ends = {"last_seen >= ?": since, "last_seen < ?": until}
+        given = {text: moment for text, moment in ends.items() if moment is not None}
+        return Sql(" and ".join(given), tuple(given.values()))
+
+    def near(self, point: tuple[float, float, float], within_m: float) -> Sql:
+        """Return the objects near a point."""
+        ranges = [f"center_{axis}_m between ? and ?" for axis in "xyz"]  # DuckDB skips row groups outside of them
+        ends = [end for value in point for end in (value - within_m, value + within_m)]
+        return Sql(" and ".join([*ranges, f"{_distance(point)} <= ?"]), (*ends, within_m))
+
+    def near_object(self, label_or_name: str, within_m: float) -> Sql:
+        """Return the objects near another one of their recording."""
+        label = label_of(label_or_name)
+        which = "lower(b.name) = lower(?)" if label is None else "b.label = ?"
+        away = " + ".join(f"(a.center_{axis}_m - b.center_{axis}_m)**2" for axis in "xyz")
+        others = f"{OBJECTS} as a join {OBJECTS} as b on b.run = a.run and b.label <> a.label"
+        found = f"select a.run, a.label from {others} where {which} and sqrt({away}) <= ?"
+        return Sql(f"(run, label) in ({found})", (label_or_name.strip() if label is None else label, within_m))
+
+    def related(self, kind: RelationKind, to: str) -> Sql:
+        """Return the objects with a relation to an object of their recording or to a surface."""
+        label = label_of(to)
+        if label is not None or is_surface(to):
+            end = "surface" if label is None else "label"
+            one = f"select 1 from unnest(relations) as rel(one) where one.kind = ? and one.{end} = ?"
+            return Sql(f"exists ({one})", (kind, to.strip() if label is None else label))
+        each = f"(select run, unnest(relations) as one, label from {OBJECTS})"
+        others = f"{each} as a join {OBJECTS} as b on b.run = a.run and b.label = a.one.label"
+        named = "a.one.kind = ? and lower(b.name) = lower(?)"
+        return Sql(f"(run, label) in (select a.run, a.label from {others} where {named})", (kind, to.strip()))
+
+    def recorded(self, pattern: str) -> Sql:
+        """Return the objects of recordings whose name matches a glob pattern."""
+        return Sql("recording glob ?", (pattern,))
+
+    def other_than(self, recording: str, label: int) -> Sql:
+        """Return all objects but one."""
+        one = _the_one(self._tables, recording, label, "run", "label")
+        return Sql("not (run = ? and label = ?)", (one["run"], one["label"]))
+
+    def select(self, conditions: Sequence[Sql], by: Filters) -> list[dict[str, Any]]:
+        """Return rows: the best match of a text first, else the most similar, else the nearest, else the last seen."""
+        kept, extra, order = [*conditions], dict[str, Sql](), "last_seen desc"
+        if by.near is not None:
+            extra["distance_m"], order = Sql(_distance(by.near)), "distance_m"
+        if by.like is not None:
+            features = (*SIDES, "colors", "shape")
+            one = _the_one(self._tables, *by.like, *features)
+            extra["unlike"], order = Sql(UNLIKE, [one[name] for name in features]), "unlike"
+        if by.text is not None:
+            _refuse_other_model(self._tables, by.text)
+            extra["text_score"] = Sql(FITTING.format(n=len(by.text.vector)), [by.text.vector.tolist()])
+            order = "text_score desc"
+            kept.append(Sql("embedding_model = ?", (by.text.model,)))
+        return self._rows(kept, order, extra, by.limit)
+
+    def latest(self, conditions: Sequence[Sql]) -> list[dict[str, Any]]:
+        """Return rows, the last seen first."""
+        return self._rows(conditions, "last_seen desc")
+
+    def _rows(
+        self, conditions: Sequence[Sql], order: str, extra: Mapping[str, Sql] | None = None, limit: int | None = None
+    ) -> list[dict[str, Any]]:
+        """Return rows with the columns `SHOWN` and `extra`; raise InputError if the store is damaged."""
+        extra = extra or {}
+        named = [f"{one.text} as {name}" for name, one in extra.items()]
+        chosen = ", ".join([*SHOWN, *named, *(["picture"] if self._pictures else [])])
+        where = " and ".join([*(one.text for one in conditions), NEWEST])
+        most = "" if limit is None else f" limit {limit}"
+        question = f"select {chosen} from {OBJECTS} where {where} order by {order}, recording, label{most}"
+        values = [value for one in (*extra.values(), *conditions) for value in one.values]
+        found = self._tables.rows(question, values)
+        for row in found:
+            for column in NEVER_NULL:
+                if row[column] is None:
+                    raise InputError(f"{self._tables.url}: the store is damaged: an object has no {column}")
+        return found
 
 
 def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[dict[str, Any]]:
@@ -51,34 +182,7 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
         The reference object of `like` does not exist or is ambiguous; no object has a vector of the text's model; or
         the store is damaged.
     """
-    where, values = _conditions(filters)
-    extra, order = [], ["last_seen desc"]
-    if filters.near is not None:
-        extra, order = [f"{_distance(filters.near)} as distance_m"], ["distance_m"]
-    front: list[Any] = []
-    if filters.like is not None:
-        one = _the_one(tables, *filters.like, "run", "label", *SIDES, "colors", "shape")
-        front = [one[name] for name in (*SIDES, "colors", "shape")]
-        extra, order = [*extra, f"{UNLIKE} as unlike"], ["unlike"]
-        where.append("not (run = ? and label = ?)")
-        values += [one["run"], one["label"]]
-    if filters.text is not None:
-        _refuse_other_model(tables, filters.text)
-        front.append(filters.text.vector.tolist())
-        extra, order = [*extra, f"{FITTING.format(n=len(filters.text.vector))} as text_score"], ["text_score desc"]
-        where.append("embedding_model = ?")
-        values.append(filters.text.model)
-    chosen = ", ".join([*SHOWN, *extra, *(["picture"] if pictures else [])])
-    question = (
-        f"select {chosen} from {OBJECTS} where {' and '.join([*where, NEWEST])} "
-        f"order by {', '.join([*order, 'recording', 'label'])} limit {filters.limit}"
-    )
-    found = tables.rows(question, front + values)
-    for row in found:
-        for column in NEVER_NULL:
-            if row[column] is None:
-                raise InputError(f"{tables.url}: the store is damaged: an object has no {column}")
-    return found
+    return questions.find(StoreObjects(tables, pictures=pictures), filters)
 
 
 def picture_of(tables: Tables, recording: str, label: int) -> bytes | None:
@@ -86,64 +190,6 @@ def picture_of(tables: Tables, recording: str, label: int) -> bytes | None:
     one = _the_one(tables, recording, label, "picture")
     picture: bytes | None = one["picture"]
     return picture
-
-
-def _conditions(filters: Filters) -> tuple[list[str], list[Any]]:
-    """Return conditions in SQL and the values of their placeholders."""
-    where: list[str] = []
-    values: list[Any] = []
-
-    def add(condition: str, *of: Any) -> None:
-        where.append(condition)
-        values.extend(of)
-
-    if filters.size_m is not None:
-        add("longest_m between ? and ?", *filters.size_m)
-    if filters.near is not None:
-        for axis, value in zip("xyz", filters.near, strict=True):  # lets DuckDB skip row groups by minimum and maximum
-            add(f"center_{axis}_m between ? and ?", value - filters.within_m, value + filters.within_m)
-        add(f"{_distance(filters.near)} <= ?", filters.within_m)
-    if filters.recording is not None:
-        add("recording glob ?", filters.recording)
-    if filters.since is not None:
-        add("last_seen >= ?", filters.since)
-    if filters.until is not None:
-        add("last_seen < ?", filters.until)
-    if filters.color is not None:
-        add("colors[?] >= ?", COLOR_WORDS.index(filters.color) + 1, COLORED)
-    if filters.name is not None:
-        also = "exists (select 1 from unnest(names) as next(one) where lower(one.name) = lower(?) and one.score >= ?)"
-        add(f"(lower(name) = lower(?) or {also})", filters.name, filters.name, LIKELY)
-    if filters.min_score is not None:
-        add("score >= ?", filters.min_score)
-    for kind, to in filters.related():
-        add(*_relation(kind, to))
-    if filters.near_object is not None:
-        add(*_near_object(filters.near_object, filters.within_m))
-    return where, values
-
-
-def _relation(kind: str, to: str) -> tuple[Any, ...]:
-    """Return the condition that an object has a relation, and the values of its placeholders."""
-    label = label_of(to)
-    if label is not None or is_surface(to):
-        end = "surface" if label is None else "label"
-        condition = f"exists (select 1 from unnest(relations) as rel(one) where one.kind = ? and one.{end} = ?)"
-        return condition, kind, to.strip() if label is None else label
-    each = f"(select run, unnest(relations) as one, label from {OBJECTS})"
-    others = f"{each} as a join {OBJECTS} as b on b.run = a.run and b.label = a.one.label"
-    named = "a.one.kind = ? and lower(b.name) = lower(?)"
-    return f"(run, label) in (select a.run, a.label from {others} where {named})", kind, to.strip()
-
-
-def _near_object(to: str, within_m: float) -> tuple[Any, ...]:
-    """Return the condition that an object is near another one of its recording, and its values."""
-    label = label_of(to)
-    which = "lower(b.name) = lower(?)" if label is None else "b.label = ?"
-    away = " + ".join(f"(a.center_{axis}_m - b.center_{axis}_m)**2" for axis in "xyz")
-    others = f"{OBJECTS} as a join {OBJECTS} as b on b.run = a.run and b.label <> a.label"
-    condition = f"(run, label) in (select a.run, a.label from {others} where {which} and sqrt({away}) <= ?)"
-    return condition, to.strip() if label is None else label, within_m
 
 
 def _distance(near: tuple[float, float, float]) -> str:

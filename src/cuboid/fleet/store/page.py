@@ -13,7 +13,7 @@ from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.search_form import STYLE as FORM_STYLE
 from cuboid.fleet.store.search_form import search_form
 from cuboid.fleet.store.summary import INDICATORS, StoreSummary, summarise_store
-from cuboid.results.views.report.page import page_source, style
+from cuboid.results.views.report.page import document_page, table
 from cuboid.services.queries.parameters import PARAMETERS
 from cuboid.services.queries.rows import cells_of
 
@@ -160,8 +160,8 @@ def found_page(
     if asked is not None:
         heads.append("")
     form = search_form("objects", names, asked, fault) if asked is not None else ""
-    table = _lines(heads, lines, left=2) if rows else '<p class="empty">No object matches.</p>'
-    return html(title, form if fault else f"{form}<h2>{_counted(len(rows))}</h2>{table}", links)
+    objects = _lines(heads, lines, left=2) if rows else '<p class="empty">No object matches.</p>'
+    return html(title, form if fault else f"{form}<h2>{_counted(len(rows))}</h2>{objects}", links)
 
 
 def _counted(count: int) -> str:
@@ -183,8 +183,7 @@ def _table(names: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -
 
 
 def _lines(names: Sequence[str], lines: Sequence[str], left: int = 1) -> str:
-    head = "".join(f"<th{'' if i < left else ' class=number'}>{escape(name)}</th>" for i, name in enumerate(names))
-    return f'<div class="scrolls"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+    return table(names, lines, range(left, len(names)))
 
 
 def html(title: str, body: str, links: Mapping[str, str] | None = None) -> str:
@@ -193,12 +192,5 @@ def html(title: str, body: str, links: Mapping[str, str] | None = None) -> str:
         f'<a href="{quote(address)}">{escape(name)}</a>' if address else f'<a aria-current="page">{escape(name)}</a>'
         for name, address in (links or {}).items()
     )
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)} - cuboid</title>'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<link rel="icon" href="data:,">'  # otherwise browsers request /favicon.ico
-        f"<style>{style(STYLE, FORM_STYLE)}</style></head>"
-        f"<body><header>{page_source('mark.svg')}<h1>{escape(title)}</h1>"
-        f"{f'<nav>{leads}</nav>' if leads else ''}</header>"
-        f'<main class="document">{body}</main></body></html>\n'
-    )
+    header = f"<h1>{escape(title)}</h1>{f'<nav>{leads}</nav>' if leads else ''}"
+    return document_page(title, header, body, STYLE, FORM_STYLE)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cuboid.ground.core.errors import ConfigError
+from cuboid.ground.core.tolerances import DEPTH_NOISE_PER_M
 
 
 def _field(default: Any, low: float, high: float, unit: str) -> Any:
@@ -45,7 +46,7 @@ class TrackerConfig:
 
     voxel_m: float = _field(0.01, 0.003, 0.1, "m")
     max_depth_m: float = _field(3.5, 0.5, 20.0, "m")
-    depth_noise_per_m: float = _field(1.425e-3, 1e-5, 0.05, "1/m")
+    depth_noise_per_m: float = _field(DEPTH_NOISE_PER_M, 1e-5, 0.05, "1/m")
     working_width_px: int = _field(320, 80, 2560, "pixels")
     min_height_m: float = _field(0.01, 0.003, 0.2, "m")
     min_size_m: float = _field(0.03, 0.01, 1.0, "m")

@@ -5,6 +5,9 @@ from __future__ import annotations
 # A reading lies on a surface if it is within SIGMAS standard deviations of its noise: 99.7 % are. Two readings of one
 # surface differ by at most JUMP_SIGMAS: the standard deviation of a difference is 1.4 times that of one reading.
 SIGMAS, JUMP_SIGMAS = 3.0, 4.0
+# Standard deviation of depth divided by depth squared, 1/metre: that of the first Kinect (Khoshelham and Oude Elberink,
+# "Accuracy and Resolution of Kinect Depth Data", Sensors 2012), the largest of the common sensors.
+DEPTH_NOISE_PER_M = 1.425e-3
 # Smallest error of any depth reading, metres: depth quantisation and calibration.
 MIN_SIGMA_M = 0.001
 # Typical systematic depth error (lens, baseline), metres.

@@ -57,6 +57,17 @@ class Entry(msgspec.Struct, frozen=True):
     """A part of a JSON document; fields that are not declared are ignored."""
 
 
+class PinholeEntry(Entry, frozen=True):
+    """A pinhole of a camera."""
+
+    fx: FocalLength
+    fy: FocalLength
+    cx: Pixel
+    cy: Pixel
+    width: ImageSide
+    height: ImageSide
+
+
 def refuse_no_unit(name: str, direction: Sequence[float]) -> None:
     """Raise ValueError unless a direction has length 1."""
     length = float(np.linalg.norm(direction))

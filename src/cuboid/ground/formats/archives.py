@@ -74,13 +74,17 @@ class Window(io.RawIOBase):
         return len(data)
 
 
-class _Index:
-    """Folders and files by their names from the root of an archive."""
+class _ArchiveStore:
+    """Folders and files by their names from the root of an archive; the file stays open as long as the store."""
 
-    def __init__(self, archive: Path, sizes: Iterable[tuple[str, int]]) -> None:
-        self._root = archive
+    def __init__(self, archive: Path, file: BinaryIO) -> None:
+        self._root, self._lock, self._file = archive, threading.Lock(), file
+        weakref.finalize(self, self._file.close)
         self._sizes: dict[str, int] = {}
         self._folders: dict[str, dict[str, None]] = {"": {}}
+
+    def _add(self, sizes: Iterable[tuple[str, int]]) -> None:
+        """Add files by their names."""
         for name, size in sizes:
             self._sizes[name] = size
             while name:
@@ -91,12 +95,19 @@ class _Index:
                     break
                 name = folder
 
-    def name(self, path: Path) -> str:
+    def _name(self, path: Path) -> str:
         """Return a path as seen from the root."""
         return "/".join(path.parts[len(self._root.parts) :])
 
+    def _file_name(self, path: Path) -> str:
+        """Return the same of a file; raise OSError for a folder."""
+        if self.entry(path).is_folder:
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        return self._name(path)
+
     def entry(self, path: Path) -> Entry:
-        name = self.name(path)
+        """Return the entry at a path."""
+        name = self._name(path)
         if name in self._folders:
             return Entry(0, True)
         if name not in self._sizes:
@@ -104,7 +115,8 @@ class _Index:
         return Entry(self._sizes[name], False)
 
     def names(self, path: Path) -> list[str]:
-        name = self.name(path)
+        """Return the names in a folder."""
+        name = self._name(path)
         if name not in self._folders:
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path))
         return list(self._folders[name])
@@ -116,7 +128,7 @@ def _plain(name: str) -> str | None:
     return None if not parts or parts[0] == "/" or ".." in parts else "/".join(parts)
 
 
-class ZipStore:
+class ZipStore(_ArchiveStore):
     """The files of a zip archive.
 
     Parameters
@@ -132,9 +144,7 @@ class ZipStore:
     """
 
     def __init__(self, archive: Path, file: BinaryIO) -> None:
-        self._lock = threading.Lock()
-        self._file = file
-        weakref.finalize(self, self._file.close)
+        super().__init__(archive, file)
         self._file.seek(max(0, self._file.seek(0, os.SEEK_END) - 1))
         self._file.read(1)  # zipfile would hide a server's error
         try:
@@ -145,21 +155,11 @@ class ZipStore:
         except Exception as error:  # a damaged file makes the library raise nearly anything
             raise OSError(errno.EINVAL, f"no whole zip archive: {_line(error)}", str(archive)) from None
         self._infos = {name: one for one in infos if not one.filename.endswith("/") and (name := _plain(one.filename))}
-        self._index = _Index(archive, ((name, one.file_size) for name, one in self._infos.items()))
-
-    def entry(self, path: Path) -> Entry:
-        """Return the entry at a path."""
-        return self._index.entry(path)
-
-    def names(self, path: Path) -> list[str]:
-        """Return the names in a folder."""
-        return self._index.names(path)
+        self._add((name, one.file_size) for name, one in self._infos.items())
 
     def open(self, path: Path) -> BinaryIO:
         """Open a file; a compressed one is unpacked in memory or in the cache."""
-        if self.entry(path).is_folder:
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        info = self._infos[self._index.name(path)]
+        info = self._infos[self._file_name(path)]
         if info.flag_bits & 0x1:
             raise PermissionError(errno.EACCES, "is encrypted", str(path))
         if info.compress_type == zipfile.ZIP_STORED:
@@ -193,7 +193,7 @@ class ZipStore:
             raise OSError(errno.EIO, f"cannot be unpacked: {_line(error)}", str(path)) from None
 
 
-class TarStore:
+class TarStore(_ArchiveStore):
     """The files of a tar archive; of a truncated one the complete files.
 
     Parameters
@@ -209,9 +209,7 @@ class TarStore:
     """
 
     def __init__(self, archive: Path, file: BinaryIO) -> None:
-        self._lock = threading.Lock()
-        self._file = file
-        weakref.finalize(self, self._file.close)
+        super().__init__(archive, file)
         end = self._file.seek(0, os.SEEK_END)
         self._file.seek(0)
         self._spans: dict[str, tuple[int, int]] = {}
@@ -225,21 +223,11 @@ class TarStore:
                 if whole and (name := _plain(one.name)):
                     self._spans[name] = (one.offset_data, one.size)
                 tar.members = []  # type: ignore[attr-defined] # it would keep them all
-        self._index = _Index(archive, ((name, size) for name, (_, size) in self._spans.items()))
-
-    def entry(self, path: Path) -> Entry:
-        """Return the entry at a path."""
-        return self._index.entry(path)
-
-    def names(self, path: Path) -> list[str]:
-        """Return the names in a folder."""
-        return self._index.names(path)
+        self._add((name, size) for name, (_, size) in self._spans.items())
 
     def open(self, path: Path) -> BinaryIO:
         """Open a file."""
-        if self.entry(path).is_folder:
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        start, size = self._spans[self._index.name(path)]
+        start, size = self._spans[self._file_name(path)]
         return io.BufferedReader(Window(self._file, self._lock, start, size, self), BUFFER_BYTES)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from cuboid.ground.core.values import Direction, Entry, FocalLength, ImageSide, Pixel, refuse_no_unit
+from cuboid.ground.core.values import Direction, Entry, FocalLength, ImageSide, PinholeEntry, Pixel, refuse_no_unit
 from cuboid.ground.formats.table_validation import Row
 from cuboid.ground.geometry.se3 import rigid
 
@@ -32,15 +32,9 @@ Matrix = Annotated[
 ]
 
 
-class DepthCameraEntry(Entry, frozen=True, forbid_unknown_fields=True):
+class DepthCameraEntry(PinholeEntry, frozen=True, forbid_unknown_fields=True):
     """The camera of the depth images, if depth is not aligned to color."""
 
-    fx: FocalLength
-    fy: FocalLength
-    cx: Pixel
-    cy: Pixel
-    width: ImageSide
-    height: ImageSide
     distortion: Coefficients = ()
 
     def __post_init__(self) -> None:

@@ -13,10 +13,8 @@ from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.core.values import (
     Direction,
     Entry,
-    FocalLength,
-    ImageSide,
     Metres,
-    Pixel,
+    PinholeEntry,
     Point,
     Rotation,
     Sides,
@@ -30,15 +28,8 @@ FORMAT: Literal["cuboid-objects"] = "cuboid-objects"
 VERSION: Literal[1] = 1
 
 
-class IntrinsicsEntry(Entry, frozen=True):
+class IntrinsicsEntry(PinholeEntry, frozen=True):
     """A pinhole; the centre of the top-left pixel is (0, 0)."""
-
-    fx: FocalLength
-    fy: FocalLength
-    cx: Pixel
-    cy: Pixel
-    width: ImageSide
-    height: ImageSide
 
 
 class PlaneEntry(Entry, frozen=True):

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.frame import Pinhole
+from cuboid.ground.core.tolerances import DEPTH_NOISE_PER_M, MIN_SIGMA_M
 from cuboid.inputs.calibration.views import View
 
 # The fitted parameters, in this order: logarithm of the focal length, optical centre in pixels of the small images, and
@@ -17,10 +18,7 @@ FOCAL, CENTER_X, CENTER_Y, DEPTH = range(4)
 PARAMETERS = 4
 MOTION = 6
 
-# Noise of a reading: Khoshelham, Oude Elberink (Sensors 2012), 1.425 mm at 1 m, growing with the square of the depth,
-# plus a millimetre for everything else; PLACE_PX is the error of its position in the image, pixels.
-DEPTH_NOISE = 1.425e-3
-MIN_NOISE_M = 1e-3
+# Error of a reading: noise plus MIN_SIGMA_M; PLACE_PX is the error of its position in the image, pixels.
 PLACE_PX = 0.7
 # Maximum difference of depths at which brightness is compared, metres: beyond it the surfaces are different.
 SAME_PLACE_M = 0.10
@@ -92,7 +90,7 @@ def warp(view: View, other: View, T_other_view: Float64Array, pinhole: Pinhole) 
     i, j, row, column, p, q = i[keep], j[keep], row[keep], column[keep], p[keep], q[keep]
     depth = _bilinear(other.depth_m, i, j, row - i, column - j)
     contrast = _bilinear(other.contrast, i, j, row - i, column - j)
-    reading_m = np.sqrt(2.0) * (DEPTH_NOISE * p[:, 2] ** 2 + MIN_NOISE_M)
+    reading_m = np.sqrt(2.0) * (DEPTH_NOISE_PER_M * p[:, 2] ** 2 + MIN_SIGMA_M)
     noise_m = np.hypot(reading_m, PLACE_PX * np.hypot(depth[1], depth[2]))
     gap_m = depth[0] - q[:, 2]
     change = contrast[0] - view.value[keep]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import threading
 from http import HTTPStatus
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.errors import CuboidError, FrameError, one_line
+from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.palette import COLORS
 from cuboid.inputs.readers.recording import Recording
 from cuboid.lab.annotation.propagate import propagated
@@ -20,7 +19,15 @@ from cuboid.lab.annotation.store import KeyframesFile, Outdated
 from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.report.page import assembled, page_source, style
 from cuboid.results.views.report.summary import label_colors
-from cuboid.results.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at, path_and_query
+from cuboid.results.views.serving import (
+    Answer,
+    PageHandler,
+    PageServer,
+    Refusal,
+    json_answer,
+    listening_at,
+    path_and_query,
+)
 
 # Scripts in the order of their dependencies; the shared ones are also used by the report.
 SHARED = ("math.js", "elements.js")
@@ -65,19 +72,13 @@ class Annotator:
         action = {"/keyframes": self._save, "/carry": self._propagate}.get(path_and_query(address)[0])
         if action is None:
             return None
-        try:
-            answer = action(json.loads(content))
-        except Outdated as error:
-            raise Refusal(HTTPStatus.CONFLICT, str(error)) from error
-        except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
-            line = one_line(f"the page and the program have different versions: {error!r}")
-            raise Refusal(HTTPStatus.BAD_REQUEST, line) from error
-        except CuboidError as error:
-            raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
-        return "application/json", json.dumps(answer).encode("ascii")
+        return json_answer(action, content)
 
     def _save(self, sent: dict[str, Any]) -> dict[str, Any]:
-        return {"revision": self._keyframes.save(int(sent["revision"]), dict(sent["document"]))}
+        try:
+            return {"revision": self._keyframes.save(int(sent["revision"]), dict(sent["document"]))}
+        except Outdated as error:
+            raise Refusal(HTTPStatus.CONFLICT, str(error)) from error
 
     def _propagate(self, sent: dict[str, Any]) -> dict[str, Any]:
         rects = self._rects(sent["rects"])

@@ -18,6 +18,7 @@ import numpy as np
 
 from cuboid.ground.arrays import Float32Array
 from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.tolerances import DEPTH_NOISE_PER_M
 from cuboid.lab.synthetic.sensor_effects import (
     CROSS,
     EDGE_HOLES,
@@ -33,9 +34,9 @@ from cuboid.lab.synthetic.sensor_effects import (
     within,
 )
 
-# Khoshelham: one step of disparity is 2.85e-5 / cm of inverse depth, and depth deviates by half a step,
-# 1.425e-3 z^2 m. Rounding to steps contributes 1/sqrt(12) of a step; noise before rounding contributes the rest.
-STEP_PER_M = 2.85e-3
+# Khoshelham: depth deviates by half a step of disparity, and one step is 2.85e-5 / cm of inverse depth. Rounding to
+# steps contributes 1/sqrt(12) of a step; noise before rounding contributes the rest.
+STEP_PER_M = 2.0 * DEPTH_NOISE_PER_M
 NOISE_STEPS = float(np.sqrt(0.5**2 - 1 / 12))
 # Nguyen: beyond 60 degrees depth deviates by 0.0001 / sqrt(z) t^2 / (pi/2 - t)^2 metres more.
 SLANT_M = 1e-4

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.core.tolerances import MIN_SIGMA_M
 from cuboid.ground.geometry import se3
 from cuboid.method.poses.kernels import align as kernel
 from cuboid.method.poses.pyramid import LEVELS, Level
@@ -28,7 +29,8 @@ STILL = (1e-4, 4e-4, 1e-3, 2e-3)
 GATE_M = (0.03, 0.05, 0.10, 0.20)
 GATE_DEVIATIONS = 6.0
 # Standard deviation of depth: metres, and metres per metre squared (structured light; other sensors are better).
-NOISE = np.array([0.001, 1.4e-3])
+NOISE_PER_M = 1.4e-3
+NOISE = np.array([MIN_SIGMA_M, NOISE_PER_M])
 MAX_DEPTH_M = 6.0
 # An alignment is reliable if enough readings lie on the surfaces, intensities are correlated, there are enough points,
 MIN_INLIERS, MIN_CORRELATION, MIN_POINTS = 0.6, 0.8, 150

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD
 from cuboid.ground.geometry import se3
+from cuboid.method.poses.alignment import NOISE_PER_M
 from cuboid.method.poses.kernels import align as kernel
 from cuboid.method.poses.kernels.free_space import mark_freed, mark_unseen, spread
 from cuboid.method.poses.pyramid import Level, SmallImage
@@ -23,8 +24,6 @@ MIN_GROUP = 40
 MARGIN_PX = 3
 # If a larger fraction of the readings seems to move, the pose is wrong instead.
 MOST_MOVING = 0.6
-# Standard deviation of depth divided by depth squared, 1/metre: structured light.
-NOISE_PER_M = 1.4e-3
 # Largest number of keyframes with which an image is compared: the marks of a pixel have this many bits.
 MAX_COMPARED = 8
 

@@ -22,7 +22,7 @@ from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.kernels import patches, regions, segments
 from cuboid.ground.core.kernels.cells import CELL_COLUMNS
 from cuboid.ground.core.kernels.holes import fill_holes
-from cuboid.ground.core.tolerances import BIAS_M, JUMP_SIGMAS, MIN_SIGMA_M
+from cuboid.ground.core.tolerances import BIAS_M, DEPTH_NOISE_PER_M, JUMP_SIGMAS, MIN_SIGMA_M
 from cuboid.ground.core.working import COLOR_LEVELS, HOLE_M
 from cuboid.method.proposals.kernels import unions
 from cuboid.method.proposals.registry import SOURCES
@@ -34,7 +34,7 @@ WIDEST = 480
 MIN_WIDE = 120
 # Errors of neighbouring readings are correlated: over a region the noise is this times the nominal one. The standard
 # deviation of depth is this times z squared; in 1/z it is the same at all distances.
-REGION_NOISE = 2.2 / 1.425
+REGION_NOISE = 2.2e-3 / DEPTH_NOISE_PER_M
 # A plane this large is a table, a floor or a wall, not the side of an object, square metres: a cereal box has 0.06.
 PLANE_AREA_M2 = 0.1
 PLANES = 12

@@ -26,9 +26,9 @@ from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.results import names_of
 from cuboid.ground.formats.ros_messages import COLOR, DEPTH, OPTICAL_FRAME, TRANSFORMS, WORLD_FRAME, RosBag, nanoseconds
-from cuboid.ground.formats.stored import is_there
 from cuboid.ground.geometry.box import Box
 from cuboid.results.exports.registry import EXPORTS, Export
+from cuboid.results.exports.shown_frames import missing_pictures, shown_frames
 from cuboid.results.files import Results, TrackRow
 from cuboid.results.files.rows import EventRow
 from cuboid.results.views.ros_objects import (
@@ -49,28 +49,20 @@ FURNITURE, MAP = "/objects/furniture", "/map"
 
 def write(run: Results, path: Path) -> list[str]:
     """Write the file; return a note if the recording with the pictures is missing."""
-    shown = run.recording_path is not None or is_there(run.report.recording)
-    if shown:
-        _ = run.recording  # a wrong one is found before anything is written
+    missing = missing_pictures(run)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".cuboid-", suffix=".partial") as work:
         with RosBag(Path(work) / "bag", "--to mcap") as bag:
-            _write_frames(bag, run, shown)
+            _write_frames(bag, run, not missing)
         next((Path(work) / "bag").glob("*.mcap")).replace(path)
-    return [] if shown else [f"{run.report.recording} is not there: no pictures (--recording says where it is)"]
+    return missing
 
 
 def _write_frames(bag: RosBag, run: Results, shown: bool) -> None:
-    seen: dict[int, list[TrackRow]] = defaultdict(list)
-    last_seen: dict[int, int] = {}
-    for row in run.tracks:
-        seen[row.frame].append(row)
-        last_seen[row.label] = row.frame
     events: dict[int, list[EventRow]] = defaultdict(list)
     for event in run.events:
         events[event.frame].append(event)
-    lasting, names = {item.label for item in run.found.objects}, names_of(run.found.objects)
-    gone: list[int] = []
-    for number, (frame, pose) in enumerate(run.poses.items()):
+    names = names_of(run.found.objects)
+    for number, (frame, pose, seen, gone) in enumerate(shown_frames(run)):
         time_ns = nanoseconds(pose.timestamp_s)
         if number == 0:
             points = run.map_points()
@@ -83,14 +75,13 @@ def _write_frames(bag: RosBag, run: Results, shown: bool) -> None:
             bag.publish(f"{topic}/camera_info", bag.camera_info(run.found.intrinsics, time_ns), time_ns)
         if shown:
             _write_pictures(bag, run, frame, time_ns)
-        markers = _markers(bag, run, ((row.label, row.box) for row in seen[frame]), names, time_ns)
+        markers = _markers(bag, run, ((row.label, row.box) for row in seen), names, time_ns)
         markers += [one for label in gone for one in deleted_markers(bag, label, time_ns, WORLD_FRAME)]
         bag.publish(MARKERS, marker_array(bag, markers), time_ns)
-        bag.publish(DETECTIONS, _detections(bag, run, seen[frame], names, time_ns), time_ns)
+        bag.publish(DETECTIONS, _detections(bag, run, seen, names, time_ns), time_ns)
         for event in events[frame]:
             name = names.get(event.label, "")
             bag.publish(EVENTS, event_message(bag, event, name, time_ns, WORLD_FRAME), time_ns)
-        gone = [row.label for row in seen[frame] if row.label not in lasting and last_seen[row.label] == frame]
 
 
 def _write_pictures(bag: RosBag, run: Results, index: int, time_ns: int) -> None:

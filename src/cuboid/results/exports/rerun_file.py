@@ -5,16 +5,15 @@ A label that was merged into another, or retired, is cleared after the last fram
 
 from __future__ import annotations
 
-from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.results import names_of
-from cuboid.ground.formats.stored import is_there
 from cuboid.results.exports.registry import EXPORTS, Export
-from cuboid.results.files import Results, TrackRow
+from cuboid.results.exports.shown_frames import missing_pictures, shown_frames
+from cuboid.results.files import Results
 from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.rerun_scene import RerunScene
 from cuboid.results.views.rerun_view import JPEG_QUALITY
@@ -23,14 +22,12 @@ from cuboid.results.views.rerun_view import JPEG_QUALITY
 def write(run: Results, path: Path) -> list[str]:
     """Write the file; return a note if the recording with the pictures is missing."""
     scene = RerunScene(Path(run.report.recording).name, "--to rerun")
-    shown = run.recording_path is not None or is_there(run.report.recording)
-    if shown:
-        _ = run.recording  # a wrong one is found before anything is written
+    missing = missing_pictures(run)
     scene.stream.save(path)
     _log_surroundings(scene, run)
-    _log_frames(scene, run, shown)
+    _log_frames(scene, run, not missing)
     scene.close()
-    return [] if shown else [f"{run.report.recording} is not there: no pictures (--recording says where it is)"]
+    return missing
 
 
 def _log_surroundings(scene: RerunScene, run: Results) -> None:
@@ -48,19 +45,11 @@ def _log_surroundings(scene: RerunScene, run: Results) -> None:
 
 def _log_frames(scene: RerunScene, run: Results, shown: bool) -> None:
     """Log pose, picture and objects of each used frame."""
-    seen: dict[int, list[TrackRow]] = defaultdict(list)
-    last_seen: dict[int, int] = {}
-    for row in run.tracks:
-        seen[row.frame].append(row)
-        last_seen[row.label] = row.frame
-    lasting = {item.label for item in run.found.objects}
-    gone: list[int] = []
-    for frame, pose in run.poses.items():
+    for frame, pose, seen, gone in shown_frames(run):
         scene.moment(frame, pose.timestamp_s)
         scene.camera(pose.T_world_camera, _picture(run, frame) if shown else None)
-        scene.objects(seen[frame])
+        scene.objects(seen)
         scene.gone(gone)
-        gone = [row.label for row in seen[frame] if row.label not in lasting and last_seen[row.label] == frame]
 
 
 def _picture(run: Results, frame: int) -> bytes | None:

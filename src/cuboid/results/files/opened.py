@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError, shown
@@ -54,6 +54,8 @@ if TYPE_CHECKING:
     from cuboid.ground.arrays import Float32Array
     from cuboid.method.shapes import ObjectView
     from cuboid.method.text_search import Embeddings, TextModel
+
+R = TypeVar("R", TrackRow, ProposalRow, EventRow, AgentRow)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -329,32 +331,22 @@ class Results(MapQueries):
     @cached_property
     def tracks(self) -> list[TrackRow]:
         """All sightings, by frame and label."""
-        rows = sorted(read_tracks(self.folder / TRACKS), key=lambda row: (row.frame, row.label))
-        self._refuse_unused(TRACKS, rows)
-        return rows
+        return sorted(self._rows(TRACKS, read_tracks), key=lambda row: (row.frame, row.label))
 
     @cached_property
     def events(self) -> list[EventRow]:
         """Events of objects during the run, by frame; empty if nothing moved."""
-        path = self.folder / EVENTS
-        rows = read_events(path) if path.exists() else []
-        self._refuse_unused(EVENTS, rows)
-        return rows
+        return self._rows(EVENTS, read_events, optional=True)
 
     @cached_property
     def agents(self) -> list[AgentRow]:
         """Boxes of moving things that are no objects (a person, a hand), by frame; empty if there are none."""
-        path = self.folder / AGENTS
-        rows = read_agents(path) if path.exists() else []
-        self._refuse_unused(AGENTS, rows)
-        return rows
+        return self._rows(AGENTS, read_agents, optional=True)
 
     @cached_property
     def proposals(self) -> list[ProposalRow]:
         """The 3D proposals of the frames, in the order of the file."""
-        rows = read_proposals(self.folder / PROPOSALS)
-        self._refuse_unused(PROPOSALS, rows)
-        return rows
+        return self._rows(PROPOSALS, read_proposals)
 
     @cached_property
     def proposal_labels(self) -> list[int]:
@@ -372,12 +364,14 @@ class Results(MapQueries):
         """The last used frame of the recording; -1 if no frame was used."""
         return next(reversed(self.poses), -1)
 
-    def _refuse_unused(
-        self, name: str, rows: list[TrackRow] | list[ProposalRow] | list[EventRow] | list[AgentRow]
-    ) -> None:
+    def _rows(self, name: str, read: Callable[[Path], list[R]], *, optional: bool = False) -> list[R]:
+        """Return the rows of a file; raise InputError if one is of a frame that was not used."""
+        path = self.folder / name
+        rows = read(path) if not optional or path.exists() else []
         strange = {row.frame for row in rows} - self.poses.keys()
         if strange:
-            raise InputError(f"{self.folder / name}: frame {min(strange)} is not among the used frames of {RUN}")
+            raise InputError(f"{path}: frame {min(strange)} is not among the used frames of {RUN}")
+        return rows
 
 
 def open_results(folder: PathLike, recording: PathLike | None = None) -> Results:

@@ -101,9 +101,7 @@ class MapQueries(ABC):
         from cuboid.method.relations import find_relations
 
         objects = self.objects
-        if any(item.relations for item in objects):
-            return {item.label: item.relations for item in objects}
-        return find_relations(objects, self.planes, self.up, self.walls)
+        return saved_relations(objects) or find_relations(objects, self.planes, self.up, self.walls)
 
     @property
     def tree(self) -> tuple[Branch, ...]:
@@ -251,6 +249,11 @@ class MapQueries(ABC):
             expected = f"0 to {count - 1}" if count else "none, since no plane is known"
             raise InputError(f"there is no plane {shown(plane)}; expected {expected}")
         return ObjectTable(item for item in self.objects if item.plane == plane)
+
+
+def saved_relations(objects: Sequence[TrackedObject]) -> dict[int, tuple[Relation, ...]]:
+    """Return the relations that were saved with objects, by label; an empty dict if there are none."""
+    return {item.label: item.relations for item in objects} if any(item.relations for item in objects) else {}
 
 
 def _point(point: npt.ArrayLike) -> Float64Array:

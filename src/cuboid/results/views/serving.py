@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import sys
 import threading
@@ -15,7 +16,7 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
-from cuboid.ground.core.errors import OutputError
+from cuboid.ground.core.errors import CuboidError, OutputError, one_line
 
 # Only clients on this machine, or through a forwarded port, see the results.
 HOST = "127.0.0.1"
@@ -260,6 +261,23 @@ def listening_at(port: int, handler: type[PageHandler]) -> PageServer:
         return PageServer((HOST, port), handler)
     except OSError as error:
         raise OutputError(f"port {port} cannot be used: {error.strerror}; omit --port to use a free one") from error
+
+
+def json_answer(action: Callable[[Any], Any], content: bytes) -> Answer:
+    """Return, as JSON, what a page gets for the JSON that it sent.
+
+    Raises
+    ------
+    Refusal
+        The user made a mistake, or the page is of another version of the program.
+    """
+    try:
+        return "application/json", json.dumps(action(json.loads(content))).encode("ascii")
+    except CuboidError as error:
+        raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
+        line = one_line(f"the page and the program have different versions: {error!r}")
+        raise Refusal(HTTPStatus.BAD_REQUEST, line) from error
 
 
 def path_and_query(address: str) -> tuple[str, str]:

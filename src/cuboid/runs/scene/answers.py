@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.results import TrackedObject, tag_of
-from cuboid.ground.core.values import EventName, RelationKind
-from cuboid.ground.geometry.box import Box
+from cuboid.ground.core.results import ObjectEvent, Sighting, TrackedObject, tag_of
+from cuboid.ground.core.values import RelationKind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -62,68 +60,45 @@ class SceneRecording:
     frames_used: int
 
 
-@dataclass(frozen=True, slots=True)
-class ScenePast:
-    """A sighting of an object.
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ScenePast(Sighting):
+    """A sighting of an object of a scene.
+
+    The other attributes are those of `Sighting`; label and box are those at that time, the box in the scene's world.
 
     Attributes
     ----------
-    label : int
-        Label at that time.
     recording, frame : int
     time_s : float
         Time of the frame in the recording.
-    box : Box
-        In the scene's world, as known at that time.
-    iou : float or None
-        3D IoU of the frame's proposal with it; None if the frame has no proposal.
-    visible : float
-        Fraction of its near side that was seen, 0..1.
-    rect_xyxy : (4,) float64
-        Pixels of the image.
     """
 
-    label: int
     recording: int
     frame: int
     time_s: float
-    box: Box
-    iou: float | None
-    visible: float
-    rect_xyxy: Float64Array
 
     def __repr__(self) -> str:
         where = f"recording {self.recording}, frame {self.frame}"
         return f"ScenePast({where}, {tag_of(self.label)}: {self.box.text()}; {self.visible:.0%} visible)"
 
 
-@dataclass(frozen=True, slots=True)
-class SceneEvent:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class SceneEvent(ObjectEvent):
     """An event of an object in view of a recording: it appeared, moved, is gone or is back.
+
+    The other attributes are those of `ObjectEvent`; the label is the one at that time.
 
     Attributes
     ----------
-    label : int
-        Label at that time.
     recording, frame : int
         The frame that reported it.
     time_s : float
         Time of the frame in the recording.
-    event : {"appeared", "moved", "gone", "back"}
-    from_m, to_m : (3,) float64 or None
-        Centre of its box before and after, in the scene's world; None if it was, or is, not there.
-    score : float
-        Confidence that it is the same object, 0..1.
     """
 
-    label: int
     recording: int
     frame: int
     time_s: float
-    event: EventName
-    from_m: Float64Array | None
-    to_m: Float64Array | None
-    score: float
 
     def __repr__(self) -> str:
         where = f"recording {self.recording}, frame {self.frame}"

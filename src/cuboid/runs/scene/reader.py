@@ -411,14 +411,16 @@ def _change_of(row: Row) -> SceneChange:
 def _event_of(row: Row) -> SceneEvent:
     """Return the event of a row of `_EVENT`."""
     label, recording, frame, time_s, event = row[:5]
-    return SceneEvent(label, recording, frame, time_s, event, _place_of(row[5:8]), _place_of(row[8:11]), row[11])
+    places, score = (_place_of(row[5:8]), _place_of(row[8:11])), row[11]
+    return SceneEvent(event, label, *places, score, recording=recording, frame=frame, time_s=time_s)
 
 
 def _past_of(row: Row) -> ScenePast:
     """Return the sighting of a row of `_PAST`; raise DamagedError if its box is invalid."""
     label, recording, frame, time_s = row[:4]
     iou, visible, *rect = row[14:]
-    return ScenePast(label, recording, frame, time_s, box_of(row[4:14], "boxes"), iou, visible, np.array(rect))
+    seen = label, box_of(row[4:14], "boxes"), iou, visible, np.array(rect)
+    return ScenePast(*seen, recording=recording, frame=frame, time_s=time_s)
 
 
 def _pose(numbers: Sequence[float]) -> Float64Array:

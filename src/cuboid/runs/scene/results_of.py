@@ -14,12 +14,13 @@ import numpy as np
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.results import FrameResult, Sighting, TrackedObject
+from cuboid.ground.core.values import PinholeEntry
 from cuboid.ground.version import __version__
 from cuboid.results.files import ObjectsFile, ResultWriter, RunReport
 from cuboid.runs.scene.answers import SceneObject, ScenePast
 from cuboid.runs.scene.furniture import known_furniture, of_recording, read_names
 from cuboid.runs.scene.reader import SceneReader
-from cuboid.runs.scene.validation import CameraColumn, Settings, columns_of, document, read_rows
+from cuboid.runs.scene.validation import Settings, columns_of, document, read_rows
 from cuboid.runs.scene.visit import load_tracker
 
 NOT_IN_SCENE = "the scene has no pose of this frame"
@@ -56,7 +57,7 @@ def write_results(
     path, form, poses, complete, frames, camera, settings, first_frame = rows[0]
     config = document(settings, dict[str, Any], "recordings.settings")
     every = document(settings, Settings, "recordings.settings").every
-    size = document(camera, CameraColumn, "recordings.camera")
+    size = document(camera, PinholeEntry, "recordings.camera")
     posed_frames = scene.poses(number)
     read = len(range(0, frames, every))
     missing = [k for k in range(0, frames, every) if k not in posed_frames]

@@ -14,7 +14,7 @@ from msgspec import Meta
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.values import FocalLength, ImageSide, Pixel, Point, refuse_no_quaternion
+from cuboid.ground.core.values import Point, refuse_no_quaternion
 from cuboid.ground.formats.json_validation import in_words
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
@@ -25,17 +25,6 @@ Row = tuple[Any, ...]
 
 # Number of rows of a large table that are read and checked at a time.
 ROWS_A_TIME = 64
-
-
-class CameraColumn(msgspec.Struct, frozen=True):
-    """The contents of `recordings.camera`."""
-
-    fx: FocalLength
-    fy: FocalLength
-    cx: Pixel
-    cy: Pixel
-    width: ImageSide
-    height: ImageSide
 
 
 class Settings(msgspec.Struct, frozen=True):

@@ -14,6 +14,7 @@ from cuboid.ground.core.results import FrameResult, MapPoints, SupportPlane, Tra
 from cuboid.results.files import RunReport
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries
+from cuboid.results.views.live.watch import TrackerView
 
 if TYPE_CHECKING:
     from cuboid.inputs.readers.depth_camera import DepthCamera
@@ -79,24 +80,12 @@ def lens_settings(recording: RecordingLike) -> dict[str, Any]:
     }
 
 
-class MapLike(Protocol):
+class MapLike(TrackerView, Protocol):
     """The interface of a running tracker between two frames."""
 
     @property
     def config(self) -> TrackerConfig:
         """The configuration in use."""
-
-    @property
-    def objects(self) -> list[TrackedObject]:
-        """The confirmed objects."""
-
-    @property
-    def planes(self) -> list[SupportPlane]:
-        """The supporting planes."""
-
-    @property
-    def up(self) -> Float64Array | None:
-        """Up in the world."""
 
     @property
     def points_known(self) -> int:
@@ -105,9 +94,6 @@ class MapLike(Protocol):
     @property
     def map_bytes(self) -> int:
         """Memory of the global point map."""
-
-    def map_points(self) -> MapPoints:
-        """Return the global point map."""
 
     def find_furniture(self, points: MapPoints) -> ObjectTable:
         """Return the furniture that bears the supporting planes, found among the points of the map."""

@@ -14,6 +14,7 @@ from cuboid.ground.core.results import SupportPlane
 from cuboid.ground.geometry.box import Box
 from cuboid.method.relations.footprints import Footprints
 from cuboid.services.queries.answers import FreePlace, Vector
+from cuboid.services.queries.sources import vector
 
 # Side of a cell of the plan, metres; larger on surfaces that would have more than `MAX_CELLS` along a side.
 CELL_M, MAX_CELLS = 0.01, 400
@@ -73,7 +74,7 @@ def free_place(
     center = feet.ground @ place - plane.offset * up
     along = feet.ground @ np.array([np.cos(turn), np.sin(turn)])
     distance = float(np.linalg.norm(place - wanted))
-    return FreePlace(surface, _vector(center), _vector(along), length, width, round(distance, 4))
+    return FreePlace(surface, vector(center), vector(along), length, width, round(distance, 4))
 
 
 def _plan(
@@ -118,8 +119,3 @@ def _footprint(length: float, width: float, turn: float) -> UInt8Array:
     x, y = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
     along, across = x * np.cos(turn) + y * np.sin(turn), -x * np.sin(turn) + y * np.cos(turn)
     return np.asarray((np.abs(along) <= length / 2.0) & (np.abs(across) <= width / 2.0), np.uint8)
-
-
-def _vector(values: Float64Array) -> Vector:
-    x, y, z = (round(float(value), 6) for value in values)
-    return x, y, z

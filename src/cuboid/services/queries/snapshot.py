@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from datetime import datetime
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -14,7 +13,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.results import TrackedObject
 from cuboid.services.queries.answers import State
-from cuboid.services.queries.filters import LIKELY, Filters, label_of
+from cuboid.services.queries.filters import LIKELY, label_of
 from cuboid.services.queries.likeness import color_fractions, color_word
 from cuboid.services.queries.sources import Source
 
@@ -22,9 +21,11 @@ from cuboid.services.queries.sources import Source
 # `BESIDE_M`, and on the supports of these.
 NEAR_M = 0.3
 
+Mask = npt.NDArray[np.bool_]
+
 
 class Snapshot:
-    """The objects of a place at one moment, and arrays of the present ones.
+    """The objects of a place at one moment, and arrays of those that are or were there.
 
     Parameters
     ----------
@@ -32,30 +33,29 @@ class Snapshot:
 
     Attributes
     ----------
-    all : list of (TrackedObject, str)
-        All objects with their states.
     living : list of TrackedObject
-        The N present objects.
+        The present objects.
+    known : list of (TrackedObject, str)
+        The N present and gone objects, with their states.
     labels : (N,) int64
         Their labels.
+    present : (N,) bool
     names : mapping of int to str or None
-        Their names, by label.
+        The names of the present objects, by label.
     """
 
     def __init__(self, source: Source) -> None:
-        self._source = source
-        self.all = source.objects()
-        self.living = [item for item, state in self.all if state == "present"]
-        self.labels = np.array([item.label for item in self.living], np.int64)
-        count = len(self.living)
-        self._size = np.array([item.box.size for item in self.living]).reshape(count, 3)
-        self._center = np.array([item.box.center for item in self.living]).reshape(count, 3)
-        self._rotation = np.array([item.box.rotation for item in self.living]).reshape(count, 3, 3)
-        self._score = np.array([item.score for item in self.living])
-        self._by_label = {item.label: (item, state) for item, state in self.all}
-        self._survivor = {
-            old: item.label for item, state in self.all if state != "merged" for old in item.merged_labels
-        }
+        every = source.objects()
+        self.living = [item for item, state in every if state == "present"]
+        self.known = [(item, state) for item, state in every if state in ("present", "gone")]
+        self.labels = np.array([item.label for item, _ in self.known], np.int64)
+        self.present = np.array([state == "present" for _, state in self.known], bool)
+        count = len(self.known)
+        self._size = np.array([item.box.size for item, _ in self.known]).reshape(count, 3)
+        self._center = np.array([item.box.center for item, _ in self.known]).reshape(count, 3)
+        self._rotation = np.array([item.box.rotation for item, _ in self.known]).reshape(count, 3, 3)
+        self._by_label = {item.label: (item, state) for item, state in every}
+        self._survivor = {old: item.label for item, state in every if state != "merged" for old in item.merged_labels}
         self.names: Mapping[int, str | None] = {item.label: item.name for item in self.living}
         self._called: dict[str, list[TrackedObject]] = defaultdict(list)
         for item in self.living:
@@ -90,38 +90,22 @@ class Snapshot:
     def is_called(self, label_or_name: str) -> bool:
         """Return whether a present object has a label or a name."""
         label = label_of(label_or_name)
-        return label_or_name.strip().lower() in self._called if label is None else label in self.labels
+        return label_or_name.strip().lower() in self._called if label is None else label in self.names
 
     def near(self, items: Sequence[TrackedObject]) -> list[TrackedObject]:
         """Return the present objects whose boxes are near the given objects, these included."""
-        near = np.zeros(len(self.living), bool)
+        near = np.zeros(len(self.known), bool)
         for item in items:
             near |= self.distances_m(item.box.center) <= NEAR_M + float(np.linalg.norm(item.box.size)) / 2.0
-        return [self.living[k] for k in np.flatnonzero(near)]
+        return [self.known[k][0] for k in np.flatnonzero(near & self.present)]
 
-    def passing(self, filters: Filters) -> npt.NDArray[np.bool_]:
-        """Return for each present object, (N,), whether it passes the filters that depend on one object alone."""
-        kept = np.ones(len(self.living), bool)
-        if filters.size_m is not None and len(kept):
-            longest = self._size.max(1)
-            kept &= (longest >= filters.size_m[0]) & (longest <= filters.size_m[1])
-        if filters.min_score is not None:
-            kept &= self._score >= filters.min_score
-        if filters.name is not None:
-            called = [item.label for item in self._called.get(filters.name.strip().lower(), [])]
-            kept &= np.isin(self.labels, called)
-        if filters.color is not None:
-            kept &= np.array([color_of_mean(item.mean_color.tobytes()) == filters.color for item in self.living], bool)
-        if filters.since is not None or filters.until is not None:
-            kept &= np.array([self._was_seen(item, filters.since, filters.until) for item in self.living], bool)
-        return kept
+    def mask(self, holds: Callable[[TrackedObject], bool], *, gone: bool = False) -> Mask:
+        """Return for each known object, (N,), whether a condition holds; of gone ones only if asked for."""
+        return np.array([(gone or state == "present") and holds(item) for item, state in self.known], bool)
 
-    def _was_seen(self, item: TrackedObject, since: datetime | None, until: datetime | None) -> bool:
-        seen = self._source.last_seen(item).time
-        if seen is None:
-            raise InputError("since, until: this recording has no calendar times")
-        moment = datetime.fromisoformat(seen)
-        return (since is None or moment >= since) and (until is None or moment < until)
+    def longest_m(self) -> Float64Array:
+        """Return the longest side of each box, metres, (N,)."""
+        return np.asarray(self._size.max(1, initial=0.0))
 
     def distances_m(self, point: Float64Array) -> Float64Array:
         """Return the distance of a point (3,) from each box, metres, (N,); 0 inside."""

@@ -1,4 +1,4 @@
-"""Sources of a place: a result folder or a scene file, with objects, sightings and pictures."""
+"""Sources of a place: a result folder or a scene file, with the history of their objects."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import InputError
@@ -46,67 +46,48 @@ class Bearer:
         return self.label == label if label is not None else (self.name or "").lower() == what.strip().lower()
 
 
-class Source(Protocol):
-    """The interface of a source of a place; calls come from one thread at a time."""
+class Source(ABC):
+    """A map that can be queried, with the history of its objects; calls come from one thread at a time.
 
-    @property
-    def title(self) -> str:
-        """Title of the place."""
+    The methods of this class are those of one recording: all its objects are present, and its frames need no number of
+    a recording.
 
-    @property
-    def kind(self) -> Literal["results", "scene", "run"]:
-        """Kind of the source."""
+    Attributes
+    ----------
+    title : str
+    kind : {"results", "scene", "run"}
+    running : bool
+        Whether a run is active.
+    map : MapQueries
+        The present map.
+    aside : MapQueries
+        The same map, opened a second time for slow queries in another thread.
+    """
 
-    @property
-    def running(self) -> bool:
-        """Whether a run is active."""
+    title: str
+    kind: Literal["results", "scene", "run"]
+    running = False
+    map: MapQueries
+    aside: MapQueries
 
-    @property
-    def map(self) -> MapQueries:
-        """The present map."""
-
-    @property
-    def aside(self) -> MapQueries:
-        """The same map, opened a second time for slow queries in another thread."""
-
-    def walls(self) -> Sequence[Wall]:
-        """Return the walls for the relation `against`, if finding them is cheap enough."""
-
-    def furniture(self) -> Sequence[Bearer]:
-        """Return the furniture, one entry for each label; only for the thread that uses `aside`."""
-
-    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
-        """Return the vectors of the objects by an image-text model, by label."""
-
+    @abstractmethod
     def version(self) -> object:
         """Return a value that changes with each change of the map."""
 
+    def walls(self) -> Sequence[Wall]:
+        """Return the walls for the relation `against`; none where finding them would need the whole map."""
+        return ()
+
+    def furniture(self) -> Sequence[Bearer]:
+        """Return the furniture that was found, one entry for each label; only for the thread that uses `aside`."""
+        return ()
+
+    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects by an image-text model, by label."""
+        return {}
+
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return all objects, gone ones included, sorted by label."""
-
-    def first_seen(self, item: TrackedObject) -> Seen:
-        """Return when an object was seen first."""
-
-    def last_seen(self, item: TrackedObject) -> Seen:
-        """Return when an object was seen last."""
-
-    def picture(self, item: TrackedObject) -> bytes | None:
-        """Return the picture of an object, JPEG; None if there is none."""
-
-    def sightings(self, item: TrackedObject) -> list[SightingAnswer]:
-        """Return the sightings of an object, in order."""
-
-    def past_relations(self, item: TrackedObject) -> list[PastRelated]:
-        """Return the present and past relations of an object."""
-
-
-class OneRecording(ABC):
-    """A source of one recording: all its objects are present, and its frames need no number of a recording."""
-
-    map: MapQueries
-
-    def objects(self) -> list[tuple[TrackedObject, State]]:
-        """Return the objects, sorted by label."""
         return [(item, "present") for item in self.map.objects]
 
     def first_seen(self, item: TrackedObject) -> Seen:
@@ -117,16 +98,24 @@ class OneRecording(ABC):
         """Return when an object was seen last."""
         return self._seen(item.last_frame)
 
-    def past_relations(self, item: TrackedObject) -> list[PastRelated]:
-        """Return an empty list: only a scene has a history of relations."""
-        return []
-
-    @abstractmethod
     def _seen(self, frame: int) -> Seen:
         """Return a frame with its time."""
+        return Seen(frame)
+
+    @abstractmethod
+    def picture(self, item: TrackedObject) -> bytes | None:
+        """Return the picture of an object, JPEG; None if there is none."""
+
+    @abstractmethod
+    def sightings(self, item: TrackedObject) -> list[SightingAnswer]:
+        """Return the sightings of an object, in order."""
+
+    def past_relations(self, item: TrackedObject) -> list[PastRelated]:
+        """Return the present and past relations of an object; only a scene has a history of them."""
+        return []
 
 
-class ResultsSource(OneRecording):
+class ResultsSource(Source):
     """A result folder.
 
     Parameters
@@ -134,9 +123,9 @@ class ResultsSource(OneRecording):
     folder : Path
     """
 
-    kind: Literal["results"] = "results"
+    kind = "results"
     map: Results
-    running = False
+    aside: Results
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -202,7 +191,7 @@ class ResultsSource(OneRecording):
         ]
 
 
-class SceneSource:
+class SceneSource(Source):
     """A scene file, to which another program may write at the same time.
 
     Parameters
@@ -210,7 +199,9 @@ class SceneSource:
     path : Path
     """
 
-    kind: Literal["scene"] = "scene"
+    kind = "scene"
+    map: Scene
+    aside: Scene
 
     def __init__(self, path: Path) -> None:
         if not path.is_file():
@@ -219,7 +210,6 @@ class SceneSource:
         self.map, self.aside = Scene.open(path), Scene.open(path)
         self.title = str(path)
         self._begun: dict[int, str] = {}
-        self.running = False
         self.version()
 
     def version(self) -> object:
@@ -228,10 +218,6 @@ class SceneSource:
         self._begun = {one.number: one.begun for one in recordings}
         self.running = bool(recordings) and not recordings[-1].complete
         return self.map.version, tuple(self._begun)
-
-    def walls(self) -> Sequence[Wall]:
-        """Return no walls, since finding them would need the whole map."""
-        return ()
 
     def furniture(self) -> Sequence[Bearer]:
         """Return the furniture that runs into the scene have found."""
@@ -252,15 +238,14 @@ class SceneSource:
         return [(item, item.state) for item in self.map.all_objects]  # type: ignore[misc]  # a literal in the file
 
     def first_seen(self, item: TrackedObject) -> Seen:
-        """Return when an object was seen first."""
-        return self._seen(*(item.first_seen if isinstance(item, SceneObject) else (0, item.first_frame)))
+        """Return a frame and its recording with the time at which tracking of the recording began."""
+        return self._seen_in(*item.first_seen) if isinstance(item, SceneObject) else self._seen(item.first_frame)
 
     def last_seen(self, item: TrackedObject) -> Seen:
-        """Return when an object was seen last."""
-        return self._seen(*(item.last_seen if isinstance(item, SceneObject) else (0, item.last_frame)))
+        """Return the same of the last sighting."""
+        return self._seen_in(*item.last_seen) if isinstance(item, SceneObject) else self._seen(item.last_frame)
 
-    def _seen(self, recording: int, frame: int) -> Seen:
-        """Return a frame of a recording with the time at which tracking of the recording began."""
+    def _seen_in(self, recording: int, frame: int) -> Seen:
         return Seen(frame, recording, self._begun.get(recording))
 
     def picture(self, item: TrackedObject) -> bytes | None:

@@ -10,17 +10,15 @@ from functools import partial
 import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.middleware import Middleware
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.responses import HTMLResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from cuboid.ground.core.errors import InputError, MissingExtraError
-from cuboid.results.views.guard import Guard
 from cuboid.results.views.serving import LOCAL_NAMES
 from cuboid.services.queries.answers import MapChange
+from cuboid.services.queries.api import guarded, refusal
 from cuboid.services.queries.place import Place
 from cuboid.services.service.endpoints import ENDPOINTS, JSON, Endpoint
 from cuboid.services.service.front import front_page
@@ -45,27 +43,16 @@ def application(place: Place, *, token: str | None, hosts: tuple[str, ...] = LOC
     hosts : tuple of str
         Names under which it is answered; ``*`` for any.
     """
-    described = openapi(secured=token is not None)
 
     async def front(request: Request) -> Response:
         return HTMLResponse(await run_in_threadpool(front_page, place))
 
-    async def document(request: Request) -> Response:
-        return JSONResponse(described)
-
-    return Starlette(
-        routes=[
-            Route("/", front),
-            Route("/openapi.json", document),
-            *(Route(one.path, partial(_answered, place, one)) for one in ENDPOINTS),
-            WebSocketRoute(SOCKET, partial(_changes, place)),
-        ],
-        middleware=[
-            Middleware(Guard, token=token),
-            Middleware(TrustedHostMiddleware, allowed_hosts=list(hosts)),
-        ],
-        lifespan=partial(_watching, place),
-    )
+    routes = [
+        Route("/", front),
+        *(Route(one.path, partial(_answered, place, one)) for one in ENDPOINTS),
+        WebSocketRoute(SOCKET, partial(_changes, place)),
+    ]
+    return guarded(routes, openapi(secured=token is not None), token, hosts, partial(_watching, place))
 
 
 @asynccontextmanager
@@ -100,11 +87,11 @@ def _answer(place: Place, endpoint: Endpoint, query: dict[str, str], path: dict[
             raise InputError(f"unknown parameter '{unknown[0]}'; there are {names}")
         found = endpoint.answer(place, query | path)
     except InputError as error:
-        return JSONResponse({"error": str(error)}, 404 if str(error).startswith("no object has") else 400)
+        return refusal(error, 404 if str(error).startswith("no object has") else 400)
     except MissingExtraError as error:
-        return JSONResponse({"error": str(error)}, 501)
+        return refusal(error, 501)
     if found is None:
-        return JSONResponse({"error": "there is none"}, 404)
+        return refusal("there is none", 404)
     if endpoint.media == JSON:
         return Response(msgspec.json.encode(found), media_type=JSON)
     content, media = found if isinstance(found, tuple) else (found, endpoint.media)

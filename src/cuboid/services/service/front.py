@@ -6,7 +6,7 @@ from html import escape
 
 from cuboid.ground.core.palette import color_of, hex_of, ink_on
 from cuboid.ground.core.results import tag_of
-from cuboid.results.views.report.page import page_source, style
+from cuboid.results.views.report.page import document_page, table
 from cuboid.services.queries.answers import FoundObject
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.place import Place
@@ -37,20 +37,18 @@ def front_page(place: Place) -> str:
     more = (
         f'<p class="note">The first {SHOWN}; <code>api/objects</code> finds all.</p>' if about.objects > SHOWN else ""
     )
-    objects = _table(_HEAD, [_object(one) for one in found]) if found else '<p class="empty">No object yet.</p>'
+    objects = (
+        table(_HEAD, [_object(one) for one in found], range(2, len(_HEAD) - 1))
+        if found
+        else '<p class="empty">No object yet.</p>'
+    )
     addresses = [(_address(one.path), escape(one.what)) for one in ENDPOINTS]
     addresses.append((f"<code>{SOCKET}</code>", "A WebSocket that sends each change of the map"))
     addresses.append((_address("/openapi.json"), "The description of this API for programs (OpenAPI)"))
     lines = [f"<tr><td>{address}</td><td class=wide>{what}</td></tr>" for address, what in addresses]
-    title = f"<h1>{escape(about.title)}</h1><p class=note>{'running, ' if about.running else ''}{count}</p>"
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(about.title)} - cuboid</title>'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<link rel="icon" href="data:,">'  # else browsers ask for /favicon.ico
-        f"<style>{style(STYLE)}</style></head><body><header>{page_source('mark.svg')}{title}</header>"
-        f'<main class="document"><h2>Objects</h2>{objects}{more}<h2>Addresses</h2>'
-        f"{_table(('address', 'what'), lines)}</main></body></html>\n"
-    )
+    header = f"<h1>{escape(about.title)}</h1><p class=note>{'running, ' if about.running else ''}{count}</p>"
+    main = f"<h2>Objects</h2>{objects}{more}<h2>Addresses</h2>{table(('address', 'what'), lines, range(0))}"
+    return document_page(about.title, header, main, STYLE)
 
 
 def _object(one: FoundObject) -> str:
@@ -72,10 +70,3 @@ def _object(one: FoundObject) -> str:
 def _address(path: str) -> str:
     shown = f"<code>{escape(path)}</code>"
     return shown if "{" in path or path == "/api/last-seen" else f'<a href="{path[1:]}">{shown}</a>'
-
-
-def _table(head: tuple[str, ...], lines: list[str]) -> str:
-    names = "".join(
-        f"<th{' class=number' if 1 < k < len(head) - 1 else ''}>{escape(name)}</th>" for k, name in enumerate(head)
-    )
-    return f'<div class="scrolls"><table><thead><tr>{names}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections import defaultdict, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
-from typing import Literal
 
 import numpy as np
 
-from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.results import MapPoints, ObjectEvent, SupportPlane, TrackedObject, Wall
-from cuboid.method.text_search import TextModel
+from cuboid.ground.core.results import MapPoints, ObjectEvent, SupportPlane, TrackedObject
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries, PointCloud
 from cuboid.services.queries.answers import Seen, SightingAnswer
-from cuboid.services.queries.sources import Bearer, OneRecording, calendar_time
+from cuboid.services.queries.sources import Source, calendar_time
 from cuboid.services.service.updates import Update
 
 # Sightings that are kept of an object, the latest; a run of hours has more than anybody asks for.
@@ -93,7 +91,7 @@ class LiveMap(MapQueries):
         raise InputError("meshes are made from the results, once the run has ended")
 
 
-class RunSource(OneRecording):
+class RunSource(Source):
     """A run that goes on, as a place that is asked.
 
     Parameters
@@ -103,7 +101,7 @@ class RunSource(OneRecording):
         To the tracker's process.
     """
 
-    kind: Literal["run"] = "run"
+    kind = "run"
     map: LiveMap
 
     def __init__(self, title: str, connection: Connection) -> None:
@@ -134,18 +132,6 @@ class RunSource(OneRecording):
     def version(self) -> object:
         """Return the number of updates so far."""
         return self._updates
-
-    def walls(self) -> Sequence[Wall]:
-        """Return none: they are found among the points of the whole map."""
-        return ()
-
-    def furniture(self) -> Sequence[Bearer]:
-        """Return none: it is found at the end of a run."""
-        return ()
-
-    def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
-        """Return none: objects are embedded at the end of a run."""
-        return {}
 
     def _seen(self, frame: int) -> Seen:
         """Return a frame with its time, interpolated between those of the updates."""

@@ -14,14 +14,12 @@ from mcp.types import ToolAnnotations
 from pydantic import Field
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.middleware import Middleware
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from cuboid.ground.core.errors import InputError, MissingExtraError
 from cuboid.ground.version import __version__
 from cuboid.method.text_search import TextQuery
-from cuboid.results.views.guard import Guard
 from cuboid.services.queries.answers import About, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
+from cuboid.services.queries.api import access
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.parameters import MAX_ROWS, MAX_SIZE_M
 from cuboid.services.queries.place import FREE_HEIGHT_M, SIGHTINGS, Place
@@ -122,10 +120,7 @@ def application(server: MCPServer, *, token: str | None, hosts: tuple[str, ...])
     # Names and origins are checked here, as in the other servers.
     checked_here = TransportSecuritySettings(enable_dns_rebinding_protection=False)
     app = server.streamable_http_app(json_response=True, stateless_http=True, transport_security=checked_here)
-    app.user_middleware += [
-        Middleware(Guard, token=token, methods=METHODS),
-        Middleware(TrustedHostMiddleware, allowed_hosts=list(hosts)),
-    ]
+    app.user_middleware += access(token, hosts, METHODS)
     return app
 
 

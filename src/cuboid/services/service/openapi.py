@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from cuboid.ground.version import __version__
+from cuboid.services.queries.api import openapi_document, query_parameters
 from cuboid.services.service.endpoints import ENDPOINTS, JSON, Endpoint
 
 SOCKET = "/api/changes/live"
@@ -26,16 +26,8 @@ def openapi(*, secured: bool) -> dict[str, Any]:
     kinds = [one.kind for one in ENDPOINTS if not isinstance(one.kind, str)]
     schemas, components = msgspec.json.schema_components(kinds, ref_template="#/components/schemas/{name}")
     schema_of = dict(zip((one.path for one in ENDPOINTS if not isinstance(one.kind, str)), schemas, strict=True))
-    document: dict[str, Any] = {
-        "openapi": "3.1.0",
-        "info": {"title": "Cuboid place", "version": __version__, "description": DESCRIPTION},
-        "paths": {one.path: {"get": _operation(one, schema_of.get(one.path))} for one in ENDPOINTS},
-        "components": {"schemas": components},
-    }
-    if secured:
-        document["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
-        document["security"] = [{"token": []}]
-    return document
+    paths = {one.path: _operation(one, schema_of.get(one.path)) for one in ENDPOINTS}
+    return openapi_document("Cuboid place", DESCRIPTION, paths, components, secured=secured)
 
 
 def _operation(one: Endpoint, schema: Any) -> dict[str, Any]:
@@ -44,14 +36,10 @@ def _operation(one: Endpoint, schema: Any) -> dict[str, Any]:
         {"name": name, "in": "path", "required": True, "schema": {"type": "integer", "minimum": 0}}
         for name in re.findall(r"\{(\w+)\}", one.path)
     ]
-    query = [
-        {"name": name, "in": "query", "schema": parameter.schema, "description": parameter.meaning}
-        for name, parameter in one.parameters.items()
-    ]
     return {
         "summary": one.what,
         "operationId": re.sub(r"\W+", "_", one.path.removeprefix("/api")).strip("_") or "about",
-        "parameters": [*within, *query],
+        "parameters": [*within, *query_parameters(one.parameters)],
         "responses": {
             "200": {"description": one.what, "content": {one.media: {"schema": body}}},
             "400": _WRONG,

@@ -6,15 +6,15 @@ import numpy as np
 
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.compiling.compiled import kernel
+from cuboid.ground.core.tolerances import DEPTH_NOISE_PER_M, SIGMAS
 
 # Half the side of a reading's footprint, in pixels of the depth image: slightly more than half a pixel, because
 # neighbours on a curved surface do not meet exactly.
 COVERS_PX = 0.6
 # Neighbouring readings lie on one surface if their depths differ by at most the step per pixel of a surface tilted by
-# 80 degrees, plus three standard deviations of structured light's noise (1.425e-3 z^2 m; Khoshelham, Oude Elberink,
-# Sensors 2012), the largest of the common sensors.
+# 80 degrees, plus SIGMAS standard deviations of noise.
 STEEPEST = 5.7
-NOISE_PER_M = 3 * 1.425e-3
+NOISE_PER_M = SIGMAS * DEPTH_NOISE_PER_M
 # Points nearer to the color camera than this, metres, have no pixel in its image.
 NEAREST_M = 0.02
 

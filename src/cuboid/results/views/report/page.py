@@ -59,6 +59,42 @@ def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
     )
 
 
+def document_page(title: str, header: str, main: str, *styles: str) -> str:
+    """Return a page of text and tables without scripts, as HTML.
+
+    Parameters
+    ----------
+    title : str
+    header, main : str
+        HTML of the line at the top, after the mark, and of the page below it.
+    *styles : str
+        CSS in addition to that of all pages.
+    """
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)} - cuboid</title>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<link rel="icon" href="data:,">'  # otherwise browsers request /favicon.ico
+        f"<style>{style(*styles)}</style></head><body><header>{page_source('mark.svg')}{header}</header>"
+        f'<main class="document">{main}</main></body></html>\n'
+    )
+
+
+def table(names: Sequence[str], lines: Sequence[str], numbers: range) -> str:
+    """Return a table that scrolls, as HTML.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Headings of the columns.
+    lines : sequence of str
+        HTML of the rows.
+    numbers : range
+        The columns of numbers.
+    """
+    head = "".join(f"<th{' class=number' if k in numbers else ''}>{escape(name)}</th>" for k, name in enumerate(names))
+    return f'<div class="scrolls"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+
+
 def page_source(name: str) -> str:
     """Return the text of a file of the page: HTML, style or script."""
     return (files("cuboid.results.views.report") / "page" / name).read_text(encoding="utf-8")

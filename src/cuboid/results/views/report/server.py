@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
-from cuboid.ground.core.errors import CuboidError, FrameError, InputError, one_line
+from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.results import TrackedObject, names_of
 from cuboid.ground.formats.folder import REPORT
@@ -26,7 +24,7 @@ from cuboid.results.views.redraw import KINDS, Draw, drawer
 from cuboid.results.views.replay import Replay, ReplayedFrame
 from cuboid.results.views.report.page import page_of, renamed
 from cuboid.results.views.report.summary import Summary, name_document, summarise
-from cuboid.results.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at, path_and_query
+from cuboid.results.views.serving import Answer, PageHandler, PageServer, json_answer, listening_at, path_and_query
 
 PICTURES = "/frame"
 NAMES = "/names"
@@ -188,16 +186,7 @@ def _take(viewer: Viewer, address: str, content: bytes) -> Answer | None:
         TEXT: lambda sent: {"objects": viewer.fits(str(sent["text"]))},
     }
     answer = answers.get(path_and_query(address)[0])
-    if answer is None:
-        return None
-    try:
-        document = answer(json.loads(content))
-    except CuboidError as error:
-        raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
-    except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
-        line = one_line(f"the page and the program have different versions: {error!r}")
-        raise Refusal(HTTPStatus.BAD_REQUEST, line) from error
-    return "application/json", json.dumps(document).encode("ascii")
+    return None if answer is None else json_answer(answer, content)
 
 
 def rename_in(folder: Path, label: int, name: str) -> TrackedObject:

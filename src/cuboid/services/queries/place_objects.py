@@ -1,0 +1,188 @@
+"""The objects of a place at one moment, as a source of the questions: conditions are masks over them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from functools import cached_property
+
+import numpy as np
+
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.results import Relation, TrackedObject
+from cuboid.ground.core.values import RelationKind
+from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.method.text_search import ranked
+from cuboid.services.queries.answers import FoundObject, Related, State
+from cuboid.services.queries.filters import Filters, is_surface
+from cuboid.services.queries.shared_map import SharedMap
+from cuboid.services.queries.snapshot import Mask, Snapshot, color_of_mean, is_called, names_of
+from cuboid.services.queries.sources import Source, vector
+
+
+class PlaceObjects:
+    """The objects of a place at one moment: an `ObjectSource`.
+
+    Parameters
+    ----------
+    shared : SharedMap
+    targets : sequence of str
+        The objects and surfaces of all relations that the question has.
+    """
+
+    def __init__(self, shared: SharedMap, targets: Sequence[str] = ()) -> None:
+        self._shared, self._targets, self._now = shared, targets, shared.snapshot()
+        self._distances: Float64Array | None = None
+
+    def present(self) -> Mask:
+        """Return the present objects."""
+        return self._now.present
+
+    def sized(self, low_m: float, high_m: float) -> Mask:
+        """Return the objects whose longest side is within a range."""
+        longest = self._now.longest_m()
+        return np.asarray((longest >= low_m) & (longest <= high_m))
+
+    def scored(self, least: float) -> Mask:
+        """Return the objects with a least confidence."""
+        return self._now.mask(lambda item: item.score >= least)
+
+    def named(self, name: str) -> Mask:
+        """Return the objects with a name or a likely class."""
+        return self._now.mask(lambda item: name.strip().lower() in names_of(item))
+
+    def called(self, label_or_name: str) -> Mask:
+        """Return the objects with a label or a name, gone ones included."""
+        return self._now.mask(lambda item: is_called(item, label_or_name), gone=True)
+
+    def colored(self, word: str) -> Mask:
+        """Return the objects whose mean color has this word."""
+        return self._now.mask(lambda item: color_of_mean(item.mean_color.tobytes()) == word)
+
+    def seen(self, since: datetime | None, until: datetime | None) -> Mask:
+        """Return the objects that were seen last within a range of time."""
+
+        def was_seen(item: TrackedObject) -> bool:
+            seen = self._shared.source.last_seen(item).time
+            if seen is None:
+                raise InputError("since, until: this recording has no calendar times")
+            moment = datetime.fromisoformat(seen)
+            return (since is None or moment >= since) and (until is None or moment < until)
+
+        with self._shared.lock:
+            return self._now.mask(was_seen)
+
+    def near(self, point: tuple[float, float, float], within_m: float) -> Mask:
+        """Return the objects near a point."""
+        return self._within(self._now.distances_m(np.array(point)), within_m)
+
+    def near_object(self, label_or_name: str, within_m: float) -> Mask:
+        """Return the objects near other ones."""
+        others = self._now.called(label_or_name)
+        distances = np.min([self._now.distances_m(other.box.center) for other in others], axis=0)
+        distances[np.isin(self._now.labels, [other.label for other in others])] = np.inf
+        return self._within(distances, within_m)
+
+    def _within(self, distances_m: Float64Array, within_m: float) -> Mask:
+        """Return the objects that are near enough; the first distances rank them."""
+        self._distances = distances_m if self._distances is None else self._distances
+        return np.asarray(distances_m <= within_m)
+
+    def related(self, kind: RelationKind, to: str) -> Mask:
+        """Return the objects with a relation to an object or a surface."""
+        ends = self._surfaces(to)
+        if not ends or self._now.is_called(to):
+            ends |= {item.label for item in self._now.called(to)}
+        found = [
+            label
+            for label, relations in self._relations.items()
+            if any(relation.kind == kind and relation.to in ends for relation in relations)
+        ]
+        return np.isin(self._now.labels, found)
+
+    def recorded(self, pattern: str) -> Mask:
+        """Raise InputError: a place has no recordings with names."""
+        raise InputError("recording: this filter needs a store")
+
+    def other_than(self, recording: str, label: int) -> Mask:
+        """Raise InputError: a place keeps no shapes and colors to compare."""
+        raise InputError("like: this filter needs a store")
+
+    @cached_property
+    def _relations(self) -> Mapping[int, Sequence[Relation]]:
+        return self._shared.relations_to([to for to in self._targets if not self._surfaces(to)])
+
+    def _surfaces(self, to: str) -> set[int | str]:
+        """Return the surfaces that a text names: a surface, or the planes of furniture with this label or name."""
+        if is_surface(to):
+            return {to.strip()}
+        return {f"plane:{k}" for bearer in self._shared.furniture() if bearer.is_called(to) for k in bearer.planes}
+
+    def select(self, conditions: Sequence[Mask], by: Filters) -> list[FoundObject]:
+        """Return the objects that meet all conditions, by match with a text, else by distance, else by label."""
+        rows = np.flatnonzero(np.logical_and.reduce(conditions))
+        if self._distances is not None:
+            rows = rows[np.argsort(self._distances[rows], kind="stable")]
+        chosen, fits = rows.tolist(), dict[int, float]()
+        if by.text is not None:
+            row_of = {self._now.known[k][0].label: k for k in chosen}
+            matches = ranked([self._now.known[k][0] for k in chosen], self._shared.vectors(), by.text)
+            fits = {row_of[match.item.label]: match.score for match in matches}
+            chosen = list(fits)
+        relations = self._relations if self._targets else None
+        with self._shared.lock:
+            return [self._answer(k, relations, fits.get(k)) for k in chosen[: by.limit]]
+
+    def latest(self, conditions: Sequence[Mask]) -> list[FoundObject]:
+        """Return the objects that meet all conditions, the last seen first."""
+        last = [
+            (self._now.known[k][0].last_frame, k) for k in np.flatnonzero(np.logical_and.reduce(conditions)).tolist()
+        ]
+        with self._shared.lock:
+            return [self._answer(k) for _, k in sorted(last, reverse=True)]
+
+    def _answer(
+        self, k: int, relations: Mapping[int, Sequence[Relation]] | None = None, text_score: float | None = None
+    ) -> FoundObject:
+        item, state = self._now.known[k]
+        distance_m = None if self._distances is None else float(self._distances[k])
+        return answer_of(self._shared.source, self._now, item, state, relations, distance_m, text_score)
+
+
+def answer_of(
+    source: Source,
+    now: Snapshot,
+    item: TrackedObject,
+    state: State,
+    relations: Mapping[int, Sequence[Relation]] | None = None,
+    distance_m: float | None = None,
+    text_score: float | None = None,
+) -> FoundObject:
+    """Return an object as answers contain it; the caller holds the lock of the source."""
+    of_item = None if relations is None else relations.get(item.label, ())
+    w, x, y, z = (round(float(value), 6) for value in quat_wxyz_from_rotation(item.box.rotation))
+    return FoundObject(
+        label=item.label,
+        name=item.name,
+        state=state,
+        kind=item.kind,
+        classes=tuple((name, round(score, 3)) for name, score in item.names),
+        score=round(item.score, 3),
+        center_m=vector(item.box.center),
+        size_m=vector(item.box.size),
+        quat_wxyz=(w, x, y, z),
+        color=color_of_mean(item.mean_color.tobytes()),
+        plane=item.plane,
+        first_seen=source.first_seen(item),
+        last_seen=source.last_seen(item),
+        frames_seen=item.frames_seen,
+        distance_m=None if distance_m is None else round(distance_m, 4),
+        text_score=None if text_score is None else round(text_score, 6),
+        relations=None if of_item is None else tuple(_related(relation, now) for relation in of_item),
+    )
+
+
+def _related(relation: Relation, now: Snapshot) -> Related:
+    name = now.names.get(relation.to) if isinstance(relation.to, int) else None
+    return Related(relation.kind, relation.to, name, round(relation.score, 3))

@@ -1,0 +1,103 @@
+"""The questions about objects, written once for every source of objects: a scene, results, a run, a store.
+
+A source makes conditions and selects the objects that meet all of them. A condition of a place is a mask over its
+objects; one of a store is SQL.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from typing import Protocol, TypeVar
+
+from cuboid.ground.core.values import RelationKind
+from cuboid.services.queries.filters import Filters
+
+C = TypeVar("C")
+F = TypeVar("F")
+
+
+class ObjectSource(Protocol[C, F]):
+    """Objects of one moment; the methods that return a condition raise InputError if the source cannot have it."""
+
+    def present(self) -> C:
+        """Return the condition that an object is still there."""
+
+    def sized(self, low_m: float, high_m: float) -> C:
+        """Return the condition that the longest side is within a range."""
+
+    def scored(self, least: float) -> C:
+        """Return the condition of a least confidence that it is an object."""
+
+    def named(self, name: str) -> C:
+        """Return the condition that this is the name or a likely class of an object; case is ignored."""
+
+    def called(self, label_or_name: str) -> C:
+        """Return the condition that an object has this label, had it before it was merged, or is named so."""
+
+    def colored(self, word: str) -> C:
+        """Return the condition that an object has a color, one of `COLOR_WORDS`."""
+
+    def seen(self, since: datetime | None, until: datetime | None) -> C:
+        """Return the condition that the last sighting is within a range of time, its end excluded."""
+
+    def near(self, point: tuple[float, float, float], within_m: float) -> C:
+        """Return the condition that an object is near a point of the world."""
+
+    def near_object(self, label_or_name: str, within_m: float) -> C:
+        """Return the condition that an object is near another one."""
+
+    def related(self, kind: RelationKind, to: str) -> C:
+        """Return the condition that an object has a relation to an object (label or name) or to a surface."""
+
+    def recorded(self, pattern: str) -> C:
+        """Return the condition that the name of the recording matches a glob pattern."""
+
+    def other_than(self, recording: str, label: int) -> C:
+        """Return the condition that it is not this object, with which the others are compared."""
+
+    def select(self, conditions: Sequence[C], by: Filters) -> list[F]:
+        """Return the objects that meet all conditions, best first by the ranking filters, at most `by.limit`."""
+
+    def latest(self, conditions: Sequence[C]) -> list[F]:
+        """Return the objects that meet all conditions, the last seen first."""
+
+
+def find(source: ObjectSource[C, F], filters: Filters) -> list[F]:
+    """Return the present objects that pass all filters.
+
+    Raises
+    ------
+    InputError
+        A named object does not exist, or the source cannot answer one of the filters.
+    """
+    return source.select([source.present(), *_conditions(source, filters)], filters)
+
+
+def last_seen(source: ObjectSource[C, F], label_or_name: str) -> list[F]:
+    """Return the objects with a label or name, gone ones included, with their last sightings, the latest first."""
+    return source.latest([source.called(label_or_name)])
+
+
+def _conditions(source: ObjectSource[C, F], filters: Filters) -> Iterator[C]:
+    """Iterate over the conditions of those filters that are given."""
+    if filters.recording is not None:
+        yield source.recorded(filters.recording)
+    if filters.like is not None:
+        yield source.other_than(*filters.like)
+    if filters.size_m is not None:
+        yield source.sized(*filters.size_m)
+    if filters.min_score is not None:
+        yield source.scored(filters.min_score)
+    if filters.name is not None:
+        yield source.named(filters.name)
+    if filters.color is not None:
+        yield source.colored(filters.color)
+    if filters.since is not None or filters.until is not None:
+        yield source.seen(filters.since, filters.until)
+    for kind, to in filters.related():
+        yield source.related(kind, to)
+    if filters.near is not None:
+        yield source.near(filters.near, filters.within_m)
+    if filters.near_object is not None:
+        yield source.near_object(filters.near_object, filters.within_m)
