@@ -213,7 +213,7 @@ def tape_roll(rng: np.random.Generator) -> Model:
     r, h = rng.uniform(0.04, 0.058), rng.uniform(0.03, 0.05)
     inner = r * rng.uniform(0.62, 0.8)
     roll = lathe([(inner, 0), (r, 0), (r, h), (inner, h)], 48)
-    core = lathe([(inner, h), (inner - 0.003, h), (inner - 0.003, 0), (inner, 0)], 48)
+    core = lathe([(inner, h), (inner - 0.003, h), (inner - 0.003, 0), (inner, 0), (inner, h)], 48)
     tape = choice(rng, ((0.72, 0.56, 0.34), (0.85, 0.83, 0.76), paint(rng)))
     return standing("tape roll", (roll, Material(tape, shine=0.4)), (core, Material((0.62, 0.50, 0.36))))
 
