@@ -1,20 +1,11 @@
-"""Hostile sequences: the same for a seed, of every kind; no pose that is none gets into a frame; the tracker stands."""
+"""Hostile sequences: no pose that is none gets into a frame; the tracker stands."""
 
 from __future__ import annotations
 
-import numpy as np
 from fire import Fired, fire, load_kernels
 from hostile import KINDS, hostile
 
 from cuboid.ground.geometry.se3 import is_rigid
-
-
-def test_a_seed_gives_the_same_frames() -> None:
-    for one, other in zip(hostile(3).frames(40), hostile(3).frames(40), strict=True):
-        assert (one.kind, one.refused) == (other.kind, other.refused)
-        if one.frame is not None and other.frame is not None:
-            assert np.array_equal(one.frame.depth_m, other.frame.depth_m, equal_nan=True)
-            assert np.array_equal(one.frame.color, other.frame.color)
 
 
 def test_poses_that_are_none_stop_at_the_frame() -> None:

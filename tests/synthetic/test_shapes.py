@@ -1,17 +1,24 @@
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from cuboid.lab.synthetic.mesh import box, corner_normals, lathe, sample_surface
 from cuboid.lab.synthetic.raycast import RayCaster
-from cuboid.lab.synthetic.shapes import CATALOGUE, MAKERS
+from cuboid.lab.synthetic.shapes import CATALOGUE, MAKERS, Model
+
+
+@cache
+def model(name: str, seed: int) -> Model:
+    return CATALOGUE[name](np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("name", MAKERS)
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_model_is_a_household_thing_that_stands_on_zero(name, seed):
-    mesh = MAKERS[name](np.random.default_rng(seed)).mesh()
+    mesh = model(name, seed).mesh()
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     assert abs(low[2]) < 1e-9
     assert (high - low).min() > 0.03
@@ -30,7 +37,7 @@ LONGEST_M |= {"shoe": (0.24, 0.32), "backpack": (0.34, 0.5), "bear": (0.15, 0.3)
 @pytest.mark.parametrize("name", CATALOGUE)
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_thing_stands_on_zero_and_has_the_size_of_its_kind(name, seed):
-    mesh = CATALOGUE[name](np.random.default_rng(seed)).mesh()
+    mesh = model(name, seed).mesh()
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     least, most = LONGEST_M.get(name, (0.035, 0.5))
     assert abs(low[2]) < 1e-9
@@ -43,7 +50,7 @@ def test_a_thing_stands_on_zero_and_has_the_size_of_its_kind(name, seed):
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_rays_from_outside_meet_outsides(name):
     """A hole in a surface shows the inner side of the opposite one: such rays are at most 1 in 200."""
-    mesh = CATALOGUE[name](np.random.default_rng(5)).mesh()
+    mesh = model(name, 1).mesh()
     caster, normals = RayCaster(mesh.corners()), mesh.area_normals()
     middle, reach = mesh.vertices.mean(0), np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / 2
     wrong = hit = 0
@@ -64,8 +71,8 @@ STANDARD_SIZES = {"can": 3, "letter_trays": 1}
 
 
 def test_models_of_a_name_differ():
-    for name, make in CATALOGUE.items():
-        models = [make(np.random.default_rng(k)) for k in range(4)]
+    for name in CATALOGUE:
+        models = [model(name, k) for k in range(4)]
         assert len({repr([(part.vertices.tobytes(), look) for part, look in one.parts]) for one in models}) >= 3, name
         # A lamp with an arm has one size, one with a stem any: two of the four have a stem.
         least = 2 if name == "table_lamp" else 3
@@ -74,7 +81,7 @@ def test_models_of_a_name_differ():
 
 @pytest.mark.parametrize("name", STANDARD_SIZES)
 def test_things_of_standard_sizes_have_all_of_them(name):
-    assert len({size(CATALOGUE[name](np.random.default_rng(k))) for k in range(24)}) == STANDARD_SIZES[name]
+    assert len({size(model(name, k)) for k in range(24)}) == STANDARD_SIZES[name]
 
 
 def size(model):
@@ -84,15 +91,15 @@ def size(model):
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_faces_look_outward(name):
     """The enclosed volume is positive: its sum over faces changes sign where a part is inside out."""
-    for mesh, _ in CATALOGUE[name](np.random.default_rng(3)).parts:
+    for mesh, _ in model(name, 2).parts:
         a, b, c = np.moveaxis(mesh.corners() - mesh.vertices.mean(axis=0), 1, 0)
         assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() > 0
 
 
 def test_same_seed_same_model():
-    for make in CATALOGUE.values():
-        first, second = (make(np.random.default_rng(7)).mesh().vertices for _ in range(2))
-        np.testing.assert_array_equal(first, second)
+    for name, make in CATALOGUE.items():
+        again = make(np.random.default_rng(1))
+        np.testing.assert_array_equal(model(name, 1).mesh().vertices, again.mesh().vertices)
 
 
 def test_a_box_has_flat_sides_and_a_lathe_a_round_one():

@@ -240,7 +240,7 @@ def ring_tower(rng: np.random.Generator) -> Model:
 def sand_bucket(rng: np.random.Generator) -> Model:
     """Return a toy bucket with a handle."""
     r, h = rng.uniform(0.06, 0.08), rng.uniform(0.11, 0.14)
-    body = lathe(hollow([(r * 0.72, 0), (r * 0.97, h * 0.92), (r * 1.04, h * 0.92), (r * 1.04, h)], 0.004, 0.004), 48)
+    body = lathe(hollow([(r * 0.72, 0), (r * 0.97, h * 0.9), (r * 1.04, h * 0.94), (r * 1.04, h)], 0.004, 0.004), 48)
     angle = np.linspace(0, np.pi, 24)
     tilt = rng.uniform(0.9, 1.3)
     bow = np.column_stack([r * 1.05 * np.cos(angle), np.zeros(24), r * 1.02 * np.sin(angle)])
