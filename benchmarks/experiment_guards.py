@@ -24,7 +24,8 @@ from cuboid.ground.formats.rows_files import ProposalEntry, TrackEntry
 from cuboid.ground.formats.run_file import RunDocument
 from cuboid.ground.formats.table_validation import read_table
 from cuboid.ground.formats.truth_file import TruthDocument
-from cuboid.inputs.readers.images import IMAGE_ENDINGS, decode_color, decode_depth
+from cuboid.inputs.readers.image_folder import IMAGE_ENDINGS
+from cuboid.inputs.readers.images import decode_color, decode_depth
 from cuboid.lab.evaluation import evaluate
 from cuboid.runs.pipeline.options import TrackOptions
 from scenes import cases

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import re
 import shlex
 import subprocess
@@ -200,27 +199,35 @@ def test_the_shell_is_told_how_to_complete(shell: str, capfd: pytest.CaptureFixt
     assert "ARGCOMPLETE" in out.upper()
 
 
-@pytest.mark.parametrize(
-    ("line", "there"),
-    [
-        ("cuboid exp", "export"),
-        ("cuboid track r --dep", "--depth-scale"),
-        ("cuboid synth --kind ro", "room"),
-        ("cuboid track r --proposals edge", "edgeboxes"),
-        ("cuboid track r --format stray", "stray-scanner"),
-        ("cuboid track r --set vox", "voxel_m="),
-        ("cuboid track --camera real", "realsense"),
-        ("cuboid export d --to coc", "coco"),
-        ("cuboid convert r --to mca", "mcap"),
-        ("cuboid scene comp", "compact"),
-        ("cuboid scene export s --to resu", "results"),
-    ],
-)
-def test_words_are_completed(line: str, there: str, tmp_path: Path) -> None:
-    script = "from cuboid.cli import main; main()"
-    answers = tmp_path / "answers"
-    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n"}
-    asked["_ARGCOMPLETE_STDOUT_FILENAME"] = str(answers)
-    environment = {**os.environ, **asked}
-    subprocess.run([sys.executable, "-c", script], env=environment, check=False, timeout=30, stderr=subprocess.DEVNULL)
-    assert [word.strip() for word in answers.read_text().split("\n")] == [there]
+COMPLETED = {
+    "cuboid exp": "export",
+    "cuboid track r --dep": "--depth-scale",
+    "cuboid synth --kind ro": "room",
+    "cuboid track r --proposals edge": "edgeboxes",
+    "cuboid track r --format stray": "stray-scanner",
+    "cuboid track r --set vox": "voxel_m=",
+    "cuboid track --camera real": "realsense",
+    "cuboid export d --to coc": "coco",
+    "cuboid convert r --to mca": "mcap",
+    "cuboid scene comp": "compact",
+    "cuboid scene export s --to resu": "results",
+}
+# Completion ends its process; here it goes on with the next line.
+COMPLETE = """
+import contextlib, os, sys
+def ends(status): raise SystemExit(status)
+os._exit = ends
+from cuboid.cli import main
+for k, line in enumerate(sys.argv[2:]):
+    os.environ.update(_ARGCOMPLETE="1", COMP_LINE=line, COMP_POINT=str(len(line)), _ARGCOMPLETE_IFS="\\n")
+    os.environ["_ARGCOMPLETE_STDOUT_FILENAME"] = os.path.join(sys.argv[1], str(k))
+    with contextlib.suppress(SystemExit):
+        main()
+"""
+
+
+def test_words_are_completed(tmp_path: Path) -> None:
+    call = [sys.executable, "-c", COMPLETE, str(tmp_path), *COMPLETED]
+    subprocess.run(call, check=True, timeout=60, stderr=subprocess.DEVNULL)
+    answers = [(tmp_path / str(k)).read_text().split("\n") for k in range(len(COMPLETED))]
+    assert [[word.strip() for word in words] for words in answers] == [[there] for there in COMPLETED.values()]

@@ -60,8 +60,12 @@ def test_worlds_are_turned_any_way():
     assert (ups.max(axis=0) > 0.3).all()
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
-@pytest.mark.parametrize("kind", KINDS)
+# Every camera with the first kind, and one of them with each of the others.
+CARRIED = [("table", camera) for camera in CAMERAS]
+CARRIED += [(kind, list(CAMERAS)[k % len(CAMERAS)]) for k, kind in enumerate(KINDS) if kind != "table"]
+
+
+@pytest.mark.parametrize(("kind", "camera"), CARRIED)
 def test_the_camera_moves_like_one_that_is_carried(kind, camera):
     """At 30 frames a second: below 0.8 m/s and 60 degrees/s, upright but for a little roll."""
     poses = make_scene(kind, 5, camera=camera).T_room_camera
