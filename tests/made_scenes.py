@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
+import numba
 import numpy as np
 
 from cuboid.ground.core.frame import Frame, Intrinsics
@@ -38,20 +40,35 @@ def cast(
     boxes: Sequence[Box], T_world_camera: np.ndarray, camera: Intrinsics = CAMERA
 ) -> tuple[np.ndarray, np.ndarray]:
     """Depth (H, W) in metres and the number of the box hit (H, W), -1 none; by the slab method."""
-    v, u = np.mgrid[: camera.height, : camera.width]
-    rays = camera.points(u, v, np.ones(u.shape))
-    world = rays @ T_world_camera[:3, :3].T
-    depth, hit = np.full(u.shape, np.inf), np.full(u.shape, -1)
+    world = _rays(camera) @ T_world_camera[:3, :3].T
+    depth, hit = np.full(world.shape[:2], np.inf), np.full(world.shape[:2], -1)
     for k, box in enumerate(boxes):
         origin = box.rotation.T @ (T_world_camera[:3, 3] - box.center)
-        with np.errstate(divide="ignore"):
-            inverse = 1.0 / (world @ box.rotation)
-        a, b = (-box.size / 2 - origin) * inverse, (box.size / 2 - origin) * inverse
-        near = np.maximum.reduce(np.moveaxis(np.minimum(a, b), -1, 0))
-        far = np.minimum.reduce(np.moveaxis(np.maximum(a, b), -1, 0))
-        better = (near < far) & (near > 0) & (near < depth)
-        depth[better], hit[better] = near[better], k
+        _hit_box(world @ box.rotation, -box.size / 2 - origin, box.size / 2 - origin, k, depth, hit)
     return np.where(np.isfinite(depth), depth, 0.0), hit
+
+
+@lru_cache
+def _rays(camera: Intrinsics) -> np.ndarray:
+    """Points (H, W, 3) of the pixels at depth 1, in the camera's frame."""
+    v, u = np.mgrid[: camera.height, : camera.width]
+    return camera.points(u, v, np.ones(u.shape))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _hit_box(rays, low, high, k, depth, hit):  # type: ignore[no-untyped-def]
+    """Write depth and number of a box where it is nearer; rays (H, W, 3) and corners (3,) are in its own axes."""
+    for r in range(rays.shape[0]):
+        for c in range(rays.shape[1]):
+            near, far = -np.inf, np.inf
+            for axis in range(3):
+                inverse = 1.0 / rays[r, c, axis]
+                a, b = low[axis] * inverse, high[axis] * inverse
+                if np.isnan(a) or np.isnan(b):  # along a side: no hit
+                    near, far = np.inf, -np.inf
+                near, far = max(near, min(a, b)), min(far, max(a, b))
+            if 0 < near < far and near < depth[r, c]:
+                depth[r, c], hit[r, c] = near, k
 
 
 def frame_of(
