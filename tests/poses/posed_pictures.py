@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from cuboid.ground.core.frame import Frame, Intrinsics
@@ -40,8 +42,19 @@ def texture(points: np.ndarray, hit: np.ndarray) -> np.ndarray:
     return value
 
 
+@lru_cache(512)
+def _scene_picture(pose: bytes, index: int, noise: bool) -> Frame:
+    return _picture(np.frombuffer(pose).reshape(4, 4), index, noise, SCENE)
+
+
 def picture(T_world_camera: np.ndarray, index: int, noise: bool = True, boxes: list[Box] = SCENE) -> Frame:
-    """A frame with the noise of a structured-light sensor."""
+    """A frame with the noise of a structured-light sensor; of `SCENE` the same frame for the same call."""
+    if boxes is SCENE:
+        return _scene_picture(np.asarray(T_world_camera, float).tobytes(), index, noise)
+    return _picture(T_world_camera, index, noise, boxes)
+
+
+def _picture(T_world_camera: np.ndarray, index: int, noise: bool, boxes: list[Box]) -> Frame:
     depth, hit = cast(boxes, T_world_camera, CAMERA)
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
     world = CAMERA.points(u, v, depth) @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
