@@ -23,10 +23,15 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_recording(tmp_path_factory.mktemp("surroundings") / "recording", 12)
 
 
+@pytest.fixture(scope="module")
+def tracked(recording: Path) -> Path:
+    assert run(command("track", recording, "--output", recording.parent / "out")).returncode == 0
+    return recording.parent / "out"
+
+
 @pytest.fixture
-def results(recording: Path, tmp_path: Path) -> Path:
-    assert run(command("track", recording, "--output", tmp_path / "out")).returncode == 0
-    return tmp_path / "out"
+def results(tracked: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(tracked, tmp_path / "out")
 
 
 def at_most(limit_bytes: int) -> Callable[[], None]:
