@@ -34,7 +34,10 @@ from fakes import FakeTracker, write_recording
 from made_results import write_results
 
 # What a user reaches: the packages whose names are public. Others make these two.
-PUBLIC = ("cuboid", *(f"cuboid.{name}" for name in ("cameras", "evaluation", "exports", "poses", "scene", "synthetic")))
+PUBLIC = (
+    *("cuboid", "cuboid.inputs.cameras", "cuboid.method.poses", "cuboid.results.exports", "cuboid.runs.scene"),
+    *("cuboid.lab.evaluation", "cuboid.lab.synthetic"),
+)
 MADE_BY_OTHERS = {"Recording", "SceneTracker"}
 
 Name = Callable[[Path], PathLike]

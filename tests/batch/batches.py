@@ -11,11 +11,14 @@ import cv2
 import numpy as np
 import pyarrow as pa
 
+import cuboid
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.schema import MEASURED, RUNS, TABLES
 from fakes import write_recording
 
 HERE = Path(__file__).resolve().parent
+# Of the package under test, which need not be the one that is installed.
+SOURCE = Path(cuboid.__file__).resolve().parents[1]
 
 # What hangs ends after so long. It says nothing about how quick anything is: a busy machine takes minutes where a
 # quiet one takes seconds, for each worker that is started, or started again, loads all packages.
@@ -26,7 +29,7 @@ def surroundings(frame_s: float = 0.0) -> dict[str, str]:
     """The environment in which workers load the quick tracker."""
     return {
         **os.environ,
-        "PYTHONPATH": os.pathsep.join((str(HERE), str(HERE.parent))),
+        "PYTHONPATH": os.pathsep.join((str(HERE), str(HERE.parent), str(SOURCE))),
         "DASK_DISTRIBUTED__WORKER__PRELOAD": '["quick_workers"]',
         "CUBOID_TEST_FRAME_S": str(frame_s),
         # As on a machine so busy that a worker takes long to come again: Dask must not give it up.
