@@ -117,7 +117,7 @@ _NAMES = [place.name for place in (*DATA, *FURTHER)]
 
 @dataclass(frozen=True, slots=True)
 class Folders:
-    """Where recordings and their truth are.
+    """The folders of recordings and of their truth.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ def real_places(folders: Folders, every_still: int) -> tuple[list[Place], list[s
     ----------
     folders : Folders
     every_still : int
-        One still in so many is taken.
+        Step between two stills that are taken; 1 takes all.
     """
     found, absent = [], []
     for root, places in ((folders.data, DATA), (folders.real, FURTHER)):

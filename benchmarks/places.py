@@ -89,28 +89,29 @@ def _run(args: argparse.Namespace) -> int:
         unmade = _render(places, executor)
         rows = _rows(Checkout.of(SOURCE.parent, args.work), places, unmade, executor)
         print(f"\n{places_table(rows)}\n\n{means_table(rows)}\n\n{reliability_table(rows)}", flush=True)
-        if args.against is not None and earlier is None:
-            earlier = _rows(Checkout.of(args.against / "src", args.work), places, unmade, executor)
+        other = None if earlier is None else earlier["places"]
+        if args.against is not None and other is None:
+            other = _rows(Checkout.of(args.against / "src", args.work), places, unmade, executor)
     if args.save is not None:
         document = {"format": FORMAT, "version": VERSION, "seeds": seeds, "places": rows}
         args.save.write_text(json.dumps(document, indent=1), encoding="utf-8")
-    if earlier is not None:
-        _compare(rows, earlier, args.leave_out)
+    if other is not None:
+        _compare(rows, other, args.leave_out)
     return 0
 
 
-def _seeds(args: argparse.Namespace, earlier: Sequence[dict[str, Any]] | None) -> list[int]:
+def _seeds(args: argparse.Namespace, earlier: dict[str, Any] | None) -> list[int]:
     """Return the seeds of made places: those asked for, those of an earlier call, or fresh ones."""
     if args.seeds is not None:
         return list(args.seeds)
     if earlier is not None:
-        return list(json.loads(args.against.read_text())["seeds"])
+        return list(earlier["seeds"])
     span = LAST_SEED - FIRST_SEED + 1
     return sorted(FIRST_SEED + secrets.randbelow(span) for _ in range(QUICK_SEEDS if args.quick else SEEDS))
 
 
-def _earlier(against: Path | None) -> list[dict[str, Any]] | None:
-    """Return the rows of an earlier call; None if `against` is a checkout or was not given."""
+def _earlier(against: Path | None) -> dict[str, Any] | None:
+    """Return the seeds and places that an earlier call saved; None if `against` is a checkout or was not given."""
     if against is None or (against / "src" / "cuboid").is_dir():
         return None
     if not against.is_file():
@@ -118,7 +119,7 @@ def _earlier(against: Path | None) -> list[dict[str, Any]] | None:
     try:
         document = json.loads(against.read_text(encoding="utf-8"))
         if (document["format"], document["version"]) == (FORMAT, VERSION):
-            return list(document["places"])
+            return {"seeds": list(document["seeds"]), "places": list(document["places"])}
     except (ValueError, KeyError, TypeError):
         pass
     raise InputError(f"{against}: is no file written by --save (format {FORMAT}, version {VERSION})")

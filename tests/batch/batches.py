@@ -17,7 +17,7 @@ from cuboid.fleet.store.schema import MEASURED, RUNS, TABLES
 from fakes import write_recording
 
 HERE = Path(__file__).resolve().parent
-# Of the package under test, which need not be the one that is installed.
+# The package under test, which need not be the installed one.
 SOURCE = Path(cuboid.__file__).resolve().parents[1]
 
 # What hangs ends after so long. It says nothing about how quick anything is: a busy machine takes minutes where a

@@ -1,1 +1,1 @@
-"""What a run leaves: its files, views of them, exports to other programs."""
+"""The results of a run: its files, views of them, exports to other programs."""

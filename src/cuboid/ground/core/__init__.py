@@ -1,1 +1,1 @@
-"""What all stages share: frames, results, errors, configuration, and kernels of several stages."""
+"""Types and kernels that all stages share: frames, results, errors, configuration."""

@@ -1,4 +1,4 @@
-"""What a store of files offers: an archive, or a server."""
+"""The interface of a store of files: an archive, or a server."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.lab.synthetic.material import Color
 
 # A lamp's light at a distance of 1 m, which falls with the square of the distance, and its maximum.
-STRENGTH, MOST = 4.8, 1.3
+STRENGTH, MAX_LIGHT = 4.8, 1.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,14 +24,14 @@ class Lamp:
         Points of the lamp, in the room: the farther apart, the softer the shadows.
     color : (r, g, b)
         Factor of the strength, linear.
-    strength, most : float
+    strength, max_light : float
         Light at a distance of 1 m, and the maximum at smaller distances.
     """
 
     points: Float64Array
     color: Color = (1.0, 1.0, 1.0)
     strength: float = STRENGTH
-    most: float = MOST
+    max_light: float = MAX_LIGHT
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,8 @@ def draw_light(rng: np.random.Generator, half_m: float) -> Light:
 
 def draw_camera(rng: np.random.Generator, light: Light) -> ColorCamera:
     """Draw a camera, whose white balance removes most of the color of a light."""
-    seen = np.array(light.up) + sum(np.array(lamp.color) * min(lamp.strength / 4.5, lamp.most) for lamp in light.lamps)
+    lamps = sum(np.array(lamp.color) * min(lamp.strength / 4.5, lamp.max_light) for lamp in light.lamps)
+    seen = np.array(light.up) + lamps
     removed = rng.uniform(0.45, 1.0)
     balance = (seen.mean() / seen) ** removed * (1 + rng.uniform(-0.035, 0.035, 3))
     exposure = rng.uniform(1.05, 1.8) / seen.mean()

@@ -106,7 +106,7 @@ def shade(
     _places(hits.depth_m, hits.face, hits.u, hits.v, hits.rays, hits.eye, look.normals, points, normals, cosine)
     lamps = look.light.lamps
     lit = np.stack([_lit_fraction(caster, lamp.points, points[::2, ::2], normals[::2, ::2]) for lamp in lamps])
-    table = np.array([[*lamp.points.mean(axis=0), *lamp.color, lamp.strength, lamp.most] for lamp in lamps])
+    table = np.array([[*lamp.points.mean(axis=0), *lamp.color, lamp.strength, lamp.max_light] for lamp in lamps])
     ambient = np.array([look.light.down, look.light.up])
     part = np.where(hits.face >= 0, look.face_part[hits.face], np.int32(-1))
     response = np.array([*camera.gain_at(frame), camera.vignetting, camera.saturation])
