@@ -288,7 +288,13 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "box: hidden foot",
         24,
-        ((FITTING, "box = seen_box if rests is None else with_hidden_foot(seen_box, *rests, others, self._voxels)", "box = seen_box"),),
+        (
+            (
+                FITTING,
+                "box = seen_box if rests is None else with_hidden_foot(seen_box, *rests, parts, self._voxels)",
+                "box = seen_box",
+            ),
+        ),
     ),
     Rule(
         "box: foot always",
@@ -296,8 +302,8 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 "method/boxes/hidden.py",
-                "if gap > MIN_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):",
-                "if gap > MIN_GAP_M:",
+                "surface_m = hidden_foot_m(box, normal, offset, near, voxels)",
+                "surface_m = 0.0",
             ),
         ),
     ),

@@ -103,7 +103,7 @@ class FakeTracker:
         self.frames.append(frame.index)
         self.sizes.append(frame.color.shape)
         rect = np.array([1.0, 2.0, 11.5, 12.25])
-        seen = Sighting(1, box(), None if len(self.frames) == 2 else 0.75, 0.5, rect)
+        seen = Sighting(1, box(), None if len(self.frames) == 2 else 0.75, 0.5, rect, probability=0.7)
         return FrameResult(
             frame.index,
             frame.timestamp_s,

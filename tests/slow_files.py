@@ -128,6 +128,7 @@ SLOW_FILES = frozenset(
         "test_invariance.py",
         "test_limits.py",
         "test_paths.py",
+        "test_probability.py",
         "test_run_diagnosis.py",
         "test_shelves.py",
         "test_tracker.py",

@@ -188,7 +188,7 @@ class Watch:
     def _labels(self) -> None:
         store = self._tracker._map.store
         labelled = store.confirmed()
-        assert len({o.label for o in labelled}) == len(labelled) == store.labelled
+        assert len({o.label for o in labelled}) == len(labelled)
         assert all(o.state is State.CONFIRMED and o.label > 0 for o in labelled)
         for o in labelled:
             assert self._number_of.setdefault(o.label, o.number) == o.number, "a label went to another object"

@@ -9,7 +9,7 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.fit import fit_box
-from cuboid.method.boxes.hidden import as_deep_as_wide, foot_is_hidden, mirrored_points
+from cuboid.method.boxes.hidden import as_deep_as_wide, hidden_foot_m, mirrored_points, with_hidden_foot
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from made_scenes import CAMERA, cast, look_at, upright
 
@@ -78,11 +78,41 @@ def test_a_foot_behind_another_object_is_hidden_until_it_is_seen() -> None:
     screen = upright((0.0, -0.12), (0.3, 0.05, 0.1))
     floating = upright((0.0, 0.0), (0.08, 0.08, 0.08), z=0.09)
     in_front = seen_from([(0.0, -1.2, 0.5)], [screen, upright((0.0, 0.0), (0.08, 0.08, 0.17))])
-    assert foot_is_hidden(floating, UP, 0.0, [screen], in_front)
+    assert hidden_foot_m(floating, UP, 0.0, [screen], in_front) == 0.0
     walked_round = seen_from([(0.0, -1.2, 0.5), (0.0, 1.2, 0.5)], [screen, floating])
-    assert not foot_is_hidden(floating, UP, 0.0, [screen], walked_round)
-    beneath = upright((0.0, 0.0), (0.1, 0.1, 0.085))
-    assert not foot_is_hidden(floating, UP, 0.0, [screen, beneath], in_front)
+    assert hidden_foot_m(floating, UP, 0.0, [screen], walked_round) is None
+
+
+ABOVE = [(0.0, 1e-3, 1.0)]
+
+
+def test_a_thing_of_which_only_the_top_is_seen_reaches_down_to_the_table() -> None:
+    whole = upright((0.0, 0.0), (0.14, 0.08, 0.26))
+    slab = upright((0.0, 0.0), (0.14, 0.08, 0.003), z=0.257)
+    box = with_hidden_foot(slab, UP, 0.0, [], seen_from(ABOVE, [whole]))
+    np.testing.assert_allclose(box.center, whole.center, atol=1e-9)
+    np.testing.assert_allclose(box.size, whole.size, atol=1e-9)
+
+
+def test_a_foot_may_be_narrower_than_its_object_if_it_stands_beneath_the_middle() -> None:
+    leaves = upright((0.0, 0.0), (0.2, 0.2, 0.06), z=0.14)
+    # A ray past the lowest edge at 0.1 m reaches the table 0.033 m further in: within 0.067 m nothing is seen.
+    high = [(0.0, -0.35, 1.2), (0.0, 0.35, 1.2), (0.35, 0.0, 1.2), (-0.35, 0.0, 1.2)]
+    assert hidden_foot_m(leaves, UP, 0.0, [], seen_from(high, [leaves])) == 0.0
+    low = [(0.0, -1.2, 0.25), (0.0, 1.2, 0.25)]
+    assert hidden_foot_m(leaves, UP, 0.0, [], seen_from(low, [leaves])) is None
+
+
+def test_a_thing_above_another_one_stands_on_it_and_one_beside_it_does_not() -> None:
+    lower, upper = upright((0.0, 0.0), (0.2, 0.2, 0.1)), upright((0.0, 0.0), (0.08, 0.08, 0.15), z=0.1)
+    voxels = seen_from(ABOVE, [lower, upper])
+    top = upright((0.0, 0.0), (0.08, 0.08, 0.01), z=0.24)
+    assert hidden_foot_m(top, UP, 0.0, [lower], voxels) == pytest.approx(0.1)
+    assert with_hidden_foot(top, UP, 0.0, [lower], voxels).size[2] == pytest.approx(0.15)
+    # The neighbour that reaches beyond the foot from below may hold it, as a teapot its spout; one above is no support.
+    beside = upright((0.03, 0.0), (0.1, 0.1, 0.3))
+    assert hidden_foot_m(top, UP, 0.0, [beside], voxels) is None
+    assert hidden_foot_m(top, UP, 0.0, [upright((0.0, 0.0), (0.05, 0.05, 0.05), z=0.25)], voxels) == 0.0
 
 
 def test_a_place_is_seen_when_enough_of_the_voxels_around_it_are() -> None:

@@ -116,6 +116,7 @@ def test_version(call: Call) -> None:
         (("track", "r", "--output", "o", "--intrinsics", "1,nan,3,4"), "FX, FY > 0"),
         (("track", "r", "--output", "o", "--depth-scale", "-1"), "depth units per metre"),
         (("track", "r", "--output", "o", "--set", "voxel_m"), "expected NAME=VALUE"),
+        (("track", "r", "--output", "o", "--min-probability", "80"), "expected a probability from 0 to 1, got '80'"),
         (("track", "r", "--output", "o", "--out", "o"), "unrecognized arguments: --out"),
         (("track", "no-such-folder", "--output", "o"), "no-such-folder does not exist"),
     ],
@@ -128,6 +129,8 @@ def test_results_and_table(call: Call, recording: Path, tmp_path: Path) -> None:
     status, out, err = call("track", recording, "--output", tmp_path / "out")
     assert (status, err) == (0, "")
     assert "10.0 x 20.0 x 30.0" in out
+    assert "probability" in out
+    assert "0.90" in out
     assert "6 of 6 frames in" in out
     assert f"open {tmp_path / 'out' / 'report.html'} in a browser\n" in out
     assert "skipped" not in out
@@ -136,6 +139,7 @@ def test_results_and_table(call: Call, recording: Path, tmp_path: Path) -> None:
 
 def test_options_reach_the_run(call: Call, recording: Path, tmp_path: Path) -> None:
     words = ("--every", "2", "--limit", "2", "--scale", "2", "--threads", "1", "--set", "voxel_m=0.02")
+    words += ("--min-probability", "0.65")
     assert call("track", recording, "--output", tmp_path / "out", *words)[0] == 0
     run = read_run(tmp_path / "out" / "run.json")
     assert (run.frames_read, run.threads, run.complete, run.poses) == (2, 1, True, "given")
@@ -145,6 +149,7 @@ def test_options_reach_the_run(call: Call, recording: Path, tmp_path: Path) -> N
         "scale": 2,
     }
     assert run.config["tracker"]["voxel_m"] == 0.02
+    assert run.config["tracker"]["min_probability"] == 0.65
 
 
 def test_a_setting_that_does_not_exist_or_is_out_of_range_is_refused(
@@ -153,6 +158,8 @@ def test_a_setting_that_does_not_exist_or_is_out_of_range_is_refused(
     words = ("track", recording, "--output", tmp_path / "out", "--set")
     assert_mistake(call(*words, "speed=11"), "unknown setting 'speed'")
     assert_mistake(call(*words, "voxel_m=7"), "voxel_m must lie in")
+    twice = "min_probability=0.7", "--min-probability", "0.8"
+    assert_mistake(call(*words, *twice), "--min-probability and --set min_probability are one setting")
     assert not (tmp_path / "out").exists()
 
 

@@ -30,7 +30,7 @@ from cuboid.results.files import (
     write_objects,
     write_run,
 )
-from cuboid.results.files.rows import PoseRow, ProposalRow, TrackRow, read_agents, read_events
+from cuboid.results.files.rows import TRACKS_HEADER, PoseRow, ProposalRow, TrackRow, read_agents, read_events
 from cuboid.runs.pipeline.options import RunHooks
 from cuboid.runs.pipeline.run import track_recording
 from fakes import INTRINSICS, FakeRecording, FakeTracker, box
@@ -46,12 +46,12 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_tracks_csv_is_what_the_contract_says(results: Path) -> None:
-    header = "frame,timestamp,label,cx,cy,cz,length,width,height,qw,qx,qy,qz,iou,visible,x0,y0,x1,y1"
+    header = "frame,timestamp,label,cx,cy,cz,length,width,height,qw,qx,qy,qz,iou,visible,x0,y0,x1,y1,probability"
     lines = (results / "tracks.csv").read_text().splitlines()
     assert lines[0] == header
     assert lines[1] == (
         "1,0.033333,1,0.000000,0.200000,1.000000,0.100000,0.200000,0.300000,"
-        "0.894427191,0.000000000,0.000000000,0.447213595,,0.500000,1.00,2.00,11.50,12.25"
+        "0.894427191,0.000000000,0.000000000,0.447213595,,0.500000,1.00,2.00,11.50,12.25,0.700000"
     )
     rows = list(csv.DictReader(lines))
     assert [row["frame"] for row in rows] == ["1", "2", "3"]
@@ -87,6 +87,7 @@ def test_objects_json_is_what_the_contract_says(results: Path) -> None:
             "size": [0.1, 0.2, 0.3],
             "rotation": [[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]],
             "score": 0.9,
+            "probability": 0.9,
             "heat": 0.8,
             "first_frame": 1,
             "last_frame": 3,
@@ -174,19 +175,28 @@ def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
         some = Box(rng.normal(size=3), rng.uniform(0.1, 1, 3), rotation)
         T_world_camera = np.eye(4)
         T_world_camera[:3, :3], T_world_camera[:3, 3] = rotation, some.center
-        track = TrackRow(12, some, 0.25, 1.0, RECT, 7, 1305031102.175304)
-        (tmp_path / "tracks.csv").write_text(
-            "frame,timestamp,label,cx,cy,cz,length,width,height,qw,qx,qy,qz,iou,visible,x0,y0,x1,y1\n"
-            + track.line()
-            + "\n"
-        )
+        track = TrackRow(12, some, 0.25, 1.0, RECT, 7, 1305031102.175304, probability=0.625)
+        (tmp_path / "tracks.csv").write_text(f"{TRACKS_HEADER}\n{track.line()}\n")
         (tmp_path / "trajectory.txt").write_text(PoseRow(0.5, T_world_camera).line() + "\n")
         back = read_tracks(tmp_path / "tracks.csv")[0]
         assert (back.frame, back.timestamp_s, back.label, back.iou) == (7, 1305031102.175304, 12, 0.25)
+        assert back.probability == 0.625
         np.testing.assert_allclose(back.box.rotation, rotation, atol=1e-8)
         np.testing.assert_allclose(back.box.center, some.center, atol=1e-6)
         pose = read_trajectory(tmp_path / "trajectory.txt")[0]
         np.testing.assert_allclose(pose.T_world_camera, T_world_camera, atol=1e-6)
+
+
+def test_results_of_an_older_version_have_no_probability_in_frames(results: Path, tmp_path: Path) -> None:
+    lines = (results / "tracks.csv").read_text().splitlines()
+    (tmp_path / "tracks.csv").write_text("".join(line.rpartition(",")[0] + "\n" for line in lines))
+    rows = read_tracks(tmp_path / "tracks.csv")
+    assert [(row.frame, row.probability) for row in rows] == [(1, None), (2, None), (3, None)]
+    np.testing.assert_array_equal(rows[0].rect_xyxy, read_tracks(results / "tracks.csv")[0].rect_xyxy)
+    document = json.loads((results / "objects.json").read_text())
+    del document["objects"][0]["probability"]
+    (tmp_path / "objects.json").write_text(json.dumps(document))
+    assert read_objects(tmp_path / "objects.json").objects[0].probability == 0.9
 
 
 def test_no_negative_zero_is_written() -> None:
@@ -198,7 +208,7 @@ def test_no_negative_zero_is_written() -> None:
     ("change", "complaint"),
     [
         (lambda text: text.replace("frame,", "Frame,", 1), r"tracks.csv:1: expected the header"),
-        (lambda text: text + "1,2,3\n", r"tracks.csv:5: expected 19 values, got 3"),
+        (lambda text: text + "1,2,3\n", r"tracks.csv:5: expected 20 values, got 3"),
         (lambda text: text.replace("0.100000", "wide", 1), r"tracks.csv:2: length: expected a number"),
         (lambda text: text.replace("0.100000", "nan", 1), r"tracks.csv:2: length: expected a finite number"),
     ],

@@ -102,7 +102,7 @@ def _whole(path: Path) -> None:
 
 def test_a_row_is_checked_cell_by_cell(tmp_path: Path) -> None:
     path = tmp_path / "tracks.csv"
-    good = "0,0.5,1,0,0,0,1,1,1,1,0,0,0,,0.5,0,0,10,10"
+    good = "0,0.5,1,0,0,0,1,1,1,1,0,0,0,,0.5,0,0,10,10,0.9"
     path.write_text(f"{TRACKS_HEADER}\n{good}\n")
     assert [row.iou for _, row in read_table(path, TrackEntry)] == [None]
     for column, cell, says in (
@@ -112,6 +112,7 @@ def test_a_row_is_checked_cell_by_cell(tmp_path: Path) -> None:
         (9, "0.5", "the quaternion has length 0.5"),
         (14, "1.5", "visible: expected a number of at most 1, got '1.5'"),
         (17, "-3", "the rectangle ends before it begins"),
+        (19, "1.1", "probability: expected a number of at most 1, got '1.1'"),
         (3, "z" * 3000, "cx: expected a number, got 'zzz"),
     ):
         cells = good.split(",")

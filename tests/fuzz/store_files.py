@@ -81,7 +81,11 @@ def ask(folder: Path) -> None:
     from cuboid.services.queries.filters import Filters
 
     tables = Tables(str(folder))
-    for filters in (Filters(), Filters(size_m=(0.0, 1.0), near=(0.0, 0.0, 0.0)), Filters(color="grey", min_score=0.5)):
+    for filters in (
+        Filters(),
+        Filters(size_m=(0.0, 1.0), near=(0.0, 0.0, 0.0)),
+        Filters(color="grey", min_probability=0.5),
+    ):
         found_page(find(tables, filters, pictures=True), "a")
     find(tables, Filters(like=("rec-1", 1)))
 

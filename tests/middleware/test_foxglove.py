@@ -68,7 +68,7 @@ def test_a_service_is_answered_by_the_thread_that_asks_for_calls(server: Foxglov
 
 
 def test_parameters_are_changed_or_refused_in_words(server: FoxgloveServer) -> None:
-    values: dict[str, object] = {"min_score": 0.0}
+    values: dict[str, object] = {"min_probability": 0.0}
 
     def change(name: str, value: object) -> None:
         if name not in values:
@@ -77,9 +77,9 @@ def test_parameters_are_changed_or_refused_in_words(server: FoxgloveServer) -> N
 
     server.declare(values, change)
     with FoxgloveClient(server.port) as client:
-        client.set_parameter("min_score", 0.5)
-        client.until(lambda: values["min_score"] == 0.5)
+        client.set_parameter("min_probability", 0.5)
+        client.until(lambda: values["min_probability"] == 0.5)
         client.set_parameter("none", 1)
         client.until(lambda: any("there is no parameter" in one.get("message", "") for one in client.said))
         shown = [one for said in client.said if said["op"] == "parameterValues" for one in said["parameters"]]
-        assert 0.5 in [one.get("value") for one in shown if one["name"] == "min_score"]
+        assert 0.5 in [one.get("value") for one in shown if one["name"] == "min_probability"]

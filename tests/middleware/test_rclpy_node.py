@@ -86,13 +86,13 @@ def test_parameters_are_checked_where_they_are_set(ros: FakeRos, transport: Rclp
             raise InputError("expected a number from 0")
         values[name] = value
 
-    ros.nodes[0].parameters["min_score"] = 0.5  # as a launch file sets it before the node declares it
-    transport.declare({"min_score": 0.0, "object_frames": False}, change)
-    assert values == {"min_score": 0.5, "object_frames": False}
+    ros.nodes[0].parameters["min_probability"] = 0.5  # as a launch file sets it before the node declares it
+    transport.declare({"min_probability": 0.0, "object_frames": False}, change)
+    assert values == {"min_probability": 0.5, "object_frames": False}
     assert ros.nodes[0].set_parameter("object_frames", True).successful
-    refused = ros.nodes[0].set_parameter("min_score", -1)
+    refused = ros.nodes[0].set_parameter("min_probability", -1)
     assert (refused.successful, refused.reason) == (False, "expected a number from 0")
-    assert values == {"min_score": 0.5, "object_frames": True}
+    assert values == {"min_probability": 0.5, "object_frames": True}
     assert ros.nodes[0].set_parameter("use_sim_time", True).successful, "another's parameter is not ours to refuse"
 
 

@@ -7,6 +7,7 @@ from math import log
 import pytest
 
 from cuboid.method.objects.affinity import (
+    ATTACHED_LOG_ODDS,
     CERTAIN_LOG_ODDS,
     DIFFERENT_LOG_ODDS,
     JOIN_RATE,
@@ -50,10 +51,10 @@ def test_the_borders_of_a_part_that_is_held_tell_nothing() -> None:
     affinity = Affinity()
     for _ in range(100):
         affinity.add_evidence(1, 2, same=False, novelty=1.0)
-    affinity.add_attachment(1, 2, novelty=0.5)
-    assert affinity.of(1, 2) == pytest.approx(0.5 * SAME_LOG_ODDS)
-    affinity.add_attachment(1, 2, novelty=1.0)
-    assert affinity.of(1, 2) == pytest.approx(1.5 * SAME_LOG_ODDS)
+    affinity.add_attachment(1, 2)
+    assert affinity.of(1, 2) == pytest.approx(ATTACHED_LOG_ODDS)
+    affinity.add_attachment(1, 2)
+    assert affinity.of(1, 2) == pytest.approx(2.0 * ATTACHED_LOG_ODDS)
 
 
 def test_what_is_no_more_is_beside_nothing() -> None:

@@ -116,7 +116,7 @@ def test_what_goes_up_to_the_table_loses_its_label_but_where_it_ends_below(
 ) -> None:
     fitting, leg = seen(shell((0.3, 0.36), (0.3, 0.36), (-0.5, top_m)))
     leg.supports = {}  # the floor was never seen
-    leg.state, leg.log_odds = State.CONFIRMED, 9.0
+    leg.state, leg.probability = State.CONFIRMED, 0.9
     leg.outline[TOP, above] = 20
     for _ in range(2):
         assert leg.confirmed

@@ -1,4 +1,4 @@
-"""What sightings tell of a label."""
+"""Evidence of a frame for pairs of objects, and which points one object may take from another."""
 
 from __future__ import annotations
 
@@ -11,28 +11,9 @@ from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS, DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
 from cuboid.method.objects.association import Association
 from cuboid.method.objects.object_map import ObjectMap
-from cuboid.method.surfaces.frame_segments import FrameSegment
-from cuboid.method.surfaces.kernels.outlines import KINDS
 from cuboid.method.surfaces.planes import PlaneTracker
 
 JAR = np.array([0.1, 0.1, 0.16])
-RIM = np.array([0.31, 0.02, 0.02])
-
-
-@pytest.mark.parametrize(("size", "gained"), [(JAR, 2.0), (RIM, 0.0)])
-def test_no_clear_outline_tells_for_a_label_whose_box_has_not_the_size_of_an_object(
-    size: np.ndarray, gained: float
-) -> None:
-    config = TrackerConfig()
-    objects = ObjectMap(config, map_of((shell((0.3, 0.4), (0.3, 0.4), (0.0, 0.16)), 1)), PlaneTracker(config))
-    entry = objects.store.add(Box(np.zeros(3), JAR, np.eye(3)), 0)
-    objects.store.confirm(entry)
-    objects.store.place(entry, Box(np.zeros(3), size, np.eye(3)))
-    seen = FrameSegment(np.zeros(0, np.int64), {}, 1.0, 1.0, np.zeros(4), np.zeros((4, KINDS), np.int64), 1.0)
-    objects._add_sighting(entry, seen, 2.0)
-    assert entry.log_odds == gained
-    objects._add_sighting(entry, seen, -1.0)
-    assert entry.log_odds == gained - 1.0
 
 
 @pytest.mark.parametrize("labelled", [1, 2])

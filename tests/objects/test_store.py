@@ -9,7 +9,6 @@ from made_maps import grid, map_of
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.kernels.overlap import BATCH
 from cuboid.ground.geometry.overlap import pack
-from cuboid.method.objects.affinity import MAX_LOG_ODDS
 from cuboid.method.objects.entry import ObjectWithoutDepth, State
 from cuboid.method.objects.store import ObjectStore
 
@@ -38,7 +37,7 @@ def test_labels_count_up_in_the_order_of_confirmation() -> None:
     store.confirm(store[1])
     assert [(o.number, o.label) for o in store.confirmed()] == [(3, 1), (1, 2)]
     assert [o.number for o in store.living()] == [1, 2, 3]
-    assert store.labelled == 2
+    assert len(store.confirmed()) == 2
 
 
 def test_a_retired_label_is_never_given_again_and_its_voxels_are_no_ones() -> None:
@@ -53,7 +52,7 @@ def test_a_retired_label_is_never_given_again_and_its_voxels_are_no_ones() -> No
     assert store.affinity.partners(2) == []
     store.confirm(store[2])
     assert store[2].label == 2
-    assert store.labelled == 1
+    assert len(store.confirmed()) == 1
     assert store.add(box(9.0), 0).number == 4
 
 
@@ -73,7 +72,7 @@ def test_merging_keeps_the_older_label_and_records_the_younger(order: tuple[int,
     store[1].merged_labels = [7]
     store[1].supports, store[2].supports = {4: 10, 5: 1}, {4: 1}
     store[1].outline[0, 0], store[2].outline[0, 0] = 3, 4
-    store[1].log_odds, store[2].log_odds = 9.0, 5.0
+    store[1].sightings, store[2].sightings = 9, 5
     store.affinity.add_evidence(1, 3, same=True, novelty=1.0)
     gone_one = store[1]
     kept, gone = store.merge(*(store[k] for k in order))
@@ -86,7 +85,7 @@ def test_merging_keeps_the_older_label_and_records_the_younger(order: tuple[int,
     assert (kept.first_frame, kept.last_frame) == (10, 20)
     assert kept.supports == {4: 11, 5: 1}
     assert kept.outline[0, 0] == 7
-    assert kept.log_odds == 9.0
+    assert kept.sightings == 9
     assert store.affinity.partners(2) == [3]
     assert kept.fitted == 0, "its box is fitted anew"
 
@@ -137,14 +136,13 @@ def test_neighbours_are_those_whose_spheres_come_near() -> None:
     assert len(store.bounds) * BATCH == len(store.boxes)
 
 
-def test_the_evidence_for_an_object_is_limited_in_both_directions() -> None:
+def test_frames_without_a_match_are_counted_in_a_row() -> None:
     store = store_of(1)
-    for _ in range(20):
-        store.add_evidence(store[1], 3.0)
-    assert store[1].log_odds == MAX_LOG_ODDS
-    for _ in range(20):
-        store.add_evidence(store[1], -3.0)
-    assert store[1].log_odds == -MAX_LOG_ODDS
+    counted = []
+    for matched in (True, False, False, True, False):
+        store.record_shown(store[1], matched=matched)
+        counted.append((store[1].shown, store[1].missed))
+    assert counted == [(1, 0), (2, 1), (3, 2), (4, 0), (5, 1)]
 
 
 def test_an_object_that_is_moved_is_retired_until_it_is_set_down_and_keeps_its_label() -> None:
@@ -163,7 +161,7 @@ def test_an_object_that_is_moved_is_retired_until_it_is_set_down_and_keeps_its_l
     assert [o.number for o in store.near(box(6.0), 0.0)] == [1]
     assert (entry.plane, entry.supports, entry.holder, entry.supports_plane) == (None, {}, 0, False)
     assert entry.fitted == entry.sightings == 7
-    assert store.labelled == 1
+    assert len(store.confirmed()) == 1
 
 
 def test_a_label_that_is_taken_over_is_on_one_object_alone() -> None:
@@ -187,7 +185,7 @@ def test_objects_with_and_without_depth_share_the_labels() -> None:
     entry = without_depth(store, 3.0, 5)
     store.confirm(entry)
     store.confirm(store[1])
-    assert (entry.label, store[1].label, store.labelled) == (1, 2, 1)
+    assert (entry.label, store[1].label, len(store.confirmed())) == (1, 2, 1)
     store.retire(entry)
     assert (entry.state, store.without_depth()) == (State.RETIRED, [])
     other = without_depth(store, 3.0, 6)

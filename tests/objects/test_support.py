@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from made_maps import box_of, grid, map_of, shell
 
+from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject
-from cuboid.method.objects.support import above_support_rim, encloses, find_attachment
+from cuboid.method.objects.support import above_support_rim, encloses, find_attachment, find_coaxial, seen_part
 
 UP = np.array([0.0, 0.0, 1.0])
 TABLE = grid((0.0, 0.6), (0.0, 0.4), (-0.01, 0.0))
@@ -132,3 +134,41 @@ def test_an_open_box_and_a_lamp_enclose_nothing_of_what_stands_in_and_beneath_th
 def test_a_shelf_does_not_enclose_what_stands_before_it_or_on_it() -> None:
     before, above = (CAN + np.array(shift) for shift in ((0.0, -0.12, 0.0), (0.0, 0.0, 0.25)))
     assert not encloses(entry(1, *SIDES, BOARD), [entry(2, before), entry(3, above)], 0.01)
+
+
+def with_assumed_foot(number: int, points: np.ndarray, down_to_m: float = 0.0) -> MapObject:
+    """An object whose box reaches down to a height, below its lowest points."""
+    found = entry(number, points)
+    low_m = found.box.foot_m(UP, 0.0)
+    size = found.box.size + (low_m - down_to_m) * UP
+    found.box = Box(found.box.center - 0.5 * (low_m - down_to_m) * UP, size, found.box.rotation)
+    return found
+
+
+LEAVES = grid((0.23, 0.29), (0.13, 0.19), (0.16, 0.2))
+POT_RIM = grid((0.2, 0.32), (0.1, 0.22), (0.08, 0.1))
+
+
+def test_the_seen_part_of_an_object_begins_at_its_lowest_points() -> None:
+    whole = with_assumed_foot(1, LEAVES)
+    part = seen_part(whole, UP)
+    assert whole.box.size[2] == pytest.approx(part.size[2] + 0.16, abs=0.01)
+    assert part.foot_m(UP, 0.0) == pytest.approx(0.16, abs=0.01)
+    standing = entry(2, POT)
+    np.testing.assert_allclose(seen_part(standing, UP).size, standing.box.size, atol=0.01)
+
+
+def test_leaves_above_the_middle_of_a_pot_and_the_pot_are_one_where_nothing_was_seen_between() -> None:
+    leaves, pot = with_assumed_foot(1, LEAVES), with_assumed_foot(2, POT_RIM)
+    assert find_coaxial(leaves, UP, [pot], 0.01) == 2
+    assert find_coaxial(pot, UP, [leaves], 0.01) == 1
+
+
+def test_things_that_touch_stand_apart_or_show_free_space_between_do_not_share_an_axis() -> None:
+    pot = with_assumed_foot(2, POT_RIM)
+    beside = with_assumed_foot(1, LEAVES + np.array([0.03, 0.0, 0.0]))
+    assert find_coaxial(beside, UP, [pot], 0.01) == 0
+    on_top = with_assumed_foot(1, LEAVES - 0.06 * UP)
+    assert find_coaxial(on_top, UP, [pot], 0.01) == 0
+    # The box of an object beneath which free space was seen ends at its lowest points.
+    assert find_coaxial(entry(1, LEAVES), UP, [pot], 0.01) == 0

@@ -42,7 +42,7 @@ def labels(place: Place, **filters: Any) -> list[int]:
         ({"name": "bowl"}, [5]),  # the next likely class
         ({"name": "bottle"}, []),  # too unlikely
         ({"size_m": (0.25, 1.0)}, [1, 4]),
-        ({"min_score": 0.8, "limit": 2}, [1, 2]),
+        ({"min_probability": 0.8, "limit": 2}, [1, 2]),
         ({"color": "red"}, [5]),
         ({"on": "plane:0"}, [4]),
         ({"on": "plane:1"}, [1, 3]),

@@ -187,8 +187,8 @@ def check_commands(listener: Listener, output: Path) -> None:
     assert call(listener, "query", "cuboid_ros/srv/Query", asked) == "1 objects"
     assert listener.ask(command="save")["message"] == f"saved in {output}"
     assert {item.label: item.name for item in cuboid.open_results(output).objects}[label] == "lamp"
-    refused = listener.ask(command="set", parameter="min_score", value=3)
-    assert (refused["success"], refused["message"][:20]) == (False, "parameter min_score:")
+    refused = listener.ask(command="set", parameter="min_probability", value=3)
+    assert (refused["success"], refused["message"][:26]) == (False, "parameter min_probability:")
     for text in ('{"command": "dance"}', "no JSON", '{"command": "name", "label": "x", "name": ""}'):
         listener._commands.send(listener.messages.encode(listener.messages.make("std_msgs/String", data=text)), 0)
     listener.until(lambda: sum("not a command" in one.data for one in listener.came["/cuboid/answer"]) == 3)

@@ -122,13 +122,13 @@ def test_a_command_is_done_or_says_why_not(session: Session) -> None:
     assert said(Cloud(label=77))[0] is False
     assert said(Cloud())[0] is True
     assert said(Save())[0] is True
-    assert said(Set(parameter="min_score", value=2)) == (
+    assert said(Set(parameter="min_probability", value=2)) == (
         False,
-        "parameter min_score: expected a number from 0 to 1, got 2",
+        "parameter min_probability: expected a number from 0 to 1, got 2",
     )
     assert answer(Set(parameter="object_frames", value=True), session, parameters).parameters == {
         "object_frames": True,
-        "min_score": 0.0,
+        "min_probability": 0.0,
         "map_every_s": 0.0,
     }
     assert answer(ListParameters(), session, parameters).parameters == parameters.values
@@ -139,13 +139,13 @@ def test_a_command_is_done_or_says_why_not(session: Session) -> None:
 def test_parameters_have_types_and_ranges() -> None:
     applied: list[StreamSettings] = []
     parameters = Parameters(applied.append)
-    parameters.set_texts(["object_frames=true", "min_score=0.5", "map_every_s=2"])
-    assert applied[-1] == StreamSettings(object_frames=True, min_score=0.5, map_every_s=2.0)
+    parameters.set_texts(["object_frames=true", "min_probability=0.5", "map_every_s=2"])
+    assert applied[-1] == StreamSettings(object_frames=True, min_probability=0.5, map_every_s=2.0)
     for text, part in (
-        ("min_score", "expected NAME=VALUE"),
-        ("min_score=x", "expected true, false or a number"),
-        ("min_score=true", "Expected `float`"),
-        ("min_score=1.5", "from 0 to 1"),
+        ("min_probability", "expected NAME=VALUE"),
+        ("min_probability=x", "expected true, false or a number"),
+        ("min_probability=true", "Expected `float`"),
+        ("min_probability=1.5", "from 0 to 1"),
         ("map_every_s=-1", "from 0 to inf"),
         ("object_frames=1", "Expected `bool`"),
         ("speed=1", "there is no parameter 'speed'; expected one of object_frames"),

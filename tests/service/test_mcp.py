@@ -66,6 +66,8 @@ async def all_tools(client: Client, results: Path) -> None:
     (can,) = (await call("find_objects", inside="crate"))["result"]
     assert (can["label"], can["name"], can["relations"][0]["kind"]) == (2, "can", "in")
     assert [one["label"] for one in (await call("find_objects", color="red", max_size_m=0.2))["result"]] == [5]
+    likely = (await call("find_objects", min_probability=0.8))["result"]
+    assert [(one["label"], one["probability"]) for one in likely] == [(k, 0.9) for k in (1, 2, 3, 5)]
     assert await call("describe_object", label=5) == json.loads(msgspec.json.encode(place.object(5)))
     assert (await call("last_seen", what="mug"))["result"][0]["last_seen"]["frame"] == 5
     assert (await call("history_of_object", label=4, limit=2))["count"] == 3

@@ -66,6 +66,7 @@ def socket_of(address: str) -> str:
     [
         ("", Filters()),
         ("?in=crate", Filters(inside="crate")),
+        ("?min_probability=0.8", Filters(min_probability=0.8)),
         ("?on=plane:1&min_size=25cm", Filters(on="plane:1", size_m=(0.25, 1e9))),
         ("?near=0.3,0,0.6&within=20cm&limit=1", Filters(near=(0.3, 0.0, 0.6), within_m=0.2, limit=1)),
         ("?near_object=mug&name=&since=2026-03-01T12:00:04", Filters(near_object="mug")),

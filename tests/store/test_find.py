@@ -85,6 +85,21 @@ def test_by_the_name_of_a_class(
     assert "new#1 cup" in capsys.readouterr().out
 
 
+def test_by_probability(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    place = Place(str(tmp_path))
+    old = [thing(1, score=0.5), thing(2, score=0.7)]  # of before there was a column of that name
+    put_run(place, 1, old, recording="old")
+    put_run(place, 2, [thing(1, score=0.6, probability=0.6)], recording="new")
+    assert set(found(capsys, place.url, "--min-probability", "0.6")) == {"old#2", "new#1"}
+    assert main(["find", place.url, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["objects"]
+    assert {(row["recording"], row["label"]): row["probability"] for row in rows} == {
+        ("old", 1): 0.5,
+        ("old", 2): 0.7,
+        ("new", 1): 0.6,
+    }
+
+
 def test_by_what_things_are_on_in_and_beside(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     def relation(kind: str, to: int | str) -> dict[str, Any]:
         ends = {"label": to, "surface": None} if isinstance(to, int) else {"label": None, "surface": to}

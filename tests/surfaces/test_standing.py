@@ -49,3 +49,17 @@ def test_an_image_without_depth_has_no_flat_areas() -> None:
     found = areas(np.zeros((CAMERA.height, CAMERA.width), np.float32))
     assert found.normal.shape == (0, 3)
     assert len(found.area_m2) == len(found.evidence) == 0
+
+
+def test_from_above_things_stand_on_the_area_that_surrounds_them() -> None:
+    pose = look_at((0.0, 1e-3, 1.0), (0, 0, 0))
+    table = upright((0, 0), (4.0, 4.0, 0.05), z=-0.05)
+    cap, body = upright((0.0, 0.0), (0.04, 0.04, 0.25)), upright((0.0, 0.0), (0.08, 0.08, 0.2))
+    depth_m = cast([table, cap, body], pose)[0].astype(np.float32)
+    found = areas(depth_m)
+    k = int(np.argmax(found.evidence))
+    assert found.normal[k] @ pose[:3, :3].T @ [0, 0, 1] > 0.999
+    assert found.evidence[k] > 0.1
+    # A thing that the image border cuts off may be held there.
+    beside = upright((0.0, 0.0), (0.2, 6.0, 0.2))
+    assert areas(cast([table, beside], pose)[0].astype(np.float32)).evidence.sum() == 0.0

@@ -98,10 +98,15 @@ def test_the_page_follows_a_run_to_its_end(watched: Watched) -> None:
         facts = page.locator("#facts").inner_text()
         assert "1 seen / 1 known" in facts
         assert "20,000 points" in facts
-        assert page.locator("#tags .tag").inner_text() == "#1"
+        assert page.locator("#tags .tag").inner_text() == "#1 0.90"
         row = page.locator("#objects .object .chip, #objects .object .size")
         assert row.all_inner_texts() == ["#1", "10.0 × 20.0 × 30.0"]
         assert page.locator("#events li").all_inner_texts() == ["#1\nmoved 50.0 cm\nframe 5"]
+        assert page.locator("#objects .likely").inner_text() == "0.90"
+        set_least = "(slider, to) => { slider.value = to; slider.dispatchEvent(new Event('input')); }"
+        page.locator("#least").evaluate(set_least, 0.95)
+        page.wait_for_function("!document.querySelector('#objects .object') && document.querySelector('.tag').hidden")
+        page.locator("#least").evaluate(set_least, 0)
         brown, green = shares_of_scene(watched)
         assert brown > 0.05  # the table
         for _ in range(20):  # the camera may have left the view, which then follows it

@@ -152,6 +152,37 @@ def test_what_an_object_was_called_before_is_told(page: Page) -> None:
     assert "#4" in page.inner_text("#card")
 
 
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_slider_leaves_likely_objects(page: Page, width: int) -> None:
+    page.set_viewport_size({"width": width, "height": 800})
+    assert page.locator("#objects .likely").all_inner_texts() == ["0.60", "0.70", "0.80"]
+    page.click('[data-coloring="label"]')
+    page.locator('.object[data-label="1"]').click()
+    before = pixels(page.locator("#canvas")).astype(int)
+    slider = page.locator("#least")
+    box = slider.bounding_box()
+    assert box is not None
+    assert 0 <= box["x"] < box["x"] + box["width"] <= width
+    slider.focus()
+    for _ in range(65):
+        page.keyboard.press("ArrowRight")
+    settle(page)
+    assert page.inner_text("#least-value") == "0.65"
+    assert page.inner_text("#frame-number") == "38 frames"  # the arrow keys moved the slider alone
+    assert page.inner_text("#object-count") == "2 of 3 objects"
+    assert page.locator("#objects .object:visible .chip").all_inner_texts() == ["#2", "#3"]
+    assert page.locator("#plot .row").evaluate_all("rows => rows.map((row) => row.dataset.row)") == ["2", "3"]
+    assert sorted(page.locator(".tag:visible").all_inner_texts()) == ["#2 0.70", "#3 0.80"]
+    assert page.locator("#card").is_hidden()  # it was chosen
+    shown = pixels(page.locator("#canvas")).astype(int)
+    color = np.array(color_of(1))
+    assert (np.abs(before - color).max(axis=2) < 24).sum() > 60
+    assert (np.abs(shown - color).max(axis=2) < 24).sum() == 0  # neither box nor points
+    page.keyboard.press("Home")
+    assert page.locator("#objects .object:visible").count() == 3
+    slider.blur()
+
+
 def test_the_timeline_has_the_spans_of_the_tracks(page: Page, results: Path) -> None:
     bars = page.locator("#plot .seen").evaluate_all(
         "bars => bars.map(({dataset, x, width}) => "
@@ -177,12 +208,12 @@ def test_a_frame_shows_what_was_known_then(page: Page) -> None:
     before = pixels(page.locator("#canvas"))
     move_to(page, 3)
     assert page.inner_text("#frame-number") == "frame 3"
-    assert page.locator(".tag:visible").all_inner_texts() == ["#1"]
+    assert page.locator(".tag:visible").all_inner_texts() == ["#1 0.60"]
     move_to(page, 24)  # 7 and 23 were skipped
     assert page.inner_text("#frame-number") == "frame 26"
-    assert sorted(page.locator(".tag:visible").all_inner_texts()) == ["#1", "#2"]
+    assert sorted(page.locator(".tag:visible").all_inner_texts()) == ["#1 0.60", "#2 0.70"]
     assert page.locator("#objects .hidden-now .chip").all_inner_texts() == ["#1", "#3"]
-    assert page.locator(".tag.faint:visible").all_inner_texts() == ["#1"]  # hidden, but known
+    assert page.locator(".tag.faint:visible").all_inner_texts() == ["#1 0.60"]  # hidden, but known
     assert np.abs(pixels(page.locator("#canvas")).astype(int) - before).max() > 60
     page.keyboard.press("ArrowRight")
     assert page.inner_text("#frame-number") == "frame 27"

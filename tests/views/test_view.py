@@ -87,6 +87,14 @@ def test_objects_are_drawn_into_it(server: ThreadingHTTPServer) -> None:
     assert drawn(39) > 200
 
 
+def test_objects_below_a_probability_are_left_out_of_it(server: ThreadingHTTPServer) -> None:
+    everything, likely, nothing = (picture(server, 39, query).astype(int) for query in ("", "?least=0.65", "?least=1"))
+    plain = np.abs(nothing[:-STRIP_PX] - (39, 100, 200)).max(axis=2) > 40
+    assert not plain.any()
+    changed = np.abs(everything - likely)[:-STRIP_PX].max(axis=2) > 40
+    assert 50 < changed.sum() < (np.abs(everything - nothing)[:-STRIP_PX].max(axis=2) > 40).sum()
+
+
 def test_it_shows_what_is_asked_for(server: ThreadingHTTPServer) -> None:
     looks = [
         picture(server, 39, f"?what={what}").astype(int) for what in ("boxes", "heat", "depth", "proposals", "planes")
@@ -103,6 +111,7 @@ def test_it_shows_what_is_asked_for(server: ThreadingHTTPServer) -> None:
         "/frame/999.jpg",
         "/frame/1.jpg?what=secrets",
         "/frame/x.jpg",
+        "/frame/1.jpg?least=much",
         "/run.json",
         "/../run.json",
     ],

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from cuboid.cli.recording import probability
 from cuboid.cli.results import add_results, give
 from cuboid.cli.text_model import add_text, ranking_model
 from cuboid.cli.workers import positive
@@ -93,7 +94,7 @@ def _table(rows: list[dict[str, Any]]) -> Table:
     from cuboid.services.queries.rows import cells_of
 
     last = next((name for name in ("text_score", "unlike", "distance_m") if name in rows[0]), None)
-    names = ["size L x M x S (cm)", "position x, y, z (m)", "color", "frames", "last seen (UTC)"]
+    names = ["size L x M x S (cm)", "position x, y, z (m)", "color", "probability", "frames", "last seen (UTC)"]
     table = new_table("object", *names, *([last] if last else []))
     for row in rows:
         table.add_row(*cells_of(row), *([f"{row[last]:.3f}"] if last else []))
@@ -142,6 +143,6 @@ CONDITIONS: tuple[tuple[str, str, Callable[[str], Any], str, str], ...] = (
     ("--until", "until", _word(moment), "WHEN", "last seen before this date or time"),
     ("--color", "color", str, "WORD", "at least 30 %% of the object has this color: red, blue, grey, ..."),
     ("--name", "name", str, "NAME", "name of the object, or class that a detector gave"),
-    ("--min-score", "min_score", float, "S", "least confidence that it is an object, 0 to 1"),
+    ("--min-probability", "min_probability", probability, "P", "with at least this probability, 0 to 1"),
     ("--like", "like", _word(thing), "RECORDING#LABEL", "most similar to this object first, by size, shape and colors"),
 )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cuboid.cli.names import detector_names, format_names, proposal_names, setting_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.workers import add_threads, positive
+from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.limits import MEMORY_MB
 from cuboid.ground.core.tolerances import DETECT_EVERY
 
@@ -63,6 +64,12 @@ def add_method(tracking: argparse._ActionsContainer) -> None:
         metavar="N",
         help=f"run the detector on every N-th frame (default: {DETECT_EVERY}, on any computer, since a number that "
         "followed the clock would change the results); the run prints the cost",
+    )
+    tracking.add_argument(
+        "--min-probability",
+        type=probability,
+        metavar="P",
+        help="leave out objects whose probability of being one whole object is lower than this, 0.01 to 0.99",
     )
     field = tracking.add_argument(
         "--set",
@@ -192,7 +199,12 @@ def config_from(args: argparse.Namespace) -> TrackerConfig:
     """Return the configuration from the arguments."""
     from cuboid.ground.core.config import TrackerConfig
 
-    return TrackerConfig.from_dict(dict(args.settings))
+    settings = dict(args.settings)
+    if args.min_probability is not None:
+        if "min_probability" in settings:
+            raise InputError("--min-probability and --set min_probability are one setting; give one of them")
+        settings["min_probability"] = args.min_probability
+    return TrackerConfig.from_dict(settings)
 
 
 def intrinsics(text: str) -> tuple[float, float, float, float] | Path:
@@ -221,6 +233,17 @@ def seconds(text: str) -> float:
 def megabytes(text: str) -> float:
     """Parse an amount of memory in units of 2**20 bytes, greater than 0."""
     return _above_zero(text, "megabytes")
+
+
+def probability(text: str) -> float:
+    """Parse a number from 0 to 1."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"expected a probability from 0 to 1, got '{text}'")
+    return value
 
 
 def _above_zero(text: str, what: str) -> float:

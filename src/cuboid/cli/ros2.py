@@ -50,8 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="a parameter: object_frames=true (a frame of tf for each object), min_score=0.5, map_every_s=2 (interval "
-        "of the point map); may be repeated",
+        help="a parameter: object_frames=true (a frame of tf for each object), min_probability=0.5, map_every_s=2 "
+        "(interval of the point map); may be repeated",
     )
     add_foxglove(node)
     node.add_argument(

@@ -115,12 +115,19 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
         return document, ["no object"]
     state = ("state",) if args.all else ()
     table = new_table(
-        "label", "name", *state, "size L x W x H (cm)", "position x, y, z (m)", "last seen", "score", left=2 + args.all
+        "label",
+        "name",
+        *state,
+        "size L x W x H (cm)",
+        "position x, y, z (m)",
+        "last seen",
+        "probability",
+        left=2 + args.all,
     )
     for item in found:
         state_text = item.state if item.merged_into is None else f"merged into {item.merged_into}"
         seen = "recording {}, frame {}".format(*item.last_seen)
-        cells = (item.box.size_text, item.box.center_text, seen, f"{item.score:.2f}")
+        cells = (item.box.size_text, item.box.center_text, seen, f"{item.probability:.2f}")
         table.add_row(str(item.label), escape(printable(item.name or "")), *((state_text,) if args.all else ()), *cells)
     return document, [table]
 

@@ -79,10 +79,12 @@ def new_table(*columns: str, left: int = 1) -> Table:
 
 
 def objects_table(objects: Iterable[TrackedObject]) -> Table:
-    """Return the map of objects: label, size, position, frames seen, score."""
+    """Return the map of objects: label, size, position, frames seen, probability."""
     found = list(objects)
     name = ("name",) if any(item.name for item in found) else ()
-    table = new_table("label", "size L x W x H (cm)", "position x, y, z (m)", "frames seen", "score", *name, left=0)
+    table = new_table(
+        "label", "size L x W x H (cm)", "position x, y, z (m)", "frames seen", "probability", *name, left=0
+    )
     for item in found:
         table.add_row(str(item.label), *cells_of(item), *((escape(printable(item.name or "")),) if name else ()))
     return table

@@ -18,7 +18,12 @@ from cuboid.services.queries.likeness import COLOR_WORDS
 SIDES, CENTER = ("longest_m", "middle_m", "shortest_m"), ("center_x_m", "center_y_m", "center_z_m")
 # Columns that are never null; all columns that are shown.
 NEVER_NULL = ("recording", "label", *SIDES, *CENTER, "frames_seen")
-SHOWN = (*NEVER_NULL[:-1], "name", "color", "score", "frames_seen", "first_frame", "last_frame", "last_seen", "run")
+SHOWN = (
+    *(*NEVER_NULL[:-1], "name", "color", "score", "probability"),
+    *("frames_seen", "first_frame", "last_frame", "last_seen", "run"),
+)
+# Rows of older versions have the probability as their score alone.
+AS = {"probability": "score as probability"}
 
 NEWEST = f"run not in (select run from {SUPERSEDED})"
 
@@ -61,8 +66,8 @@ class StoreObjects:
         """Return the objects whose longest side is within a range."""
         return Sql("longest_m between ? and ?", (low_m, high_m))
 
-    def scored(self, least: float) -> Sql:
-        """Return the objects with a least confidence."""
+    def probable(self, least: float) -> Sql:
+        """Return the objects with at least a probability."""
         return Sql("score >= ?", (least,))
 
     def named(self, name: str) -> Sql:

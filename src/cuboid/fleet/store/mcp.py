@@ -61,6 +61,7 @@ class StoredObject:
     center_m: tuple[float, float, float]
     size_m: tuple[float, float, float]
     score: float | None
+    probability: float | None
     frames_seen: int
     last_seen: str | None
     distance_m: float | None = None

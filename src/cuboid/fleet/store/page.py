@@ -148,7 +148,17 @@ def found_page(
         Parameters that have a field in the form.
     """
     last = next((name for name in ("text_score", "unlike", "distance_m") if rows and name in rows[0]), None)
-    heads = ["object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else [])]
+    heads = [
+        "object",
+        "",
+        "size, cm",
+        "position, m",
+        "color",
+        "probability",
+        "frames",
+        "last seen",
+        *([last] if last else []),
+    ]
     lines = []
     for row in rows:
         picture = base64.b64encode(row["picture"]).decode("ascii") if row.get("picture") else None

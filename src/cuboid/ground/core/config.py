@@ -42,6 +42,10 @@ class TrackerConfig:
         A horizontal surface smaller than this is the lid of an object, not a supporting plane, square metres.
     hot : float
         Points with at least this heat belong to objects, 0..1.
+    min_probability : float
+        Objects with at least this probability get a label, 0..1. An object whose probability falls below it afterwards
+        keeps its label, and no result contains it until its probability has risen again. A lower value finds more
+        objects, a higher one fewer false ones.
     """
 
     voxel_m: float = _field(0.01, 0.003, 0.1, "m")
@@ -53,6 +57,7 @@ class TrackerConfig:
     max_size_m: float = _field(1.0, 0.05, 5.0, "m")
     min_plane_area_m2: float = _field(0.08, 0.005, 10.0, "m2")
     hot: float = _field(0.3, 0.01, 0.99, "")
+    min_probability: float = _field(0.35, 0.01, 0.99, "")
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):

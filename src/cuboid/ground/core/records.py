@@ -7,7 +7,7 @@ and the columns of a store are derived from it, so that a new field is declared 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from functools import cache
 from types import NoneType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -49,6 +49,8 @@ class Column:
         Whether tables contain it; otherwise it is in JSON only.
     stored : bool
         Whether the tables of a store contain it.
+    repeats : str
+        Name of the field whose value it has under another name; empty for a field of its own. It is written, not read.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Column:
     default: Any
     tables: bool
     stored: bool
+    repeats: str = ""
 
     @property
     def optional(self) -> bool:
@@ -109,12 +112,14 @@ def column(
     parts: tuple[str, ...] = (),
     tables: bool = True,
     stored: bool = True,
+    also: str = "",
 ) -> Mapping[str, Any]:
     """Return the metadata of a field of a record; the arguments are the attributes of `Column`.
 
-    The kind is the annotation of the field unless given.
+    The kind is the annotation of the field unless given. `also` names a property of the record that has the same value:
+    all that is written has it too, after the field.
     """
-    return {"column": (meaning, kind, digits, parts, tables, stored)}
+    return {"column": (meaning, kind, digits, parts, tables, stored), "also": also}
 
 
 def columns_of(record: type) -> tuple[Column, ...]:
@@ -139,6 +144,9 @@ def _columns(record: type) -> tuple[Column, ...]:
             type_ = next(item for item in (tuple, float, int, str) if item in _types(kind))
             digits = digits if float in _types(kind) else None
             found.append(Column(field.name, kind, type_, meaning, digits, parts, field.default, tables, stored))
+            if field.metadata["also"]:  # older files do not have it
+                also = replace(found[-1], name=field.metadata["also"], default=None, repeats=field.name)
+                found.append(also)
     return tuple(found)
 
 

@@ -85,6 +85,8 @@ class Sighting:
         Visible fraction of the object's near side, 0..1.
     rect_xyxy : (4,) float64
         Rectangle in the frame's image, pixels, end exclusive, clipped to the image.
+    probability : float or None
+        Probability that the object is one whole object, after the frame, 0..1; None in results of an older version.
     """
 
     label: Label = field(metadata=column("label of the object, 1 or more"))
@@ -94,6 +96,11 @@ class Sighting:
     )
     visible: Fraction = field(metadata=column("visible fraction of the object, 0 to 1"))
     rect_xyxy: Float64Array = field(metadata=RECTANGLE)
+    probability: Fraction | None = field(
+        default=None,
+        kw_only=True,
+        metadata=column("probability that it is one whole object, after the frame, 0 to 1; absent in older files"),
+    )
 
     def __repr__(self) -> str:
         return f"Sighting({tag_of(self.label)}: {self.box.text()}; {self.visible:.0%} visible)"
@@ -148,11 +155,12 @@ class FrameResult:
         Those of the frame.
     T_world_camera : (4, 4) float64
     sightings : tuple of Sighting
-        Confirmed objects seen in this frame, by label.
+        Objects seen in this frame that have a label and at least the probability `TrackerConfig.min_probability`, by
+        label.
     proposals : tuple of Proposal3D
         3D proposals of the frame, without those larger than `max_size_m`.
     objects_known : int
-        Number of confirmed objects in the map, visible or not.
+        Number of objects of the map with a label and at least that probability, visible or not.
     heat : (H, W) float32
         2D heat after the correction by depth, 0..1, for views.
     milliseconds : dict of str to float
@@ -213,7 +221,7 @@ class TrackedObject:
     box : Box
         In the world.
     score : float
-        Confidence that it is an object, 0..1.
+        Probability that it is one whole object, 0..1: of many labels with this value, that fraction is one.
     heat : float
         Mean heat of its points, 0..1.
     first_frame, last_frame, frames_seen : int
@@ -245,7 +253,9 @@ class TrackedObject:
 
     label: Label = field(metadata=column("label of the object, 1 or more"))
     box: Box
-    score: Fraction = field(metadata=column("confidence that it is an object, 0 to 1"))
+    score: Fraction = field(
+        metadata=column("probability that it is one whole object, 0 to 1; 0 for furniture", also="probability")
+    )
     heat: Fraction = field(metadata=column("mean heat of its points, 0 to 1"))
     first_frame: FrameNumber = field(metadata=column("first frame that saw it, from 0"))
     last_frame: FrameNumber = field(metadata=column("last frame that saw it, from 0"))
@@ -309,6 +319,11 @@ class TrackedObject:
         ),
     )
 
+    @property
+    def probability(self) -> float:
+        """Probability that it is one whole object, 0..1: the `score`, under the name of its meaning."""
+        return self.score
+
     def with_given_name(self, name: str) -> Self:
         """Return the object with a name given by a user; the class from a detector becomes the first of `names`."""
         seen = () if self.name is None or self.name_score is None else ((self.name, self.name_score),)
@@ -317,7 +332,7 @@ class TrackedObject:
     def __repr__(self) -> str:
         return (
             f"{type(self).__name__}({tag_of(self.label, self.name)}: {self.box.text()}; "
-            f"score {self.score:.2f}, seen in {self.frames_seen} frames)"
+            f"probability {self.score:.2f}, seen in {self.frames_seen} frames)"
         )
 
 

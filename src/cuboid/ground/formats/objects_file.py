@@ -57,7 +57,7 @@ def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
             Rotation, Meta(description="rotation matrix by rows; its columns are the axes of the box in the world")
         ],
     )
-    for name, kind, one in others:
+    for name, kind, one in sorted(others, key=lambda item: item[2].optional):
         yield (name, kind | UnsetType, UNSET) if one.optional else (name, kind)
 
 

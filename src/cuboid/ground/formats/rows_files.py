@@ -74,8 +74,10 @@ def _line_of(record: type) -> Any:
 
 
 def _columns_of(record: type) -> Iterator[_Column]:
-    """Iterate over the names and kinds of the columns of a record."""
-    return ((name, one.kind) for one in columns_of(record) for name in one.names)
+    """Iterate over the names and kinds of the columns of a record; an optional one may be absent or empty."""
+    for one in columns_of(record):
+        for name in one.names:
+            yield (name, one.kind | None, None) if one.optional else (name, one.kind)
 
 
 def _of_a_frame(*columns: _Column) -> Any:
@@ -84,7 +86,7 @@ def _of_a_frame(*columns: _Column) -> Any:
     return msgspec.defstruct("_Line", [*stamp, *columns], bases=(Row,), frozen=True)
 
 
-_Column = tuple[str, Any]
+_Column = tuple[str, Any] | tuple[str, Any, None]
 _SEEN_IN = ("frame", "label")
 _BOX: list[_Column] = [
     (name, kind) for name, kind in get_type_hints(BoxEntry, include_extras=True).items() if name not in _SEEN_IN

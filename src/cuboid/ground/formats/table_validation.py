@@ -16,7 +16,7 @@ from cuboid.ground.formats.reading import text_lines
 
 
 class Row(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """A line of a table; its fields are the columns, in order."""
+    """A line of a table; its fields are the columns, in order. Older files lack the last ones, those with a default."""
 
 
 R = TypeVar("R", bound=Row)
@@ -84,7 +84,7 @@ def data_lines(path: Path) -> Generator[tuple[int, str], None, None]:
 
 def parse_row(path: Path, line: int, cells: Sequence[str], kind: type[R]) -> R:
     """Return the row of cells; raise InputError if a cell is invalid."""
-    if len(cells) != len(kind.__struct_fields__):
+    if not _required(kind) <= len(cells) <= len(kind.__struct_fields__):
         raise InputError(f"{path}:{line}: expected {header_of(kind, ' ')}, got {len(cells)} values")
     try:
         return msgspec.convert([cell or None for cell in cells], kind, strict=False)
@@ -92,11 +92,18 @@ def parse_row(path: Path, line: int, cells: Sequence[str], kind: type[R]) -> R:
         raise InputError(f"{path}:{line}: {_explained(error, cells, kind)}") from None
 
 
+def _required(kind: type[Row]) -> int:
+    """Return the number of columns that each file has."""
+    return len(kind.__struct_fields__) - len(kind.__struct_defaults__)
+
+
 def _columns(path: Path, header: list[str], kind: type[Row], any_order: bool) -> list[int]:
     """Return where in a line each field of a row stands."""
     names = kind.__struct_fields__
-    if not any_order and header != list(names):
-        raise InputError(f"{path}:1: expected the header '{header_of(kind)}'")
+    if not any_order:
+        if len(header) < _required(kind) or header != list(names[: len(header)]):
+            raise InputError(f"{path}:1: expected the header '{header_of(kind)}'")
+        return list(range(len(header)))
     missing = [name for name in names if name not in header]
     if missing:
         raise InputError(f"{path}:1: expected a header with {header_of(kind)}; missing: {', '.join(missing)}")

@@ -1,4 +1,4 @@
-"""The probability of each sighting of a result: that of `tracks.csv` if it has any, else that of its label."""
+"""The probability of each sighting of a result: that in `tracks.csv`, else that of its label in `objects.json`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def read_probabilities(path: Path, frame: npt.NDArray[np.int64], label: npt.NDAr
     Parameters
     ----------
     path : Path
-        A result folder, whose `objects.json` gives the probability (`score`) of labels, or the CSV of another tracker.
+        A result folder, whose `objects.json` has the probability of labels, or the CSV of another tracker.
     frame, label : (N,) int64
         The sightings.
 
@@ -41,15 +41,13 @@ def read_probabilities(path: Path, frame: npt.NDArray[np.int64], label: npt.NDAr
         A file is malformed; the message names file and line.
     """
     table = path / TRACKS if path.is_dir() else path
-    if COLUMN in _header(table):
-        rows = read_table(table, ProbabilityEntry, any_order=True)
-        of_row = {(row.frame, row.label): row.probability for _, row in rows}
-        values = [of_row.get(key) for key in zip(frame.tolist(), label.tolist(), strict=True)]
-    elif path.is_dir():
-        survivor = Results(path).survivor
-        values = [survivor[name].score if name in survivor else None for name in label.tolist()]
-    else:
-        values = [None] * len(label)
+    has_column = COLUMN in _header(table)
+    rows = read_table(table, ProbabilityEntry, any_order=True) if has_column else ()
+    of_row = {(row.frame, row.label): row.probability for _, row in rows}
+    values = [of_row.get(key) for key in zip(frame.tolist(), label.tolist(), strict=True)]
+    if path.is_dir() and None in values:
+        of_label = {name: item.probability for name, item in Results(path).survivor.items()}
+        values = [of_label.get(k) if one is None else one for k, one in zip(label.tolist(), values, strict=True)]
     return np.array(values, np.float64)
 
 

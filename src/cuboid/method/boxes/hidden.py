@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.tolerances import MIN_READINGS, OUTLIER_FRACTION
+from cuboid.ground.core.tolerances import DRIFT_M, MIN_READINGS, OUTLIER_FRACTION
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import overlap_min_matrix, pack
 from cuboid.method.boxes.fit import fit_box, plane_axes
@@ -26,10 +26,13 @@ BESIDE_FRACTION = 0.2
 TOP_LAYER_FRACTION = 0.1
 # Fraction of the points that may stick out on one side only, as a handle does.
 STICKING_OUT_FRACTION = 0.1
-# A foot may be hidden if at most this fraction of the ground beneath was seen.
+# A foot may be hidden if at most this fraction of the ground beneath the middle was seen.
 GROUND_SEEN_FRACTION = 0.2
+# A foot carries the middle of its object. It may be narrower than the object, as a stem or a pot, but free space
+# beneath this middle part of the footprint, as a fraction of each side, shows that there is no foot.
+MIDDLE_FRACTION = 0.5
 # Sample places on the ground beneath a box, per side, as fractions of the box from its middle.
-_STEPS = (np.arange(MIN_READINGS) + 0.5) / MIN_READINGS - 0.5
+_STEPS = MIDDLE_FRACTION * ((np.arange(MIN_READINGS) + 0.5) / MIN_READINGS - 0.5)
 _ALONG, _ACROSS = (places.reshape(-1, 1) for places in np.meshgrid(_STEPS, _STEPS))
 
 
@@ -88,11 +91,15 @@ def is_clear_of(box: Box, near: Sequence[Box]) -> bool:
 
 
 def with_hidden_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
-    """Return a box extended down to its plane, unless evidence shows that it floats; see `foot_is_hidden`."""
-    gap = box.foot_m(normal, offset)
-    if gap > MIN_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):
-        box = Box(box.center - 0.5 * gap * normal, box.size + np.array([0.0, 0.0, gap]), box.rotation)
-    return box
+    """Return a box extended down to the surface below, unless evidence shows that it floats; see `hidden_foot_m`."""
+    foot_m = box.foot_m(normal, offset)
+    if foot_m <= MIN_GAP_M:
+        return box
+    surface_m = hidden_foot_m(box, normal, offset, near, voxels)
+    if surface_m is None or surface_m >= foot_m:
+        return box
+    gap_m = foot_m - surface_m
+    return Box(box.center - 0.5 * gap_m * normal, box.size + np.array([0.0, 0.0, gap_m]), box.rotation)
 
 
 def mirrored_points(
@@ -144,16 +151,42 @@ def mirrored_points(
     return np.asarray(mirrored[out][~_seen(ground, normal, voxels)], dtype=np.float64)
 
 
-def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap) -> bool:
-    """Return whether the foot of a floating box may be hidden: the space beneath was not seen and holds no object."""
+def hidden_foot_m(
+    box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap
+) -> float | None:
+    """Return the height at which a box whose foot was not seen stands, metres above its plane; None if it floats.
+
+    Free space decides: rays that passed beneath the middle of the object reached the surface below, which shows that
+    the object floats. Space that no ray reached is no evidence, and nothing hangs in the air: the object stands on the
+    next surface below, that of its plane or of another object.
+
+    Parameters
+    ----------
+    box : Box
+        The seen part of the object, above its plane.
+    normal : (3,) float64
+        Normal of the plane, unit, up.
+    offset : float
+        The plane is normal.p + offset = 0.
+    others : sequence of Box
+        Seen parts of other objects nearby. One that reaches from below to above the lowest point of `box` is beside or
+        around it: it may hold the object, which then has no foot of its own.
+    voxels : VoxelMap
+    """
     beneath = box.center + _ALONG * box.size[0] * box.rotation[:, 0] + _ACROSS * box.size[1] * box.rotation[:, 1]
     height = beneath @ normal + offset
     ground = beneath - np.outer(height, normal)
+    foot_m, surface_m = box.foot_m(normal, offset), 0.0
     for other in others:
-        if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
-            return False
-    seen = _seen(ground, normal, voxels)
-    return bool(np.count_nonzero(seen) / len(seen) <= GROUND_SEEN_FRACTION)
+        low_m = other.foot_m(normal, offset)
+        if low_m >= foot_m or not (_beyond(beneath, other) <= 0.0).any():
+            continue
+        top_m = low_m + other.size[2]
+        if top_m > foot_m + DRIFT_M:
+            return None
+        surface_m = max(surface_m, top_m)
+    seen = _seen(ground + surface_m * normal, normal, voxels)
+    return surface_m if np.count_nonzero(seen) <= GROUND_SEEN_FRACTION * len(seen) else None
 
 
 def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:

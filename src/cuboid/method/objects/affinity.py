@@ -23,6 +23,8 @@ Pair = tuple[int, int]
 # follow the log-odds that a frame adds or subtracts.
 SPLIT_RATE, JOIN_RATE = 0.35, 0.15
 SAME_LOG_ODDS, DIFFERENT_LOG_ODDS = log((1.0 - SPLIT_RATE) / JOIN_RATE), log(SPLIT_RATE / (1.0 - JOIN_RATE))
+# An object that is attached to another one is a part of it in nine of ten cases, in made recordings.
+ATTACHED_LOG_ODDS = log(9.0)
 # Limit of the log-odds, of an object and of a pair, so that early mistakes can be corrected.
 MAX_LOG_ODDS = 2.0 * CERTAIN_LOG_ODDS
 
@@ -73,10 +75,13 @@ class Affinity:
         """
         self._add(a, b, (SAME_LOG_ODDS if same else DIFFERENT_LOG_ODDS) * novelty)
 
-    def add_attachment(self, a: int, b: int, novelty: float) -> None:
-        """Add the evidence that one object is attached to the other: earlier evidence for two objects is reset."""
-        evidence = self.of(a, b)
-        self._add(a, b, SAME_LOG_ODDS * novelty - min(0.0, evidence or 0.0))
+    def add_attachment(self, a: int, b: int) -> None:
+        """Add the evidence of a fit that one object is attached to the other: evidence for two objects is reset.
+
+        A fit judges the points of all frames, and is repeated when their number has grown: unlike the evidence of a
+        frame, that of a fit does not depend on the novelty of the viewpoint.
+        """
+        self._add(a, b, ATTACHED_LOG_ODDS - min(0.0, self.of(a, b) or 0.0))
 
     def _add(self, a: int, b: int, evidence: float) -> None:
         pair = (min(a, b), max(a, b))

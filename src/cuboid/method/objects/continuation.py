@@ -45,9 +45,3 @@ def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Arra
     goes_on = foreign.reshape(-1, len(beyond_m)).any(1)
     top, *sides = np.add.reduceat(goes_on, np.cumsum(counts) - counts, dtype=np.int64) >= GOES_ON_FRACTION * counts
     return bool(top), int(sum(sides))
-
-
-def is_structure(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Array) -> bool:
-    """Return whether an object is a part of structure: its top continues, or more than one of its sides does."""
-    top, sides = continues(box, points, voxels, owned)
-    return top or sides > 1

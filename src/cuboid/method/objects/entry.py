@@ -18,6 +18,9 @@ from cuboid.ground.core.state import ADDED, TRANSIENT, Record
 from cuboid.ground.geometry.box import Box
 from cuboid.method.surfaces.kernels.outlines import KINDS
 
+# Two views show different sides of an object if their directions differ by this, radians: ten degrees.
+NEW_DIRECTION_RAD = 0.175
+
 
 class State(Enum):
     """Stage of an object's life."""
@@ -47,8 +50,6 @@ class ObjectRecord(Record):
         Keyframe to which most of its points, or its last detection, are anchored; -1: unknown.
     frames_seen : int
         Frames that saw it.
-    log_odds : float
-        Evidence that it is an object, from its sightings so far.
     merged_labels : list of int
         Labels of objects that were merged into it.
     name_log_odds : dict of str to float
@@ -65,7 +66,6 @@ class ObjectRecord(Record):
     label: int = 0
     keyframe: int = -1
     frames_seen: int = 0
-    log_odds: float = 0.0
     merged_labels: list[int] = field(default_factory=list)
     name_log_odds: dict[str, float] = field(default_factory=dict, metadata=ADDED)
     views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)), metadata=ADDED)
@@ -77,8 +77,12 @@ class ObjectRecord(Record):
 
     @property
     def score(self) -> float:
-        """Confidence that it is an object, 0..1."""
-        return float(1.0 / (1.0 + np.exp(-self.log_odds)))
+        """Probability that it is an object, 0..1."""
+        raise NotImplementedError
+
+    def is_reported(self, min_probability: float) -> bool:
+        """Return whether results contain it: it has a label, is not retired, and has at least this probability."""
+        return self.confirmed and self.score >= min_probability
 
     @property
     def center(self) -> Float64Array:
@@ -103,8 +107,20 @@ class MapObject(ObjectRecord):
         Their colors.
     heat : float
         Mean heat of its voxels.
+    probability : float
+        Probability that it is one whole thing, 0..1; see `objectness`.
     sightings : int
         Number of frames whose proposals it matched.
+    shown : int
+        Number of frames with pixels of it.
+    missed : int
+        Number of frames in a row with pixels of it, or of its place, whose proposals it did not match.
+    agreement : float
+        Sum of the similarities of its segments.
+    largest_px : int
+        Working pixels of its largest segment.
+    directions : (D, 3) float32
+        Unit vectors, different by `NEW_DIRECTION_RAD` or more, along which cameras saw it.
     outline : (4, KINDS) float64
         Kinds of its boundary in its sightings, by side and kind; see `kernels.outlines.outlines`.
     supports : dict of int to int
@@ -113,6 +129,12 @@ class MapObject(ObjectRecord):
         Number of sightings at the last fit of its box.
     supports_plane : bool
         Whether it supported its plane at the last fit, as furniture does.
+    continuing : int
+        Number of its sides that continued into a surface outside all objects at the last fit.
+    filled : float
+        Area of its points over the area of its box at the last fit.
+    noise_m : float
+        Standard deviation of its points at the last fit, metres.
     holder : int
         Number of the object that it is attached to, if nothing supported it from below at the last fit; 0: none.
     moved : bool
@@ -127,11 +149,20 @@ class MapObject(ObjectRecord):
     points: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     colors: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     heat: float = 0.0
+    probability: float = field(default_factory=float, metadata=ADDED)
     sightings: int = 0
+    shown: int = field(default_factory=int, metadata=ADDED)
+    missed: int = field(default_factory=int, metadata=ADDED)
+    agreement: float = field(default_factory=float, metadata=ADDED)
+    largest_px: int = field(default_factory=int, metadata=ADDED)
+    directions: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32), metadata=ADDED)
     outline: Float64Array = field(default_factory=lambda: np.zeros((4, KINDS)))
     supports: dict[int, int] = field(default_factory=dict)
     fitted: int = 0
     supports_plane: bool = False
+    continuing: int = field(default_factory=int, metadata=ADDED)
+    filled: float = field(default_factory=float, metadata=ADDED)
+    noise_m: float = field(default_factory=float, metadata=ADDED)
     holder: int = 0
     moved: bool = field(default_factory=bool, metadata=ADDED)
     merged_into: MapObject | None = field(default=None, metadata=TRANSIENT)
@@ -143,6 +174,11 @@ class MapObject(ObjectRecord):
         while entry.merged_into is not None:
             entry = entry.merged_into
         return entry
+
+    @property
+    def score(self) -> float:
+        """Probability that it is one whole thing, 0..1."""
+        return self.probability
 
     @property
     def center(self) -> Float64Array:
@@ -163,6 +199,8 @@ class ObjectWithoutDepth(ObjectRecord):
     ----------
     information : (3, 3) float64
         Inverse covariance of its position.
+    log_odds : float
+        Evidence that it exists, from its detections so far.
     vector : (3,) float64
         Information matrix times position.
     size_m : (2,) float64
@@ -186,6 +224,7 @@ class ObjectWithoutDepth(ObjectRecord):
     information: Float64Array
     vector: Float64Array
     _: KW_ONLY
+    log_odds: float = 0.0
     size_m: Float64Array = field(default_factory=lambda: np.zeros(2))
     weight: float = 0.0
     hits: int = 0
@@ -196,9 +235,23 @@ class ObjectWithoutDepth(ObjectRecord):
     distance_m: float = 0.0
 
     @property
+    def score(self) -> float:
+        """Probability that it exists, 0..1."""
+        return float(1.0 / (1.0 + np.exp(-self.log_odds)))
+
+    @property
     def center(self) -> Float64Array:
         """Its centre in the map, (3,) metres."""
         return np.asarray(np.linalg.solve(self.information, self.vector))
+
+
+def with_direction(directions: npt.NDArray[np.float32], ray: Float64Array) -> npt.NDArray[np.float32]:
+    """Return directions of view (D, 3) with that of a ray (3,) added, if it differs from all of them."""
+    length = float(np.sqrt(ray @ ray))
+    direction = (ray / max(length, 1e-9)).astype(np.float32)
+    if len(directions) and float((directions @ direction).max()) > np.cos(NEW_DIRECTION_RAD):
+        return directions
+    return np.vstack([directions, direction[None]])
 
 
 def summed_counts(first: Mapping[int, int], second: Mapping[int, int]) -> dict[int, int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import log, log1p
 
 import numpy as np
 import numpy.typing as npt
@@ -11,19 +10,20 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.limits import SAMPLE_POINTS
-from cuboid.ground.core.tolerances import DRIFT_M, MIN_READINGS, SIGMAS
+from cuboid.ground.core.tolerances import DRIFT_M, MIN_READINGS
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.fit import fit_box
 from cuboid.method.boxes.hidden import with_hidden_foot
 from cuboid.method.heatmap.stored_points import Rows
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.boxing import Boxing
-from cuboid.method.objects.continuation import is_structure
+from cuboid.method.objects.continuation import continues
 from cuboid.method.objects.entry import MapObject
-from cuboid.method.objects.outline import CLEAR, ends_above
+from cuboid.method.objects.objectness import area_fraction
+from cuboid.method.objects.outline import ends_above
 from cuboid.method.objects.store import ObjectStore
-from cuboid.method.objects.support import above_support_rim, encloses, find_attachment
-from cuboid.method.objects.validity import fits_object, too_large
+from cuboid.method.objects.support import above_support_rim, encloses, find_attachment, find_coaxial, seen_part
+from cuboid.method.objects.validity import too_large
 from cuboid.method.surfaces.plane import Plane
 from cuboid.method.surfaces.planes import PlaneTracker
 
@@ -31,8 +31,8 @@ from cuboid.method.surfaces.planes import PlaneTracker
 GROWN = 0.15
 # Largest number of labelled objects, and of candidates, that are refitted in a frame; others follow in later frames.
 FITS = 4
-# Log-odds that an object loses if a fit shows that it is structure or noise.
-STRUCTURE = CLEAR
+# An object of which this number of sides continue is a part of structure and gets no seat.
+STRUCTURE_SIDES = 2
 
 # Unit normal (3,) and offset of the surface at which a box ends: normal.p + offset = 0.
 Rest = tuple[Float64Array, float]
@@ -70,16 +70,15 @@ class Fitting:
             waiting = [o for o in waiting if not o.confirmed or o.sightings >= 2 * o.fitted]
         waiting.sort(key=lambda o: ((o.fitted + 1) / (o.sightings + 1), o.number))
         confirmed = [o for o in waiting if o.confirmed][:FITS]
-        likely = [o for o in waiting if not o.confirmed and o.log_odds > 0][:FITS]
-        for entry in confirmed + likely:
-            self.fit(entry, eye, _fits_due(entry))
+        # One view may be noise.
+        candidates = [o for o in waiting if not o.confirmed and o.sightings > 1][:FITS]
+        for entry in confirmed + candidates:
+            self.fit(entry, eye)
 
-    def fit(self, entry: MapObject, eye: Float64Array | None = None, counted: int = 1) -> None:
+    def fit(self, entry: MapObject, eye: Float64Array | None = None) -> None:
         """Fit the box of an object; retire it if it has too few voxels, or if it has grown too large.
 
         If the camera position `eye` (3,), world, metres, is given, the points are denoised along the camera's rays.
-        `counted` is the number of fits for which this one counts: those that new viewpoints at each sighting would have
-        caused.
         """
         rows = self._voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
         if len(rows) < MIN_READINGS:
@@ -90,9 +89,11 @@ class Fitting:
         rows, plane, rests, supports = self._find_support(entry, rows)
         stored = self._voxels.stored
         points = stored.xyz(rows)
-        others = [o.box for o in self._store.neighbours(entry) if o.confirmed]
+        beside = [o for o in self._store.neighbours(entry) if o.confirmed]
+        others = [o.box for o in beside]
         seen_box, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others, eye)
-        box = seen_box if rests is None else with_hidden_foot(seen_box, *rests, others, self._voxels)
+        parts = [] if rests is None else [seen_part(o, rests[0]) for o in beside]
+        box = seen_box if rests is None else with_hidden_foot(seen_box, *rests, parts, self._voxels)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
             # A floating object may stand on a plane that was not known yet: estimate its support again from later
             # sightings.
@@ -106,23 +107,26 @@ class Fitting:
             keyframe=stored.keyframe_of(rows),
             plane=None if plane is None else plane.identity,
             supports=supports,
+            filled=area_fraction(
+                (points - seen_box.center) @ seen_box.rotation, seen_box.size, 2.0 * self._voxels.voxel_m
+            ),
+            noise_m=noise_m,
         )
         neighbours = self._store.neighbours(entry)
-        holder = 0 if rests is None else find_attachment(entry, *rests, neighbours, self._voxels)
+        holder = 0
+        if rests is not None:
+            holder = find_attachment(entry, *rests, neighbours, self._voxels) or find_coaxial(
+                entry, rests[0], neighbours, self._voxels.voxel_m
+            )
         labelled = [o for o in neighbours if o.confirmed]
         supports_plane = self._supports_plane(entry) or encloses(entry, labelled, self._voxels.voxel_m)
-        structure = supports_plane or self._is_structure(entry, box, noise_m, labelled)
-        if plane is not None and not structure and not holder:
+        continuing = self._continuing_sides(entry, labelled)
+        if plane is not None and continuing < STRUCTURE_SIDES and not supports_plane and not holder:
             self._store.place(entry, self._with_seat(entry, seen_box, plane, neighbours))
-        if structure:
-            self._store.add_evidence(entry, -STRUCTURE)
-            # Candidates are fitted only while they are likely.
-            while (counted := counted - 1) > 0 and entry.log_odds > 0:
-                self._store.add_evidence(entry, -STRUCTURE)
         # Regardless of its outline: an object that supports a plane, or encloses others, at two successive fits is
         # furniture.
         furniture = entry.confirmed and entry.supports_plane and supports_plane
-        self._store.attach(entry, holder, supports_plane=supports_plane)
+        self._store.attach(entry, holder, supports_plane=supports_plane, continuing=continuing)
         if furniture or too_large(box, self._config):
             self._store.retire(entry)
 
@@ -149,13 +153,12 @@ class Fitting:
         foot_m = float((points[above_rim] @ normal).min()) - 2.0 * self._voxels.voxel_m
         return rows[above_rim], None, (normal, -foot_m), {plane.identity: 1}
 
-    def _is_structure(self, entry: MapObject, box: Box, noise_m: float, labelled: Sequence[MapObject]) -> bool:
-        """Return whether an object beside labelled ones is noise of a surface, or a part of a larger surface."""
-        if not fits_object(box, self._config) or box.size.min() < SIGMAS * noise_m:
-            return True
+    def _continuing_sides(self, entry: MapObject, labelled: Sequence[MapObject]) -> int:
+        """Return how many sides of an object, its top included, continue into a surface outside all objects."""
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in labelled)]] = 1
-        return is_structure(box, entry.points, self._voxels, owned)
+        top, sides = continues(entry.box, entry.points, self._voxels, owned)
+        return sides + top
 
     def _supports_plane(self, entry: MapObject) -> bool:
         """Return whether an object reaches up to a plane that lies on it.
@@ -191,12 +194,3 @@ class Fitting:
         """
         above = np.asarray(points @ normal + offset > self._config.min_height_m)
         return above if np.count_nonzero(above) >= MIN_READINGS else np.ones(len(points), bool)
-
-
-def _fits_due(entry: MapObject) -> int:
-    """Return how often the number of sightings has grown by `GROWN` since the last fit, at least one sighting each."""
-    if not entry.fitted and len(entry.points):
-        return 1
-    last = max(1, entry.fitted)
-    grown = min(entry.sightings - last, int(log(entry.sightings / last) / log1p(GROWN)))
-    return max(1, grown + (not entry.fitted))

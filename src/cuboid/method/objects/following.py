@@ -111,7 +111,7 @@ class _Followed:
     T: Float64Array = field(default_factory=lambda: np.eye(4))
     step: Float64Array = field(default_factory=lambda: np.eye(4))
     score: float = 1.0
-    missed: int = 0
+    missed_frames: int = 0
     path: deque[tuple[float, Float64Array]] = field(default_factory=deque)
 
 
@@ -280,12 +280,12 @@ class Following:
         if stays is not None and (found is None or found.balance < stays.balance + MOVED_BETTER):
             found = stays
         if found is None:
-            followed.missed += 1
-            if followed.missed >= LOST_FRAMES:
+            followed.missed_frames += 1
+            if followed.missed_frames >= LOST_FRAMES:
                 self._followed.remove(followed)
                 self._gone.append(_Gone(followed.entry, followed.profile, followed.from_box, followed.since_s))
             return
-        followed.missed = 0
+        followed.missed_frames = 0
         followed.step = found.T_now_start @ inverse(followed.T)
         followed.T, followed.score = found.T_now_start, found.score
         points = transform(followed.T, followed.points).astype(np.float32)
@@ -332,8 +332,7 @@ class Following:
     def _report_gone(self, time_s: float) -> None:
         for gone in self._gone:
             if not gone.reported and time_s - gone.since_s >= GONE_S:
-                gone.reported = True
-                self._report("gone", gone.entry, gone.from_box, None, 1.0)
+                gone.reported = self._report("gone", gone.entry, gone.from_box, None, 1.0)
 
     def note_labels(self, entries: Sequence[MapObject], frame: int, time_s: float) -> None:
         """Compare objects with a new label, if they came while the camera watched, with the waiting ones.
@@ -392,9 +391,13 @@ class Following:
         """Return whether an object is where one was that seemed to leave."""
         return any(np.linalg.norm(entry.box.center - gone.from_box.center) < MOVED_M for gone in self._gone)
 
-    def _report(self, event: EventName, entry: MapObject, before: Box | None, after: Box | None, score: float) -> None:
+    def _report(self, event: EventName, entry: MapObject, before: Box | None, after: Box | None, score: float) -> bool:
+        """Report an event, unless the object is too improbable for results; return whether it was reported."""
+        if entry.score < self._config.min_probability:
+            return False
         from_m, to_m = (None if box is None else box.center for box in (before, after))
         self._events.append(ObjectEvent(event, entry.label, from_m, to_m, score))
+        return True
 
     # --- candidates ------------------------------------------------------------------------------------------------
 
@@ -426,7 +429,7 @@ class Following:
         self, shown: tuple[Sighting, ...], seen: Observation, slots: npt.NDArray[np.int32]
     ) -> tuple[Sighting, ...]:
         """Return the sightings of a frame with those of followed objects."""
-        present = [item.entry for item in self._followed if not item.missed]
+        present = [item.entry for item in self._followed if not item.missed_frames]
         if not present:
             return shown
         boxes = pack([entry.box for entry in present])
@@ -437,7 +440,9 @@ class Following:
         for entry, view in zip(present, views, strict=True):
             if view.seen:
                 self._store.record_seen([entry], seen.frame)
-                found.append(Sighting(entry.label, entry.box, None, view.visible, view.rect_xyxy))
+            if view.seen and entry.score >= self._config.min_probability:
+                values = entry.label, entry.box, None, view.visible, view.rect_xyxy
+                found.append(Sighting(*values, probability=entry.score))
         return tuple(sorted(found, key=lambda item: item.label))
 
 

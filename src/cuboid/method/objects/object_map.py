@@ -24,13 +24,12 @@ from cuboid.method.objects.boxing import Boxing
 from cuboid.method.objects.confirmation import is_confirmable
 from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.fitting import Fitting
-from cuboid.method.objects.outline import log_odds_of, with_viewpoint_change
-from cuboid.method.objects.retirement import is_carved, is_unlikely
+from cuboid.method.objects.objectness import Quantities, probability, quantities_of
+from cuboid.method.objects.retirement import is_abandoned, is_carved
 from cuboid.method.objects.store import ObjectStore, ObjectStoreState
 from cuboid.method.objects.validity import fits_object
 from cuboid.method.objects.visibility import boxes_in_frustum
-from cuboid.method.surfaces.frame_segments import FrameSegment, FrameSegments
-from cuboid.method.surfaces.kernels.outlines import KINDS
+from cuboid.method.surfaces.frame_segments import FrameSegments
 from cuboid.method.surfaces.planes import PlaneTracker
 
 # Weight of a frame from the same viewpoint as evidence on pairs of objects; a frame from a new side has weight 1.
@@ -41,8 +40,6 @@ SURE_MATCH = 0.5
 COVERED_FRACTION = 0.5
 # On a later visit, all earlier sightings, and earlier hits of a voxel, count as at most this number.
 VISIT_SIGHTINGS = 3
-# Log-odds that a visible candidate loses in a frame without a matching proposal.
-MISSED = 0.3
 # A frame has full weight as evidence on pairs if the viewing angle has changed by this since the last one, radians; a
 # frame from the same viewpoint has a tenth of it.
 NEW_SIDE_RAD = 0.05
@@ -106,7 +103,7 @@ class ObjectMap:
         """Return the visible objects; if a frame has too many candidates, the least likely ones are retired."""
         candidates = [o for o in objects if not o.confirmed]
         if len(candidates) > MAX_CANDIDATES:
-            for entry in sorted(candidates, key=lambda o: (-o.log_odds, o.number))[MAX_CANDIDATES:]:
+            for entry in sorted(candidates, key=lambda o: (-o.probability, o.number))[MAX_CANDIDATES:]:
                 self.store.retire(entry)
         return [o for o in objects if o.state is not State.RETIRED]
 
@@ -140,13 +137,12 @@ class ObjectMap:
         self._voxels.vote_owners(segments.claim, number_of, *allowed, frame.candidate, frame.voxels.slots)
         separate = self._update_affinity(segments, found, novelty)
         self._add_overlaps(objects, novelty, separate)
-        self._add_attachments(objects, novelty)
-        self._penalise_missed(found)
+        self._record_shown(found)
         changed = [o.number for o in objects] + [int(n) for n in number_of if n]
         self._fitting.fit_grown(changed, seen.eye, seen.new_viewpoint)
         self._retire_removed(found, settled)
         self._merge(changed, seen.eye)
-        self._retire_unlikely(changed)
+        self._retire_abandoned(changed)
         return found
 
     def _update_objects(
@@ -160,13 +156,11 @@ class ObjectMap:
         number_of = np.zeros(len(frame_segments.segments), np.int32)
         match, part = found.match.tolist(), found.part.tolist()
         partner = {j: i for i, j in enumerate(match) if j >= 0}
-        outlines = np.array([c.outline for c in frame_segments.segments]).reshape(-1, 4, KINDS)
-        evidence = log_odds_of(outlines, np.array([c.read for c in frame_segments.segments]))
-        evidence = np.where(frame_segments.touched, 0.0, evidence).tolist()
+        similarity, moving = found.similarity.tolist(), frame_segments.touched.tolist()
         for i, segment in enumerate(frame_segments.segments):
             if match[i] >= 0:
                 entry = found.objects[match[i]]
-                self._add_sighting(entry, segment, with_viewpoint_change(evidence[i], seen.viewpoint_angle_rad))
+                self.store.see(entry, segment, similarity[i], seen.eye, moving=moving[i])
             elif part[i] >= 0 and not self._are_separate(frame_segments, i, partner.get(part[i])):
                 number_of[i] = found.objects[part[i]].number
                 continue
@@ -174,7 +168,7 @@ class ObjectMap:
                 if not fits_object(boxes[i], self._config):
                     continue
                 entry = self.store.add(boxes[i], seen.frame, seen.keyframe)
-                self._add_sighting(entry, segment, evidence[i])
+                self.store.see(entry, segment, 0.0, seen.eye, moving=moving[i])
             number_of[i] = entry.number
         return number_of
 
@@ -186,12 +180,6 @@ class ObjectMap:
             and frame_segments.proposal[i] != frame_segments.proposal[j]
             and frame_segments.contact[i, j] + frame_segments.contact[j, i] > 0
         )
-
-    def _add_sighting(self, entry: MapObject, segment: FrameSegment, evidence: float) -> None:
-        # Regardless of its outline: a labelled object whose box does not have the size of an object gains nothing.
-        if entry.confirmed and not fits_object(entry.box, self._config):
-            evidence = min(evidence, 0.0)
-        self.store.see(entry, segment, evidence)
 
     def _allowed_transfers(
         self, number_of: npt.NDArray[np.int32], found: Association
@@ -244,12 +232,6 @@ class ObjectMap:
     def _are_attached(a: MapObject, b: MapObject) -> bool:
         return a.holder == b.number or b.holder == a.number
 
-    def _add_attachments(self, objects: Sequence[MapObject], novelty: float) -> None:
-        """Add evidence that objects without support from below are parts of the objects to which they are attached."""
-        for entry in objects:
-            if not entry.moved:
-                self.store.add_attachment(entry, novelty)
-
     def _add_overlaps(self, objects: Sequence[MapObject], novelty: float, separate: set[frozenset[int]]) -> None:
         """Add evidence that objects which overlap in space are one: solids do not overlap.
 
@@ -268,12 +250,11 @@ class ObjectMap:
             if not counted and frozenset((first.number, second.number)) not in separate:
                 self.store.add_pair_evidence(first, second, same=True, novelty=novelty)
 
-    def _penalise_missed(self, found: Association) -> None:
-        """Lower the log-odds of candidates in view without a match."""
+    def _record_shown(self, found: Association) -> None:
+        """Count the frame for the objects with pixels in it."""
         matched = set(found.match.tolist())
-        for j, entry in enumerate(found.objects):
-            if entry.state is State.CANDIDATE and j not in matched:
-                self.store.add_evidence(entry, -MISSED)
+        for j in np.flatnonzero(found.object_pixels >= MIN_READINGS).tolist():
+            self.store.record_shown(found.objects[j], matched=j in matched)
 
     def _retire_removed(self, found: Association, settled: frozenset[int]) -> None:
         """Retire unmatched confirmed objects whose points were removed by free-space carving: most were taken away."""
@@ -332,9 +313,9 @@ class ObjectMap:
         self._fitting.fit(kept, eye)
         return kept
 
-    def _retire_unlikely(self, numbers: Sequence[int]) -> None:
-        """Retire objects whose log-odds have fallen below the threshold."""
-        self.store.retire_all([o for o in self.store.all_of(numbers) if is_unlikely(o)])
+    def _retire_abandoned(self, numbers: Sequence[int]) -> None:
+        """Retire candidates that are not seen any more."""
+        self.store.retire_all([o for o in self.store.all_of(numbers) if is_abandoned(o, self._voxels)])
 
     def record_seen(
         self, frame: int, seen: Sequence[MapObject], has_rested: Callable[[MapObject], bool]
@@ -355,13 +336,15 @@ class ObjectMap:
         """
         confirmed = []
         for entry in seen:
-            if (
-                entry.state is State.CANDIDATE
-                and entry.log_odds >= CERTAIN_LOG_ODDS
-                and is_confirmable(entry, self.store, self._planes, self._config)
-                and has_rested(entry)
-            ):
+            self.store.judge(entry, probability(self.quantities(entry)))
+            if entry.state is State.CANDIDATE and is_confirmable(entry, self._config) and has_rested(entry):
                 self.store.confirm(entry)
                 confirmed.append(entry)
         self.store.record_seen(seen, frame)
         return confirmed
+
+    def quantities(self, entry: MapObject) -> Quantities:
+        """Return the quantities that decide the probability of an object whose box was fitted."""
+        affinity = self.store.affinity
+        pairs = (affinity.of(entry.number, other) for other in affinity.partners(entry.number))
+        return quantities_of(entry, [log_odds for log_odds in pairs if log_odds is not None])

@@ -81,6 +81,52 @@ def find_attachment(
     return holder
 
 
+def seen_part(entry: MapObject, normal: Float64Array) -> Box:
+    """Return the box of an object without a foot that no frame has seen: from its lowest points along a normal up.
+
+    An assumed foot is no evidence for the place of another object.
+    """
+    box, points = entry.box, entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS]
+    if not len(points):
+        return box
+    hidden_m = quantile(points @ normal, 2.0 * OUTLIER_FRACTION) - float(normal @ box.center) + float(box.size[2]) / 2.0
+    if not 0.0 < hidden_m < box.size[2]:
+        return box
+    return Box(box.center + 0.5 * hidden_m * normal, box.size - np.array([0.0, 0.0, hidden_m]), box.rotation)
+
+
+def find_coaxial(entry: MapObject, normal: Float64Array, others: Iterable[MapObject], resolution_m: float) -> int:
+    """Return the number of an object that shares the vertical axis of `entry`, with hidden space between; 0: none.
+
+    From above, the leaves of a plant hide its stem, and the cap of a bottle its neck: the upper part seems to float
+    above the lower one. Parts of one body share its axis, while an object seldom stands exactly in the middle of
+    another one.
+
+    Parameters
+    ----------
+    entry : MapObject
+        The upper or the lower one, with its points.
+    normal : (3,) float64
+        Up, unit.
+    others : iterable of MapObject
+        Nearby objects.
+    resolution_m : float
+        Smallest distance that the map resolves, metres: axes closer than that are the same.
+    """
+    part = seen_part(entry, normal)
+    for other in others:
+        between = other.box.center - entry.box.center
+        if not len(other.points) or float(np.linalg.norm(between - (between @ normal) * normal)) > resolution_m:
+            continue
+        other_part = seen_part(other, normal)
+        upper, above, lower = (entry, part, other_part) if between @ normal < 0.0 else (other, other_part, part)
+        top = float(normal @ lower.center + lower.size[2] / 2.0)
+        foot = float(normal @ upper.box.center - upper.box.size[2] / 2.0)
+        if above.foot_m(normal, -top) > resolution_m and foot <= top + DRIFT_M:
+            return other.number
+    return 0
+
+
 def encloses(entry: MapObject, others: Iterable[MapObject], voxel_m: float) -> bool:
     """Return whether an object surrounds and covers one of others, as a shelf does; a box that holds things is open.
 

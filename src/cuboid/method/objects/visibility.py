@@ -109,9 +109,12 @@ def measure_visibility(
 
 
 def sightings_of(
-    visible: Sequence[tuple[MapObject, Visibility]], frame_segments: FrameSegments, found: Association
+    visible: Sequence[tuple[MapObject, Visibility]],
+    frame_segments: FrameSegments,
+    found: Association,
+    min_probability: float,
 ) -> tuple[Sighting, ...]:
-    """Return the sightings of the labelled objects among the visible ones, by label.
+    """Return the sightings of the reported objects among the visible ones, by label.
 
     Parameters
     ----------
@@ -119,16 +122,19 @@ def sightings_of(
         The visible objects, after they were recorded as seen.
     frame_segments : FrameSegments
     found : Association
+    min_probability : float
+        Objects with a lower probability are left out.
     """
     matched = [(found.objects[j].survivor.number, i, j) for i, j in enumerate(found.match.tolist()) if j >= 0]
     iou = {number: float(found.iou[i, j]) for number, i, j in matched}
     rect = {number: frame_segments.segments[i].rect_xyxy for number, i, _ in matched}
     sightings = []
     for entry, view in visible:
-        if entry.confirmed:
+        if entry.is_reported(min_probability):
             frame_iou = None if entry.frames_seen == 1 else iou.get(entry.number)  # a first sighting has no earlier box
             rect_xyxy = blended_rectangle(view.rect_xyxy, rect.get(entry.number))
-            sightings.append(Sighting(entry.label, entry.box, frame_iou, view.visible, rect_xyxy))
+            values = entry.label, entry.box, frame_iou, view.visible, rect_xyxy
+            sightings.append(Sighting(*values, probability=entry.score))
     return tuple(sorted(sightings, key=lambda s: s.label))
 
 

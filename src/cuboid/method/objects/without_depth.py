@@ -13,6 +13,7 @@ label stays, and where the map's object has few readings, the rectangle of the o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -223,8 +224,13 @@ class WithoutDepth:
         kept = {o.number for o in best}
         self._store.retire_all([o for o in entries if o.number not in kept])
 
-    def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
-        """Return the sightings of a frame, including those of objects without depth, by label."""
+    def sightings(
+        self, shown: Sequence[Sighting], seen: Observation, planes: Planes, min_probability: float
+    ) -> tuple[Sighting, ...]:
+        """Return the sightings of a frame, including those of objects without depth, by label.
+
+        Objects with a lower probability than `min_probability`, 0..1, are left out.
+        """
         found = {sighting.label: sighting for sighting in shown}
         others = np.array([sighting.rect_xyxy for sighting in shown]).reshape(-1, 4)
         for entry in self._store.without_depth():
@@ -235,11 +241,14 @@ class WithoutDepth:
                 continue
             rect = self._hit.get(entry.number, view.rect_xyxy)
             if partner is not None:
-                old = found.get(partner.label, Sighting(partner.label, partner.box, None, view.visible, rect))
-                found[partner.label] = Sighting(partner.label, old.box, old.iou, old.visible, rect)
+                if partner.score >= min_probability:
+                    values = partner.label, partner.box, None, view.visible, rect
+                    old = found.get(partner.label, Sighting(*values, probability=partner.score))
+                    found[partner.label] = replace(old, rect_xyxy=rect)
             elif not len(others) or rect_iou_matrix(rect[None], others).max() < SAME_IOU:
                 self._store.record_seen([entry], seen.frame)
-                found[entry.label] = Sighting(entry.label, box_of(entry, planes)[0], None, view.visible, rect)
+                values = entry.label, box_of(entry, planes)[0], None, view.visible, rect
+                found[entry.label] = Sighting(*values, probability=entry.score)
         self._hit = {}
         return tuple(found[label] for label in sorted(found))
 

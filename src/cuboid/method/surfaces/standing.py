@@ -5,6 +5,7 @@ The evidence uses only depth: no direction in the image or in the world is prefe
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,8 @@ FACE_FRACTION = 0.2
 # A piece stands on an area if more than TOUCH_FRACTION of its outline meets the area and more than FREE_FRACTION ends
 # in depth jumps; its clearness grows from 0 when both together cover HALF of the outline.
 TOUCH_FRACTION, FREE_FRACTION, HALF = 0.2, 0.1, 0.5
+# A region stands on an area that surrounds it in the image, i.e. begins at this fraction of its outline.
+AROUND_FRACTION = 0.9
 # Normals within 12 degrees of each other have the same direction (cosine).
 SAME_COS = float(np.cos(np.radians(12.0)))
 
@@ -63,6 +66,9 @@ def find_flat_areas(image: DepthImage, config: TrackerConfig) -> FlatAreas:
     more than depth ripples, does not reach below it, meets it along a good part of its outline, and ends in depth jumps
     along another part. Bumps of a wall caused by the sensor do not.
 
+    A camera above an area sees no object meet it. If there is no other evidence, the regions that an area surrounds
+    stand on it; see `_surrounded_readings`.
+
     Parameters
     ----------
     image : DepthImage
@@ -78,10 +84,13 @@ def find_flat_areas(image: DepthImage, config: TrackerConfig) -> FlatAreas:
     kernel.lie_on(depth_m, camera.pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
     # A far smaller area may be the face of an object on the larger one.
     faces = area_m2 <= FACE_FRACTION * area_m2[:, None]
-    for small in np.unique(faces, axis=0):
-        supports = np.flatnonzero((faces == small).all(1))
-        evidence[supports] = _standing_readings(depth_m, camera, planes, on, small, config)[supports]
     off = max(ENOUGH * depth_m.size, float(np.count_nonzero(on == kernel.SURFACE)))
+    for readings_of in (_standing_readings, _surrounded_readings):
+        for small in np.unique(faces, axis=0):
+            supports = np.flatnonzero((faces == small).all(1))
+            evidence[supports] = readings_of(depth_m, camera, planes, on, small, config)[supports]
+        if evidence.max() >= ENOUGH * off:
+            break
     return FlatAreas(normal, area_m2, np.minimum(1.0, evidence / off))
 
 
@@ -105,15 +114,68 @@ def _standing_readings(
     small : (P,) bool
         Areas that are treated as faces of objects.
     """
-    noise, found = config.depth_noise_per_m, np.zeros(len(planes))
-    code = np.append(np.where(small, kernel.SURFACE, np.arange(len(planes))), [kernel.NOTHING, kernel.SURFACE])
-    on, labels = code.astype(np.int8)[on], np.empty(depth_m.shape, np.int32)
-    pixels = np.empty((depth_m.size, 2), np.int32)
-    count = kernel.label_pieces(depth_m, on, noise, JUMP_M, labels, pixels)
+    noise = config.depth_noise_per_m
+    on, labels = _faces_as_surface(on, small), np.empty(depth_m.shape, np.int32)
+    count = kernel.label_pieces(depth_m, on, noise, JUMP_M, labels, np.empty((depth_m.size, 2), np.int32))
     touches, others = np.empty((count, len(planes)), np.int64), np.empty((count, kernel.KINDS), np.int64)
     kernel.bounds(depth_m, on, labels, noise, JUMP_M, GAP_M * camera.fx, touches, others)
-    beneath, clear = _clearness(touches, others)
-    starts = np.empty(count + 1, np.int64)
+    return _weighted_readings(depth_m, camera, planes, labels, *_clearness(touches, others), config)
+
+
+def _surrounded_readings(
+    depth_m: Float32Array,
+    camera: Intrinsics,
+    planes: Float64Array,
+    on: npt.NDArray[np.int8],
+    small: npt.NDArray[np.bool_],
+    config: TrackerConfig,
+) -> Float64Array:
+    """Return the number of readings (P,) of regions off all areas that each area surrounds in the image.
+
+    An object stands on the area behind it if no other surface borders on it, unless the area is visible beneath its
+    middle: then it hangs. From above, an object hides its foot, and depth jumps separate its parts, such as the cap and
+    the shoulder of a bottle: a region continues across them. In front of a wall, the floor or another object is beneath
+    it. See `_standing_readings`.
+    """
+    on, labels = _faces_as_surface(on, small), np.empty(depth_m.shape, np.int32)
+    no_jump = config.depth_noise_per_m, math.inf
+    count = kernel.label_pieces(depth_m, on, *no_jump, labels, np.empty((depth_m.size, 2), np.int32))
+    touches, others = np.empty((count, len(planes)), np.int64), np.empty((count, kernel.KINDS), np.int64)
+    kernel.bounds(depth_m, on, labels, *no_jump, GAP_M * camera.fx, touches, others)
+    around = touches / np.maximum(1, touches.sum(1) + others.sum(1))[:, None]
+    beneath = around.argmax(1)
+    clear = np.where(around.max(1) >= AROUND_FRACTION, around.max(1), 0.0)
+    for k in np.flatnonzero(clear).tolist():
+        v, u = np.nonzero(labels == k)
+        middle, plane = camera.points(u, v, depth_m[v, u]).mean(0), planes[beneath[k]]
+        x, y, z = middle - (plane[:3] @ middle + plane[3]) * plane[:3]
+        column, row = round(camera.fx * x / z + camera.cx), round(camera.fy * y / z + camera.cy)
+        if 0 <= row < on.shape[0] and 0 <= column < on.shape[1] and on[row, column] == beneath[k]:
+            clear[k] = 0.0
+    return _weighted_readings(depth_m, camera, planes, labels, beneath, clear, config)
+
+
+def _faces_as_surface(on: npt.NDArray[np.int8], small: npt.NDArray[np.bool_]) -> npt.NDArray[np.int8]:
+    """Return `on` (H, W) with the readings on areas that are treated as faces of objects as readings off all areas."""
+    code = np.append(np.where(small, kernel.SURFACE, np.arange(len(small))), [kernel.NOTHING, kernel.SURFACE])
+    return code.astype(np.int8)[on]
+
+
+def _weighted_readings(
+    depth_m: Float32Array,
+    camera: Intrinsics,
+    planes: Float64Array,
+    labels: npt.NDArray[np.int32],
+    beneath: npt.NDArray[np.int64],
+    clear: Float64Array,
+    config: TrackerConfig,
+) -> Float64Array:
+    """Return the number of readings (P,) of the pieces that stand on each area, weighted by their clearness.
+
+    `labels` (H, W) is the piece of each pixel; `beneath` (N,) and `clear` (N,) are as in `_clearness`.
+    """
+    found, count = np.zeros(len(planes)), len(clear)
+    starts, pixels = np.empty(count + 1, np.int64), np.empty((depth_m.size, 2), np.int32)
     kernel.gather_pieces(labels, starts, pixels)
     for k in np.flatnonzero((clear > 0.0) & (np.diff(starts) >= MIN_PIXELS)).tolist():
         v, u = pixels[starts[k] : starts[k + 1]].T

@@ -104,7 +104,7 @@ def _annotation(run: Results, number: int, row: TrackRow, categories: Mapping[st
         "area": rounded((x1 - x0) * (y1 - y0), PIXEL),
         "iscrowd": 0,
         "visibility": rounded(row.visible, LENGTH),
-        "score": rounded(ended.score if ended is not None else 0.0, LENGTH),
+        "score": rounded(run.probability_of(row), LENGTH),
     }
 
 

@@ -18,7 +18,7 @@ NODE = {
     "kind": "string",
     "label": "int",
     "name": "string",
-    **dict.fromkeys(("x_m", "y_m", "z_m", "length_m", "width_m", "height_m", "score"), "double"),
+    **dict.fromkeys(("x_m", "y_m", "z_m", "length_m", "width_m", "height_m", "score", "probability"), "double"),
 }
 EDGE = {"relation": "string", "score": "double"}
 NO_UP = "up is unknown, and so are relations: the graph has no edges"
@@ -64,7 +64,7 @@ def _with_data(graph: ElementTree.Element, kind: str, names: Mapping[str, str], 
 
 
 def _object(item: TrackedObject) -> dict[str, Value]:
-    numbers = (*item.box.center.tolist(), *item.box.size.tolist(), item.score)
+    numbers = (*item.box.center.tolist(), *item.box.size.tolist(), item.score, item.probability)
     return {
         "kind": kind_of(item),
         "label": item.label,

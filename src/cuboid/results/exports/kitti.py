@@ -8,7 +8,8 @@
 - ``alpha``: `rotation_y` less the direction to the object, -pi..pi.
 - rectangle in pixels; ``height width length`` and the place in metres, in the camera frame of that frame (x right,
   y down, z forward). As the benchmark has it, the place is the middle of the box's lower face.
-- ``rotation_y``: turn of the length about the camera's y axis, -pi..pi; ``score``: that of the object in the map.
+- ``rotation_y``: turn of the length about the camera's y axis, -pi..pi.
+- ``score``: probability of the object in that frame, 0..1.
 
 The format has no other rotation: it was made for cars with a level camera. Where the camera looks down,
 each box keeps its centre and its size but is set upright in the camera's frame, by the smallest turn that does it.
@@ -94,9 +95,8 @@ def write(run: Results, path: Path) -> list[str]:
     """Write the file; return a note about the format's loss."""
     rows = []
     for seen in run.tracks:
-        ended = run.survivor.get(seen.label)
-        score = ended.score if ended is not None else 0.0
-        rows.append(kitti_row(seen, run.poses[seen.frame].T_world_camera, run.found.intrinsics, score))
+        T_world_camera = run.poses[seen.frame].T_world_camera
+        rows.append(kitti_row(seen, T_world_camera, run.found.intrinsics, run.probability_of(seen)))
     path.write_text("".join(row.line() + "\n" for row in rows), encoding="utf-8", newline="\n")
     return _losses(run, rows)
 

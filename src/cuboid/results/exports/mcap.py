@@ -111,8 +111,7 @@ def _markers(
 def _detections(bag: RosBag, run: Results, rows: list[TrackRow], names: Mapping[int, str], time_ns: int) -> Any:
     detections = []
     for row in rows:
-        ended = run.survivor.get(row.label)
-        score = 0.0 if ended is None else float(ended.score)
+        score = run.probability_of(row)
         detections.append(detection(bag, row.label, names.get(row.label, ""), row.box, score, time_ns, WORLD_FRAME))
     return detection_array(bag, detections, time_ns, WORLD_FRAME)
 

@@ -14,7 +14,7 @@ from cuboid.ground.core.results import TrackedObject
 
 # Width of the plan in a notebook, pixels; free margin around the objects, fraction of the width.
 PLAN_PX, MARGIN = 320, 0.08
-HEADINGS = ("label", "size L x W x H (cm)", "centre x, y, z (m)", "frames seen", "score")
+HEADINGS = ("label", "size L x W x H (cm)", "centre x, y, z (m)", "frames seen", "probability")
 
 
 class ObjectTable(list[TrackedObject]):
@@ -101,8 +101,8 @@ def _cells(item: TrackedObject) -> tuple[str, ...]:
 
 
 def cells_of(item: TrackedObject) -> tuple[str, ...]:
-    """Return the size (cm), the position (m), the number of frames and the score of an object for printed tables."""
-    return item.box.size_text, item.box.center_text, str(item.frames_seen), f"{item.score:.2f}"
+    """Return size (cm), position (m), number of frames and probability of an object for printed tables."""
+    return item.box.size_text, item.box.center_text, str(item.frames_seen), f"{item.probability:.2f}"
 
 
 _NAMED = tuple(column for column in table_columns_of(TrackedObject) if column.name in ("label", "name"))

@@ -153,9 +153,8 @@ def object_to_json(item: TrackedObject) -> dict[str, Any]:
 
 def _object(item: ObjectEntry) -> TrackedObject:
     box = Box(np.array(item.center), np.array(item.size), np.array(item.rotation))
-    return TrackedObject(
-        box=box, **{column.name: column.read(getattr(item, column.name)) for column in columns_of(TrackedObject)}
-    )
+    columns = (column for column in columns_of(TrackedObject) if not column.repeats)
+    return TrackedObject(box=box, **{column.name: column.read(getattr(item, column.name)) for column in columns})
 
 
 def _supported(piece: TrackedObject, relations: Mapping[int, Sequence[Relation]]) -> tuple[Relation, ...]:

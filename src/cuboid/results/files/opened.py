@@ -224,6 +224,13 @@ class Results(MapQueries):
             rows = [row for row in rows if row.frame == frame]
         return list(rows)
 
+    def probability_of(self, row: TrackRow) -> float:
+        """Return the probability of an object in a frame; of results of an older version, that at the end."""
+        if row.probability is not None:
+            return row.probability
+        item = self.survivor.get(row.label)
+        return 0.0 if item is None else item.probability
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """Likely faults of the input, one line each."""

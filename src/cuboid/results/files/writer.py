@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from cuboid.ground.core.errors import OutputError
 from cuboid.ground.core.paths import PathLike
-from cuboid.ground.core.results import FrameResult, MapPoints
+from cuboid.ground.core.results import FrameResult, MapPoints, Sighting
 from cuboid.ground.formats.folder import (
     AGENTS,
     EVENTS,
@@ -246,10 +246,7 @@ def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], ...]:
         As in `ResultWriter.add`.
     """
     frame, time_s = result.index, result.timestamp_s
-    tracks = [
-        TrackRow(seen.label, seen.box, seen.iou, seen.visible, seen.rect_xyxy * pixels, frame, time_s).line()
-        for seen in result.sightings
-    ]
+    tracks = [_track_row(seen, pixels, result).line() for seen in result.sightings]
     proposals = [
         ProposalRow(proposal.label, proposal.box, proposal.score, proposal.rect_xyxy * pixels, frame, time_s).line()
         for proposal in result.proposals
@@ -257,6 +254,11 @@ def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], ...]:
     events = [EventRow.of(event, result).line() for event in result.events]
     agents = [AgentRow(frame, time_s, box).line() for box in result.agents]
     return tracks, proposals, [PoseRow(time_s, result.T_world_camera).line()], events, agents
+
+
+def _track_row(seen: Sighting, pixels: int, result: FrameResult) -> TrackRow:
+    values = seen.label, seen.box, seen.iou, seen.visible, seen.rect_xyxy * pixels
+    return TrackRow(*values, result.index, result.timestamp_s, probability=seen.probability)
 
 
 def _write_text(path: Path, text: str) -> None:

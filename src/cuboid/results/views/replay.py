@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterator
+from dataclasses import dataclass, replace
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.frame import Intrinsics
@@ -56,6 +56,11 @@ class ReplayedFrame:
     def objects_known(self) -> int:
         """Objects known in this frame, seen or not."""
         return len(self.sightings) + len(self.hidden)
+
+    def only(self, labels: Container[int]) -> ReplayedFrame:
+        """Return the frame with the objects that have one of these labels."""
+        sightings = tuple(one for one in self.sightings if one.label in labels)
+        return replace(self, sightings=sightings, hidden=tuple(one for one in self.hidden if one.label in labels))
 
 
 class Replay:

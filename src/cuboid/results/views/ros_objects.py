@@ -43,7 +43,7 @@ def detection(make: RosMessages, label: int, name: str, box: Box, score: float, 
     box : Box
         In the world.
     score : float
-        Confidence that it is an object, 0..1.
+        Its probability, 0..1.
     time_ns : int
         Time of the image that shows it.
     frame : str

@@ -55,14 +55,14 @@ class StreamSettings:
     ----------
     object_frames : bool
         Send a frame of `tf` for each object, `object_3` for the label 3.
-    min_score : float
-        Objects below this score are not sent, 0..1.
+    min_probability : float
+        Objects with a lower probability are not sent, 0..1; `TrackerConfig.min_probability` comes first.
     map_every_s : float
         Interval between two point maps, seconds; 0: on request only.
     """
 
     object_frames: bool = False
-    min_score: float = 0.0
+    min_probability: float = 0.0
     map_every_s: float = 0.0
 
 
@@ -155,7 +155,7 @@ class RosStream:
         time_ns : int
             Stamp of its image.
         """
-        objects = {item.label: item for item in tracker.objects if item.score >= self.settings.min_score}
+        objects = {item.label: item for item in tracker.objects if item.probability >= self.settings.min_probability}
         seen = [objects[sighting.label] for sighting in result.sightings if sighting.label in objects]
         self._send_transforms(result, objects, time_ns)
         if self._detections.wanted():
@@ -172,7 +172,7 @@ class RosStream:
     def detections(self, objects: Iterable[TrackedObject], time_ns: int) -> Any:
         """Return objects as vision_msgs/Detection3DArray."""
         made = [
-            detection(self._messages, item.label, self._name_of(item), item.box, item.score, time_ns, self.world)
+            detection(self._messages, item.label, self._name_of(item), item.box, item.probability, time_ns, self.world)
             for item in objects
         ]
         return detection_array(self._messages, made, time_ns, self.world)

@@ -18,7 +18,7 @@ class SceneObject(TrackedObject):
     Attributes
     ----------
     state : str
-        "present", "gone", "merged" or "forgotten".
+        "present", "gone", "merged" or "forgotten"; "unlikely": its probability is below `min_probability`.
     merged_into : int or None
         Older label into which this one was merged.
     first_seen, last_seen : (int, int)

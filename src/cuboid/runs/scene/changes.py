@@ -185,7 +185,7 @@ class Changes:
         return False
 
     def find(self, tracker: PosedTracker, seen: Mapping[int, object]) -> list[Change]:
-        """Return the change of each object, by label.
+        """Return the change of each object with at least the probability `min_probability`, by label.
 
         Parameters
         ----------
@@ -214,7 +214,8 @@ class Changes:
                     entry.label, "new" if is_new else "found", None, tracker.in_world(entry.box).center
                 )
                 known_points = np.concatenate([known_points, entry.points])
-        return [found[label] for label in sorted(found)]
+        shown = {entry.label for entry in entries if entry.score >= tracker.config.min_probability}
+        return [found[label] for label in sorted(found) if label in shown]
 
     def _change_of(self, tracker: PosedTracker, entry: MapObject, seen: bool) -> Change:
         old = self._before.objects[entry.label]

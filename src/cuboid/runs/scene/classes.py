@@ -1,4 +1,4 @@
-"""A detector's classes and kinds of a scene's objects: rows of the table `scene`, one per label and class."""
+"""Classes, kinds and least probability of a scene's objects: rows of the table `scene`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from cuboid.runs.scene.validation import DamagedError, Row, read_rows
 KEY = "class"
 # A row's key for the kind of an object without usable depth: KIND, the label, and 0.
 KIND, KINDS = "kind", ("box", "flat")
+# Key of the probability that the scene's present objects have at least.
+MIN_PROBABILITY = "min_probability"
 # Maximum number of classes kept per object: its name and the next three.
 KEPT = 4
 # Maximum length of a class name, characters; longer names are cut.
@@ -60,6 +62,22 @@ def _label_of(key: str, value: str) -> int:
     if value not in KINDS or not label.isdecimal():
         raise DamagedError(f"the kind of an object is damaged: '{key}' is '{value}'")
     return int(label)
+
+
+def read_min_probability(rows: Iterable[Row]) -> float:
+    """Return the probability that present objects have at least; 0 without a row, in a scene of an older version.
+
+    Raises
+    ------
+    DamagedError
+        The row is invalid.
+    """
+    for (value,) in rows:
+        try:
+            return min(max(float(value), 0.0), 1.0)
+        except ValueError:
+            raise DamagedError(f"the minimum probability of objects is damaged: it is '{value}'") from None
+    return 0.0
 
 
 def read_classes(rows: Iterable[Row]) -> dict[int, list[tuple[str, float]]]:

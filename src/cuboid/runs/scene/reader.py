@@ -20,7 +20,7 @@ from cuboid.method.objects.naming import chosen_name
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries
 from cuboid.runs.scene.answers import PastRelation, SceneEvent, SceneObject, ScenePast, SceneRecording
-from cuboid.runs.scene.classes import KEY, read_classes, read_kinds
+from cuboid.runs.scene.classes import KEY, MIN_PROBABILITY, read_classes, read_kinds, read_min_probability
 from cuboid.runs.scene.database import has_table, open_to_read, user_errors
 from cuboid.runs.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.runs.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
@@ -117,6 +117,11 @@ class SceneReader(MapQueries):
             begins = self._rows(("recordings.id", "recordings.first_frame"), "recordings ORDER BY id")
             found = [
                 self._object(row, merged.get(row[0], ()), index_of, classes.get(row[0], []), begins) for row in rows
+            ]
+            least = read_min_probability(self._rows(("scene.value",), "scene WHERE key = ?", (MIN_PROBABILITY,)))
+            found = [
+                replace(item, state="unlikely") if item.state == "present" and item.probability < least else item
+                for item in found
             ]
             return [replace(item, kind=kinds[item.label]) if item.label in kinds else item for item in found]
 

@@ -19,7 +19,7 @@ from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.naming import name_scores
-from cuboid.runs.scene.classes import read_kinds, write_classes, write_kinds
+from cuboid.runs.scene.classes import MIN_PROBABILITY, read_kinds, write_classes, write_kinds
 from cuboid.runs.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 
@@ -59,6 +59,8 @@ class Rows:
         New kinds of labels whose kind changed; None for volumes. Labels that are not listed keep the scene's entry.
     ended : list of int
         Labels of objects without usable depth that no longer exist.
+    min_probability : float
+        Objects with a lower probability are not among the present ones.
     pictures : dict of int to (float, bytes)
         Quality of each object's picture, and the picture as JPEG.
     """
@@ -74,6 +76,7 @@ class Rows:
     without_depth: list[tuple[TrackedObject, int]] = field(default_factory=list)
     kinds: dict[int, str | None] = field(default_factory=dict)
     ended: list[int] = field(default_factory=list)
+    min_probability: float = 0.0
 
     def write(self, connection: sqlite3.Connection) -> None:
         """Write all rows, within the caller's transaction."""
@@ -87,6 +90,7 @@ class Rows:
         if self.planes is not None:
             connection.execute("DELETE FROM planes")
             many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*plane) for plane in self.planes))
+        connection.execute("INSERT OR REPLACE INTO scene VALUES (?, ?)", (MIN_PROBABILITY, str(self.min_probability)))
         many(_UPSERT, (_object_row(entry, label) for entry, label in self.objects))
         many(_UPSERT, (_row_without_depth(item, label) for item, label in self.without_depth))
         of_map = {entry.label: name_scores(entry.name_log_odds) for entry, label in self.objects if not label}
@@ -156,6 +160,7 @@ class Records:
     def take(self, tracker: PosedTracker) -> Rows:
         """Return all rows since the last call, with the tracker's objects and planes as they are now."""
         rows, self._rows = self._rows, Rows()
+        rows.min_probability = tracker.config.min_probability
         self._objects(tracker, rows)
         self._objects_without_depth(tracker, rows)
         rows.planes = list(zip(tracker.plane_identities, tracker.planes, strict=True))

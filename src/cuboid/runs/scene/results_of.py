@@ -100,7 +100,7 @@ def _seen(scene: SceneReader, number: int) -> tuple[dict[int, list[Sighting]], l
             continue
         for past in sightings:
             frames[past.frame].append(Sighting(past.label, past.box, past.iou, past.visible, past.rect_xyxy))
-        if item.label not in gone:
+        if item.label not in gone and item.state != "unlikely":
             objects.append(_object(item, sightings))
     for rows in frames.values():
         rows.sort(key=lambda change: change.label)

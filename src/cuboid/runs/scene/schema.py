@@ -113,7 +113,9 @@ _BOX: dict[str, Any] = dict(zip(BOX, (*[Metres] * 3, *[Side] * 3, *[QuaternionPa
 _MOVE: dict[str, Any] = dict.fromkeys(("from_x", "from_y", "from_z", "to_x", "to_y", "to_z"), Metres | None)
 # Fields of an object that have columns unchanged: labels, names and planes are stored in other forms.
 DESCRIBED = tuple(
-    one for one in table_columns_of(TrackedObject) if one.name not in ("label", "name", "plane", "merged_labels")
+    one
+    for one in table_columns_of(TrackedObject)
+    if not one.repeats and one.name not in ("label", "name", "plane", "merged_labels")
 )
 _OF_RECORDING = "FOREIGN KEY (recording) REFERENCES recordings (id) ON DELETE CASCADE"
 

@@ -104,9 +104,11 @@ class Detecting:
         add_votes(turned, visible, self._store, min(1.0, self._every * novelty_of(seen)))
         self._without_depth.update(turned, visible, seen)
 
-    def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
+    def sightings(
+        self, shown: Sequence[Sighting], seen: Observation, planes: Planes, min_probability: float
+    ) -> tuple[Sighting, ...]:
         """Return the sightings of a frame, including those of objects without depth readings."""
-        return self._without_depth.sightings(shown, seen, planes)
+        return self._without_depth.sightings(shown, seen, planes, min_probability)
 
     @property
     def labelled(self) -> int:

@@ -25,17 +25,19 @@ from cuboid.ground.core.working import WorkingImage, filled, thin
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import inverse, moved_beyond
 from cuboid.method.boxes.fit import Resting, fit_boxes
+from cuboid.method.boxes.hidden import with_hidden_foot
 from cuboid.method.boxes.quantiles import quantile
 from cuboid.method.detection.types import Detector
 from cuboid.method.heatmap.anchors import LAST_KEYFRAME
 from cuboid.method.heatmap.motion import Motion
 from cuboid.method.heatmap.pixel_heat import pixel_heat, weigh
-from cuboid.method.heatmap.voxel_map import VoxelMap, VoxelMapState
+from cuboid.method.heatmap.voxel_map import PixelVoxels, VoxelMap, VoxelMapState
 from cuboid.method.objects.association import Association, SegmentedFrame, prior_of
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.following import Following
 from cuboid.method.objects.object_map import ObjectMap, ObjectMapState
-from cuboid.method.objects.validity import too_large
+from cuboid.method.objects.support import seen_part
+from cuboid.method.objects.validity import fits_object, too_large
 from cuboid.method.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.method.proposals import make_source
 from cuboid.method.proposals.depth import DepthSegmentation
@@ -285,7 +287,7 @@ class PosedTracker(TrackedMap):
         objects = self._map.prune_candidates(in_frustum)
         prior = prior_of(objects, voxels.owner, weighed)
         segments = segment_frame(seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self.config)
-        boxes = self._boxes(segments.segments, seen.image, seen.T_world_camera)
+        boxes = self._boxes(segments.segments, voxels, seen)
         clock.lap("boxes")
         left_out = {
             "proposals": len(proposed) - len(proposals),
@@ -300,7 +302,9 @@ class PosedTracker(TrackedMap):
         clock.lap("map")
         self._following.note_touched(found.numbers_of(segments.touched), time_s)
         visible = self._visible(seen, slots, in_frustum, time_s)
-        sightings = self._following.sightings(sightings_of(visible, segments, found), seen, slots)
+        sightings = self._following.sightings(
+            sightings_of(visible, segments, found, self.config.min_probability), seen, slots
+        )
         frame_boxes = self._frame_boxes(segmented, found)
         clock.lap("matching")
         sightings = self._detect(given, visible, seen, sightings, clock)
@@ -311,7 +315,7 @@ class PosedTracker(TrackedMap):
             T_world_camera=seen.T_world_camera,
             sightings=sightings,
             proposals=frame_boxes,
-            objects_known=self._map.store.labelled + self._detecting.labelled,
+            objects_known=len(self._reported()) + self._detecting.labelled,
             heat=heat,
             milliseconds=clock.milliseconds,
             left_out=left_out,
@@ -342,7 +346,7 @@ class PosedTracker(TrackedMap):
             self._detecting.detect(given, self._roll, visible, seen)
             clock.lap("detector")
         if self._detecting.is_used:
-            sightings = self._detecting.sightings(sightings, seen, self._support_planes())
+            sightings = self._detecting.sightings(sightings, seen, self._support_planes(), self.config.min_probability)
             clock.lap("without depth")
         return sightings
 
@@ -486,17 +490,38 @@ class PosedTracker(TrackedMap):
         distance_m = 0.0 if last is None else _median_depth_m(image.depth_m)
         return math.inf if last is None or distance_m == 0.0 else math.dist(self._position, last) / distance_m
 
-    def _boxes(self, segments: Sequence[FrameSegment], image: WorkingImage, T_world_camera: Float64Array) -> list[Box]:
-        """Return the boxes of a frame's segments, from a sample of their points, on the plane beneath each."""
+    def _boxes(self, segments: Sequence[FrameSegment], voxels: PixelVoxels, seen: Observation) -> list[Box]:
+        """Return the boxes of a frame's segments, from a sample of their points, each on the surface beneath.
+
+        Parameters
+        ----------
+        segments : sequence of FrameSegment
+        voxels : PixelVoxels
+            The voxels of the frame's pixels.
+        seen : Observation
+        """
         if not segments:
             return []
         sampled = [s.pixels[:: 1 + len(s.pixels) // (SAMPLE_POINTS // 2)] for s in segments]
-        points = points_of(np.concatenate(sampled), image, T_world_camera)
+        points = points_of(np.concatenate(sampled), seen.image, seen.T_world_camera)
         found = {identity: self._planes.find(identity) for s in segments for identity in s.supports}
         rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
         unknown = self._planes.likely_up, None
         planes = [_main_support(s.supports, rests) or unknown for s in segments]
-        return fit_boxes(points, [len(pixels) for pixels in sampled], planes, OUTLIER_FRACTION)
+        boxes = fit_boxes(points, [len(pixels) for pixels in sampled], planes, OUTLIER_FRACTION)
+        for k, (normal, offset) in enumerate(planes):
+            # Masks match the other segments; a foot decides only whether a thin box has the size of an object.
+            if offset is not None and not fits_object(boxes[k], self.config):
+                owner = _most_frequent(voxels.owner.ravel()[sampled[k]])
+                boxes[k] = self._with_hidden_foot(boxes[k], normal, offset, owner)
+        return boxes
+
+    def _with_hidden_foot(self, box: Box, normal: Float64Array, offset: float, owner: int) -> Box:
+        """Return the box of a segment extended down to the surface below; `owner` is the number of its own object."""
+        foot_m = box.foot_m(normal, offset)
+        whole = Box(box.center - 0.5 * foot_m * normal, box.size + np.array([0.0, 0.0, foot_m]), box.rotation)
+        near = [o for o in self._map.store.near(whole, 0.0) if o.confirmed and o.number != owner]
+        return with_hidden_foot(box, normal, offset, [seen_part(o, normal) for o in near], self._voxels)
 
     def _refine(
         self, seen: Observation, heat: Float32Array, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
@@ -528,7 +553,8 @@ class PosedTracker(TrackedMap):
     def _frame_boxes(self, frame: SegmentedFrame, found: Association) -> tuple[Proposal3D, ...]:
         """Return the boxes of this frame's segments, except those too large for an object, with their labels."""
         survivors = [found.objects[j].survivor if j >= 0 else None for j in found.object_of.tolist()]
-        labels = [o.label if o is not None and o.confirmed else 0 for o in survivors]
+        minimum = self.config.min_probability
+        labels = [o.label if o is not None and o.is_reported(minimum) else 0 for o in survivors]
         return tuple(
             [
                 Proposal3D(label, box, segment.heat, segment.rect_xyxy)
@@ -550,6 +576,11 @@ def _median_depth_m(depth_m: Float32Array) -> float:
     sampled = depth_m[::4, ::4]
     readings = sampled[sampled > 0]
     return quantile(readings, 0.5) if len(readings) else 0.0
+
+
+def _most_frequent(numbers: npt.NDArray[np.int32]) -> int:
+    """Return the most frequent of non-negative numbers (N,), the lowest one if equal."""
+    return int(np.bincount(numbers).argmax())
 
 
 def _main_support(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:

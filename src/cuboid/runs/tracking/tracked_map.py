@@ -75,12 +75,16 @@ class TrackedMap(MapQueries):
 
     @property
     def objects(self) -> ObjectTable:
-        """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
+        """The objects of the map with a label and at least the probability `config.min_probability`, by label."""
         index_of = {identity: k for k, identity in enumerate(self.plane_identities)}
-        items = [self._tracked(entry, index_of) for entry in self._map.store.confirmed()]
+        items = [self._tracked(entry, index_of) for entry in self._reported()]
         without_depth = self.objects_without_depth()
         items += without_depth
         return ObjectTable(sorted(items, key=lambda item: item.label) if without_depth else items)
+
+    def _reported(self) -> list[MapObject]:
+        """Return the objects with depth readings that results contain, by label."""
+        return [entry for entry in self._map.store.confirmed() if entry.is_reported(self.config.min_probability)]
 
     def _tracked(self, entry: MapObject, index_of: Mapping[int, int]) -> TrackedObject:
         """Return an object as results contain it; `index_of` gives the index of a plane by its identity."""
@@ -230,10 +234,13 @@ class TrackedMap(MapQueries):
         return self._voxels.stored.nbytes
 
     def map_points(self) -> MapPoints:
-        """Return the global point map; points of small objects are replaced by their fine points, if there are any."""
+        """Return the global point map, with the labels of `objects`.
+
+        Points of small objects are replaced by their fine points, if there are any.
+        """
         stored = self._voxels.stored
         label_of = np.zeros(max((o.number for o in self._map.store.living()), default=0) + 1, np.int32)
-        for entry in self._map.store.confirmed():
+        for entry in self._reported():
             label_of[entry.number] = entry.label
         rows = stored.living()
         xyz, index = stored.spread(rows)

@@ -12,7 +12,7 @@ from cuboid.ground.core.values import RelationKind
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-State = Literal["present", "gone", "merged", "forgotten"]
+State = Literal["present", "unlikely", "gone", "merged", "forgotten"]
 ChangeName = Literal["confirmed", "moved", "gone", "renamed", "merged", "appeared", "back"]
 
 
@@ -64,13 +64,13 @@ class FoundObject:
     ----------
     label : int
     name : str or None
-    state : {"present", "gone", "merged", "forgotten"}
+    state : {"present", "unlikely", "gone", "merged", "forgotten"}
     kind : str
         "volume"; "flat" or "box" for objects without depth readings.
     classes : tuple of (str, float)
         The next most likely classes from a detector, with their probabilities.
-    score : float
-        Confidence that it is an object, 0..1.
+    score, probability : float
+        Probability that it is one whole object, 0..1: both have the same value.
     center_m, size_m : (3,)
         Centre of its box in the world, and length, width and height along the axes of the box, metres.
     quat_wxyz : (4,)
@@ -95,6 +95,7 @@ class FoundObject:
     kind: str
     classes: tuple[tuple[str, float], ...]
     score: float
+    probability: float
     center_m: Vector
     size_m: Vector
     quat_wxyz: Quaternion

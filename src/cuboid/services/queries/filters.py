@@ -42,7 +42,8 @@ class Filters:
         One of `COLOR_WORDS`.
     name : str or None
         Its name, or one of the next most likely classes with a probability of at least `LIKELY`; case is ignored.
-    min_score : float or None
+    min_probability : float or None
+        Minimum probability that it is one whole object, 0..1.
     like : (str, int) or None
         Recording and label of an object; the most similar objects come first.
     text : TextQuery or None
@@ -64,7 +65,7 @@ class Filters:
     until: datetime | None = None
     color: str | None = None
     name: str | None = None
-    min_score: float | None = None
+    min_probability: float | None = None
     like: tuple[str, int] | None = None
     text: TextQuery | None = None
     limit: int = 50

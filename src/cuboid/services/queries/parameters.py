@@ -71,12 +71,16 @@ PARAMETERS: dict[str, Parameter] = {
     ),
     "near_object": Parameter({"type": "string", "example": "7"}, "near an object, by label or name", "near object"),
     "within": Parameter({"type": "string", "default": "0.5m"}, "maximum distance from that", "within"),
-    "min_score": Parameter({"type": "number", "example": 0.5}, "minimum confidence, 0 to 1", "score from"),
+    "min_probability": Parameter(
+        {"type": "number", "example": 0.5},
+        "minimum probability that it is one whole object, 0 to 1",
+        "probability from",
+    ),
     "limit": Parameter({"type": "integer", "default": 50, "maximum": MAX_ROWS}, "maximum number of rows", "rows"),
 }
 
 # The search form hides the fields of these until the user opens them.
-SELDOM = ("on", "in", "beside", "since", "until", "near", "near_object", "within", "min_score", "limit")
+SELDOM = ("on", "in", "beside", "since", "until", "near", "near_object", "within", "min_probability", "limit")
 
 
 def given(asked: Mapping[str, str]) -> dict[str, str]:
@@ -118,7 +122,7 @@ def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filt
         until=read("until", moment, None),
         color=asked.get("color"),
         name=asked.get("name"),
-        min_score=read("min_score", _number, None),
+        min_probability=read("min_probability", _number, None),
         like=read("like", thing, None),
         on=asked.get("on"),
         inside=asked.get("in"),

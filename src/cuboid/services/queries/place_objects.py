@@ -44,9 +44,9 @@ class PlaceObjects:
         longest = self._now.longest_m()
         return np.asarray((longest >= low_m) & (longest <= high_m))
 
-    def scored(self, least: float) -> Mask:
-        """Return the objects with a least confidence."""
-        return self._now.mask(lambda item: item.score >= least)
+    def probable(self, least: float) -> Mask:
+        """Return the objects with at least a probability."""
+        return self._now.mask(lambda item: item.probability >= least)
 
     def named(self, name: str) -> Mask:
         """Return the objects with a name or a likely class."""
@@ -169,6 +169,7 @@ def answer_of(
         kind=item.kind,
         classes=tuple((name, round(score, 3)) for name, score in item.names),
         score=round(item.score, 3),
+        probability=round(item.probability, 3),
         center_m=vector(item.box.center),
         size_m=vector(item.box.size),
         quat_wxyz=(w, x, y, z),

@@ -26,8 +26,8 @@ class ObjectSource(Protocol[C, F]):
     def sized(self, low_m: float, high_m: float) -> C:
         """Return the condition that the longest side is within a range."""
 
-    def scored(self, least: float) -> C:
-        """Return the condition of a least confidence that it is an object."""
+    def probable(self, least: float) -> C:
+        """Return the condition that the probability of an object is at least this."""
 
     def named(self, name: str) -> C:
         """Return the condition that this is the name or a likely class of an object; case is ignored."""
@@ -87,8 +87,8 @@ def _conditions(source: ObjectSource[C, F], filters: Filters) -> Iterator[C]:
         yield source.other_than(*filters.like)
     if filters.size_m is not None:
         yield source.sized(*filters.size_m)
-    if filters.min_score is not None:
-        yield source.scored(filters.min_score)
+    if filters.min_probability is not None:
+        yield source.probable(filters.min_probability)
     if filters.name is not None:
         yield source.named(filters.name)
     if filters.color is not None:

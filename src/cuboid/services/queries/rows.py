@@ -28,6 +28,7 @@ def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict
         "name": found.name,
         "color": found.color,
         "score": found.score,
+        "probability": found.probability,
         "frames_seen": found.frames_seen,
         "first_frame": found.first_seen.frame,
         "last_frame": found.last_seen.frame,
@@ -40,13 +41,15 @@ def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict
 
 
 def cells_of(row: Mapping[str, Any]) -> list[str]:
-    """Return the cells of an object in tables: name, size, position, color, number of frames, last sighting."""
+    """Return the cells of an object in tables: name, size, position, color, probability, frames, last sighting."""
     size = " x ".join(f"{100 * row[side]:.1f}" for side in ("longest_m", "middle_m", "shortest_m"))
     place = ", ".join(f"{row[f'center_{axis}_m']:z.2f}" for axis in "xyz")
     seen = row["last_seen"]
     when = "" if seen is None else f"{seen:%Y-%m-%d %H:%M:%S}"
     name = f" {row['name']}" if row.get("name") else ""
-    return [f"{row['recording']}#{row['label']}{name}", size, place, row["color"] or "", str(row["frames_seen"]), when]
+    likely = "" if row["probability"] is None else f"{row['probability']:.2f}"
+    first = [f"{row['recording']}#{row['label']}{name}", size, place, row["color"] or "", likely]
+    return [*first, str(row["frames_seen"]), when]
 
 
 def plain(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from cuboid.ground.core.errors import InputError
 from cuboid.results.views.ros_stream import StreamSettings
 
 # Maximum values; the minimum is 0.
-MAX_VALUES = {"min_score": 1.0, "map_every_s": float("inf")}
+MAX_VALUES = {"min_probability": 1.0, "map_every_s": float("inf")}
 
 
 class Parameters:

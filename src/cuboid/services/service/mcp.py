@@ -63,6 +63,9 @@ class Conditions:
     within_m: Length = 0.5
     min_size_m: Annotated[float, Field(ge=0.0, description="minimum length of the longest side, metres")] = 0.0
     max_size_m: Annotated[float, Field(gt=0.0, description="maximum length of the longest side, metres")] = MAX_SIZE_M
+    min_probability: Annotated[
+        float | None, Field(ge=0.0, le=1.0, description="minimum probability that it is one whole object")
+    ] = None
     color: Annotated[str | None, Field(description="one of the eleven basic color words")] = None
     text: Annotated[str | None, Field(description=TEXT)] = None
     limit: Limit = 10

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import transform
-from cuboid.method.objects.affinity import MAX_LOG_ODDS
-from cuboid.method.objects.entry import MapObject, ObjectRecord, State, summed_counts
+from cuboid.method.objects.entry import MapObject, ObjectRecord, State, summed_counts, with_direction
 from cuboid.method.objects.naming import counted_view, merged_evidence, with_scores
 from cuboid.method.objects.store.objects import StoredObjects
 from cuboid.method.surfaces.frame_segments import FrameSegment
@@ -22,20 +21,41 @@ class ObjectEvidence(StoredObjects):
 
     # --- evidence --------------------------------------------------------------------------------------------------
 
-    def add_evidence(self, entry: ObjectRecord, log_odds: float) -> None:
-        """Add log-odds that an object is one; the sum stays within `MAX_LOG_ODDS` in both directions."""
-        entry.log_odds = min(MAX_LOG_ODDS, max(-MAX_LOG_ODDS, entry.log_odds + log_odds))
+    def see(
+        self, entry: MapObject, segment: FrameSegment, similarity: float, eye: Float64Array, *, moving: bool
+    ) -> None:
+        """Add a sighting: a segment of a frame that matches an object, or starts it.
 
-    def see(self, entry: MapObject, segment: FrameSegment, log_odds: float) -> None:
-        """Add a sighting: a segment of a frame that matches an object, and the log-odds that it adds.
+        Outline, similarity and pixels above each plane are always the sums over the `sightings`.
 
-        Outline and pixels above each plane are always the sums over the `sightings`.
+        Parameters
+        ----------
+        entry : MapObject
+        segment : FrameSegment
+        similarity : float
+            Of the segment and the object, 0..1; 0 for the segment that starts an object.
+        eye : (3,) float64
+            Position of the camera in the map.
+        moving : bool
+            Whether something moves at the segment: its outline is then no evidence.
         """
-        self.add_evidence(entry, log_odds)
-        entry.outline = entry.outline + segment.outline
+        if not moving:
+            entry.outline = entry.outline + segment.outline
         entry.sightings += 1
+        entry.agreement += similarity
+        entry.largest_px = max(entry.largest_px, len(segment.pixels))
+        entry.directions = with_direction(entry.directions, entry.center - eye)
         if segment.supports:
             entry.supports = summed_counts(entry.supports, segment.supports)
+
+    def record_shown(self, entry: MapObject, *, matched: bool) -> None:
+        """Count a frame with pixels of an object, and whether one of its segments matches it."""
+        entry.shown += 1
+        entry.missed = 0 if matched else entry.missed + 1
+
+    def judge(self, entry: MapObject, probability: float) -> None:
+        """Set the probability that an object is one whole thing."""
+        entry.probability = probability
 
     def record_seen(self, entries: Iterable[ObjectRecord], frame: int) -> None:
         """Count a frame that shows objects; `last_frame` is the last frame that was counted."""
@@ -73,11 +93,6 @@ class ObjectEvidence(StoredObjects):
         """Add the evidence of a frame that two living objects are one, or that they are two; see `Affinity`."""
         self.affinity.add_evidence(a.number, b.number, same=same, novelty=novelty)
 
-    def add_attachment(self, entry: MapObject, novelty: float) -> None:
-        """Add the evidence of a frame that an object is one with its holder, if that one is alive; see `Affinity`."""
-        if entry.holder and entry.holder in self and self[entry.holder].state is not State.RETIRED:
-            self.affinity.add_attachment(entry.number, entry.holder, novelty)
-
     def begin_visit(self, max_sightings: int) -> None:
         """Limit the number of earlier sightings of living objects with depth, so that boxes are soon refitted."""
         for entry in self.living():
@@ -103,6 +118,8 @@ class ObjectEvidence(StoredObjects):
         keyframe: int,
         plane: int | None,
         supports: dict[int, int],
+        filled: float,
+        noise_m: float,
     ) -> None:
         """Set the result of a fit to the voxels that an object owns now.
 
@@ -119,18 +136,22 @@ class ObjectEvidence(StoredObjects):
             Identity of its supporting plane.
         supports : dict of int to int
             Pixels above each plane; the next fit chooses the plane from these and from later sightings.
+        filled : float
+            Area of the points over the area of the box.
+        noise_m : float
+            Standard deviation of the points, metres.
         """
         self.postpone_fit(entry)
         entry.points, entry.colors, entry.heat, entry.keyframe = points, colors, heat, keyframe
-        entry.plane, entry.supports = plane, supports
+        entry.plane, entry.supports, entry.filled, entry.noise_m = plane, supports, filled, noise_m
         self.place(entry, box)
 
     def postpone_fit(self, entry: MapObject) -> None:
         """Count all sightings as fitted: the next fit waits for further ones."""
         entry.fitted = entry.sightings
 
-    def attach(self, entry: MapObject, holder: int, *, supports_plane: bool) -> None:
-        """Set what a fit says of the support of an object.
+    def attach(self, entry: MapObject, holder: int, *, supports_plane: bool, continuing: int = 0) -> None:
+        """Set what a fit says of the support of an object, and add its evidence that it is one with its holder.
 
         Parameters
         ----------
@@ -139,8 +160,13 @@ class ObjectEvidence(StoredObjects):
             Number of the object to which it is attached; 0 if a plane or another object supports it from below.
         supports_plane : bool
             Whether it supports its plane, as furniture does.
+        continuing : int
+            Number of its sides that continue into a surface outside all objects.
         """
-        entry.holder, entry.supports_plane = holder, supports_plane
+        entry.holder, entry.supports_plane, entry.continuing = holder, supports_plane, continuing
+        # An object that was seen to move is not a part of the object that it touches now.
+        if holder and not entry.moved:
+            self.affinity.add_attachment(entry.number, holder)
 
     def reset_support(self, entry: MapObject) -> None:
         """Forget on what an object stands: the next fit chooses its plane from later sightings alone."""

@@ -13,7 +13,14 @@ from cuboid.ground.core.state import Record
 from cuboid.ground.geometry.box import Box
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.affinity import Affinity, AffinityState
-from cuboid.method.objects.entry import MapObject, ObjectRecord, ObjectWithoutDepth, State, summed_counts
+from cuboid.method.objects.entry import (
+    MapObject,
+    ObjectRecord,
+    ObjectWithoutDepth,
+    State,
+    summed_counts,
+    with_direction,
+)
 from cuboid.method.objects.store.boxes import BoxTable
 from cuboid.method.objects.store.without_depth import EvidenceWithoutDepth
 
@@ -191,8 +198,12 @@ class ObjectStore(EvidenceWithoutDepth):
         kept.first_frame = min(kept.first_frame, gone.first_frame)
         kept.last_frame = max(kept.last_frame, gone.last_frame)
         kept.frames_seen = max(kept.frames_seen, gone.frames_seen)
-        kept.sightings = max(kept.sightings, gone.sightings)
-        kept.log_odds = max(kept.log_odds, gone.log_odds)
+        longer = max(kept, gone, key=lambda o: o.sightings)
+        kept.sightings, kept.agreement, kept.shown = longer.sightings, longer.agreement, longer.shown
+        kept.largest_px = max(kept.largest_px, gone.largest_px)
+        kept.probability = max(kept.probability, gone.probability)
+        for direction in gone.directions:
+            kept.directions = with_direction(kept.directions, direction.astype(np.float64))
         kept.outline = kept.outline + gone.outline
         kept.supports = summed_counts(kept.supports, gone.supports)
         self.merge_names(kept, gone)

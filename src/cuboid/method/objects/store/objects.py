@@ -60,11 +60,6 @@ class StoredObjects:
         """One more than the highest number given so far."""
         return self._next_number
 
-    @property
-    def labelled(self) -> int:
-        """Number of living objects with depth and a label."""
-        return len(self._confirmed)
-
     def living(self) -> list[MapObject]:
         """Return all objects with depth that are not retired, by number."""
         return [o for o in self._objects.values() if o.state is not State.RETIRED]

@@ -8,6 +8,7 @@ import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.se3 import transform
+from cuboid.method.objects.affinity import MAX_LOG_ODDS
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.store.evidence import ObjectEvidence, turned_views
 
@@ -36,6 +37,10 @@ class EvidenceWithoutDepth(ObjectEvidence):
         entry.size_m = entry.size_m + off_m * weight / entry.weight
         entry.size_scatter_m2 = (1.0 - part) * (entry.size_scatter_m2 + part * off_m**2)
         entry.distance_m += part * (distance_m - entry.distance_m)
+
+    def add_evidence(self, entry: ObjectWithoutDepth, log_odds: float) -> None:
+        """Add log-odds that an object exists; the sum stays within `MAX_LOG_ODDS` in both directions."""
+        entry.log_odds = min(MAX_LOG_ODDS, max(-MAX_LOG_ODDS, entry.log_odds + log_odds))
 
     def count_meeting(self, entry: ObjectWithoutDepth, other: MapObject) -> int:
         """Count a frame in which an object has the rectangle of one of the map; return the number of such frames."""

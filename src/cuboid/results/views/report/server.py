@@ -122,7 +122,7 @@ class Viewer:
             self._replay.names = names_of(self._summary.found.objects)
             return named
 
-    def picture(self, index: int, kind: str) -> bytes | None:
+    def picture(self, index: int, kind: str, least: float = 0.0) -> bytes | None:
         """Return a frame with its objects drawn into it, as JPEG; None if there is no such picture.
 
         Parameters
@@ -131,11 +131,15 @@ class Viewer:
             Frame of the recording.
         kind : str
             One of `KINDS`.
+        least : float
+            Leave out objects with a lower probability, and those that are no longer in the map; 0: none.
         """
         with self._lock:
             found = self._frames.get(index)
             if found is None or self._recording is None or kind not in KINDS:
                 return None
+            if least > 0.0:
+                found = found.only({item.label for item in self._summary.found.objects if item.probability >= least})
             if kind not in self._drawers:
                 self._drawers[kind] = drawer(kind, self._folder, self._replay)
             try:
@@ -174,8 +178,12 @@ def _answer(viewer: Viewer, address: str) -> Answer | None:
     if path == "/":
         return "text/html; charset=utf-8", viewer.page
     request = PICTURE.fullmatch(path)
-    kind = parse_qs(query).get("what", ["boxes"])[0]
-    picture = viewer.picture(int(request[1]), kind) if request else None
+    asked = parse_qs(query)
+    try:
+        least = float(asked.get("least", ["0"])[0])
+    except ValueError:
+        return None
+    picture = viewer.picture(int(request[1]), asked.get("what", ["boxes"])[0], least) if request else None
     return None if picture is None else ("image/jpeg", picture)
 
 

@@ -79,7 +79,7 @@ class LiveScene extends Scene {
   }
 
   stateOf(object) {
-    if (!isWanted(this.state, object.label)) return "unknown";
+    if (!isWanted(this.state, object)) return "unknown";
     return object.seen ? "seen" : "hidden";
   }
 
@@ -99,14 +99,7 @@ class LiveScene extends Scene {
   }
 
   takeMap(points) {
-    const colors = new Map(data.objects.map(({ label, color }) => [label, colorOf(color, 1).map((c) => 255 * c)]));
-    const own = new Uint8Array(3 * points.label.length);
-    points.label.forEach((label, i) => {
-      const color = label && colors.get(label);
-      if (color) own.set(color.slice(0, 3), 3 * i);
-    });
-    this.renderer.setPoints(points, own);
-    this.steps = points.steps;
+    this.setPoints(points);
   }
 
   depth() {

@@ -8,6 +8,7 @@ const state = {
   frame: null,
   follow: false,
   wanted: null,
+  least: 0,
 };
 
 // Pause after a request without an answer, milliseconds.
@@ -53,9 +54,9 @@ const choose = (label) => update({ selected: label === state.selected ? null : l
 
 function listObjects() {
   state.wanted = search.wanted(); // among the present objects of the map
-  find("object-count").textContent = countOf(state.wanted);
+  find("object-count").textContent = countOf(state);
   find("objects").replaceChildren(
-    ...data.objects.filter(({ label }) => isWanted(state, label)).map((object) => {
+    ...wantedObjects(state).map((object) => {
       const row = objectRow(object, choose);
       row.classList.toggle("hidden-now", !object.seen);
       row.setAttribute("aria-pressed", String(object.label === state.selected));
@@ -225,6 +226,10 @@ async function main() {
     tags.layout();
     redraw();
   }).observe(canvas);
+  state.least = setUpLeast((least) => {
+    update({ least });
+    scene.colorPoints();
+  });
   scene.renderer.fit();
   update({});
   follow("/map", (answer, number) => (answer.byteLength ? takeMap(answer) : number));

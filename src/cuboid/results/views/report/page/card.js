@@ -66,19 +66,19 @@ class Panel {
   }
 
   update() {
-    const { selected, wanted, frame } = this.state;
+    const { selected, frame } = this.state;
     const object = objectOf.get(selected);
     for (const row of this.rows) {
       const label = Number(row.dataset.label);
       row.setAttribute("aria-pressed", String(label === selected));
-      row.hidden = !isWanted(this.state, label);
+      row.hidden = !isWanted(this.state, objectOf.get(label));
       row.classList.toggle("hidden-now", frame !== null && stateIn(objectOf.get(label), frames[frame]) !== "seen");
     }
     // Supports of objects that match the search stay visible.
     for (const item of find("objects").querySelectorAll("li")) item.hidden = !item.querySelector(".object:not([hidden])");
-    find("object-count").textContent = countOf(wanted);
+    find("object-count").textContent = countOf(this.state);
     find("none").textContent = this.rows.length ? "No object matches." : "No object was found.";
-    find("none").hidden = wanted ? wanted.size > 0 : this.rows.length > 0;
+    find("none").hidden = wantedObjects(this.state).length > 0;
     const card = find("card");
     card.hidden = !object;
     if (object && card.dataset.label !== String(selected)) {
@@ -132,7 +132,7 @@ class Panel {
       ...(object.spans.length ? [["Confirmed in", this.link(object.spans[0][0])]] : []),
       ["Last seen", this.link(object.last_frame)],
       ["Seen in", object.frames_seen.toLocaleString("en"), share],
-      ["Score", this.meter(object.score, object.color), object.score.toFixed(2)],
+      ["Probability", this.meter(object.probability, object.color), likely(object)],
       ["Heat", this.meter(object.heat, object.color), object.heat.toFixed(2)],
       ["Points", object.points.toLocaleString("en"), " ", swatch],
       ...(object.relations ? relationLines(object, this.chosen) : [["Stands on plane", plane]]),

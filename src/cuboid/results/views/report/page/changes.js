@@ -70,6 +70,11 @@ class Changes {
   }
 
   update() {
-    for (const row of this.rows) row.setAttribute("aria-pressed", String(Number(row.dataset.label) === this.state.selected));
+    const shown = new Set(changesShown(this.state).map(({ label }) => label));
+    for (const row of this.rows) {
+      const label = Number(row.dataset.label);
+      row.setAttribute("aria-pressed", String(label === this.state.selected));
+      row.parentElement.hidden = !shown.has(label);
+    }
   }
 }

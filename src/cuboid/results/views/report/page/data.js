@@ -38,6 +38,7 @@ function stateIn(object, frame) {
 /** A number of centimetres, metres or milliseconds as the page shows it. */
 const cm = (metres) => (100 * metres).toFixed(1);
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
+const likely = (object) => fixed(object.probability, 2);
 const sizeOf = (object) => object.size.map(cm).join(" × ");
 
 async function inflate(bytes) {

@@ -8,6 +8,7 @@ const state = {
   frame: null, // index among the used frames; null is all frames at once
   follow: false,
   wanted: null, // labels that match the search; null is all
+  least: 0, // smallest probability of the objects that are shown
 };
 
 let scene = null;
@@ -164,7 +165,7 @@ function setUpKeys() {
   };
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || find("scene").hidden || find("compare").open) return;
-    if (event.target === find("slider") && event.key.startsWith("Arrow")) return;
+    if (event.target.type === "range" && event.key.startsWith("Arrow")) return; // a slider moves by itself
     if (event.target.closest("button") && event.key === " ") return;
     const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!action || !frames.length) return;
@@ -237,6 +238,14 @@ function wish(wanted) {
   timeline.draw();
 }
 
+/** The page shows only the objects with at least this probability. */
+function limit(least) {
+  const object = objectOf.get(state.selected);
+  update({ least, selected: object && object.probability < least ? null : state.selected });
+  if (scene) scene.colorPoints();
+  timeline.draw();
+}
+
 function showName(object) {
   for (const one of changed) if (one.label === object.label) one.name = object.name;
   changes.list();
@@ -254,6 +263,8 @@ setUpHeader();
 setUpButtons();
 setUpKeys();
 setUpSplitters();
+state.least = setUpLeast(limit);
+find("likely").hidden = !data.objects.length;
 showBelow("list");
 fillRunTab();
 timeline.draw();

@@ -30,7 +30,7 @@ class Picture {
   /** Request one picture at a time, then the latest wanted one: the slider may be faster than the server. */
   update() {
     if (!data.live || !data.live.pictures || this.state.frame === null) return;
-    const again = this.names ? `&names=${this.names}` : "";
+    const again = (this.names ? `&names=${this.names}` : "") + (this.state.least ? `&least=${this.state.least}` : "");
     this.wanted = `${data.live.pictures}/${frames[this.state.frame]}.jpg?what=${this.kind}${again}`;
     if (!this.loading) this.load();
     this.outlineChosen();

@@ -1,6 +1,6 @@
-// Objects as rows of a list, and the search that selects them.
+// Objects as rows of a list; the search and the slider of the probability, which select them.
 
-/** A row of the list: picture if any, label with name, size, and number of frames or similarity to a text. */
+/** A row of the list: picture if any, label with name, probability, size, and number of frames or similarity to a text. */
 function objectRow(object, chosen, fit = null) {
   const { picture } = object;
   const shown = picture ? element("img", { class: "thumb", src: picture.address, alt: "", loading: "lazy", decoding: "async" }) : "";
@@ -8,7 +8,12 @@ function objectRow(object, chosen, fit = null) {
     "button",
     { class: picture ? "object with-thumb" : "object", "data-label": object.label },
     shown,
-    element("span", { class: "who" }, chip(object), element("span", { class: "size" }, sizeOf(object))),
+    element(
+      "span",
+      { class: "who" },
+      element("span", { class: "label" }, chip(object), element("span", { class: "likely", title: "probability that it is one whole object" }, likely(object))),
+      element("span", { class: "size" }, sizeOf(object)),
+    ),
     fit === null
       ? element("span", { class: "seen-count", title: "frames in which it is seen" }, object.frames_seen.toLocaleString("en"))
       : element("span", { class: "seen-count", title: "similarity of its pictures to the text, -1 to 1" }, fixed(fit, 3)),
@@ -62,10 +67,36 @@ class Search {
   }
 }
 
-/** The number of objects, and the number of matches. */
-function countOf(wanted) {
-  const all = plural(data.objects.length, "object");
-  return wanted ? `${wanted.size.toLocaleString("en")} of ${all}` : all;
+/** The slider of the probability; `changed` gets the least probability of the objects that the page shows. */
+function setUpLeast(changed) {
+  const slider = find("least");
+  const show = () => {
+    const least = Number(slider.value);
+    find("least-value").textContent = fixed(least, 2);
+    slider.setAttribute("aria-valuetext", least ? fixed(least, 2) : "all objects");
+    return least;
+  };
+  show(); // a browser may keep the value when it loads the page again
+  slider.addEventListener("input", () => changed(show()));
+  return Number(slider.value);
 }
 
-const isWanted = (state, label) => !state.wanted || state.wanted.has(label);
+const isLikely = (state, object) => object.probability >= state.least;
+
+/** Whether an object matches the search and is likely enough. */
+const isWanted = (state, object) => isLikely(state, object) && (!state.wanted || state.wanted.has(object.label));
+
+/** The changes of a scene, without those of unlikely objects. */
+const changesShown = (state) => changed.filter(({ label }) => !objectOf.has(label) || isLikely(state, objectOf.get(label)));
+
+/** Whether the search or the slider leaves objects out. */
+const isFiltered = (state) => state.wanted !== null || state.least > 0;
+
+/** The objects that match the search and are likely enough. */
+const wantedObjects = (state) => data.objects.filter((object) => isWanted(state, object));
+
+/** The number of objects, and the number of matches. */
+function countOf(state) {
+  const all = plural(data.objects.length, "object");
+  return isFiltered(state) ? `${wantedObjects(state).length.toLocaleString("en")} of ${all}` : all;
+}

@@ -72,20 +72,33 @@ class Scene {
     this.size = pyramidSize();
     this.milestones = milestones(this.size);
     this.steps = null;
+    this.points = null;
     this.ruler = null;
     this.boxes = new Map(data.objects.map((object) => [object.label, corners(object)]));
   }
 
   async load() {
-    const points = await unpackPoints();
-    const own = new Uint8Array(3 * points.label.length);
-    const colors = new Map(data.objects.map(({ label, color }) => [label, colorOf(color, 1).map((c) => 255 * c)]));
-    points.label.forEach((label, i) => {
-      const color = colors.get(label);
+    this.setPoints(await unpackPoints());
+  }
+
+  setPoints(points) {
+    this.points = points;
+    this.steps = points.steps;
+    this.colorPoints();
+  }
+
+  /** Give the points of likely objects the color of their label. */
+  colorPoints() {
+    if (!this.points) return;
+    const { label: labels } = this.points;
+    const own = new Uint8Array(3 * labels.length);
+    const objects = data.objects.filter((object) => isLikely(this.state, object));
+    const colors = new Map(objects.map(({ label, color }) => [label, colorOf(color, 1).map((c) => 255 * c)]));
+    labels.forEach((label, i) => {
+      const color = label && colors.get(label);
       if (color) own.set(color.slice(0, 3), 3 * i);
     });
-    this.renderer.setPoints(points, own);
-    this.steps = points.steps;
+    this.renderer.setPoints(this.points, own);
   }
 
   /** Rebuild all lines and faces. */
@@ -118,7 +131,7 @@ class Scene {
   stateOf(object) {
     const { frame } = this.state;
     if (isFurniture(object)) return "seen";
-    if (!isWanted(this.state, object.label)) return "unknown";
+    if (!isWanted(this.state, object)) return "unknown";
     return frame === null ? "seen" : stateIn(object, frames[frame]);
   }
 
@@ -147,7 +160,7 @@ class Scene {
 
   /** The former places of moved and removed objects, and arrows along their moves. */
   changeLines(ground, ratio) {
-    return changed.filter((one) => one.from && ["moved", "gone"].includes(one.change)).flatMap((one) => {
+    return changesShown(this.state).filter((one) => one.from && ["moved", "gone"].includes(one.change)).flatMap((one) => {
       const color = colorOf(one.color, one.label === this.state.selected ? 1 : 0.75);
       const box = corners({ ...one, center: one.from });
       const width = ratio * (one.label === this.state.selected ? 2.4 : 1.4);

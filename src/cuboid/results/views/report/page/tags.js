@@ -2,6 +2,12 @@
 
 // Distance of a tag above the top of its box, pixels; if the place is taken, the tag is higher.
 const RISES = [8, 28, 48];
+// The forms of a tag, the shortest first; the last one has the probability of the object.
+const FORMS = {
+  short: ({ label }) => `#${label}`,
+  full: titleOf,
+  likely: (object) => (isFurniture(object) ? titleOf(object) : `${titleOf(object)} ${likely(object)}`),
+};
 // Gap between two tags, pixels.
 const BETWEEN = 2;
 
@@ -25,14 +31,14 @@ class Tags {
     this.measure();
   }
 
-  /** Measure all tags with and without the name: once, since it forces a layout of the page. */
+  /** Measure all tags in all forms: once, since it forces a layout of the page. */
   measure() {
     const write = (text) => this.tags.forEach((item) => (item.tag.textContent = text(item.object)));
     for (const { tag } of this.tags) {
       tag.hidden = false;
       tag.classList.remove("dot");
     }
-    for (const [name, text] of [["short", ({ label }) => `#${label}`], ["full", titleOf]]) {
+    for (const [name, text] of Object.entries(FORMS)) {
       write(text);
       const sizes = this.tags.map(({ tag }) => [tag.offsetWidth, tag.offsetHeight]);
       this.tags.forEach((item, i) => (item[name] = { text: text(item.object), size: sizes[i] }));
@@ -62,7 +68,7 @@ class Tags {
 
   /**
    * Put each tag above its box. The nearest box is placed first, all tags without their names; then names are added if
-   * there is room. A tag without a free place becomes a dot.
+   * there is room, and then probabilities. A tag without a free place becomes a dot.
    */
   place(eye, stateOf) {
     const room = [this.holder.clientWidth, this.holder.clientHeight];
@@ -76,16 +82,20 @@ class Tags {
       if (!item.rect && item.chosen) [item.rect] = this.places(item, item.form, wide);
       if (item.rect) taken.push(item.rect);
     }
-    for (const item of shown.filter(({ rect, form, full }) => rect && form !== full)) {
-      const own = item.rect;
-      const longer = this.places(item, item.full, wide).find((rect) =>
-        rect[3] === own[3] && !taken.some((other) => other !== own && overlap(rect, other)),
-      );
-      if (!longer) continue;
-      taken[taken.indexOf(own)] = longer;
-      Object.assign(item, { rect: longer, form: item.full });
-    }
+    for (const form of ["full", "likely"])
+      for (const item of shown.filter(({ rect }) => rect)) this.lengthen(item, item[form], taken, wide);
     for (const item of shown) this.show(item, bars);
+  }
+
+  /** Give a tag a longer form at the same height, if no other tag is in the way. */
+  lengthen(item, form, taken, wide) {
+    const own = item.rect;
+    const longer = this.places(item, form, wide).find((rect) =>
+      rect[3] === own[3] && !taken.some((other) => other !== own && overlap(rect, other)),
+    );
+    if (!longer) return;
+    taken[taken.indexOf(own)] = longer;
+    Object.assign(item, { rect: longer, form });
   }
 
   /** The tags in the view, in the order of their placing; the other tags are hidden. */

@@ -82,9 +82,7 @@ class Timeline {
   draw() {
     this.width = find("rows").clientWidth || find("transport").clientWidth; // on a phone, the list may be shown instead
     this.gutter = this.width < NARROW ? NARROW_GUTTER : GUTTER;
-    const rows = this.state.wanted
-      ? data.objects.filter(({ label }) => isWanted(this.state, label))
-      : [...data.objects, ...data.gone];
+    const rows = isFiltered(this.state) ? wantedObjects(this.state) : [...data.objects, ...data.gone];
     const height = ROW * rows.length + 6;
     for (const [plot, high] of [[this.plot, height], [this.axis, AXIS]])
       for (const [name, value] of [["width", this.width], ["height", high]]) plot.setAttribute(name, value);
