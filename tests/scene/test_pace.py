@@ -118,5 +118,5 @@ def test_what_was_taken_stays_as_it_was() -> None:
 
 
 def _change(entry: MapObject) -> None:
-    entry.log_odds, entry.supports = 1.5, summed_counts(entry.supports, {1: 4})
+    entry.probability, entry.supports = 0.4, summed_counts(entry.supports, {1: 4})
     entry.points = np.ones((5, 3), np.float32)

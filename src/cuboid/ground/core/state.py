@@ -22,7 +22,8 @@ R = TypeVar("R", bound="Record")
 # Metadata of a record field that is not saved because it follows from the others; the field needs a default.
 TRANSIENT = {"transient": True}
 
-# Metadata of a record field that states of earlier versions lack; its default factory then makes the value.
+# Metadata of a record field that states of earlier versions lack; its default factory then makes the value, or the
+# factory under this key.
 ADDED = {"added": True}
 
 
@@ -60,8 +61,12 @@ def saved_fields(cls: Any) -> tuple[str, ...]:
 @cache
 def added_fields(cls: Any) -> dict[str, Callable[[], Any]]:
     """Return the factories of the fields of a record that states of earlier versions lack, by name."""
-    found: dict[str, Any] = {item.name: item.default_factory for item in fields(cls) if item.metadata.get("added")}
-    return found
+    added: dict[str, Any] = {}
+    for item in fields(cls):
+        factory = item.metadata.get("added")
+        if factory is not None:
+            added[item.name] = factory if callable(factory) else item.default_factory
+    return added
 
 
 def snapshot(record: R) -> R:

@@ -21,6 +21,9 @@ from cuboid.method.surfaces.kernels.outlines import KINDS
 # Two views show different sides of an object if their directions differ by this, radians: ten degrees.
 NEW_DIRECTION_RAD = 0.175
 
+# Value of `shown` in states of versions that did not count the frames with an object.
+NOT_COUNTED = -1
+
 
 class State(Enum):
     """Stage of an object's life."""
@@ -151,7 +154,7 @@ class MapObject(ObjectRecord):
     heat: float = 0.0
     probability: float = field(default_factory=float, metadata=ADDED)
     sightings: int = 0
-    shown: int = field(default_factory=int, metadata=ADDED)
+    shown: int = field(default=0, metadata={"added": lambda: NOT_COUNTED})
     missed: int = field(default_factory=int, metadata=ADDED)
     agreement: float = field(default_factory=float, metadata=ADDED)
     largest_px: int = field(default_factory=int, metadata=ADDED)

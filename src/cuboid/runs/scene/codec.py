@@ -74,7 +74,7 @@ def layout_of(cls: Any) -> Layout:
         if name not in records
     ]
     values = attrgetter(*names) if len(names) > 1 else lambda record: (getattr(record, names[0]),)
-    fields = msgspec.defstruct(cls.__name__, columns, forbid_unknown_fields=True, kw_only=True)
+    fields = msgspec.defstruct(cls.__name__, columns, kw_only=True)  # fields of earlier versions are not read
     return Layout(names, values, records, record_dicts, fields)
 
 

@@ -94,9 +94,15 @@ class ObjectEvidence(StoredObjects):
         self.affinity.add_evidence(a.number, b.number, same=same, novelty=novelty)
 
     def begin_visit(self, max_sightings: int) -> None:
-        """Limit the number of earlier sightings of living objects with depth, so that boxes are soon refitted."""
+        """Limit the number of earlier sightings of living objects with depth, so that boxes are soon refitted.
+
+        The mean similarity of their segments and the fraction of frames with a match stay.
+        """
         for entry in self.living():
-            entry.sightings = min(entry.sightings, max_sightings)
+            if entry.sightings > max_sightings:
+                entry.agreement *= (max_sightings - 1) / (entry.sightings - 1)
+                entry.shown = round(entry.shown * max_sightings / entry.sightings)
+                entry.sightings = max_sightings
             entry.fitted = min(entry.fitted, max_sightings)
 
     # --- box and points --------------------------------------------------------------------------------------------

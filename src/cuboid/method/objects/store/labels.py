@@ -14,6 +14,7 @@ from cuboid.ground.geometry.box import Box
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.affinity import Affinity, AffinityState
 from cuboid.method.objects.entry import (
+    NOT_COUNTED,
     MapObject,
     ObjectRecord,
     ObjectWithoutDepth,
@@ -23,6 +24,9 @@ from cuboid.method.objects.entry import (
 )
 from cuboid.method.objects.store.boxes import BoxTable
 from cuboid.method.objects.store.without_depth import EvidenceWithoutDepth
+
+# Probability of an object that no frame has judged.
+UNJUDGED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +93,9 @@ class ObjectStore(EvidenceWithoutDepth):
     def from_state(cls, state: ObjectStoreState, voxels: VoxelMap) -> ObjectStore:
         """Return a store that continues from a state; the voxel map is already restored."""
         store = cls(voxels)
+        for entry in state.objects.values():
+            if entry.shown == NOT_COUNTED:
+                _judge_anew(entry)
         store._objects, store._next_number, store._next_label = state.objects, state.next_number, state.next_label
         store._confirmed = {number: entry for number, entry in state.objects.items() if entry.confirmed}
         store.affinity, store._boxes = Affinity.from_state(state.affinity), BoxTable(state.boxes)
@@ -263,6 +270,12 @@ class ObjectStore(EvidenceWithoutDepth):
     def leave_map(self, entry: ObjectWithoutDepth) -> None:
         """Undo `join_map`, because the object of the map was retired; the label stays with both."""
         entry.partner, entry.meetings = 0, {}
+
+
+def _judge_anew(entry: MapObject) -> None:
+    """Let an object from a version without probabilities begin its evidence anew; a label stays."""
+    entry.shown = entry.sightings = entry.fitted = 0
+    entry.probability = UNJUDGED
 
 
 def _unite_labels(kept: ObjectRecord, gone: ObjectRecord) -> None:
