@@ -1,8 +1,6 @@
 # ruff: noqa: E501 - texts of the source stand here as they are.
 """The rules of the method that can be left out one by one, each as a change of the source that neutralises it."""
 
-# ruff: noqa: E501 - texts of the source stand here as they are there
-
 from __future__ import annotations
 
 import shutil
@@ -31,7 +29,6 @@ class Rule:
     changes: tuple[Change, ...]
 
 
-CONFIRMATION, OUTLINE = "method/objects/confirmation.py", "method/objects/outline.py"
 OBJECT_MAP, FITTING, BOXING = "method/objects/object_map.py", "method/objects/fitting.py", "method/objects/boxing.py"
 BODIES, EXTENTS, OUTLINES = (
     "method/boxes/kernels/bodies.py",
@@ -40,107 +37,8 @@ BODIES, EXTENTS, OUTLINES = (
 )
 
 
-def _conjunct(name: str, lines: int, condition: str) -> Rule:
-    return Rule(name, lines, ((CONFIRMATION, f"        and {condition}\n", ""),))
-
-
 RULES: tuple[Rule, ...] = (
-    # Conditions of confirmation.
-    _conjunct("confirmed: not hanging", 9, "not _floats(entry, planes)"),
-    _conjunct("confirmed: no foot", 27, "not _may_be_foot(entry, store, planes)"),
-    Rule(
-        "confirmed: low foot",
-        8,
-        ((CONFIRMATION, "plane is None or (above and ends_beside(entry.outline))", "plane is None or above"),),
-    ),
-    _conjunct("confirmed: no end", 19, "not _may_be_end(entry, store, planes)"),
-    Rule(
-        "confirmed: two by frames",
-        4,
-        (
-            (
-                CONFIRMATION,
-                "if any(other.number in unsure and touch(entry.points, other.points, DRIFT_M) for other in labelled):",
-                "if False:",
-            ),
-        ),
-    ),
-    Rule(
-        "confirmed: shares no room",
-        2,
-        ((CONFIRMATION, "return bool(store.overlapping([entry], labelled).any())", "return False"),),
-    ),
-    _conjunct("confirmed: no rim", 6, "not _may_be_rim(entry, planes)"),
-    _conjunct("confirmed: no plane on top", 1, "not planes.has_plane_on_top(entry.box)"),
-    _conjunct("confirmed: bears no plane", 1, "not entry.supports_plane"),
-    _conjunct("confirmed: nothing holds it", 1, "not entry.holder"),
-    Rule(
-        "confirmed: cut off",
-        5,
-        ((CONFIRMATION, "cut_off=2.0 * entry.box.size.max() <= config.max_size_m", "cut_off=False"),),
-    ),
-    Rule("confirmed: hidden beside", 8, ((CONFIRMATION, "beside=_is_beside(entry, store)", "beside=False"),)),
-    Rule(
-        "confirmed: sides end",
-        8,
-        ((OUTLINE, "return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())", "return bool(ends[TOP])"),),
-    ),
-    Rule(
-        "confirmed: top ends",
-        4,
-        (
-            (
-                OUTLINE,
-                "return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())",
-                "return bool(sides.all() and ends[[LEFT, RIGHT]].any())",
-            ),
-        ),
-    ),
-    Rule(
-        "confirmed: no contact",
-        3,
-        ((OUTLINE, "structure = outline[:, CONTACT] > MAJORITY * judged", "structure = np.zeros(4, bool)"),),
-    ),
-    # Evidence of outlines.
-    Rule(
-        "evidence: filled counts less",
-        3,
-        ((OUTLINE, "evidence * np.minimum(1.0, read / FULLY_READ_FRACTION)", "evidence"),),
-    ),
-    Rule(
-        "evidence: contact beneath",
-        2,
-        (
-            (
-                OUTLINE,
-                "    kinds[:, SUPPORT] += outlines[:, BOTTOM, CONTACT]\n"
-                "    kinds[:, CONTACT] -= outlines[:, BOTTOM, CONTACT]\n",
-                "",
-            ),
-        ),
-    ),
-    Rule(
-        "evidence: hidden bottom",
-        1,
-        ((OUTLINE, "kinds.sum(1) - outlines[:, BOTTOM, HIDDEN:].sum(1)", "kinds.sum(1)"),),
-    ),
-    Rule(
-        "evidence: new viewpoint",
-        6,
-        (
-            (
-                OUTLINE,
-                "    return evidence + max(0.0, evidence) * evidence / CLEAR * min(1.0, viewpoint_angle / NEW_VIEW_RAD)",
-                "    return evidence",
-            ),
-        ),
-    ),
-    Rule(
-        "evidence: wrong size",
-        2,
-        ((OBJECT_MAP, "if entry.confirmed and not fits_object(entry.box, self._config):", "if False:"),),
-    ),
-    Rule("evidence: missed", 6, ((OBJECT_MAP, "        self._penalise_missed(found)\n", ""),)),
+    # Outlines.
     Rule(
         "outlines: ends alone",
         6,
@@ -187,7 +85,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "pairs: held by another",
         75,
-        ((FITTING, "holder = 0 if rests is None else find_attachment(entry, *rests, neighbours, self._voxels)", "holder = 0"),),
+        ((FITTING, "holder = find_attachment(entry, *rests, neighbours, self._voxels) or find_coaxial(", "holder = find_coaxial("),),
     ),
     Rule("pairs: shared room", 12, ((OBJECT_MAP, "        self._add_overlaps(objects, novelty, separate)\n", ""),)),
     Rule(
@@ -208,11 +106,6 @@ RULES: tuple[Rule, ...] = (
     ),
     # Structure.
     Rule(
-        "structure: goes on beside",
-        65,
-        ((FITTING, "return is_structure(box, entry.points, self._voxels, owned)", "return False"),),
-    ),
-    Rule(
         "structure: plane beside its top",
         8,
         ((FITTING, "if self._planes.is_extended_by_plane(entry.box):", "if False:"),),
@@ -221,12 +114,6 @@ RULES: tuple[Rule, ...] = (
         "structure: plane on its top",
         2,
         ((FITTING, "return self._planes.has_plane_on_top(entry.box) and not ends_above(entry.outline)", "return False"),),
-    ),
-    Rule("structure: thin as noise", 2, ((FITTING, " or box.size.min() < SIGMAS * noise_m", ""),)),
-    Rule(
-        "structure: counts for each fit",
-        9,
-        ((FITTING, "while (counted := counted - 1) > 0 and entry.log_odds > 0:", "while False:"),),
     ),
     Rule(
         "structure: bears a plane twice",
@@ -263,7 +150,7 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 FITTING,
-                "if plane is not None and not structure and not holder:",
+                "if plane is not None and continuing < STRUCTURE_SIDES and not supports_plane and not holder:",
                 "if False:",
             ),
             (
