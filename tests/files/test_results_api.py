@@ -133,7 +133,7 @@ def test_names_are_written_where_there_are_any(tmp_path: Path) -> None:
 
 def test_records_are_shown_in_a_line(results: cuboid.Results) -> None:
     item = replace(results.objects[0], name="my cup")
-    said = "#1 my cup: 20.0 x 10.0 x 30.0 cm at -0.30, 0.00, 0.15 m; score 0.60, seen in 29 frames"
+    said = "#1 my cup: 20.0 x 10.0 x 30.0 cm at -0.30, 0.00, 0.15 m; probability 0.60, seen in 29 frames"
     assert repr(item) == f"TrackedObject({said})"
     records = [
         item,
