@@ -183,7 +183,7 @@ def test_results_are_the_same_and_the_map_has_more_points(monkeypatch: pytest.Mo
     told, points = [], []
     for far_m in (0.0, 3.0):
         monkeypatch.setattr("cuboid.runs.tracking.posed_tracker.resolves_m", lambda *_, far_m=far_m: far_m)
-        tracker = PosedTracker(SMALL, TrackerConfig(), lambda frame, _: frames[frame.index][1])
+        tracker = PosedTracker(SMALL, TrackerConfig(min_probability=0.1), lambda frame, _: frames[frame.index][1])
         results = [tracker.update(frame) for frame, _ in frames]
         told.append([[(s.label, s.box.center.tobytes(), s.rect_xyxy.tobytes()) for s in r.sightings] for r in results])
         points.append(tracker.map_points())
