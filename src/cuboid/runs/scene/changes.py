@@ -37,6 +37,8 @@ OWNED_FRACTION = 0.25
 # A new object is a piece of another one if at least PIECE_FRACTION of its points lie within PIECE_M metres of an
 # unchanged or moved object, or of a larger new one.
 PIECE_FRACTION, PIECE_M = 0.5, 0.02
+# An object that is not seen is gone if at least this fraction of its points lies inside a new one.
+INSIDE_FRACTION = 0.5
 # Interval, in frames, at which moved objects are searched for.
 EVERY_FRAMES = 10
 
@@ -113,6 +115,9 @@ class Changes:
         fitted_anew = entry.box is not old.box and entry.last_frame >= self._first_frame
         in_place = _distance_m(entry.box, old.box) < 0.5 * max(old.box.size.max(), entry.box.size.max())
         replaced = fitted_anew and in_place and self._similarity(entry, old) < UNLIKE
+        if carved < CARVED_FRACTION and not replaced and self._is_inside_new(tracker, entry, old):
+            tracker.retire(entry, old.box)
+            return
         if carved < CARVED_FRACTION and not replaced:
             return
         rows = voxels.stored.rows_of(entry.number)
@@ -126,6 +131,13 @@ class Changes:
         if gone or (replaced and len(again) and not self._standing(tracker, old).still):
             # The object that stands there now is found anew from later frames, not from the evidence of both visits.
             tracker.retire(entry, old.box)
+
+    def _is_inside_new(self, tracker: PosedTracker, entry: MapObject, old: OldObject) -> bool:
+        """Return whether an object that this visit did not see lies inside a new one: solids do not overlap."""
+        if entry.last_frame >= self._first_frame:
+            return False
+        new = [o for o in tracker.ever_labelled() if o.confirmed and o.first_frame >= self._first_frame]
+        return any(o.box.contains(old.points, 0.0).mean() >= INSIDE_FRACTION for o in new if o is not entry)
 
     def _standing(self, tracker: PosedTracker, old: OldObject) -> Standing:
         return standing(tracker.voxels, old, self._first_frame)
