@@ -152,7 +152,7 @@ class StoreObjects:
         """Return rows with the columns `SHOWN` and `extra`; raise InputError if the store is damaged."""
         extra = extra or {}
         named = [f"{one.text} as {name}" for name, one in extra.items()]
-        chosen = ", ".join([*SHOWN, *named, *(["picture"] if self._pictures else [])])
+        chosen = ", ".join([*(AS.get(name, name) for name in SHOWN), *named, *(["picture"] if self._pictures else [])])
         where = " and ".join([*(one.text for one in conditions), NEWEST])
         most = "" if limit is None else f" limit {limit}"
         question = f"select {chosen} from {OBJECTS} where {where} order by {order}, recording, label{most}"
