@@ -99,7 +99,7 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 OBJECT_MAP,
-                "novelty = novelty_of(seen)",
+                "novelty = seen.weight",
                 "novelty = 1.0",
             ),
         ),

@@ -35,6 +35,18 @@ def test_masked_depth_becomes_0_and_valid_depth_is_not_copied() -> None:
     assert not frame.depth_m.any()
 
 
+def test_a_frame_repeats_another_one_only_if_color_depth_and_pose_are_exactly_equal() -> None:
+    frame = made(T_world_camera=np.eye(4))
+    assert made(index=8, timestamp_s=0.6, T_world_camera=np.eye(4)).repeats(frame)
+    assert made().repeats(made())
+    color, depth_m, T = frame.color.copy(), frame.depth_m.copy(), np.eye(4)
+    color[2, 3, 1], depth_m[2, 3], T[0, 3] = 1, 1.001, 1e-6
+    others = [{"color": color}, {"depth_m": depth_m}, {"T_world_camera": T}, {"T_world_camera": None}]
+    for other in others:
+        assert not made(**{"T_world_camera": np.eye(4), **other}).repeats(frame), other
+    assert not frame.repeats(None)
+
+
 def test_the_tracker_does_not_see_how_missing_depth_was_marked() -> None:
     def tracked(none: float) -> list[tuple[int, int]]:
         tracker = cuboid.Tracker(CAMERA)

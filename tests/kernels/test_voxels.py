@@ -47,6 +47,7 @@ def test_fuse_is_the_weighted_mean_of_all_sightings(voxel_m: float) -> None:
         image = image_of(depth, frame)
         heat = np.where(rng.random(depth.shape) < 0.5, rng.uniform(0.2, 1, depth.shape), 0.05).astype(np.float32)
         T = turned(0.2 * frame, (0.1 * frame, 0.0, -0.2))
+        voxels.stored.carving_passes = frame  # of earlier frames: selects half of the far pixels
         slots = voxels.fuse(image, heat, T, frame)
         points = points_of(image, T)
         for v in range(48):

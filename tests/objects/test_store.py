@@ -10,6 +10,7 @@ from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.kernels.overlap import BATCH
 from cuboid.ground.geometry.overlap import pack
 from cuboid.method.objects.entry import ObjectWithoutDepth, State
+from cuboid.method.objects.objectness import quantities_of
 from cuboid.method.objects.store import ObjectStore
 
 
@@ -160,8 +161,23 @@ def test_an_object_that_is_moved_is_retired_until_it_is_set_down_and_keeps_its_l
     assert (entry.label, entry.moved, entry.confirmed) == (1, True, True)
     assert [o.number for o in store.near(box(6.0), 0.0)] == [1]
     assert (entry.plane, entry.supports, entry.holder, entry.supports_plane) == (None, {}, 0, False)
-    assert entry.fitted == entry.sightings == 7
+    assert entry.fitted == entry.sightings == 3, "what was seen elsewhere counts little"
     assert len(store.confirmed()) == 1
+
+
+def test_sightings_of_an_earlier_visit_count_less_with_the_same_means() -> None:
+    store = store_of(1)
+    entry = store[1]
+    entry.sightings, entry.fitted, entry.shown, entry.agreement = 21, 20, 42, 20 * 0.8
+    entry.outline = entry.outline + 21.0
+    before = quantities_of(entry, [])
+    store.begin_visit(3)
+    assert (entry.sightings, entry.fitted, entry.shown) == (3, 3, 6)
+    after = quantities_of(entry, [])
+    for name in ("agreement", "matched", "top_free", "side_judged"):
+        assert getattr(after, name) == pytest.approx(getattr(before, name)), name
+    store.begin_visit(3)
+    assert quantities_of(entry, []) == after
 
 
 def test_a_label_that_is_taken_over_is_on_one_object_alone() -> None:

@@ -11,7 +11,7 @@ from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import pack
 from cuboid.method.objects.entry import MapObject
-from cuboid.method.objects.visibility import Visibility, blended_rectangle, measure_visibility
+from cuboid.method.objects.visibility import Visibility, blended_rectangle, measure_visibility, places_in_view
 
 CAMERA = Intrinsics(100.0, 100.0, 79.5, 59.5, 160, 120)
 # A box of 20 x 20 x 20 cm, 1 m ahead, seen from the side; up is against the image's second axis.
@@ -53,3 +53,21 @@ def test_what_the_frame_itself_shows_of_an_object_moves_its_rectangle_unless_it_
     assert blended_rectangle(rect, np.array([15.0, 10.0, 60.0, 50.0])) == pytest.approx([11.0, 10.0, 52.0, 42.0])
     assert blended_rectangle(rect, np.array([45.0, 10.0, 90.0, 40.0])) == pytest.approx(rect)
     assert blended_rectangle(rect, None) == pytest.approx(rect)
+
+
+@pytest.mark.parametrize(
+    ("reading_m", "in_view"),
+    [(2.0, True), (1.0, True), (0.5, False), (0.0, False)],
+    ids=["behind", "at", "before", "none"],
+)
+def test_the_place_of_an_object_is_in_view_unless_something_hides_it(reading_m: float, in_view: bool) -> None:
+    image = WorkingImage(
+        np.full((120, 160), reading_m, np.float32), np.zeros((120, 160, 3), np.uint8), CAMERA, 1, (0, 0)
+    )
+    beside = Box(UP.center + np.array([3.0, 0.0, 0.0]), UP.size, UP.rotation)
+    behind = Box(-UP.center, UP.size, UP.rotation)
+    entries = [MapObject(k, 0, 0, box) for k, box in enumerate((UP, beside, behind), 1)]
+    observed = Observation(0, image, image, np.eye(4), None, 0, True, 0.0)
+    found = places_in_view(entries, pack([entry.box for entry in entries]), observed)
+    assert found == (entries[:1] if in_view else [])
+    assert places_in_view([], np.empty((0, 15)), observed) == []

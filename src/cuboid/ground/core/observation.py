@@ -10,6 +10,23 @@ from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.working import WorkingImage, without
 from cuboid.ground.geometry.se3 import inverse
 
+# A frame has full weight as evidence after this time, seconds, or change of the viewing angle, radians: the noise of
+# stereo depth, and the outlines that depend on it, hardly change in a shorter time from the same viewpoint.
+NEW_TIME_S, NEW_SIDE_RAD = 1.0 / 3.0, 0.05
+
+
+def weight_of(elapsed_s: float, angle_rad: float) -> float:
+    """Return the weight of a frame as evidence, 0..1: the same for any frame rate, if all frames are summed.
+
+    Parameters
+    ----------
+    elapsed_s : float
+        Time since the previous frame; 0 if unknown or negative.
+    angle_rad : float
+        Change of the viewing angle since the previous frame: baseline over median depth.
+    """
+    return min(1.0, max(0.0, elapsed_s) / NEW_TIME_S + angle_rad / NEW_SIDE_RAD)
+
 
 @dataclass(frozen=True, slots=True)
 class Observation:
@@ -30,8 +47,8 @@ class Observation:
         Keyframe to which the pose is anchored.
     new_viewpoint : bool
         Whether the camera has moved more than the pose error since the last frame from a new viewpoint.
-    viewpoint_angle_rad : float
-        Change of the viewing angle since the previous frame: baseline over median depth; infinite for the first frame.
+    weight : float
+        Weight of the frame as evidence, 0..1; see `weight_of`.
     moving : (h, w) uint8 or None
         1 where a reading lies on something that moves; None if nothing moves.
     still : WorkingImage
@@ -45,7 +62,7 @@ class Observation:
     up_camera: Float64Array | None
     keyframe: int
     new_viewpoint: bool
-    viewpoint_angle_rad: float
+    weight: float
     moving: UInt8Array | None = None
     still: WorkingImage = field(init=False, repr=False)
 

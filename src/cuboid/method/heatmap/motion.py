@@ -1,4 +1,4 @@
-"""Moving readings of an image: they lie where a frame of the last two seconds saw free space."""
+"""Moving readings of an image: they lie where a frame of the last half second saw free space."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ from cuboid.method.poses.kernels.free_space import mark_freed
 from cuboid.method.poses.moving import large_groups
 from cuboid.method.poses.pyramid import Level, levels_of
 
-# A surface that has rested for the first time is still, seconds; frames are stored at the second interval, seconds.
-REST_S, EVERY_S = 2.0, 0.4
+# A surface that has rested for the first time is still, seconds: a thing that is set down is found within a second, and
+# a hand seldom stops for longer. Frames are stored at the second interval, seconds.
+REST_S, EVERY_S = 0.5, 0.1
 # Step between the examined pixels, in both directions; a smaller group of adjacent ones may be noise.
 STEP, MIN_GROUP = 2, 40
-# Two poses within two seconds err by this fraction of the motion between them, at most by twice the drift of a map.
+# Two poses within half a second err by this fraction of the motion between them, at most by twice the drift of a map.
 POSE_ERROR, MAX_POSE_ERROR_M = 0.2, 2.0 * DRIFT_M
 # A camera stands still if it moved by less than this, metres and radians.
 STANDS_M, STANDS_RAD = 0.1 * DRIFT_M, 0.1 * DRIFT_RAD
@@ -76,7 +77,7 @@ class _Reference:
 class Motion:
     """Finds the moving readings in the frames of a camera with known poses.
 
-    A reading moves if a frame of the last two seconds saw free space at its place. A surface that has rested since then
+    A reading moves if a frame of the last `REST_S` saw free space at its place. A surface that has rested since then
     is still; so is a surface that none of these frames could see. If poses jump or drift, still readings lie in free
     space too. In that case another motion of the whole image explains most of them, and the earlier frame gets the pose
     that follows from this motion.

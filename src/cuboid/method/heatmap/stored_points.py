@@ -179,7 +179,9 @@ class StoredPoints:
         """Fuse the pixels of a frame; return the cubes that contain its points. See `kernels.voxels.fuse`."""
         first_new, anchor = self.blocks, self.anchors.current_anchor(keyframe)
         voxel_m = self.voxel_m / 2 if level == FINE else self.voxel_m
-        kernel.fuse(pixels, voxel_m, far_m, frame, turn, anchor, level, self.cubes, self.points, slots)
+        kernel.fuse(
+            pixels, voxel_m, far_m, frame, self.carving_passes & 1, turn, anchor, level, self.cubes, self.points, slots
+        )
         self.note_new_blocks(first_new)
         touched = self.seen[: lookup.touched(slots, self.cubes.cube_of, self.marks, self.seen)]
         self.anchors.has_points_in(anchor, touched)

@@ -29,8 +29,9 @@ from cuboid.method.surfaces.planes import PlaneTracker
 
 # A box is refitted when the number of sightings has grown by this fraction.
 GROWN = 0.15
-# Largest number of labelled objects, and of candidates, that are refitted in a frame; others follow in later frames.
-FITS = 4
+# Largest number of labelled objects, and of candidates, that are refitted in a frame with little or with full weight;
+# others follow in later frames.
+MIN_FITS, MAX_FITS = 4, 12
 # An object of which this number of sides continue is a part of structure and gets no seat.
 STRUCTURE_SIDES = 2
 
@@ -59,19 +60,26 @@ class Fitting:
         self._store = store
         self._boxing = boxing
 
-    def fit_grown(self, numbers: Sequence[int], eye: Float64Array, new_viewpoint: bool = True) -> None:
+    def fit_grown(
+        self, numbers: Sequence[int], eye: Float64Array, new_viewpoint: bool = True, weight: float = 1.0
+    ) -> None:
         """Refit objects that were sighted more often since the last fit; the camera is at `eye` (3,).
 
         Further sightings of a confirmed object from the same viewpoint (`new_viewpoint` is False) only repeat its
-        noise: their number must have doubled.
+        noise: their number must have doubled. A frame with more `weight` (0..1) as evidence refits more objects.
         """
         waiting = [o for o in self._store.all_of(numbers) if o.sightings >= (1 + GROWN) * o.fitted and o.sightings > 0]
         if not new_viewpoint:
             waiting = [o for o in waiting if not o.confirmed or o.sightings >= 2 * o.fitted]
+        fits = max(MIN_FITS, round(weight * MAX_FITS))
         waiting.sort(key=lambda o: ((o.fitted + 1) / (o.sightings + 1), o.number))
-        confirmed = [o for o in waiting if o.confirmed][:FITS]
+        confirmed = [o for o in waiting if o.confirmed][:fits]
         # One view may be noise.
-        candidates = [o for o in waiting if not o.confirmed and o.sightings > 1][:FITS]
+        candidates = [o for o in waiting if not o.confirmed and o.sightings > 1]
+        # Half of the fits for those with most new sightings: noise starts so many that others would wait forever.
+        first, others = candidates[: fits // 2], candidates[fits // 2 :]
+        others.sort(key=lambda o: (o.fitted - o.sightings, o.number))
+        candidates = first + others[: fits - fits // 2]
         for entry in confirmed + candidates:
             self.fit(entry, eye)
 

@@ -4,7 +4,7 @@ An object leaves when frames see through most of it while something moves near i
 found from frame to frame, it is followed as a rigid cluster. It rests when it has stood on a surface for a while. A
 lost object waits with its label: a new object of similar size and colors gets this label, as between two visits. An
 object that waits for too long is gone. If it leaves less than two seconds after it got its label, the label ends.
-A new object gets a label when it has rested for two seconds, which hands and people seldom do.
+A new object gets a label within a second after it came to rest; hands and people seldom rest for so long.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from cuboid.method.poses.pyramid import Level, levels_of
 from cuboid.method.surfaces.planes import PlaneTracker
 
 # An object begins to move when frames see through the first fraction of the visible part of its place. It has left when
-# this number of frames in a row see through the second fraction.
-MOVING_FRACTION, DEPARTED_FRACTION, MIN_FRAMES = 0.2, 0.5, 3
+# all frames of this time, seconds, and at least two, see through the second fraction.
+MOVING_FRACTION, DEPARTED_FRACTION, DEPARTED_S = 0.2, 0.5, 0.06
 # An object can leave only if something moved within this distance of it, metres: about the width of a hand.
 MOTION_GAP_M = 0.1
 # Largest distance of an object from its place in the first frame of its motion, and later from its expected place,
@@ -50,15 +50,22 @@ FIRST_REACH_M, REACH_M = 0.08, 0.04
 MOVED_BETTER = 0.05
 # An object that begins to move is elsewhere if the other place explains more of its points, by this fraction.
 ELSEWHERE_BETTER = 0.2
-# A followed object that is not found in this many frames in a row is lost.
-LOST_FRAMES = 6
-# An object is at rest after it has stood on a surface for this time, seconds, or has not moved for two seconds: its
-# center stays within this distance, metres.
-SET_DOWN_S, STILL_M = 0.4, 0.01
+# A followed object that is not found for this time, seconds, is lost.
+LOST_S = 0.5
+# An object is at rest after it has stood on a surface for the first time, seconds, or has not moved for the second one:
+# its center stays within this distance, metres.
+SET_DOWN_S, STILL_S, STILL_M = 0.4, 1.6, 0.01
+# Something moves at a candidate if it did less than this ago, seconds: marks of motion flicker.
+TOUCHED_S = 0.2
+# A thing that was not there before gets a label this long after its readings count as still, seconds: within a second
+# after it came to rest.
+NEW_REST_S = 0.3
 # An object was moved if its center is farther than this from its earlier place, metres: boxes may err by less.
 MOVED_M = 0.05
 # An object that left and was not recognized for this time is gone, seconds: to carry one across a table takes two.
 GONE_S = 5.0
+# An object that leaves less than this after it got its label was a part of what moved, seconds: its label ends.
+YOUNG_S = 2.0
 # A new object is compared with waiting ones for this time, seconds: its box and colors improve.
 COMPARED_S = 1.0
 # Fraction of the points of a moving body that may be outliers, at each side.
@@ -83,7 +90,7 @@ class _Newcomer:
     Attributes
     ----------
     since_s : float
-        Time of its first frame, seconds; of one two seconds ago if that was earlier.
+        Time of its first frame, seconds; of one `REST_S` ago if that was earlier.
     complete_s : float
         Time at which it met the criteria, seconds.
     was_absent : bool
@@ -108,10 +115,11 @@ class _Followed:
     from_box: Box
     points: Float32Array
     since_s: float
+    found_s: float
     T: Float64Array = field(default_factory=lambda: np.eye(4))
     step: Float64Array = field(default_factory=lambda: np.eye(4))
     score: float = 1.0
-    missed_frames: int = 0
+    missing: bool = False
     path: deque[tuple[float, Float64Array]] = field(default_factory=deque)
 
 
@@ -135,16 +143,15 @@ class Following:
         self._config, self._store, self._voxels, self._planes = config, store, voxels, planes
         self._followed: list[_Followed] = []
         self._gone: list[_Gone] = []
-        # Times of the last frames with motion near each object, by number, seconds.
-        self._motion_s: dict[int, deque[float]] = {}
-        # Number of frames in a row in which each object began to move, and left, by number.
-        self._moving_frames: dict[int, int] = {}
-        self._departed_frames: dict[int, int] = {}
+        # Times of the first and the last frame with motion near each object, by number, seconds.
+        self._motion_s: dict[int, tuple[float, float]] = {}
+        # Time since which each object has left in all frames, by number, seconds.
+        self._departed_s: dict[int, float] = {}
         # Objects that came to rest, each with the time until which readings in its place count as still.
         self._settled: list[tuple[MapObject, float]] = []
         # Time of the last frame with motion at each candidate, by number.
         self._touched_s: dict[int, float] = {}
-        # Times of the frames of the last two seconds, by frame, seconds.
+        # Times of the frames of the last `REST_S`, by frame, seconds.
         self._time_s: dict[int, float] = {}
         # Candidates that meet all other criteria, and new objects, by number.
         self._newcomers: dict[int, _Newcomer] = {}
@@ -168,7 +175,7 @@ class Following:
         self._levels = None
         self._time_s = {frame: at_s for frame, at_s in self._time_s.items() if time_s - at_s <= REST_S}
         self._time_s[seen.frame] = time_s
-        self._touched_s = {number: at_s for number, at_s in self._touched_s.items() if time_s - at_s < SET_DOWN_S}
+        self._touched_s = {number: at_s for number, at_s in self._touched_s.items() if time_s - at_s < REST_S}
         self._settled = [(entry, until_s) for entry, until_s in self._settled if time_s < until_s]
         self._arrivals.note_view(seen, time_s)
         if seen.moving is not None:
@@ -216,9 +223,11 @@ class Following:
             points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
             stays, passed = count_passed(points, image.depth_m, pinhole, T, IN_PLACE_M, noise)
             enough = passed >= MIN_READINGS
-            self._count(self._moving_frames, entry, enough and passed >= MOVING_FRACTION * (stays + passed))
-            self._count(self._departed_frames, entry, enough and passed >= DEPARTED_FRACTION * (stays + passed))
-            if self._moving_frames.get(entry.number, 0):
+            if enough and passed >= DEPARTED_FRACTION * (stays + passed):
+                self._departed_s.setdefault(entry.number, time_s)
+            else:
+                self._departed_s.pop(entry.number, None)
+            if enough and passed >= MOVING_FRACTION * (stays + passed):
                 self._let_go(entry, seen, time_s)
 
     def _note_motion(self, places: Float32Array, time_s: float) -> None:
@@ -226,20 +235,13 @@ class Following:
         centers = (np.unique(np.floor(places / MOTION_GAP_M), axis=0) + 0.5) * MOTION_GAP_M
         for entry in self._store.confirmed():
             if entry.box.distances_m(centers).min(initial=np.inf) < MOTION_GAP_M:
-                self._motion_s.setdefault(entry.number, deque(maxlen=MIN_FRAMES)).append(time_s)
+                self._motion_s[entry.number] = self._motion_s.get(entry.number, (time_s, time_s))[0], time_s
 
     def _may_leave(self, time_s: float) -> list[MapObject]:
-        """Return the labelled objects near which something moved in enough frames, the last not long ago."""
-        self._motion_s = {number: at_s for number, at_s in self._motion_s.items() if time_s - at_s[-1] < GONE_S}
-        numbers = {number for number, at_s in self._motion_s.items() if len(at_s) == MIN_FRAMES}
+        """Return the labelled objects near which something moved for long enough, and not long ago."""
+        self._motion_s = {number: at_s for number, at_s in self._motion_s.items() if time_s - at_s[1] < GONE_S}
+        numbers = {number for number, (first_s, last_s) in self._motion_s.items() if last_s - first_s >= DEPARTED_S}
         return [entry for entry in self._store.confirmed() if entry.number in numbers] if numbers else []
-
-    @staticmethod
-    def _count(counts: dict[int, int], entry: MapObject, again: bool) -> None:
-        if again:
-            counts[entry.number] = counts.get(entry.number, 0) + 1
-        else:
-            counts.pop(entry.number, None)
 
     def _let_go(self, entry: MapObject, seen: Observation, time_s: float) -> None:
         """Follow an object that begins to move; if it has left and is not found, its label waits."""
@@ -250,20 +252,19 @@ class Following:
         if found is not None and _is_elsewhere(found, cluster.fit_at(seen, np.eye(4)), entry.box):
             profile, box = color_profile_of(entry), entry.box
             self._remove(entry)
-            followed = _Followed(entry, profile, cluster, box, entry.points, time_s)
+            followed = _Followed(entry, profile, cluster, box, entry.points, time_s, time_s)
             self._followed.append(followed)
-        elif self._departed_frames.get(entry.number, 0) >= MIN_FRAMES:
+        elif time_s - self._departed_s.get(entry.number, time_s) >= DEPARTED_S:
             self._remove(entry)
             if not young:
                 self._gone.append(_Gone(entry, color_profile_of(entry), entry.box, time_s))
 
     def _is_young(self, entry: MapObject, time_s: float) -> bool:
         since_s = self._labelled_s.get(entry.number)
-        return since_s is not None and time_s - since_s < REST_S
+        return since_s is not None and time_s - since_s < YOUNG_S
 
     def _remove(self, entry: MapObject) -> None:
-        for counts in (self._moving_frames, self._departed_frames):
-            counts.pop(entry.number, None)
+        self._departed_s.pop(entry.number, None)
         self._settled = [settled for settled in self._settled if settled[0] is not entry]
         self._store.lift(entry)
 
@@ -280,24 +281,24 @@ class Following:
         if stays is not None and (found is None or found.balance < stays.balance + MOVED_BETTER):
             found = stays
         if found is None:
-            followed.missed_frames += 1
-            if followed.missed_frames >= LOST_FRAMES:
+            followed.missing = True
+            if time_s - followed.found_s >= LOST_S:
                 self._followed.remove(followed)
                 self._gone.append(_Gone(followed.entry, followed.profile, followed.from_box, followed.since_s))
             return
-        followed.missed_frames = 0
+        followed.missing, followed.found_s = False, time_s
         followed.step = found.T_now_start @ inverse(followed.T)
         followed.T, followed.score = found.T_now_start, found.score
         points = transform(followed.T, followed.points).astype(np.float32)
         self._store.move(followed.entry, followed.from_box.moved(followed.T), points)
         followed.path.append((time_s, followed.entry.box.center))
-        while followed.path and time_s - followed.path[0][0] > REST_S:
+        while followed.path and time_s - followed.path[0][0] > SET_DOWN_S + STILL_S:
             followed.path.popleft()
         if self._rests(followed, time_s):
             self._settle(followed, time_s)
 
     def _rests(self, followed: _Followed, time_s: float) -> bool:
-        wait_s = SET_DOWN_S if self._stands(followed.entry.box) else REST_S - SET_DOWN_S
+        wait_s = SET_DOWN_S if self._stands(followed.entry.box) else STILL_S
         late = [center for at_s, center in followed.path if time_s - at_s <= wait_s]
         if time_s - followed.path[0][0] < wait_s or len(late) < 2:
             return False
@@ -342,7 +343,7 @@ class Following:
         """
         self._forget_newcomers(entries)
         self._labelled_s |= {entry.number: time_s for entry in entries}
-        self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < REST_S}
+        self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < YOUNG_S}
         came = [
             *self._came,
             *(entry for entry in entries if self._newcomers[entry.number].has_come or self._is_in_old_place(entry)),
@@ -409,19 +410,19 @@ class Following:
     def has_rested(self, entry: MapObject, time_s: float) -> bool:
         """Return whether a complete candidate may get a label.
 
-        Nothing moves at it or moved a short time ago. If it was not there before, it has rested for two seconds, or
-        is similar to an object that left.
+        Nothing moves at it. If it was not there before, it has rested for `NEW_REST_S`, or is similar to an object that
+        left.
         """
-        if entry.number in self._touched_s:
+        touched_s = self._touched_s.get(entry.number, -np.inf)
+        if time_s - touched_s < TOUCHED_S:
             return False
         if entry.number not in self._newcomers:
             since_s = self._time_s.get(entry.first_frame, min(self._time_s.values()))
             was_absent, has_come = self._arrivals.was_absent(entry), self._arrivals.has_come(entry)
             self._newcomers[entry.number] = _Newcomer(since_s, time_s, was_absent, has_come)
         newcomer = self._newcomers[entry.number]
-        return (
-            not newcomer.was_absent or time_s - newcomer.since_s >= REST_S or self._waiting_like(entry)[0] is not None
-        )
+        rested_s = time_s - max(newcomer.since_s, touched_s)
+        return not newcomer.was_absent or rested_s >= NEW_REST_S or self._waiting_like(entry)[0] is not None
 
     # --- results ---------------------------------------------------------------------------------------------------
 
@@ -429,7 +430,7 @@ class Following:
         self, shown: tuple[Sighting, ...], seen: Observation, slots: npt.NDArray[np.int32]
     ) -> tuple[Sighting, ...]:
         """Return the sightings of a frame with those of followed objects."""
-        present = [item.entry for item in self._followed if not item.missed_frames]
+        present = [item.entry for item in self._followed if not item.missing]
         if not present:
             return shown
         boxes = pack([entry.box for entry in present])

@@ -28,26 +28,16 @@ from cuboid.method.objects.objectness import Quantities, probability, quantities
 from cuboid.method.objects.retirement import is_abandoned, is_carved
 from cuboid.method.objects.store import ObjectStore, ObjectStoreState
 from cuboid.method.objects.validity import fits_object
-from cuboid.method.objects.visibility import boxes_in_frustum
+from cuboid.method.objects.visibility import boxes_in_frustum, places_in_view
 from cuboid.method.surfaces.frame_segments import FrameSegments
 from cuboid.method.surfaces.planes import PlaneTracker
 
-# Weight of a frame from the same viewpoint as evidence on pairs of objects; a frame from a new side has weight 1.
-MIN_NOVELTY = 0.1
 # A segment with this similarity to its object may take voxels from other objects.
 SURE_MATCH = 0.5
 # A segment shows an object if it covers this fraction of the object's visible pixels.
 COVERED_FRACTION = 0.5
 # On a later visit, all earlier sightings, and earlier hits of a voxel, count as at most this number.
 VISIT_SIGHTINGS = 3
-# A frame has full weight as evidence on pairs if the viewing angle has changed by this since the last one, radians; a
-# frame from the same viewpoint has a tenth of it.
-NEW_SIDE_RAD = 0.05
-
-
-def novelty_of(seen: Observation) -> float:
-    """Return the weight of a frame as evidence on pairs of objects, 0..1."""
-    return min(1.0, max(MIN_NOVELTY, seen.viewpoint_angle_rad / NEW_SIDE_RAD))
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,15 +121,15 @@ class ObjectMap:
         """
         self.store.forget_keyframes(objects)
         segments, found = frame.segments, associate(frame, objects, self.store.boxes_of(objects))
-        novelty = novelty_of(seen)
+        novelty = seen.weight
         number_of = self._update_objects(seen, segments, frame.boxes, found)
         allowed = self._allowed_transfers(number_of, found)
         self._voxels.vote_owners(segments.claim, number_of, *allowed, frame.candidate, frame.voxels.slots)
         separate = self._update_affinity(segments, found, novelty)
         self._add_overlaps(objects, novelty, separate)
-        self._record_shown(found)
+        self._record_shown(seen, found)
         changed = [o.number for o in objects] + [int(n) for n in number_of if n]
-        self._fitting.fit_grown(changed, seen.eye, seen.new_viewpoint)
+        self._fitting.fit_grown(changed, seen.eye, seen.new_viewpoint, seen.weight)
         self._retire_removed(found, settled)
         self._merge(changed, seen.eye)
         self._retire_abandoned(changed)
@@ -250,11 +240,16 @@ class ObjectMap:
             if not counted and frozenset((first.number, second.number)) not in separate:
                 self.store.add_pair_evidence(first, second, same=True, novelty=novelty)
 
-    def _record_shown(self, found: Association) -> None:
-        """Count the frame for the objects with pixels in it."""
+    def _record_shown(self, seen: Observation, found: Association) -> None:
+        """Count the frame for the objects with pixels in it, and as missed for candidates with their place in it."""
         matched = set(found.match.tolist())
-        for j in np.flatnonzero(found.object_pixels >= MIN_READINGS).tolist():
+        shown = found.object_pixels >= MIN_READINGS
+        for j in np.flatnonzero(shown).tolist():
             self.store.record_shown(found.objects[j], matched=j in matched)
+        others = [found.objects[j] for j in np.flatnonzero(~shown).tolist() if j not in matched]
+        candidates = [o for o in others if o.state is State.CANDIDATE]
+        for entry in places_in_view(candidates, self.store.boxes_of(candidates), seen):
+            self.store.record_missed(entry)
 
     def _retire_removed(self, found: Association, settled: frozenset[int]) -> None:
         """Retire unmatched confirmed objects whose points were removed by free-space carving: most were taken away."""

@@ -15,6 +15,7 @@ from cuboid.ground.core.results import Sighting
 from cuboid.ground.core.tolerances import DRIFT_M, MIN_READINGS
 from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.rectangles import rect_iou
+from cuboid.ground.geometry.se3 import transform
 from cuboid.method.objects.association import SAME, Association
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.kernels import sightings as kernel
@@ -58,6 +59,19 @@ def boxes_in_frustum(
     c, found = image.camera, np.empty(len(boxes), np.int64)
     pinhole, T = c.pinhole, np.ascontiguousarray(T_camera_world)
     return found[: kernel.boxes_in_frustum(boxes, bounds, T, pinhole, c.width, c.height, far_m, found)]
+
+
+def places_in_view(objects: Sequence[MapObject], boxes: Float64Array, observed: Observation) -> list[MapObject]:
+    """Return the objects whose centre lies in the image, with no reading in front of their box (n, 15) there."""
+    if not objects:
+        return []
+    c, depth_m = observed.image.camera, observed.image.depth_m
+    points = transform(observed.T_camera_world, boxes[:, :3])
+    z, half_m = points[:, 2], np.linalg.norm(boxes[:, 3:6], axis=1) / 2.0
+    u, v = np.rint(c.pixels(np.where(z[:, None] > DRIFT_M, points, 1.0))).T.astype(np.int64)
+    inside = (z > DRIFT_M) & (u >= 0) & (v >= 0) & (u < c.width) & (v < c.height)
+    reading_m = depth_m[np.clip(v, 0, c.height - 1), np.clip(u, 0, c.width - 1)]
+    return [objects[k] for k in np.flatnonzero(inside & (reading_m > z - half_m)).tolist()]
 
 
 def measure_visibility(

@@ -18,7 +18,6 @@ from cuboid.method.objects.box_without_depth import Planes, box_of, size_sigma_o
 from cuboid.method.objects.detection_votes import add_votes, name_objects
 from cuboid.method.objects.entry import MapObject, ObjectRecord
 from cuboid.method.objects.naming import chosen_name, name_scores
-from cuboid.method.objects.object_map import novelty_of
 from cuboid.method.objects.store import ObjectStore
 from cuboid.method.objects.visibility import Visibility
 from cuboid.method.objects.without_depth import WithoutDepth
@@ -101,7 +100,7 @@ class Detecting:
         turned = roll.detections(found)
         name_objects(turned, visible, self._store, seen.eye)
         # The detections stand for all frames up to the next ones: segments vote in each of them.
-        add_votes(turned, visible, self._store, min(1.0, self._every * novelty_of(seen)))
+        add_votes(turned, visible, self._store, min(1.0, self._every * seen.weight))
         self._without_depth.update(turned, visible, seen)
 
     def sightings(

@@ -17,7 +17,7 @@ from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.kernels.pixels import PlanesInView, assign_planes
 from cuboid.ground.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
-from cuboid.ground.core.observation import Observation
+from cuboid.ground.core.observation import Observation, weight_of
 from cuboid.ground.core.results import FrameResult, Proposal3D, Sighting
 from cuboid.ground.core.state import ADDED, Record
 from cuboid.ground.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
@@ -83,6 +83,8 @@ class PosedTrackerState(Record):
         Objects without depth readings, found by a detector.
     furniture_labels : dict of int to tuple of int
         Labels of the furniture that bears a plane, by identity of the plane, oldest first.
+    time_s : float or None
+        Time of the last frame; None before the first.
     """
 
     config: TrackerConfig
@@ -97,6 +99,7 @@ class PosedTrackerState(Record):
     map: ObjectMapState
     unread: tuple[ObjectWithoutDepth, ...] = dataclasses.field(default_factory=tuple, metadata=ADDED)
     furniture_labels: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict, metadata=ADDED)
+    time_s: float | None = dataclasses.field(default_factory=lambda: None, metadata=ADDED)
 
 
 class PosedTracker(TrackedMap):
@@ -130,7 +133,7 @@ class PosedTracker(TrackedMap):
             # A detector must be set again; objects without depth readings are saved in the field `unread`.
             "_detecting",
             # Moving objects are followed only within a recording.
-            *("_motion", "_following"),
+            *("_motion", "_following", "_last"),
         }
     )
 
@@ -149,8 +152,10 @@ class PosedTracker(TrackedMap):
         self._propose = make_source(proposals, self.config)
         self._count = 0
         self._position: Float64Array | None = None
+        self._time_s: float | None = None
         self._viewpoint: Float64Array | None = None
         self._due = True
+        self._last: tuple[Frame, FrameResult] | None = None
 
     def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
         """Use a detector on each n-th frame; objects get names, and objects without depth readings get labels.
@@ -199,6 +204,7 @@ class PosedTracker(TrackedMap):
             map=self._map.state(),
             unread=self._map.store.state_without_depth(),
             furniture_labels=dict(self._furniture_labels),
+            time_s=self._time_s,
         )
 
     @classmethod
@@ -222,14 +228,16 @@ class PosedTracker(TrackedMap):
         tracker._turns, tracker._T_world_map = state.turns, state.T_world_map
         tracker._count, tracker._due = state.count, state.due
         tracker._position, tracker._viewpoint = state.position, state.viewpoint
+        tracker._time_s = state.time_s
         return tracker
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
-        """Process a frame.
+        """Process a frame; an exact repetition of the last one, with the same pose, changes nothing.
 
         Parameters
         ----------
         frame : Frame
+            Its images must not change later: the next frame is compared with them.
         anchor : int
             Keyframe to which the frame's pose is anchored, if poses are estimated; see `apply_correction`. Numbers
             beyond `LAST_KEYFRAME`, after hours of video, are not distinguished.
@@ -240,6 +248,9 @@ class PosedTracker(TrackedMap):
             If the frame has no pose, a pose beyond the reach of the map, or another size than the intrinsics.
         """
         T_world_camera = self._checked_pose(frame)
+        if self._last is not None and frame.repeats(self._last[0]):
+            self._last = frame, self._repeat(frame, self._last[1])
+            return self._last[1]
         if self._turns is None:
             self._turns = farther_up(frame.depth_m)
         roll = self._roll
@@ -248,7 +259,7 @@ class PosedTracker(TrackedMap):
         T_map_camera = np.round(inverse(self._T_world_map) @ T_world_camera, POSE_DECIMALS)
         self._check_reach(frame.index, T_map_camera)
         result = roll.result(self._update(roll.frame(frame.at(T_map_camera)), frame, anchor))
-        return dataclasses.replace(
+        result = dataclasses.replace(
             result,
             T_world_camera=T_world_camera,
             sightings=tuple(
@@ -257,6 +268,15 @@ class PosedTracker(TrackedMap):
             proposals=tuple([dataclasses.replace(item, box=self.in_world(item.box)) for item in result.proposals]),
             events=tuple([event.moved(self.T_world_map) for event in result.events]),
             agents=tuple([self.in_world(box) for box in result.agents]),
+        )
+        self._last = frame, result
+        return result
+
+    def _repeat(self, frame: Frame, last: FrameResult) -> FrameResult:
+        """Return the result of the last frame for an exact repetition of it: it shows the same objects again."""
+        self._map.store.record_seen(self._map.store.seen_in(last.index), frame.index)
+        return dataclasses.replace(
+            last, index=frame.index, timestamp_s=frame.timestamp_s, milliseconds={}, left_out={}, events=()
         )
 
     @property
@@ -365,7 +385,7 @@ class PosedTracker(TrackedMap):
             up_camera=frame.up_camera,
             keyframe=keyframe,
             new_viewpoint=self._is_new_viewpoint(T_world_camera),
-            viewpoint_angle_rad=self._viewpoint_angle(image, T_world_camera),
+            weight=self._weight(image, T_world_camera, frame.timestamp_s),
         )
 
     def _find_motion(self, seen: Observation, time_s: float) -> Observation:
@@ -393,6 +413,7 @@ class PosedTracker(TrackedMap):
         self._map.apply_correction(in_map)
         self._detecting.apply_correction(in_map)
         self._begin_motion()
+        self._last = None
 
     def _estimate_noise(self, image: WorkingImage) -> None:
         """Estimate from the first frame how much the sensor's noise exceeds the configured noise."""
@@ -484,11 +505,14 @@ class PosedTracker(TrackedMap):
         self._viewpoint = T_world_camera
         return True
 
-    def _viewpoint_angle(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
-        """Return the change of viewing angle since the last frame, radians: baseline over depth; infinite at first."""
+    def _weight(self, image: WorkingImage, T_world_camera: Float64Array, time_s: float) -> float:
+        """Return the weight of a frame as evidence; the first one has full weight."""
         last, self._position = self._position, T_world_camera[:3, 3]
+        last_s, self._time_s = self._time_s, time_s
         distance_m = 0.0 if last is None else _median_depth_m(image.depth_m)
-        return math.inf if last is None or distance_m == 0.0 else math.dist(self._position, last) / distance_m
+        if last is None or last_s is None or distance_m == 0.0:
+            return 1.0
+        return weight_of(time_s - last_s, math.dist(self._position, last) / distance_m)
 
     def _boxes(self, segments: Sequence[FrameSegment], voxels: PixelVoxels, seen: Observation) -> list[Box]:
         """Return the boxes of a frame's segments, from a sample of their points, each on the surface beneath.
@@ -566,6 +590,7 @@ class PosedTracker(TrackedMap):
     def begin_visit(self) -> None:
         """Begin a later visit to the place: objects may have been moved, taken away or added."""
         self._map.begin_visit()
+        self._last = None
         self._position = self._viewpoint = self._turns = None  # the camera may be held in another orientation
         self._begin_motion()
         self._due = True

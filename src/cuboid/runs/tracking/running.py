@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import CuboidError, FrameError, InputError, shown
 from cuboid.ground.core.frame import Frame, Intrinsics, SkippedFrame
 from cuboid.ground.core.results import FrameResult, TrackedObject
-from cuboid.method.poses.sources import ESTIMATED, GIVEN, Poses, source_of_poses
+from cuboid.method.poses.sources import ESTIMATED, GIVEN, Posed, Poses, source_of_poses
 from cuboid.results.files import PoseRow
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.runs.tracking.diagnosis import Counts
@@ -71,6 +72,9 @@ class RunningTracker(KeptMap):
         self.log, self.counts = FrameLog(), Counts()
         self.times_s: dict[int, float] = {}
         self.T_world_camera: dict[int, Float64Array] = {}
+        # The last used frame with its pose; for each repetition of a frame, the index of that frame.
+        self._last: tuple[Frame, Posed] | None = None
+        self._repeated: dict[int, int] = {}
 
     def update(self, frame: Frame | SkippedFrame) -> FrameResult | SkippedFrame:
         """Process the next frame.
@@ -114,8 +118,10 @@ class RunningTracker(KeptMap):
 
     def _step(self, frame: Frame, clock: FrameClock) -> FrameResult | SkippedFrame:
         self.times_s[frame.index] = frame.timestamp_s
+        # A copy: a camera may write the next frame into the same memory.
+        frame = replace(frame, color=frame.color.copy(), depth_m=frame.depth_m.copy())
         try:
-            posed = self._poses_for(frame).locate(frame)
+            posed = self._located(frame)
             clock.lap("poses")
             if posed.moved:
                 self._mapper.apply_correction(posed.moved)
@@ -133,6 +139,17 @@ class RunningTracker(KeptMap):
             self._write(result)
             clock.lap("write")
         return result
+
+    def _located(self, frame: Frame) -> Posed:
+        """Return the pose of a frame; an exact repetition of the last one has the same."""
+        if self._last is not None and frame.repeats(self._last[0]):
+            last, posed = self._last
+            self._repeated[frame.index] = self._repeated.get(last.index, last.index)
+            posed = replace(posed, moved={})
+        else:
+            posed = self._poses_for(frame).locate(frame)
+        self._last = frame, posed
+        return posed
 
     def skip(self, index: int, reason: str) -> SkippedFrame:
         """Record a frame that cannot be used; the report lists it."""
@@ -214,13 +231,16 @@ class RunningTracker(KeptMap):
         poses = None if self._source is None else self._source.trajectory()
         if poses is None:
             return None
-        return [PoseRow(self.times_s[k], T) for k, T in sorted(poses.items()) if k in self.T_world_camera]
+        used = [(k, poses.get(self._repeated.get(k, k))) for k in sorted(self.T_world_camera)]
+        return [PoseRow(self.times_s[k], T) for k, T in used if T is not None]
 
     @property
     def trajectory(self) -> dict[int, Float64Array]:
         """Corrected T_world_camera (4, 4) of each used frame, by its index."""
         poses = None if self._source is None else self._source.trajectory()
-        return {k: T if poses is None else poses.get(k, T) for k, T in self.T_world_camera.items()}
+        if poses is None:
+            return dict(self.T_world_camera)
+        return {k: poses.get(self._repeated.get(k, k), T) for k, T in self.T_world_camera.items()}
 
     def _views(self, item: TrackedObject, max_views: int | None = None) -> list[ObjectView]:
         """Return the stored views of an object."""

@@ -71,7 +71,7 @@ def running_mean(part, parts, weight_of_pixel, to):
 
 
 @kernel(inline="always")
-def pixel_weights(depth, heat, v, frame, turn, max_depth, pixel_weight):
+def pixel_weights(depth, heat, v, odd, turn, max_depth, pixel_weight):
     """Subsample an image row: write how many pixels each one represents; 0 if another pixel represents it this time.
 
     Cold pixels are left out if `turn` is below 0; see `fuse`.
@@ -84,7 +84,7 @@ def pixel_weights(depth, heat, v, frame, turn, max_depth, pixel_weight):
         in_far_turn = ((u >> 1) & 1) + 2 * ((v >> 1) & 1) == (turn >> 2) & 3
         cold = (4.0 if z <= FAR_M else (16.0 if in_far_turn else 0.0)) if in_turn else 0.0
         # Far away a voxel is hardly wider than a pixel, and noise is wider than both: every second pixel suffices.
-        hot = 1.0 if z <= FAR_M else (0.0 if (u + v + frame) & 1 else 2.0)
+        hot = 1.0 if z <= FAR_M else (0.0 if (u + v + odd) & 1 else 2.0)
         weight_of_pixel = cold if heat[u] < COLD_HEAT else hot
         pixel_weight[u] = weight_of_pixel if (z > 0.0) & (z <= max_depth) else 0.0
 
@@ -102,7 +102,7 @@ def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
 
 
 @kernel
-def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, slots):
+def fuse(pixels, voxel_m, max_depth, frame, odd, turn, anchor, level, cubes, points, slots):
     """Fuse a frame's points into the map: a weighted running mean of position, color and heat for each voxel.
 
     Parameters
@@ -112,6 +112,8 @@ def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, 
         Metres.
     frame : int
         Number of this frame; a voxel counts at most one hit per frame.
+    odd : int
+        0 and 1 in turn: selects half of the far hot pixels. Frame numbers may all be even.
     turn : int
         Selects the cold pixels that represent the others; below 0, cold pixels are left out.
     anchor : int
@@ -143,7 +145,7 @@ def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, 
     cube_in, voxel_of, likely = np.empty(width, np.int64), np.empty(width, np.int64), np.empty(width, np.int64)
     for v in range(height):
         slots[v] = -1
-        pixel_weights(depth[v], heat[v], v, frame, turn, max_depth, pixel_weight)
+        pixel_weights(depth[v], heat[v], v, odd, turn, max_depth, pixel_weight)
         count = 0
         for u in range(width):
             columns[count] = u

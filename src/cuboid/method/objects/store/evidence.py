@@ -53,6 +53,10 @@ class ObjectEvidence(StoredObjects):
         entry.shown += 1
         entry.missed = 0 if matched else entry.missed + 1
 
+    def record_missed(self, entry: MapObject) -> None:
+        """Count a frame in which the place of an object is seen, and the object is not."""
+        entry.missed += 1
+
     def judge(self, entry: MapObject, probability: float) -> None:
         """Set the probability that an object is one whole thing."""
         entry.probability = probability
@@ -94,16 +98,9 @@ class ObjectEvidence(StoredObjects):
         self.affinity.add_evidence(a.number, b.number, same=same, novelty=novelty)
 
     def begin_visit(self, max_sightings: int) -> None:
-        """Limit the number of earlier sightings of living objects with depth, so that boxes are soon refitted.
-
-        The mean similarity of their segments and the fraction of frames with a match stay.
-        """
+        """Limit the number of earlier sightings of living objects with depth, so that boxes are soon refitted."""
         for entry in self.living():
-            if entry.sightings > max_sightings:
-                entry.agreement *= (max_sightings - 1) / (entry.sightings - 1)
-                entry.shown = round(entry.shown * max_sightings / entry.sightings)
-                entry.sightings = max_sightings
-            entry.fitted = min(entry.fitted, max_sightings)
+            limit_sightings(entry, max_sightings)
 
     # --- box and points --------------------------------------------------------------------------------------------
 
@@ -207,6 +204,17 @@ class ObjectEvidence(StoredObjects):
                 self.place(entry, Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation))
                 entry.points = transform(T, entry.points).astype(np.float32)
                 entry.views = turned_views(entry.views, R)
+
+
+def limit_sightings(entry: MapObject, max_sightings: int) -> None:
+    """Limit the number of sightings of an object; the means of its evidence stay; new ones soon change them."""
+    before, after = entry.sightings, min(entry.sightings, max_sightings)
+    if after == before:
+        return
+    entry.sightings, entry.fitted = after, min(entry.fitted, after)
+    entry.shown = round(after / before * entry.shown)
+    entry.outline = after / before * entry.outline
+    entry.agreement *= (after - 1) / (before - 1)  # the first one has no similarity
 
 
 def turned_views(views: Float64Array, R: Float64Array) -> Float64Array:

@@ -23,8 +23,11 @@ from cuboid.method.objects.entry import (
     with_direction,
 )
 from cuboid.method.objects.store.boxes import BoxTable
+from cuboid.method.objects.store.evidence import limit_sightings
 from cuboid.method.objects.store.without_depth import EvidenceWithoutDepth
 
+# The sightings of an object before it was moved count as at most this number: its box is soon fitted at its new place.
+MOVED_SIGHTINGS = 3
 # Probability of an object that no frame has judged.
 UNJUDGED = 0.5
 
@@ -184,8 +187,9 @@ class ObjectStore(EvidenceWithoutDepth):
     def set_down(self, entry: MapObject, box: Box) -> None:
         """Confirm a retired labelled object again, with its label and another box: it was moved and is at rest again.
 
-        All that it stood on is forgotten, and the next fit waits for further sightings.
+        All that it stood on is forgotten, sightings elsewhere count little, and the next fit waits for further ones.
         """
+        limit_sightings(entry, MOVED_SIGHTINGS)
         entry.state, entry.moved = State.CONFIRMED, True
         self._confirmed[entry.number] = entry
         self.reset_support(entry)

@@ -64,6 +64,10 @@ class StoredObjects:
         """Return all objects with depth that are not retired, by number."""
         return [o for o in self._objects.values() if o.state is not State.RETIRED]
 
+    def seen_in(self, frame: int) -> list[MapObject]:
+        """Return the objects with depth that this frame, the last one, shows: also those that are followed."""
+        return [o for o in self._objects.values() if o.last_frame == frame and o.frames_seen]
+
     def confirmed(self) -> list[MapObject]:
         """Return the living objects with depth and a label, by label."""
         return sorted(self._confirmed.values(), key=lambda o: o.label)
