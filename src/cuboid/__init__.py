@@ -7,6 +7,7 @@ Track     Tracker, TrackerConfig, Proposals, ProposalSource, Detections, Detecto
           LimitReached, IntoScene
 Results   Results, MapQueries, ObjectTable, TrackedObject, Box, PointCloud, ObjectMesh, MapPoints, SupportPlane, Wall,
           Relation, Branch, TextMatch, FrameResult, Sighting, ObjectEvent, Proposal3D, FrameRecord, TrackRow
+Ask       open_place, Place, Filters, FoundObject
 Scenes    Scene, SceneTracker, SceneObject, SceneRecording, ScenePast, SceneChange, Source
 Errors    CuboidError, InputError, ConfigError, FrameError, OutputError, MissingExtraError
 
@@ -89,6 +90,10 @@ if TYPE_CHECKING:
     from cuboid.runs.tracking.types import RecordingLike as RecordingLike
     from cuboid.runs.tracking.types import RunOutcome as RunOutcome
     from cuboid.runs.tracking.types import TrackerLike as TrackerLike
+    from cuboid.services.queries.answers import FoundObject as FoundObject
+    from cuboid.services.queries.filters import Filters as Filters
+    from cuboid.services.queries.opening import open_place as open_place
+    from cuboid.services.queries.place import Place as Place
 
 
 def _png_of(value: object) -> bytes:
@@ -113,6 +118,10 @@ _MODULES = {
         "FrameRecord",
         "TrackRow",
     ),
+    "cuboid.services.queries.opening": ("open_place",),
+    "cuboid.services.queries.place": ("Place",),
+    "cuboid.services.queries.filters": ("Filters",),
+    "cuboid.services.queries.answers": ("FoundObject",),
     "cuboid.inputs.readers": ("Recording",),
     "cuboid.runs.pipeline.streaming": ("FrameSource",),
     "cuboid.ground.core.frame": ("Frame", "SkippedFrame", "Intrinsics"),

@@ -108,7 +108,7 @@ def test_version(call: Call) -> None:
         (("track", "r", "--ouput", "o"), "unrecognized arguments: --ouput; did you mean '--output'?"),
         (("track", "r", "-o", "o", "--evry=2"), "unrecognized arguments: --evry; did you mean '--every'?"),
         (("track", "r", "-o"), "argument --output: expected one argument"),
-        (("track",), "required: --output; for example: cuboid track RECORDING --output DIR"),
+        (("track",), "required: RECORDING, --output; for example: cuboid track RECORDING --output DIR"),
         (("track", "r", "--output", "o", "--scale", "3"), "--scale: invalid choice: 3"),
         (("track", "r", "--output", "o", "--every", "0"), "whole number of at least 1, got '0'"),
         (("track", "r", "--output", "o", "--limit", "x"), "whole number of at least 1, got 'x'"),

@@ -112,7 +112,8 @@ def test_wrong_questions_are_one_line(place: Place, tmp_path: Path) -> None:
 def test_surfaces_and_the_tree(place: Place) -> None:
     low, high = place.surfaces()
     assert (low.surface, low.height_m, low.objects) == ("plane:0", 0.0, (4,))
-    assert (high.surface, high.height_m, high.area_m2, high.objects) == ("plane:1", 0.5, 4.0, (1, 2, 3, 5))
+    assert (high.surface, high.height_m, high.area_m2, high.objects) == ("plane:1", 0.5, 4.0, (1, 3))
+    assert (low.kind, high.kind) == ("floor", "table")
     table, floor = place.tree()
     assert [(one.name, [child.name for child in one.children]) for one in table.children] == [
         ("crate", ["can"]),
@@ -146,7 +147,8 @@ def test_history_last_sighting_picture_and_cloud(place: Place) -> None:
     assert (history.count, [one.frame for one in history.sightings]) == (3, [0, 2])
     (parcel,) = place.last_seen("4")
     assert (parcel.label, parcel.last_seen.frame) == (4, 2)
-    assert place.last_seen("lamp") == []
+    with pytest.raises(InputError, match="no object has the name 'lamp'; names: 'bowl', 'can', 'crate', 'mug'"):
+        place.last_seen("lamp")
     picture = place.picture(1)
     assert picture is not None
     assert picture[:2] == b"\xff\xd8"

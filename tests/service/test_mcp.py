@@ -43,6 +43,7 @@ async def all_tools(client: Client, results: Path) -> None:
     assert set(tools) == {
         "describe_place",
         "find_objects",
+        "ask",
         "last_seen",
         "recent_changes",
         "describe_object",

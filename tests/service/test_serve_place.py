@@ -83,7 +83,8 @@ def test_every_address_of_the_table_answers_as_the_document_says(address: str) -
     validate(document)
     assert document == openapi(secured=False)
     assert set(document["paths"]) == {one.path for one in ENDPOINTS}
-    queries = {"/api/last-seen": "?what=mug", "/api/surfaces/{number}/free": "?length=10cm&width=8cm"}
+    queries = {"/api/ask": "?q=the+red+mug", "/api/last-seen": "?what=mug"}
+    queries |= {"/api/surfaces/{number}/free": "?length=10cm&width=8cm"}
     for one in ENDPOINTS:
         path = one.path.replace("{label}", "1").replace("{number}", "1") + queries.get(one.path, "")
         if one.path.endswith("/mesh"):

@@ -45,10 +45,13 @@ def refused(address: str, method: str = "GET", **headers: str) -> tuple[int, str
 
 
 def test_the_api_answers_what_find_finds(address: str, store: str) -> None:
-    found: dict[str, Any] = json.loads(get(f"{address}/api/objects?color=red&min_size=0.05&recording=kit*"))
+    found: dict[str, Any] = json.loads(get(f"{address}/api/objects?color=red&min_size=5cm&recording=kit*"))
     assert [(one["recording"], one["label"]) for one in found["objects"]] == [("kitchen", 1)]
     described = json.loads(get(f"{address}/openapi.json"))
-    assert set(described["paths"]) == {"/api/objects", "/api/recordings", "/api/failures"}
+    assert set(described["paths"]) == {
+        *("/api/objects", "/api/objects/{recording}/{label}/picture", "/api/ask", "/api/last-seen"),
+        *("/api/recordings", "/api/failures"),
+    }
     assert json.loads(get(f"{address}/api/recordings"))["recordings"][0]["objects"] == 2
     put_run(Place(store), 2, [thing(7, color="red")], recording="office")  # while it is served
     found = json.loads(get(f"{address}/api/objects?like=kitchen%231&limit=1"))

@@ -30,7 +30,9 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 async def questions(client: Client) -> None:
     tools = {tool.name: tool for tool in (await client.list_tools()).tools}
-    assert set(tools) == {"describe_store", "list_recordings", "find_objects", "picture_of_object"}
+    assert set(tools) == {
+        *("describe_store", "list_recordings", "find_objects", "ask", "last_seen", "picture_of_object")
+    }
     assert all(tool.description and tool.annotations.read_only_hint for tool in tools.values())
 
     async def call(tool: str, /, **values: Any) -> Any:

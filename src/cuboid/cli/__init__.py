@@ -44,6 +44,7 @@ GROUPS = {
         "compile": "compile all kernels that tracking uses, ahead of the first run",
     },
     "ask": {
+        "name": "give names to objects of results, a scene or a store",
         "find": "find objects in a scene, results or a store by size, position, time, color, or their support",
         "serve": "serve a scene, results or a store: pages and a read-only API over HTTP",
         "mcp": "serve a scene or results to assistants, over the Model Context Protocol",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -27,9 +28,23 @@ T = TypeVar("T")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument("place", metavar="SCENE|RESULTS|STORE", help="a scene file, a result folder, or a store")
+    parser.add_argument(
+        "question",
+        nargs="?",
+        metavar="QUESTION",
+        help="a question in English instead of conditions, such as 'the blue bin beside the chair'",
+    )
+    parser.add_argument(
+        "--last",
+        metavar="LABEL|NAME",
+        help="where and when this object was seen last, from where, and whether it is still there; gone objects too",
+    )
     _add_filters(parser)
     shown = parser.add_argument_group("output")
     shown.add_argument("--limit", type=positive, default=50, metavar="N", help="print at most N objects (default: 50)")
+    shown.add_argument(
+        "--picture", type=Path, metavar="FILE.jpg", help="write the picture of the last sighting of the first object"
+    )
     shown.add_argument("--html", type=Path, metavar="FILE", help="also write the table with pictures as an HTML page")
     add_results(parser)
 
@@ -37,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Find and print."""
     from cuboid.cli.tables import console
+    from cuboid.ground.core.errors import InputError
     from cuboid.ground.core.threads import limit_threads
     from cuboid.results.files.pending import write_whole
     from cuboid.services.queries.filters import Filters
@@ -48,56 +64,140 @@ def run(args: argparse.Namespace) -> int:
     model = ranking_model(args)
     text = text_query(args.text, model)
     filters = Filters(**{field: getattr(args, field) for _, field, *_ in CONDITIONS}, text=text, limit=args.limit)
-    pictures = args.html is not None
-    if is_place(args.place):
-        rows = _in_place(args.place, filters, model, pictures=pictures)
-    else:
-        rows = _in_store(args.place, filters, pictures=pictures)
+    conditions = filters != Filters(within_m=filters.within_m, limit=args.limit)
+    if sum((conditions, args.last is not None, args.question is not None)) > 1:
+        raise InputError(
+            "expected one of: a question in English, --last, conditions such as --name ('cuboid find --help')"
+        )
+    answer = _in_place(args, filters, model) if is_place(args.place) else _in_store(args, filters)
     if args.html is not None:
         from cuboid.fleet.store.page import found_page
 
-        write_whole(args.html, found_page(rows, f"Objects of {args.place}"))
+        write_whole(args.html, found_page(answer.rows, f"Objects of {args.place}"))
+    if args.picture is not None:
+        picture = answer.picture(answer.rows[0]) if answer.rows else None
+        if picture is None:
+            raise InputError(f"{args.picture}: {'it has no picture' if answer.rows else 'no object found'}")
+        write_whole(args.picture, picture)
 
     def show() -> None:
-        console().print(_table(rows) if rows else "no object found")
-        if args.html is not None:
-            console().print(f"the page with pictures is {args.html}", markup=False, soft_wrap=True)
+        _show(args, answer)
+        for file, what in ((args.html, "the page with pictures"), (args.picture, "the picture of the last sighting")):
+            if file is not None:
+                console().print(f"{what} is {file}", markup=False, soft_wrap=True)
 
-    give(args, {"objects": [plain(row) for row in rows]}, show)
+    understood = {} if args.question is None else {"understood": list(answer.understood)}
+    give(args, {**understood, "objects": [plain(row) for row in answer.rows]}, show)
     return 0
 
 
-def _in_store(store: str, filters: Filters, *, pictures: bool) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class Answered:
+    """The answer of a place or a store.
+
+    Attributes
+    ----------
+    rows : list of dict
+        With the columns of `cuboid find`.
+    note : str or None
+        Why there are no rows, if a name is not known.
+    picture : callable
+        Returns the picture of the last sighting of a row, or None.
+    understood : tuple of str
+        The conditions of a question in English.
+    """
+
+    rows: list[dict[str, Any]]
+    note: str | None
+    picture: Callable[[Mapping[str, Any]], bytes | None]
+    understood: tuple[str, ...] = ()
+
+
+def _in_store(args: argparse.Namespace, filters: Filters) -> Answered:
     from cuboid.ground.core.extras import need_cluster
 
     need_cluster("cuboid find STORE")
-    from cuboid.fleet.store.find import find
+    from cuboid.fleet.store.find import StoreObjects, ask, find, last_seen, picture_of
     from cuboid.fleet.store.query import Tables
+    from cuboid.services.queries.questions import no_such_name
 
-    return find(Tables(store), filters, pictures=pictures)
+    tables, pictures = Tables(args.place), args.html is not None
+    understood: tuple[str, ...] = ()
+    note: str | None = None
+    if args.question is not None:
+        understood, rows, note = ask(tables, args.question, limit=args.limit, pictures=pictures)
+    elif args.last is not None:
+        rows = last_seen(tables, args.last, pictures=pictures)[: args.limit]
+    else:
+        rows = find(tables, filters, pictures=pictures)
+        note = None if rows else no_such_name(StoreObjects(tables), filters.name)
+
+    def picture(row: Mapping[str, Any]) -> bytes | None:
+        return picture_of(tables, row["recording"], row["label"], last=True)
+
+    return Answered(rows, note, picture, understood)
 
 
-def _in_place(path: str, filters: Filters, model: TextModel | None, *, pictures: bool) -> list[dict[str, Any]]:
+def _in_place(args: argparse.Namespace, filters: Filters, model: TextModel | None) -> Answered:
     from cuboid.ground.core.extras import need_cluster
     from cuboid.services.queries.opening import open_place
     from cuboid.services.queries.rows import row_of
 
-    if pictures:
+    if args.html is not None:
         need_cluster("cuboid find --html")
-    place, title = open_place(path, model), Path(path).stem
-    found = place.find(filters)
-    return [row_of(one, title, place.picture(one.label) if pictures else None) for one in found]
+    place, title = open_place(args.place, model), Path(args.place).stem
+    understood: tuple[str, ...] = ()
+    note: str | None = None
+    if args.question is not None:
+        answer = place.ask(args.question, args.limit)
+        understood, found, note = answer.understood, list(answer.objects), answer.note
+    elif args.last is not None:
+        found = place.last_seen(args.last)[: args.limit]
+    else:
+        found = place.find(filters)
+        note = None if found else place.no_such_name(filters.name)
+    rows = [row_of(one, title, place.picture(one.label) if args.html is not None else None) for one in found]
+    return Answered(rows, note, lambda row: place.picture(row["label"], last=True), understood)
+
+
+def _show(args: argparse.Namespace, answer: Answered) -> None:
+    """Print the conditions that were understood, and the objects: as lines if the question is where they are."""
+    from cuboid.cli.tables import console
+    from cuboid.services.queries.english import WHERE
+    from cuboid.services.queries.rows import last_seen_lines, tag
+
+    if answer.understood:
+        console().print(f"understood: {', '.join(answer.understood)}", markup=False)
+    if not answer.rows:
+        console().print(answer.note or "no object found", markup=False)
+    elif args.last is not None or WHERE in answer.understood:
+        for row in answer.rows:
+            first, *others = last_seen_lines(row)
+            console().print("\n  ".join((f"{tag(row)}: {first}", *others)), markup=False)
+    else:
+        console().print(_table(answer.rows))
 
 
 def _table(rows: list[dict[str, Any]]) -> Table:
-    from cuboid.cli.tables import new_table
+    """Return the table; in a narrow terminal without the columns that matter least."""
+    from cuboid.cli.tables import console, fits, new_table
+    from cuboid.results.files.object_table import SIZE_HEADING
     from cuboid.services.queries.rows import cells_of
 
     last = next((name for name in ("text_score", "unlike", "distance_m") if name in rows[0]), None)
-    names = ["size L x M x S (cm)", "position x, y, z (m)", "color", "probability", "frames", "last seen (UTC)"]
-    table = new_table("object", *names, *([last] if last else []))
-    for row in rows:
-        table.add_row(*cells_of(row), *([f"{row[last]:.3f}"] if last else []))
+    names = ["object", SIZE_HEADING, "position x, y, z (m)", "color", "probability", "frames", "last seen (UTC)"]
+    cells = [[*cells_of(row), *([f"{row[last]:.3f}"] if last else [])] for row in rows]
+    if all(row["run"] is None for row in rows):  # the objects of one place
+        for row, found in zip(cells, rows, strict=True):
+            row[0] = row[0].removeprefix(found["recording"])
+    table = new_table()
+    for least in ((), ("frames",), ("frames", "probability"), ("frames", "probability", "color")):
+        kept = [k for k, name in enumerate([*names, *([last] if last else [])]) if name not in least]
+        table = new_table(*([*names, last or ""][k] for k in kept))
+        for row in cells:
+            table.add_row(*(row[k] for k in kept))
+        if fits(table, console()):
+            break
     return table
 
 
@@ -129,7 +229,7 @@ CONDITIONS: tuple[tuple[str, str, Callable[[str], Any], str, str], ...] = (
     ("--near", "near", _word(place), "X,Y,Z", "near a point in the world of the recordings, metres"),
     ("--within", "within_m", _word(length), "D", "largest distance from that point (default: 0.5m)"),
     ("--near-object", "near_object", str, "LABEL|NAME", "near another object, at most --within away"),
-    ("--on", "on", str, "LABEL|NAME|plane:N", "on an object or a surface"),
+    ("--on", "on", str, "LABEL|NAME|floor|table|plane:N", "on an object or a surface"),
     ("--in", "inside", str, "LABEL|NAME", "in an object"),
     ("--beside", "beside", str, "LABEL|NAME", "beside an object"),
     ("--recording", "recording", str, "GLOB", "in recordings with this name, such as 'kitchen*'"),

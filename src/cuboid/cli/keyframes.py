@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
 def _name(args: argparse.Namespace, found: KeyframeEvaluation) -> dict[int, str]:
     """Give the names of the drawn objects to the results; return them by label."""
     from cuboid.results.files import Results
-    from cuboid.results.views.report.server import rename_in
+    from cuboid.results.files.naming import name_object
 
     if not args.result.is_dir():
         raise InputError(f"{args.result}: only objects of results of 'cuboid track' can be named")
@@ -55,7 +55,7 @@ def _name(args: argparse.Namespace, found: KeyframeEvaluation) -> dict[int, str]
         if item is not None and name:
             names.setdefault(item.label, name)
     for label, name in names.items():
-        rename_in(args.result, label, name)
+        name_object(args.result, label, name)
     return names
 
 

@@ -23,10 +23,15 @@ class Parser(argparse.ArgumentParser):
     """
 
     example = "cuboid demo"
+    _nothing_given = False
 
     def error(self, message: str) -> NoReturn:
         """Print the error message, and exit."""
         message = message.replace("-o/--output", "--output")
+        if self._nothing_given and "required: " in message:
+            listed, named = message.split("required: ")
+            others = [str(one.metavar) for one in self._actions if not one.option_strings and one.nargs == "?"]
+            message = f"{listed}required: {', '.join([*others, *named.split(', ')])}"
         shown = f"; for example: {self.example}" if "required: " in message else ""
         line = one_line(f"cuboid: error: {message}{shown} (see '{self.prog} --help')")
         self.exit(MISTAKE, f"{line}\n")
@@ -49,6 +54,7 @@ class Parser(argparse.ArgumentParser):
 
     def refuse_unknown_options(self, words: Sequence[str]) -> None:
         """Exit with an error if an option does not exist; this comes before errors about missing arguments."""
+        self._nothing_given = not words
         options = set(self._options(words))
         for word in words:
             name = word.split("=")[0]

@@ -108,6 +108,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
 
     from cuboid.cli.tables import new_table
     from cuboid.ground.core.errors import printable
+    from cuboid.results.files.object_table import SIZE_HEADING
 
     found = [item for item in scene.all_objects if args.all or item.state == "present"]
     document = {"objects": [object_document(item) for item in found]}
@@ -118,7 +119,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
         "label",
         "name",
         *state,
-        "size L x W x H (cm)",
+        SIZE_HEADING,
         "position x, y, z (m)",
         "last seen",
         "probability",
@@ -213,6 +214,7 @@ def _find(scene: Scene, args: argparse.Namespace) -> Answer:
 
     from cuboid.cli.tables import new_table
     from cuboid.ground.core.errors import printable
+    from cuboid.results.files.object_table import SIZE_HEADING
     from cuboid.runs.scene import SceneObject
 
     found = scene.find(args.text, args.text_model)[: args.limit]
@@ -220,7 +222,7 @@ def _find(scene: Scene, args: argparse.Namespace) -> Answer:
     rows = [{**object_document(objects[item.label]), "text_score": round(score, 6)} for item, score in found]
     if not found:
         return {"objects": rows}, ["no object"]
-    table = new_table("label", "name", "size L x W x H (cm)", "position x, y, z (m)", "text score", left=2)
+    table = new_table("label", "name", SIZE_HEADING, "position x, y, z (m)", "text score", left=2)
     for item, score in found:
         cells = (item.box.size_text, item.box.center_text, f"{score:.3f}")
         table.add_row(str(item.label), escape(printable(item.name or "")), *cells)

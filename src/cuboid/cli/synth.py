@@ -89,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
     limit_threads(1)
     from cuboid.cli.progress import counting
     from cuboid.cli.tables import console
+    from cuboid.ground.core.errors import counted
     from cuboid.lab.synthetic import make_scene, render_recording
     from cuboid.lab.synthetic.user_meshes import load_meshes
 
@@ -99,7 +100,8 @@ def run(args: argparse.Namespace) -> int:
     with counting("rendering") as progress:
         render_recording(scene, args.output, progress=progress, **_rendered_as(args))
     counts = {"frames": scene.frames, "objects": len(scene.objects), "surfaces": len(scene.surfaces)}
-    what = f"{scene.frames} frames, {len(scene.objects)} objects, {len(scene.surfaces)} level surfaces"
+    things = counted(len(scene.objects), "object"), counted(len(scene.surfaces), "level surface")
+    what = f"{counted(scene.frames, 'frame')}, {', '.join(things)}"
     line = f"{scene.name}: {what}; in {args.output}"
     document = {"output": str(args.output), "name": scene.name, **counts}
     give(args, document, lambda: console().print(line, markup=False))

@@ -15,7 +15,7 @@ from cuboid.ground.core.errors import counted, printable
 from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.formats.folder import EVENTS
 from cuboid.results.files import RunReport, Timing
-from cuboid.results.files.object_table import cells_of
+from cuboid.results.files.object_table import SIZE_HEADING, cells_of
 from cuboid.results.files.rows import EventRow
 from cuboid.runs.tracking.measuring import DETECTOR_BUDGET, DetectorCost
 
@@ -78,13 +78,18 @@ def new_table(*columns: str, left: int = 1) -> Table:
     return table
 
 
+def fits(table: Table, out: Console) -> bool:
+    """Return whether a table fits into a console without cutting a cell; headings may be wrapped."""
+    cells = [max((len(str(cell)) for cell in column.cells), default=1) for column in table.columns]
+    words = [max(map(len, str(column.header).split()), default=1) for column in table.columns]
+    return sum(max(pair) + 1 for pair in zip(cells, words, strict=True)) <= out.width
+
+
 def objects_table(objects: Iterable[TrackedObject]) -> Table:
     """Return the map of objects: label, size, position, frames seen, probability."""
     found = list(objects)
     name = ("name",) if any(item.name for item in found) else ()
-    table = new_table(
-        "label", "size L x W x H (cm)", "position x, y, z (m)", "frames seen", "probability", *name, left=0
-    )
+    table = new_table("label", SIZE_HEADING, "position x, y, z (m)", "frames seen", "probability", *name, left=0)
     for item in found:
         table.add_row(str(item.label), *cells_of(item), *((escape(printable(item.name or "")),) if name else ()))
     return table

@@ -237,8 +237,13 @@ def _tables(
     task: Task, recording: Recording, results: Results, pictures: Mapping[int, Picture], text_model: str | None
 ) -> dict[str, pa.Table]:
     read_as = ReadAs(recording.format, len(recording), recording.intrinsics, recording.has_poses)
+    from cuboid.results.views.report import pictures_of
+    from cuboid.results.views.report.pictures import last_sightings
+
     embeddings = None if text_model is None else results.embed(text_model)
-    return tables_of(task.head, results, read_as, pictures, None if task.tables_only else _name(task), embeddings)
+    folder = None if task.tables_only else _name(task)
+    last = pictures_of(results, recording.read, last_sightings)
+    return tables_of(task.head, results, read_as, pictures, folder, embeddings, last)
 
 
 def _refuse_changed(task: Task) -> None:

@@ -2,38 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from cuboid.fleet.store.find import find
+from cuboid.fleet.store.find import ask as ask_store
+from cuboid.fleet.store.find import find, last_seen, picture_of
 from cuboid.fleet.store.page import MORE, WORST, found_page, summary_page
 from cuboid.fleet.store.place import RESULTS, Place
 from cuboid.fleet.store.query import SharedTables, Tables
 from cuboid.fleet.store.summary import summarise_store
-from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.formats.folder import OUTPUT_NAMES
 from cuboid.method.text_search import TextModel
 from cuboid.results.views.serving import LOCAL_NAMES
-from cuboid.services.queries.api import guarded, openapi_document, query_parameters
-from cuboid.services.queries.parameters import PARAMETERS, TEXT, filters_of, given
+from cuboid.services.queries.api import guarded, openapi_document, path_parameters, query_parameters, refusal
+from cuboid.services.queries.parameters import PARAMETERS, QUESTION, TEXT, Parameter, filters_of, given
 from cuboid.services.queries.rows import plain
 
 TYPES = {".html": "text/html", ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain"}
 
-PATHS = {
-    "/api/objects": ("Objects, as `cuboid find` finds them", tuple(PARAMETERS)),
+WHAT = Parameter({"type": "string", "example": "mug"}, "label or name", "")
+LAST = Parameter({"type": "boolean"}, "the picture of its last sighting instead of its best one", "")
+# Addresses with their meaning and their parameters.
+PATHS: dict[str, tuple[str, Mapping[str, Parameter]]] = {
+    "/api/objects": ("Objects, as `cuboid find` finds them", PARAMETERS),
+    "/api/objects/{recording}/{label}/picture": ("Picture of an object, JPEG", {"last": LAST}),
+    "/api/last-seen": (
+        "The last sighting of the objects with a label or name, over all recordings, the latest first",
+        {"what": WHAT},
+    ),
+    "/api/ask": ("The answer to a question in English", {"q": QUESTION}),
     "/api/recordings": (
         "Recordings that are done, the worst first, with their quality indicators",
-        ("recording", "limit"),
+        {name: PARAMETERS[name] for name in ("recording", "limit")},
     ),
-    "/api/failures": ("Recordings that are not done, by reason", ()),
+    "/api/failures": ("Recordings that are not done, by reason", {}),
 }
 
 
@@ -93,6 +103,32 @@ def application(
         filters = given(request.query_params)
         return await ask(lambda of: _rows("objects", find(of, filters_of(filters, model))))
 
+    async def last(request: Request) -> Response:
+        what = request.query_params.get("what", "").strip()
+        if not what:
+            raise InputError("what is needed: the label or the name of an object")
+        return await ask(lambda of: _rows("objects", last_seen(of, what)))
+
+    async def asked(request: Request) -> Response:
+        question = request.query_params.get("q", "").strip()
+        if not question:
+            raise InputError("q is needed: a question such as 'the blue bin beside the chair'")
+
+        def answer(of: Tables) -> Response:
+            understood, rows, note = ask_store(of, question)
+            return JSONResponse({"understood": understood, "objects": [plain(row) for row in rows], "note": note})
+
+        return await ask(answer)
+
+    async def picture(request: Request) -> Response:
+        asked, path = request.query_params.get("last", ""), request.path_params
+
+        def answer(of: Tables) -> Response:
+            found = picture_of(of, path["recording"], path["label"], last=asked.lower() in ("1", "true", "yes"))
+            return refusal("there is none", 404) if found is None else Response(found, media_type="image/jpeg")
+
+        return await ask(answer)
+
     async def recordings(request: Request) -> Response:
         filters = filters_of(given(request.query_params))
         return await ask(lambda of: _rows("recordings", summarise_store(of, filters.limit, filters.recording).worst))
@@ -107,6 +143,9 @@ def application(
         Route("/", summary),
         Route("/objects", search),
         Route("/api/objects", objects),
+        Route("/api/objects/{recording}/{label:int}/picture", picture),
+        Route("/api/ask", asked),
+        Route("/api/last-seen", last),
         Route("/api/recordings", recordings),
         Route("/api/failures", failures),
         Route(f"/{RESULTS}/{{path:path}}", file),
@@ -116,17 +155,19 @@ def application(
 
 def openapi(*, secured: bool) -> dict[str, Any]:
     """Return the description of the API, as an OpenAPI 3.1 document."""
-    responses: dict[str, Any] = {
-        "200": {"description": "rows", "content": {"application/json": {"schema": {"type": "object"}}}}
-    }
-    responses["400"] = {"description": "what is wrong with the question, in one line"}
+    wrong = {"description": "what is wrong with the question, in one line"}
+    rows = {"application/json": {"schema": {"type": "object"}}}
+    jpeg = {"image/jpeg": {"schema": {"type": "string", "format": "binary"}}}
     paths = {
         path: {
             "summary": what,
-            "parameters": query_parameters({name: PARAMETERS[name] for name in names}),
-            "responses": responses,
+            "parameters": [*path_parameters(path), *query_parameters(parameters)],
+            "responses": {
+                "200": {"description": what, "content": jpeg if path.endswith("/picture") else rows},
+                "400": wrong,
+            },
         }
-        for path, (what, names) in PATHS.items()
+        for path, (what, parameters) in PATHS.items()
     }
     return openapi_document("Cuboid store", "Read-only.", paths, secured=secured)
 
@@ -139,9 +180,9 @@ def _file(url: str, path: str) -> Response:
     """Return a file of a result folder; files elsewhere in the store, or outside it, are refused."""
     parts = path.split("/")
     if parts[-1] not in OUTPUT_NAMES or any(part in ("", ".", "..") or part.startswith(".") for part in parts):
-        return PlainTextResponse("not there", 404)
+        return refusal(f"there is no file {shown(path)} in the store", 404)
     try:
         content = Place(url).read(f"{RESULTS}/{path}")
     except (FileNotFoundError, InputError):
-        return PlainTextResponse("not there", 404)
+        return refusal(f"there is no file {shown(path)} in the store", 404)
     return Response(content, media_type=TYPES.get(Path(path).suffix, "application/octet-stream"))

@@ -6,29 +6,34 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from cuboid.fleet.store.query import SUPERSEDED, Tables
 from cuboid.fleet.store.schema import OBJECTS, RUNS
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.values import RelationKind
 from cuboid.method.text_search import TextQuery
 from cuboid.services.queries import questions
-from cuboid.services.queries.filters import LIKELY, Filters, is_surface, label_of
-from cuboid.services.queries.likeness import COLOR_WORDS
+from cuboid.services.queries.english import understand
+from cuboid.services.queries.filters import LIKELY, LIMIT, Filters, is_kind, is_surface, label_of
+from cuboid.services.queries.likeness import COLOR_WORDS, COLORED, colors_of
 
 SIDES, CENTER = ("longest_m", "middle_m", "shortest_m"), ("center_x_m", "center_y_m", "center_z_m")
+LWH = ("length_m", "width_m", "height_m")
 # Columns that are never null; all columns that are shown.
 NEVER_NULL = ("recording", "label", *SIDES, *CENTER, "frames_seen")
 SHOWN = (
-    *(*NEVER_NULL[:-1], "name", "color", "score", "probability"),
+    *(*NEVER_NULL[:-1], "name", "color", "colors", "score", "probability"),
+    *LWH,
     *("frames_seen", "first_frame", "last_frame", "last_seen", "run"),
+    *("camera_x_m", "camera_y_m", "camera_z_m", "camera_distance_m", "later", "later_frame"),
 )
 # Rows of older versions have the probability as their score alone.
 AS = {"probability": "score as probability"}
 
+# Objects of recordings without dates are ordered by frame.
+LATEST = "last_seen desc nulls last, last_frame desc"
 NEWEST = f"run not in (select run from {SUPERSEDED})"
-
-# Minimum fraction of an object's points that have a color for the object to match it; an object can match two colors.
-COLORED = 0.3
 
 # Dissimilarity: sizes that differ by a factor of e in every side, disjoint colors and disjoint shapes weigh the same.
 _SIZE = " + ".join(f"abs(ln(greatest({side}, 1e-3) / greatest(?, 1e-3)))" for side in SIDES)
@@ -91,31 +96,43 @@ class StoreObjects:
         return Sql(" and ".join(given), tuple(given.values()))
 
     def near(self, point: tuple[float, float, float], within_m: float) -> Sql:
-        """Return the objects near a point."""
-        ranges = [f"center_{axis}_m between ? and ?" for axis in "xyz"]  # DuckDB skips row groups outside of them
-        ends = [end for value in point for end in (value - within_m, value + within_m)]
-        return Sql(" and ".join([*ranges, f"{_distance(point)} <= ?"]), (*ends, within_m))
+        """Return the objects whose boxes are near a point."""
+        return Sql(f"{_distance(_coordinates(point))} <= ?", (within_m,))
 
     def near_object(self, label_or_name: str, within_m: float) -> Sql:
-        """Return the objects near another one of their recording."""
+        """Return the objects whose boxes are near the centre of another one of their recording."""
         label = label_of(label_or_name)
         which = "lower(b.name) = lower(?)" if label is None else "b.label = ?"
-        away = " + ".join(f"(a.center_{axis}_m - b.center_{axis}_m)**2" for axis in "xyz")
+        away = _distance([f"b.center_{axis}_m" for axis in "xyz"], "a.")
         others = f"{OBJECTS} as a join {OBJECTS} as b on b.run = a.run and b.label <> a.label"
-        found = f"select a.run, a.label from {others} where {which} and sqrt({away}) <= ?"
+        found = f"select a.run, a.label from {others} where {which} and {away} <= ?"
         return Sql(f"(run, label) in ({found})", (label_or_name.strip() if label is None else label, within_m))
 
     def related(self, kind: RelationKind, to: str) -> Sql:
         """Return the objects with a relation to an object of their recording or to a surface."""
-        label = label_of(to)
-        if label is not None or is_surface(to):
+        if not self._tables.rows(f"select 1 from {OBJECTS} where relations is not null limit 1"):
+            raise InputError(f"{self._tables.url}: {kind}: no object has relations; 'cuboid batch' adds them now")
+        label, surface = label_of(to), is_surface(to) or is_kind(to)
+        if label is not None or surface:
             end = "surface" if label is None else "label"
             one = f"select 1 from unnest(relations) as rel(one) where one.kind = ? and one.{end} = ?"
-            return Sql(f"exists ({one})", (kind, to.strip() if label is None else label))
+            to_it = Sql(f"exists ({one})", (kind, to.strip().lower() if label is None else label))
+            return _either(to_it, self._related_by_name(kind, to)) if is_kind(to) else to_it
+        return self._related_by_name(kind, to)
+
+    def _related_by_name(self, kind: RelationKind, to: str) -> Sql:
         each = f"(select run, unnest(relations) as one, label from {OBJECTS})"
         others = f"{each} as a join {OBJECTS} as b on b.run = a.run and b.label = a.one.label"
         named = "a.one.kind = ? and lower(b.name) = lower(?)"
         return Sql(f"(run, label) in (select a.run, a.label from {others} where {named})", (kind, to.strip()))
+
+    def names(self) -> list[str]:
+        """Return the names and likely classes of the objects, in lower case."""
+        given = f"select lower(name) as one from {OBJECTS} where name is not null and {NEWEST}"
+        likely = f"select unnest(names) as next from {OBJECTS} where {NEWEST}"
+        classes = f"select lower(next.name) as one from ({likely}) where next.score >= ?"
+        rows = self._tables.rows(f"select distinct one from ({given} union all {classes}) order by one", [LIKELY])
+        return [row["one"] for row in rows]
 
     def recorded(self, pattern: str) -> Sql:
         """Return the objects of recordings whose name matches a glob pattern."""
@@ -123,17 +140,17 @@ class StoreObjects:
 
     def other_than(self, recording: str, label: int) -> Sql:
         """Return all objects but one."""
-        one = _the_one(self._tables, recording, label, "run", "label")
+        one = the_one(self._tables, recording, label, "run", "label")
         return Sql("not (run = ? and label = ?)", (one["run"], one["label"]))
 
     def select(self, conditions: Sequence[Sql], by: Filters) -> list[dict[str, Any]]:
         """Return rows: the best match of a text first, else the most similar, else the nearest, else the last seen."""
-        kept, extra, order = [*conditions], dict[str, Sql](), "last_seen desc"
+        kept, extra, order = [*conditions], dict[str, Sql](), LATEST
         if by.near is not None:
-            extra["distance_m"], order = Sql(_distance(by.near)), "distance_m"
+            extra["distance_m"], order = Sql(_distance(_coordinates(by.near))), "distance_m"
         if by.like is not None:
             features = (*SIDES, "colors", "shape")
-            one = _the_one(self._tables, *by.like, *features)
+            one = the_one(self._tables, *by.like, *features)
             extra["unlike"], order = Sql(UNLIKE, [one[name] for name in features]), "unlike"
         if by.text is not None:
             _refuse_other_model(self._tables, by.text)
@@ -144,7 +161,7 @@ class StoreObjects:
 
     def latest(self, conditions: Sequence[Sql]) -> list[dict[str, Any]]:
         """Return rows, the last seen first."""
-        return self._rows(conditions, "last_seen desc")
+        return self._rows(conditions, LATEST)
 
     def _rows(
         self, conditions: Sequence[Sql], order: str, extra: Mapping[str, Sql] | None = None, limit: int | None = None
@@ -162,6 +179,7 @@ class StoreObjects:
             for column in NEVER_NULL:
                 if row[column] is None:
                     raise InputError(f"{self._tables.url}: the store is damaged: an object has no {column}")
+            row["colors"] = list(colors_of(np.array(row["colors"] or (), np.float32)))
         return found
 
 
@@ -190,19 +208,85 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
     return questions.find(StoreObjects(tables, pictures=pictures), filters)
 
 
-def picture_of(tables: Tables, recording: str, label: int) -> bytes | None:
-    """Return the picture of an object, JPEG; None without one. Raises InputError for no such object."""
-    one = _the_one(tables, recording, label, "picture")
-    picture: bytes | None = one["picture"]
+def last_seen(tables: Tables, label_or_name: str, *, pictures: bool = False) -> list[dict[str, Any]]:
+    """Return the objects of all recordings with a label or name, as rows of `find`; the last seen is first.
+
+    Raises
+    ------
+    InputError
+        No object has the label or name, or the store is damaged.
+    """
+    return questions.last_seen(StoreObjects(tables, pictures=pictures), label_or_name)
+
+
+class StoreAnswer(NamedTuple):
+    """The answer to a question in English: the conditions in words, rows of `find`, and why there are none."""
+
+    understood: tuple[str, ...]
+    rows: list[dict[str, Any]]
+    note: str | None
+
+
+def ask(tables: Tables, question: str, *, limit: int = LIMIT, pictures: bool = False) -> StoreAnswer:
+    """Return the answer to a question in English.
+
+    Raises
+    ------
+    InputError
+        A part of the question is not understood; or as `find` and `last_seen`.
+    """
+    source = StoreObjects(tables, pictures=pictures)
+    asked = understand(question, source.names(), limit)
+    if asked.last is not None:
+        return StoreAnswer(asked.said, questions.last_seen(source, asked.last)[:limit], None)
+    rows = questions.find(source, asked.filters)
+    return StoreAnswer(asked.said, rows, None if rows else questions.no_such_name(source, asked.filters.name))
+
+
+def picture_of(tables: Tables, recording: str, label: int, *, last: bool = False) -> bytes | None:
+    """Return the best picture of an object, or that of its last sighting, JPEG; None without one.
+
+    Raises
+    ------
+    InputError
+        There is no such object.
+    """
+    one = the_one(tables, recording, label, "picture", "last_picture")
+    picture: bytes | None = one["last_picture"] if last and one["last_picture"] is not None else one["picture"]
     return picture
 
 
-def _distance(near: tuple[float, float, float]) -> str:
-    x, y, z = map(float, near)
-    return f"sqrt((center_x_m - ({x!r}))**2 + (center_y_m - ({y!r}))**2 + (center_z_m - ({z!r}))**2)"
+def _either(one: Sql, other: Sql) -> Sql:
+    return Sql(f"({one.text} or {other.text})", (*one.values, *other.values))
 
 
-def _the_one(tables: Tables, recording: str, label: int, *columns: str) -> dict[str, Any]:
+def _coordinates(point: tuple[float, float, float]) -> list[str]:
+    return [f"({value!r})" for value in map(float, point)]
+
+
+def _distance(point: Sequence[str], of: str = "") -> str:
+    """Return the distance of the box of a row from a point as SQL, metres; 0 inside, as in a place.
+
+    Parameters
+    ----------
+    point : sequence of str
+        Its coordinates, as SQL.
+    of : str
+        Prefix of the columns of the box.
+    """
+    w, x, y, z = (f"{of}{name}" for name in ("qw", "qx", "qy", "qz"))
+    dx, dy, dz = (f"({value} - {of}center_{axis}_m)" for value, axis in zip(point, "xyz", strict=True))
+    # the columns of the rotation are the axes of the box: its product with the difference is that along each axis
+    along = (
+        f"(1 - 2 * ({y}*{y} + {z}*{z})) * {dx} + 2 * ({x}*{y} + {w}*{z}) * {dy} + 2 * ({x}*{z} - {w}*{y}) * {dz}",
+        f"2 * ({x}*{y} - {w}*{z}) * {dx} + (1 - 2 * ({x}*{x} + {z}*{z})) * {dy} + 2 * ({y}*{z} + {w}*{x}) * {dz}",
+        f"2 * ({x}*{z} + {w}*{y}) * {dx} + 2 * ({y}*{z} - {w}*{x}) * {dy} + (1 - 2 * ({x}*{x} + {y}*{y})) * {dz}",
+    )
+    beyond = (f"greatest(abs({a}) - {of}{side} / 2, 0)" for a, side in zip(along, LWH, strict=True))
+    return f"sqrt({' + '.join(f'pow({one}, 2)' for one in beyond)})"
+
+
+def the_one(tables: Tables, recording: str, label: int, *columns: str) -> dict[str, Any]:
     """Return some columns of an object that is named by its recording and label."""
     selected = ", ".join(columns)
     found = tables.rows(

@@ -10,15 +10,28 @@ from mcp.server.mcpserver import Image, MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 from pydantic import Field
 
+from cuboid.fleet.store.find import ask as ask_store
 from cuboid.fleet.store.find import find, picture_of
+from cuboid.fleet.store.find import last_seen as last_seen_in
 from cuboid.fleet.store.query import SharedTables, Tables
 from cuboid.fleet.store.summary import summarise_store
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.version import __version__
 from cuboid.method.text_search import TextModel
 from cuboid.services.queries.parameters import text_query
+from cuboid.services.queries.rows import SIDES
 from cuboid.services.queries.words import moment, thing
-from cuboid.services.service.mcp import READ_ONLY, Conditions, Label, Limit, add_find_objects, answered
+from cuboid.services.service.mcp import (
+    READ_ONLY,
+    Conditions,
+    Label,
+    Last,
+    Limit,
+    Question,
+    What,
+    add_find_objects,
+    answered,
+)
 
 T = TypeVar("T")
 INSTRUCTIONS = (
@@ -52,21 +65,36 @@ class StoreAbout:
 
 @dataclass(frozen=True)
 class StoredObject:
-    """An object of a recording."""
+    """An object of a recording; camera and later are of its last frame, and of the frames after it."""
 
     recording: str
     label: int
     name: str | None
     color: str | None
+    colors: list[str]
     center_m: tuple[float, float, float]
     size_m: tuple[float, float, float]
     score: float | None
     probability: float | None
     frames_seen: int
     last_seen: str | None
+    last_frame: int | None = None
+    camera_m: tuple[float, float, float] | None = None
+    camera_distance_m: float | None = None
+    later: str | None = None
+    later_frame: int | None = None
     distance_m: float | None = None
     unlike: float | None = None
     text_score: float | None = None
+
+
+@dataclass(frozen=True)
+class StoredAnswer:
+    """The answer to a question in English: its conditions in words, the objects, and why there are none."""
+
+    understood: tuple[str, ...]
+    objects: list[StoredObject]
+    note: str | None
 
 
 @dataclass(frozen=True)
@@ -136,9 +164,24 @@ def server_of(url: str, model: TextModel | None = None) -> MCPServer:
     add_find_objects(server, StoreConditions, list[StoredObject], found)
 
     @server.tool(annotations=READ_ONLY)
-    async def picture_of_object(recording: Recording, label: Label) -> Image:
-        """Show the best picture of an object."""
-        picture = await asked(lambda of: picture_of(of, recording, label))
+    async def ask(question: Question, limit: Limit = 10) -> StoredAnswer:
+        """Answer a question in plain English by a small grammar, and tell which conditions were understood."""
+
+        def answer(of: Tables) -> StoredAnswer:
+            understood, rows, note = ask_store(of, question, limit=limit)
+            return StoredAnswer(understood, [_object(row) for row in rows], note)
+
+        return await asked(answer)
+
+    @server.tool(annotations=READ_ONLY)
+    async def last_seen(what: What) -> list[StoredObject]:
+        """Tell where and when an object was seen last, from where, and whether it is still there; the latest first."""
+        return await asked(lambda of: [_object(row) for row in last_seen_in(of, what)])
+
+    @server.tool(annotations=READ_ONLY)
+    async def picture_of_object(recording: Recording, label: Label, last: Last = False) -> Image:
+        """Show the best picture of an object, or that of its last sighting."""
+        picture = await asked(lambda of: picture_of(of, recording, label, last=last))
         if picture is None:
             raise ToolError(f"there is no picture of object {label} of {recording}")
         return Image(data=picture, format="jpeg")
@@ -160,9 +203,14 @@ def _recording(row: dict[str, Any]) -> StoreRecording:
 
 def _object(row: dict[str, Any]) -> StoredObject:
     x, y, z = (round(row[f"center_{axis}_m"], 4) for axis in "xyz")
-    long, middle, short = (round(row[f"{side}_m"], 4) for side in ("longest", "middle", "shortest"))
+    size = tuple(round(row[side], 4) for side in SIDES)
     seen = row["last_seen"]
     values = {one.name: row[one.name] for one in fields(StoredObject) if one.name in row}
     values |= {name: round(row[name], 4) for name in ("distance_m", "unlike", "text_score") if name in row}
-    values |= {"center_m": (x, y, z), "size_m": (long, middle, short)}
+    values |= {"center_m": (x, y, z), "size_m": size, "camera_m": _camera(row)}
     return StoredObject(**{**values, "last_seen": None if seen is None else seen.isoformat()})
+
+
+def _camera(row: dict[str, Any]) -> tuple[float, ...] | None:
+    place = tuple(row[f"camera_{axis}_m"] for axis in "xyz")
+    return None if None in place else tuple(round(value, 4) for value in place)

@@ -151,7 +151,7 @@ def found_page(
     heads = [
         "object",
         "",
-        "size, cm",
+        "length x width x height, cm",
         "position, m",
         "color",
         "probability",

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import PurePosixPath
 from threading import Lock
 from typing import Any, TypeVar
 
 import duckdb
+import msgspec
 import pyarrow as pa
 
 from cuboid.fleet.store.place import Place
-from cuboid.fleet.store.schema import DONE, RUNS, TABLES
+from cuboid.fleet.store.schema import DONE, OBJECTS, RUNS, TABLES
 from cuboid.fleet.store.snapshot import ATTEMPTS, Snapshot, snapshot
 from cuboid.ground.core.errors import InputError, one_line
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, UnreadableError, opened
@@ -22,6 +24,10 @@ MEMORY_LIMIT = "400MB"
 
 # Table of runs whose recording has a newer run, with other settings or by another version: searches leave them out.
 SUPERSEDED = "superseded"
+
+# Folder of the names that people gave to objects: a file RUN.json with names by label.
+NAMES = "names"
+_GIVEN = pa.schema([("run", pa.string()), ("label", pa.int32()), ("given", pa.string())])
 
 
 class Tables:
@@ -46,7 +52,7 @@ class Tables:
 
     def _open(self) -> None:
         for attempt in range(ATTEMPTS):
-            self._files = snapshot(self._place)
+            self._files, self._names = snapshot(self._place), read_names(self._place)
             if self._files.empty:
                 fault = "expected a store that 'cuboid batch' wrote, found no runs in it"
                 raise InputError(
@@ -65,11 +71,27 @@ class Tables:
         for table, kind in TABLES.items():
             self._connection.execute(f"create view {table} as {self._select(table, self._files)}")
             self._refuse_other(table, kind.schema)
+        self._put_names()
         self._connection.execute("set parquet_metadata_cache = true")
         self._connection.execute(
             f"create temp table {SUPERSEDED} as select run from {RUNS} where state = '{DONE}' "
             "qualify row_number() over (partition by source order by finished desc, run) > 1"
         )
+
+    def _put_names(self) -> None:
+        """Put the names that people gave in place of those of the detector."""
+        rows = [
+            {"run": run, "label": label, "given": name}
+            for run, names in self._names.items()
+            for label, name in names.items()
+        ]
+        if not rows:
+            return
+        self._connection.register("given_names", pa.Table.from_pylist(rows, schema=_GIVEN))
+        columns = "coalesce(given, name) as name, case when given is null then name_score end as name_score"
+        both = f"({self._select(OBJECTS, self._files)}) left join given_names using (run, label)"
+        chosen = f"select * exclude (given) replace ({columns}) from {both}"
+        self._connection.execute(f"create or replace view {OBJECTS} as {chosen}")
 
     def _refuse_other(self, table: str, schema: pa.Schema) -> None:
         """Raise InputError if a table lacks required columns."""
@@ -87,7 +109,7 @@ class Tables:
 
     def refresh(self) -> None:
         """Update the tables to the present files."""
-        if snapshot(self._place) != self._files:
+        if snapshot(self._place) != self._files or read_names(self._place) != self._names:
             self._open()
 
     def ask(self, question: str, values: object = None) -> pa.Table:
@@ -141,6 +163,25 @@ class SharedTables:
         with self._lock:
             self._tables.refresh()
             return question(self._tables)
+
+
+def read_names(place: Place) -> dict[str, Mapping[int, str]]:
+    """Return the names that people gave, by run and label.
+
+    Raises
+    ------
+    InputError
+        A file of names is damaged.
+    """
+    found: dict[str, Mapping[int, str]] = {}
+    for file in place.names(NAMES):
+        try:
+            found[PurePosixPath(file).stem] = msgspec.json.decode(place.read(file), type=dict[int, str])
+        except FileNotFoundError:
+            continue
+        except msgspec.MsgspecError as error:
+            raise InputError(f"{place.url}/{file}: is damaged: {one_line(str(error))}") from None
+    return found
 
 
 def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection:

@@ -15,16 +15,19 @@ import pyarrow as pa
 from cuboid.fleet.store.indicators import indicators
 from cuboid.fleet.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES, values_of
 from cuboid.ground.core.frame import Intrinsics
-from cuboid.ground.core.results import TrackedObject
+from cuboid.ground.core.results import Relation, TrackedObject
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import quats_wxyz_from_rotations
 from cuboid.method.poses.sources import LOST
+from cuboid.method.relations import find_relations, surface_kinds
 from cuboid.method.text_search import Embeddings
 from cuboid.results.files import Results, RunReport
+from cuboid.results.files.queries import saved_relations
 from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.report.pictures import Picture
+from cuboid.services.queries.in_results import later_in_results, seen_in_results
 from cuboid.services.queries.likeness import color_fractions, color_word, shape_distribution
-from cuboid.services.queries.sources import CALENDAR_S
+from cuboid.services.queries.looking import CALENDAR_S
 
 # Maximum side of a picture in a table, pixels, and JPEG quality: enough for a list; a million pictures take 3 GB.
 PICTURE_PX, PICTURE_QUALITY = 120, 75
@@ -107,6 +110,7 @@ def tables_of(
     pictures: Mapping[int, Picture],
     folder: str | None,
     embeddings: Embeddings | None = None,
+    last_pictures: Mapping[int, Picture] | None = None,
 ) -> dict[str, pa.Table]:
     """Return the rows of a finished run, by table.
 
@@ -121,13 +125,16 @@ def tables_of(
         Folder of the result files in the store.
     embeddings : Embeddings, optional
         Vectors of the objects.
+    last_pictures : mapping of int to Picture, optional
+        Pictures of the last sightings by label.
     """
     whose = {"run": head.run, "recording": head.recording}
     begin = recorded(head, results)
+    objects = _objects(results, pictures, last_pictures or {})
     rows = {
         RUNS: [{**head.row(DONE, None), "results": folder, **_run(results)}],
         RECORDINGS: [{**whose, **_recording(head, results, read_as, begin)}],
-        OBJECTS: [{**whose, **row, **_embedding(row, embeddings)} for row in _objects(results, pictures, begin)],
+        OBJECTS: [{**whose, **row, **_embedding(row, embeddings)} for row in objects],
         SIGHTINGS: [{**whose, **row} for row in _sightings(results)],
     }
     return {name: TABLES[name].table(rows[name]) for name in TABLES}
@@ -208,17 +215,15 @@ def _boxes(boxes: Sequence[Box]) -> list[dict[str, float]]:
     return [dict(zip(names, row, strict=True)) for row in values.tolist()]
 
 
-def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime) -> list[dict[str, Any]]:
-    times_s = {frame: row.timestamp_s for frame, row in results.poses.items()}
-    start_s = next(iter(times_s.values()), 0.0)
-
-    def moment(frame: int) -> datetime:
-        after_s = times_s.get(frame, start_s) - start_s
-        return datetime.fromtimestamp(begin.timestamp() + after_s, UTC)
-
+def _objects(
+    results: Results, pictures: Mapping[int, Picture], last_pictures: Mapping[int, Picture]
+) -> list[dict[str, Any]]:
     rows = []
-    objects = results.found.objects
-    bearers = {f"plane:{k}": piece.label for piece in results.found.furniture for k in piece.planes}
+    found = results.found
+    objects = found.objects
+    bearers = {f"plane:{k}": piece.label for piece in found.furniture for k in piece.planes}
+    kinds = {f"plane:{k}": kind for k, kind in enumerate(surface_kinds(found.planes, found.up)) if kind}
+    relations = saved_relations(objects) or find_relations(objects, found.planes, found.up)
     for item, box in zip(objects, _boxes([item.box for item in objects]), strict=True):
         longest, middle, shortest = sorted(map(float, item.box.size), reverse=True)
         rows.append(
@@ -228,31 +233,50 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
                 "middle_m": middle,
                 "shortest_m": shortest,
                 "names": [{"name": name, "score": score} for name, score in item.names],
-                "relations": _relations(item, bearers),
+                "relations": _relations(relations.get(item.label, ()), bearers, kinds),
                 **values_of(item),
-                "first_seen": moment(item.first_frame),
-                "last_seen": moment(item.last_frame),
+                **_seen(results, item),
                 **_look(item, results),
-                **_picture(pictures.get(item.label)),
+                **_pictures(pictures.get(item.label), last_pictures.get(item.label)),
             }
         )
     return rows
 
 
-def _relations(item: TrackedObject, bearers: Mapping[str, int]) -> list[dict[str, Any]] | None:
-    """Return the relations of an object; None if it has none, or if they were not requested.
+def _seen(results: Results, item: TrackedObject) -> dict[str, Any]:
+    """Return the columns of the first and the last sighting of an object."""
+    first, last = (seen_in_results(results, frame, item) for frame in (item.first_frame, item.last_frame))
+    times = {"first_seen": first.time, "last_seen": last.time}
+    places = zip(("camera_x_m", "camera_y_m", "camera_z_m"), last.camera_m or (None,) * 3, strict=True)
+    later = later_in_results(results, item)
+    return {
+        **{name: None if time is None else datetime.fromisoformat(time) for name, time in times.items()},
+        **dict(places),
+        "camera_distance_m": last.distance_m,
+        "later": later.state,
+        "later_frame": None if later.at is None else later.at.frame,
+    }
 
-    What is on a surface is also on the furniture that bears it; `bearers` has its label, by surface.
+
+def _relations(
+    relations: Sequence[Relation], bearers: Mapping[str, int], kinds: Mapping[str, str]
+) -> list[dict[str, Any]]:
+    """Return the relations of an object.
+
+    What is on a surface is also on the furniture that bears it, and on the floor or a table if the surface is one:
+    `bearers` has its label, `kinds` this word, by surface.
     """
     rows: list[dict[str, Any]] = []
-    for one in item.relations:
+    for one in relations:
         if isinstance(one.to, int):
             rows.append({"kind": one.kind, "label": one.to, "surface": None, "score": one.score})
             continue
         rows.append({"kind": one.kind, "label": None, "surface": one.to, "score": one.score})
         if one.kind == "on" and one.to in bearers:
             rows.append({"kind": one.kind, "label": bearers[one.to], "surface": None, "score": one.score})
-    return rows or None
+        if one.to in kinds:
+            rows.append({"kind": one.kind, "label": None, "surface": kinds[one.to], "score": one.score})
+    return rows
 
 
 def _look(item: TrackedObject, results: Results) -> dict[str, Any]:
@@ -270,18 +294,22 @@ def _look(item: TrackedObject, results: Results) -> dict[str, Any]:
     }
 
 
-def _picture(picture: Picture | None) -> dict[str, Any]:
-    if picture is None:
-        return {}
+def _pictures(best: Picture | None, last: Picture | None) -> dict[str, Any]:
+    """Return the columns of the best picture and, if it is of another frame, that of the last sighting."""
+    found = {} if best is None else {"picture_frame": best.frame, "picture": _small(best)}
+    if last is None or (best is not None and best.frame == last.frame):
+        return found
+    return {**found, "last_picture": _small(last)}
+
+
+def _small(picture: Picture) -> bytes:
+    """Return a picture in the size of the tables, JPEG."""
     color = np.asarray(cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
     height, width = color.shape[:2]
     if width > PICTURE_PX:
         size = (PICTURE_PX, max(1, round(height * PICTURE_PX / width)))
         color = np.asarray(cv2.resize(color, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return {
-        "picture_frame": picture.frame,
-        "picture": encode_jpeg(color[..., ::-1], PICTURE_QUALITY),
-    }
+    return encode_jpeg(color[..., ::-1], PICTURE_QUALITY)
 
 
 def _embedding(row: Mapping[str, Any], embeddings: Embeddings | None) -> dict[str, Any]:

@@ -19,6 +19,11 @@ RUNS, RECORDINGS, OBJECTS, SIGHTINGS = "runs", "recordings", "objects", "sightin
 TIME = pa.timestamp("us", tz="UTC")
 TEXT, COUNT, REAL, SMALL = pa.string(), pa.int32(), pa.float64(), pa.float32()
 
+LATER = (
+    "after its last frame: `there` (it was seen in the last frame of the run), `gone`, `not looked at`, or `not seen` "
+    "(its place was in view: it is hidden, or not recognised)"
+)
+
 # Outcomes of a recording.
 DONE, FAILED, SET_ASIDE = "done", "failed", "set aside"
 
@@ -185,10 +190,20 @@ TABLES = {
                 *_OBJECT,
                 Column("names", _CLASSES, "the next most likely classes, with their probabilities", added=True),
                 Column(
-                    "relations", _RELATIONS, "relations to objects and surfaces; null without `--relations`", added=True
+                    "relations",
+                    _RELATIONS,
+                    "relations to objects and surfaces (`plane:k`, and `floor` or `table` where it is one); `against` "
+                    "walls only with `--relations`",
+                    added=True,
                 ),
-                Column("first_seen", TIME, "time of its first frame"),
-                Column("last_seen", TIME, "time of its last frame"),
+                Column("first_seen", TIME, "time of its first frame; null if the times of the recording are no dates"),
+                Column("last_seen", TIME, "time of its last frame; null if the times of the recording are no dates"),
+                Column("camera_x_m", REAL, "position of the camera in its last frame, in the world", added=True),
+                Column("camera_y_m", REAL, "", added=True),
+                Column("camera_z_m", REAL, "", added=True),
+                Column("camera_distance_m", SMALL, "distance of that camera from the centre of its box", added=True),
+                Column("later", TEXT, LATER, added=True),
+                Column("later_frame", COUNT, "for `not seen` and `gone` the first such frame", added=True),
                 Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
                 Column("green", pa.uint8(), ""),
                 Column("blue", pa.uint8(), ""),
@@ -201,6 +216,7 @@ TABLES = {
                 ),
                 Column("picture_frame", COUNT, "frame of the picture"),
                 Column("picture", pa.binary(), "best picture of the object, a small JPEG; null if there is none"),
+                Column("last_picture", pa.binary(), "picture in its last frame; null if `picture` is it", added=True),
                 Column(
                     "embedding",
                     pa.list_(SMALL),

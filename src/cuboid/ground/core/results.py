@@ -257,7 +257,9 @@ class TrackedObject:
         metadata=column("probability that it is one whole object, 0 to 1; 0 for furniture", also="probability")
     )
     heat: Fraction = field(metadata=column("mean heat of its points, 0 to 1"))
-    first_frame: FrameNumber = field(metadata=column("first frame that saw it, from 0"))
+    first_frame: FrameNumber = field(
+        metadata=column("first frame that saw it, from 0; its rows in `tracks.csv` begin when it is confirmed")
+    )
     last_frame: FrameNumber = field(metadata=column("last frame that saw it, from 0"))
     frames_seen: Count = field(metadata=column("number of frames that saw it"))
     points: Count = field(metadata=column("number of its points in the map"))

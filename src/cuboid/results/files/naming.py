@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.results import TrackedObject
-from cuboid.ground.formats.folder import OBJECTS
+from cuboid.ground.formats.folder import OBJECTS, REPORT
 from cuboid.method.objects.naming import chosen_name
 from cuboid.results.files.objects import read_objects, write_objects
-from cuboid.results.files.pending import PendingFile
+from cuboid.results.files.pending import PendingFile, write_whole
 
 # Largest number of characters of a name, which is shown beside its label.
 LONGEST_NAME = 100
+# Number of names that a message lists.
+SHOWN_NAMES = 8
 
 
 def checked_name(where: object, name: str) -> str:
@@ -44,7 +50,7 @@ def name_object(folder: Path, label: int, name: str) -> TrackedObject:
     Parameters
     ----------
     folder : Path
-        Result folder of `cuboid track`; its `objects.json` is replaced.
+        Result folder of `cuboid track`; its `objects.json` is replaced, and its `report.html` if there is one.
     label : int
     name : str
 
@@ -69,4 +75,48 @@ def name_object(folder: Path, label: int, name: str) -> TrackedObject:
     with file.writing():
         write_objects(file.partial, dataclasses.replace(found, objects=objects, furniture=furniture))
         file.show()
+    report = folder / REPORT
+    if report.is_file():
+        write_whole(report, _renamed_page(report.read_text(encoding="utf-8"), named))
     return named
+
+
+def name_document(item: TrackedObject) -> dict[str, Any]:
+    """Return the name fields of an object for the page."""
+    return {
+        "name": item.name or "",
+        "name_score": None if item.name_score is None else round(item.name_score, 2),
+        "names": [[name, round(score, 2)] for name, score in item.names],
+    }
+
+
+def page_json(document: Mapping[str, Any]) -> str:
+    """Return the data of a page as JSON without "<": "</script>" in a text would end the element."""
+    return json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def nameless(name: str) -> str:
+    """Return the message that no object has a name, and how to give one."""
+    return f"no object has a name yet; 'cuboid name DIR 1={name or 'bin'}' gives object 1 a name (also SCENE and STORE)"
+
+
+def listed_names(names: Iterable[str]) -> str:
+    """Return the names that exist as the end of a message: at most `SHOWN_NAMES` of them."""
+    every = sorted(set(names))
+    more = f" and {len(every) - SHOWN_NAMES} others" if len(every) > SHOWN_NAMES else ""
+    return f"names: {', '.join(map(shown, every[:SHOWN_NAMES]))}{more}"
+
+
+def _renamed_page(page: str, item: TrackedObject) -> str:
+    """Return a page with the name of an object; a page without data of this program is returned unchanged."""
+    found = re.search(r'(<script type="application/json" id="data">)(.*?)(</script>)', page, re.DOTALL)
+    if found is None:
+        return page
+    document, names = json.loads(found[2]), name_document(item)
+    for entry in document["objects"]:
+        if entry["label"] == item.label:
+            entry.update(names)
+    for entry in document["changes"]:
+        if entry["label"] == item.label:
+            entry["name"] = names["name"]
+    return page[: found.start(2)] + page_json(document) + page[found.end(2) :]

@@ -14,7 +14,9 @@ from cuboid.ground.core.results import TrackedObject
 
 # Width of the plan in a notebook, pixels; free margin around the objects, fraction of the width.
 PLAN_PX, MARGIN = 320, 0.08
-HEADINGS = ("label", "size L x W x H (cm)", "centre x, y, z (m)", "frames seen", "probability")
+# Length and width along the axes of the box, and height along the normal of its support.
+SIZE_HEADING = "length x width x height (cm)"
+HEADINGS = ("label", SIZE_HEADING, "centre x, y, z (m)", "frames seen", "probability")
 
 
 class ObjectTable(list[TrackedObject]):

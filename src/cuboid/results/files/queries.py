@@ -232,7 +232,9 @@ class MapQueries(ABC):
         return ObjectTable(item for distance, _, item in sorted(found, key=lambda row: row[:2]) if distance <= within_m)
 
     def on(self, plane: int) -> ObjectTable:
-        """Return the objects that stand on a supporting plane, by label.
+        """Return the objects with the relation "on" to a supporting plane, by label.
+
+        An object that stands on or in another one has that relation to the other one alone.
 
         Parameters
         ----------
@@ -248,7 +250,13 @@ class MapQueries(ABC):
         if not 0 <= plane < count:
             expected = f"0 to {count - 1}" if count else "none, since no plane is known"
             raise InputError(f"there is no plane {shown(plane)}; expected {expected}")
-        return ObjectTable(item for item in self.objects if item.plane == plane)
+        from cuboid.method.relations import find_relations
+
+        objects, to = self.objects, f"plane:{plane}"
+        relations = saved_relations(objects) or find_relations(objects, self.planes, self.up)
+        return ObjectTable(
+            item for item in objects if any(one.kind == "on" and one.to == to for one in relations[item.label])
+        )
 
 
 def saved_relations(objects: Sequence[TrackedObject]) -> dict[int, tuple[Relation, ...]]:

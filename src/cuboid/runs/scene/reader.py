@@ -10,12 +10,15 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.core.results import MapPoints, SceneChange, SupportPlane
+from cuboid.ground.core.values import PinholeEntry
 from cuboid.method.objects.naming import chosen_name
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries
@@ -77,6 +80,14 @@ class SceneReader(MapQueries):
         rows = self._rows(columns, "frames WHERE recording = ? ORDER BY frame", (recording,))
         with user_errors(self.path):
             return {row[0]: (row[1], _pose(row[2:])) for row in rows}
+
+    def intrinsics(self, recording: int) -> Intrinsics:
+        """Return the intrinsics of the color images of a recording."""
+        rows = self._rows(columns_of("recordings", ("camera",)), "recordings WHERE id = ?", (recording,))
+        if not rows:
+            raise InputError(f"{self.path}: there is no recording {recording}")
+        with user_errors(self.path):
+            return Intrinsics(**msgspec.structs.asdict(document(rows[0][0], PinholeEntry, "recordings.camera")))
 
     @property
     def version(self) -> int:

@@ -8,13 +8,10 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.results import FrameResult, Sighting, TrackedObject
-from cuboid.ground.core.values import PinholeEntry
 from cuboid.ground.version import __version__
 from cuboid.results.files import ObjectsFile, ResultWriter, RunReport
 from cuboid.runs.scene.answers import SceneObject, ScenePast
@@ -49,15 +46,14 @@ def write_results(
     OutputError
         The results cannot be written.
     """
-    names = ("path", "format", "poses", "complete", "next_frame", "camera", "settings", "first_frame")
+    names = ("path", "format", "poses", "complete", "next_frame", "settings", "first_frame")
     columns = columns_of("recordings", names)
     rows = read_rows(connection, columns, "recordings WHERE id = ?", (number,))
     if not rows:
         raise InputError(f"{scene.path}: there is no recording {number}; there are 1 to {len(scene.recordings)}")
-    path, form, poses, complete, frames, camera, settings, first_frame = rows[0]
+    path, form, poses, complete, frames, settings, first_frame = rows[0]
     config = document(settings, dict[str, Any], "recordings.settings")
     every = document(settings, Settings, "recordings.settings").every
-    size = document(camera, PinholeEntry, "recordings.camera")
     posed_frames = scene.poses(number)
     read = len(range(0, frames, every))
     missing = [k for k in range(0, frames, every) if k not in posed_frames]
@@ -83,7 +79,7 @@ def write_results(
             peak_memory_mb=0.0,
         )
         points = tracker.map_points()
-        intrinsics = Intrinsics(**msgspec.structs.asdict(size))
+        intrinsics = scene.intrinsics(number)
         furniture = tuple(of_recording(known_furniture(tracker, points, read_names(connection)), first_frame))
         found = ObjectsFile(tracker.up, intrinsics, planes, points.counted(objects), furniture=furniture)
         writer.finish(found, points, report)

@@ -9,16 +9,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 from cuboid.ground.core.values import RelationKind
+from cuboid.method.relations import SurfaceKind
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 State = Literal["present", "unlikely", "gone", "merged", "forgotten"]
+LaterState = Literal["there", "gone", "not looked at", "not seen"]
 ChangeName = Literal["confirmed", "moved", "gone", "renamed", "merged", "appeared", "back"]
 
 
 @dataclass(frozen=True)
 class Seen:
-    """The frame and the time at which an object was seen.
+    """The frame and the time at which an object was seen, and the camera that saw it.
 
     Attributes
     ----------
@@ -28,11 +30,37 @@ class Seen:
         Number of the recording in a scene, from 1; None without a scene.
     time : str or None
         UTC, ISO 8601; None if the recording has no calendar times.
+    camera : str or None
+        Name of the recording, or of the live camera.
+    camera_m : (3,) or None
+        Position of the camera in the world; None if it is not known.
+    distance_m : float or None
+        Distance of the camera from the centre of the box, metres.
     """
 
     frame: int
     recording: int | None = None
     time: str | None = None
+    camera: str | None = None
+    camera_m: Vector | None = None
+    distance_m: float | None = None
+
+
+@dataclass(frozen=True)
+class Later:
+    """What is known of an object after its last sighting.
+
+    Attributes
+    ----------
+    state : {"there", "gone", "not looked at", "not seen"}
+        "there": the last frame saw it. "gone": its place was seen empty. "not looked at": no later frame has the place
+        of the whole object in view. "not seen": a later frame has, but did not see it: it is hidden, or not recognised.
+    at : Seen or None
+        For "gone" and "not seen" the first such frame.
+    """
+
+    state: LaterState
+    at: Seen | None = None
 
 
 @dataclass(frozen=True)
@@ -76,10 +104,14 @@ class FoundObject:
     quat_wxyz : (4,)
         Rotation from the axes of the box to the world.
     color : str or None
-        The color word of its mean color.
+        The color word of most of its points.
+    colors : tuple of str
+        The color words of at least 30 % of its points, the most frequent first.
     plane : int or None
         Index of the plane that supports it.
     first_seen, last_seen : Seen
+    later : Later or None
+        What is known since then; None while a run goes on.
     frames_seen : int
     distance_m : float or None
         Distance from the place or object of the query, metres; None if the query has none.
@@ -100,6 +132,7 @@ class FoundObject:
     size_m: Vector
     quat_wxyz: Quaternion
     color: str | None
+    colors: tuple[str, ...]
     plane: int | None
     first_seen: Seen
     last_seen: Seen
@@ -107,6 +140,25 @@ class FoundObject:
     distance_m: float | None = None
     text_score: float | None = None
     relations: tuple[Related, ...] | None = None
+    later: Later | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to a question in English.
+
+    Attributes
+    ----------
+    understood : tuple of str
+        The conditions of the question, in words.
+    objects : tuple of FoundObject
+    note : str or None
+        Why there are none, if a name is not known.
+    """
+
+    understood: tuple[str, ...]
+    objects: tuple[FoundObject, ...]
+    note: str | None = None
 
 
 @dataclass(frozen=True)
@@ -126,11 +178,13 @@ class Surface:
     area_m2 : float
         Area of its seen part.
     objects : tuple of int
-        Labels of the objects that stand on it.
+        Labels of the objects with the relation "on" to it.
     furniture : int or None
         Label of the furniture that bears it, if the run looked for furniture: `on` takes it as well.
     name : str or None
         Name that a user gave to the furniture.
+    kind : {"floor", "table"} or None
+        `on` takes these words as well.
     """
 
     surface: str
@@ -141,6 +195,7 @@ class Surface:
     objects: tuple[int, ...]
     furniture: int | None = None
     name: str | None = None
+    kind: SurfaceKind | None = None
 
 
 @dataclass(frozen=True)

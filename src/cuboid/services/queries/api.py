@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.version import __version__
 from cuboid.results.views.guard import READING, Guard
 from cuboid.services.queries.parameters import Parameter
@@ -54,13 +56,21 @@ def guarded(
     return Starlette(
         routes=[*routes, Route("/openapi.json", document)],
         middleware=access(token, hosts),
-        exception_handlers={InputError: _refused},
+        exception_handlers={InputError: _refused, HTTPException: _no_such_address},
         lifespan=lifespan,
     )
 
 
 async def _refused(request: Request, error: Exception) -> Response:
     return refusal(error, 400)
+
+
+async def _no_such_address(request: Request, error: Exception) -> Response:
+    """Answer in JSON at an address that does not exist, or does not take the method."""
+    assert isinstance(error, HTTPException)
+    if error.status_code == 404:
+        return refusal(f"there is no address {shown(request.url.path)}; /openapi.json lists those that exist", 404)
+    return refusal(error.detail, error.status_code)
 
 
 def refusal(error: object, status: int) -> Response:
@@ -89,4 +99,13 @@ def query_parameters(parameters: Mapping[str, Parameter]) -> list[dict[str, Any]
     return [
         {"name": name, "in": "query", "schema": one.schema, "description": one.meaning}
         for name, one in parameters.items()
+    ]
+
+
+def path_parameters(path: str) -> list[dict[str, Any]]:
+    """Return the parts of an address in braces as OpenAPI describes them: names of recordings, and numbers."""
+    whole = {"type": "integer", "minimum": 0}
+    return [
+        {"name": name, "in": "path", "required": True, "schema": {"type": "string"} if name == "recording" else whole}
+        for name in re.findall(r"\{(\w+)\}", path)
     ]

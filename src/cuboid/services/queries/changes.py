@@ -13,7 +13,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import ObjectEvent, TrackedObject
 from cuboid.ground.core.tolerances import DRIFT_M
 from cuboid.services.queries.answers import MapChange
-from cuboid.services.queries.sources import vector
+from cuboid.services.queries.looking import vector
 
 # Number of the latest changes that are kept, for clients that request the changes after a number.
 KEPT = 10_000

@@ -9,12 +9,15 @@ from datetime import datetime
 
 from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.values import RelationKind
+from cuboid.method.relations.levels import FLOOR, TABLE
 from cuboid.method.text_search import TextQuery
 from cuboid.services.queries.likeness import COLOR_WORDS
 
 # Minimum probability of a class, other than the name, by which an object is found.
 LIKELY = 0.2
 SURFACE = re.compile(r"(plane|wall):\d{1,9}")
+# Maximum number of objects of an answer, unless another one is asked for.
+LIMIT = 50
 _LABEL = re.compile(r"#?(\d{1,9})")
 
 
@@ -33,7 +36,7 @@ class Filters:
     within_m : float
         Maximum distance from `near` or `near_object`.
     on, inside, beside : str or None
-        Label or name of the object on, in or beside which it is; or "plane:k".
+        Label or name of the object on, in or beside which it is; or "plane:k", "floor" or "table".
     recording : str or None
         Glob pattern for names of recordings.
     since, until : datetime or None
@@ -68,14 +71,16 @@ class Filters:
     min_probability: float | None = None
     like: tuple[str, int] | None = None
     text: TextQuery | None = None
-    limit: int = 50
+    limit: int = LIMIT
 
     def __post_init__(self) -> None:
         if self.color is not None and self.color not in COLOR_WORDS:
             raise InputError(f"unknown color '{self.color}'; known colors: {', '.join(COLOR_WORDS)}")
         for what in (self.on, self.inside, self.beside, self.near_object):
             if what is not None and not what.strip():
-                raise InputError(f"expected the label or the name of an object, or plane:N, got {shown(what)}")
+                raise InputError(
+                    f"expected the label or the name of an object, or plane:N, floor or table, got {shown(what)}"
+                )
 
     def related(self) -> Iterator[tuple[RelationKind, str]]:
         """Iterate over the requested relations: kind, and label or name of the other object or surface."""
@@ -98,3 +103,8 @@ def label_of(text: str) -> int | None:
 def is_surface(text: str) -> bool:
     """Return whether a text names a surface, such as plane:0 or wall:1."""
     return SURFACE.fullmatch(text.strip()) is not None
+
+
+def is_kind(text: str) -> bool:
+    """Return whether a text names a kind of surface, floor or table."""
+    return text.strip().lower() in (FLOOR, TABLE)

@@ -14,7 +14,7 @@ from cuboid.ground.core.results import SupportPlane
 from cuboid.ground.geometry.box import Box
 from cuboid.method.relations.footprints import Footprints
 from cuboid.services.queries.answers import FreePlace, Vector
-from cuboid.services.queries.sources import vector
+from cuboid.services.queries.looking import vector
 
 # Side of a cell of the plan, metres; larger on surfaces that would have more than `MAX_CELLS` along a side.
 CELL_M, MAX_CELLS = 0.01, 400

@@ -26,6 +26,15 @@ WORDS: dict[str, tuple[tuple[int, int, int], ...]] = {
     "brown": ((110, 70, 40), (80, 55, 35), (160, 115, 75)),
 }
 COLOR_WORDS = tuple(WORDS)
+WITHOUT_HUE = ("black", "grey", "white")
+# A color near a word without hue still has one if its chroma in Oklab exceeds LEAST_CHROMA + CHROMA_PER_LIGHTNESS times
+# its lightness: dark things of any hue are near black. The first part is the noise of three levels of a byte in dark
+# pixels, the second a cast of the light that people see as grey.
+LEAST_CHROMA, CHROMA_PER_LIGHTNESS = 0.02, 0.06
+# Difference of lightness (0 to 1) that counts as much as one radian of hue, for the word of such a color.
+LIGHTNESS_PER_RAD = 0.5
+# Minimum fraction of an object's points that have a color for the color to be one of the object's: at most three are.
+COLORED = 0.3
 
 # The distribution of distances between points (R. Osada et al., "Shape distributions", 2002), as fractions of the
 # diagonal of the box: 16 bins distinguish a ball from a plate, and a few hundred pairs fill them.
@@ -38,15 +47,40 @@ _LINEAR = linear_rgb(np.arange(256) / 255.0)
 
 
 def color_fractions(rgb: UInt8Array) -> Float32Array:
-    """Return for each color word the fraction of colors (N, 3) nearest to it, (11,), in the order of `COLOR_WORDS`."""
+    """Return for each color word the fraction of colors (N, 3) with this word, (11,), in the order of `COLOR_WORDS`.
+
+    The word is that of the nearest typical color in Oklab; a color near black, grey or white that has a hue gets the
+    word of its hue.
+    """
     if not len(rgb):
         return np.zeros(len(COLOR_WORDS), np.float32)
     typical, owner = _typical()
     some = rgb[:: -(-len(rgb) // MAX_POINTS)]
     lab = oklab(_LINEAR[some])
     apart = (typical**2).sum(axis=1) - 2.0 * lab @ typical.T  # without |lab|^2, common to all words
-    counts = np.bincount(owner[apart.argmin(axis=1)], minlength=len(WORDS))
+    words = owner[apart.argmin(axis=1)]
+    chroma = np.hypot(lab[:, 1], lab[:, 2])
+    hued = (words < len(WITHOUT_HUE)) & (chroma > LEAST_CHROMA + CHROMA_PER_LIGHTNESS * lab[:, 0])
+    words[hued] = _word_by_hue(lab[hued])
+    counts = np.bincount(words, minlength=len(WORDS))
     return np.round(counts / len(some), DIGITS).astype(np.float32)
+
+
+def _word_by_hue(lab: Float64Array) -> npt.NDArray[np.int64]:
+    """Return the index of the word, one with a hue, whose hue and lightness are nearest to colors in Oklab (N, 3)."""
+    typical, owner = _typical()
+    typical, owner = typical[owner >= len(WITHOUT_HUE)], owner[owner >= len(WITHOUT_HUE)]
+    turn = np.arctan2(lab[:, None, 2], lab[:, None, 1]) - np.arctan2(typical[:, 2], typical[:, 1])
+    turn = np.abs((turn + np.pi) % (2.0 * np.pi) - np.pi)
+    lighter = (lab[:, None, 0] - typical[:, 0]) / LIGHTNESS_PER_RAD
+    return np.asarray(owner[np.hypot(turn, lighter).argmin(axis=1)])
+
+
+def colors_of(fractions: Float32Array) -> tuple[str, ...]:
+    """Return the color words of an object, the most frequent first; one at least, unless there are no points."""
+    order = np.argsort(-fractions, kind="stable")
+    first = [k for k in order[:1].tolist() if fractions[k] > 0]
+    return tuple(COLOR_WORDS[k] for k in [*first, *(k for k in order[1:].tolist() if fractions[k] >= COLORED)])
 
 
 def color_word(fractions: Float32Array) -> str | None:

@@ -59,7 +59,9 @@ PARAMETERS: dict[str, Parameter] = {
         "RECORDING#LABEL: the objects most similar to it first",
         "similar to",
     ),
-    "on": Parameter({"type": "string", "example": "tray"}, "on an object, by label or name, or on plane:N", "on"),
+    "on": Parameter(
+        {"type": "string", "example": "tray"}, "on an object, by label or name, or on floor, table or plane:N", "on"
+    ),
     "in": Parameter({"type": "string", "example": "box"}, "in an object, by label or name", "in"),
     "beside": Parameter({"type": "string", "example": "7"}, "beside an object, by label or name", "beside"),
     "since": Parameter(
@@ -78,6 +80,13 @@ PARAMETERS: dict[str, Parameter] = {
     ),
     "limit": Parameter({"type": "integer", "default": 50, "maximum": MAX_ROWS}, "maximum number of rows", "rows"),
 }
+
+# The parameter of a question in English.
+QUESTION = Parameter(
+    {"type": "string", "example": "the blue bin beside the chair"},
+    "names, colors, sizes, times, and on, in, beside or near something, in English",
+    "question",
+)
 
 # The search form hides the fields of these until the user opens them.
 SELDOM = ("on", "in", "beside", "since", "until", "near", "near_object", "within", "min_probability", "limit")

@@ -8,22 +8,25 @@ import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.results import SupportPlane, TrackedObject
-from cuboid.method.relations import Branch, place_tree
+from cuboid.ground.core.results import Relation, SupportPlane, TrackedObject
+from cuboid.method.relations import Branch, SurfaceKind, place_tree, surface_kinds
+from cuboid.method.relations.levels import plane_area_m2
 from cuboid.method.relations.tree import number_of, plane_heights_m
 from cuboid.method.shapes import ObjectMesh
 from cuboid.method.text_search import TextModel, TextQuery
 from cuboid.results.files.queries import PointCloud
-from cuboid.services.queries.answers import About, FoundObject, FreePlace, History, Surface, TreeNode
+from cuboid.services.queries.answers import About, Answer, FoundObject, FreePlace, History, Surface, TreeNode
 from cuboid.services.queries.changes import ChangeLog
-from cuboid.services.queries.filters import Filters, is_surface
+from cuboid.services.queries.english import understand
+from cuboid.services.queries.filters import LIMIT, Filters, is_surface
 from cuboid.services.queries.free import free_place
+from cuboid.services.queries.looking import vector
 from cuboid.services.queries.parameters import text_query
 from cuboid.services.queries.place_objects import PlaceObjects, answer_of
-from cuboid.services.queries.questions import find, last_seen
+from cuboid.services.queries.questions import find, last_seen, no_such_name
 from cuboid.services.queries.shared_map import SharedMap
 from cuboid.services.queries.snapshot import Snapshot
-from cuboid.services.queries.sources import Bearer, Source, vector
+from cuboid.services.queries.sources import Bearer, Source
 from cuboid.services.queries.words import place
 
 # Default number of sightings in a history.
@@ -109,20 +112,45 @@ class Place:
         InputError
             No object has, or had, the label.
         """
-        relations = self._shared.relations_to([str(self._item(label).label)])
+        relations, colors = self._shared.relations_to([str(self._item(label).label)]), self._shared.colors()
         with self._shared.lock:
             now = self._shared.now()
             item, state = now.find(label)
-            return answer_of(self._source, now, item, state, relations if state == "present" else None)
+            return answer_of(self._source, now, item, state, colors, relations if state == "present" else None)
 
     def last_seen(self, label_or_name: str) -> list[FoundObject]:
         """Return the last sightings of objects with a label or name, gone objects included, the latest first.
 
-        Parameters
-        ----------
-        label_or_name : str
+        Raises
+        ------
+        InputError
+            No object has, or had, the label or name.
         """
         return last_seen(PlaceObjects(self._shared), label_or_name)
+
+    def no_such_name(self, name: str | None) -> str | None:
+        """Return why no object is found by a name, in one line; None if that is not the reason."""
+        return no_such_name(PlaceObjects(self._shared), name)
+
+    def ask(self, question: str, limit: int = LIMIT) -> Answer:
+        """Return the answer to a question in English, such as "the blue bin beside the chair".
+
+        Parameters
+        ----------
+        question : str
+            In the grammar of `cuboid.services.queries.english`.
+        limit : int
+            Maximum number of objects.
+
+        Raises
+        ------
+        InputError
+            A part of the question is not understood; or as `find` and `last_seen`.
+        """
+        asked = understand(question, PlaceObjects(self._shared).names(), limit)
+        found = self.find(asked.filters) if asked.last is None else self.last_seen(asked.last)[:limit]
+        note = None if found else self.no_such_name(asked.filters.name)
+        return Answer(asked.said, tuple(found), note)
 
     def history(self, label: int, limit: int = SIGHTINGS) -> History:
         """Return the sightings of an object, and its past relations; raises the errors of `object`."""
@@ -136,11 +164,13 @@ class Place:
 
     def surfaces(self) -> list[Surface]:
         """Return the supporting planes."""
-        up, bearers = self._shared.up(), _by_plane(self._shared.furniture())
+        up, bearers, relations = self._shared.up(), _by_plane(self._shared.furniture()), self._shared.relations()
         with self._shared.lock:
-            planes, now = tuple(self._source.map.planes), self._shared.now()
-            heights = plane_heights_m(planes, up)
-            return [_surface(k, plane, heights[k], now.living, bearers.get(k)) for k, plane in enumerate(planes)]
+            planes = tuple(self._source.map.planes)
+            heights, kinds = plane_heights_m(planes, up), surface_kinds(planes, up)
+            return [
+                _surface(k, plane, heights[k], kinds[k], relations, bearers.get(k)) for k, plane in enumerate(planes)
+            ]
 
     def free_place(
         self, surface: str, length_m: float, width_m: float, height_m: float = FREE_HEIGHT_M, near: str | None = None
@@ -179,11 +209,15 @@ class Place:
             names |= dict(now.names.items())
             return tuple(_node(branch, names) for branch in found)
 
-    def picture(self, label: int) -> bytes | None:
-        """Return the picture of an object, JPEG; None if there is none; raises the errors of `object`."""
+    def picture(self, label: int, *, last: bool = False) -> bytes | None:
+        """Return the best picture of an object, or that of its last sighting, JPEG; None if there is none.
+
+        Raises the errors of `object`.
+        """
         item = self._item(label)
         with self._shared.aside_lock:
-            return self._source.picture(item)
+            found = self._source.last_picture(item) if last else None
+            return found or self._source.picture(item)
 
     def cloud(self, label: int) -> PointCloud:
         """Return the points of a present object; raises InputError for other objects."""
@@ -219,16 +253,21 @@ def _by_plane(bearers: Sequence[Bearer]) -> dict[int, Bearer]:
 
 
 def _surface(
-    k: int, plane: SupportPlane, height_m: float, objects: Sequence[TrackedObject], bearer: Bearer | None
+    k: int,
+    plane: SupportPlane,
+    height_m: float,
+    kind: SurfaceKind | None,
+    relations: Mapping[int, Sequence[Relation]],
+    bearer: Bearer | None,
 ) -> Surface:
     center = plane.extent.mean(0) if len(plane.extent) else -plane.offset * plane.normal
-    # twice the area of a polygon in space: the sum of the cross products of successive corners, along the normal
-    products = np.cross(plane.extent, np.roll(plane.extent, -1, axis=0)) if len(plane.extent) else np.zeros((1, 3))
-    area = 0.5 * abs(float(products.sum(axis=0) @ plane.normal))
-    labels = tuple(item.label for item in objects if item.plane == k)
+    to = f"plane:{k}"
+    labels = tuple(
+        label for label, found in relations.items() if any(one.kind == "on" and one.to == to for one in found)
+    )
     furniture, name = (None, None) if bearer is None else (bearer.label, bearer.name)
-    measured = vector(center), vector(plane.normal), round(height_m, 4), round(area, 4)
-    return Surface(f"plane:{k}", *measured, labels, furniture, name)
+    measured = vector(center), vector(plane.normal), round(height_m, 4), round(plane_area_m2(plane), 4)
+    return Surface(to, *measured, labels, furniture, name, kind)
 
 
 def _node(branch: Branch, names: Mapping[int | str, str | None]) -> TreeNode:

@@ -13,12 +13,16 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import Relation, TrackedObject
 from cuboid.ground.core.values import RelationKind
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.method.relations import SurfaceKind, surface_kinds
+from cuboid.method.relations.levels import plane_area_m2
+from cuboid.method.relations.tree import plane_heights_m
 from cuboid.method.text_search import ranked
 from cuboid.services.queries.answers import FoundObject, Related, State
-from cuboid.services.queries.filters import Filters, is_surface
+from cuboid.services.queries.filters import Filters, is_kind, is_surface
+from cuboid.services.queries.looking import vector
 from cuboid.services.queries.shared_map import SharedMap
-from cuboid.services.queries.snapshot import Mask, Snapshot, color_of_mean, is_called, names_of
-from cuboid.services.queries.sources import Source, vector
+from cuboid.services.queries.snapshot import Mask, Snapshot, colors_of_mean, is_called, names_of
+from cuboid.services.queries.sources import Source
 
 
 class PlaceObjects:
@@ -57,8 +61,9 @@ class PlaceObjects:
         return self._now.mask(lambda item: is_called(item, label_or_name), gone=True)
 
     def colored(self, word: str) -> Mask:
-        """Return the objects whose mean color has this word."""
-        return self._now.mask(lambda item: color_of_mean(item.mean_color.tobytes()) == word)
+        """Return the objects of whose points enough have a color; of those without points, the mean color counts."""
+        colors = self._shared.colors()
+        return self._now.mask(lambda item: word in _colors(item, colors))
 
     def seen(self, since: datetime | None, until: datetime | None) -> Mask:
         """Return the objects that were seen last within a range of time."""
@@ -92,6 +97,8 @@ class PlaceObjects:
     def related(self, kind: RelationKind, to: str) -> Mask:
         """Return the objects with a relation to an object or a surface."""
         ends = self._surfaces(to)
+        if not ends and is_kind(to) and not self._now.is_called(to):
+            raise InputError(self._no_such_surface(to))
         if not ends or self._now.is_called(to):
             ends |= {item.label for item in self._now.called(to)}
         found = [
@@ -100,6 +107,10 @@ class PlaceObjects:
             if any(relation.kind == kind and relation.to in ends for relation in relations)
         ]
         return np.isin(self._now.labels, found)
+
+    def names(self) -> list[str]:
+        """Return the names and likely classes of all known objects, in lower case."""
+        return sorted({name for item, _ in self._now.known for name in names_of(item)})
 
     def recorded(self, pattern: str) -> Mask:
         """Raise InputError: a place has no recordings with names."""
@@ -114,10 +125,31 @@ class PlaceObjects:
         return self._shared.relations_to([to for to in self._targets if not self._surfaces(to)])
 
     def _surfaces(self, to: str) -> set[int | str]:
-        """Return the surfaces that a text names: a surface, or the planes of furniture with this label or name."""
+        """Return the surfaces that a text names: a surface, its kind, or furniture with this label or name."""
         if is_surface(to):
             return {to.strip()}
-        return {f"plane:{k}" for bearer in self._shared.furniture() if bearer.is_called(to) for k in bearer.planes}
+        kinds = self._kinds if is_kind(to) else []
+        found: set[int | str] = {f"plane:{k}" for k, kind in enumerate(kinds) if kind == to.strip().lower()}
+        return found | {
+            f"plane:{k}" for bearer in self._shared.furniture() if bearer.is_called(to) for k in bearer.planes
+        }
+
+    @cached_property
+    def _kinds(self) -> list[SurfaceKind | None]:
+        up = self._shared.up()
+        with self._shared.lock:
+            return surface_kinds(tuple(self._shared.source.map.planes), up)
+
+    def _no_such_surface(self, to: str) -> str:
+        up = self._shared.up()
+        with self._shared.lock:
+            planes = tuple(self._shared.source.map.planes)
+        heights = plane_heights_m(planes, up)
+        known = [
+            f"plane:{k} ({heights[k]:.2f} m high, {plane_area_m2(plane):.1f} m2)" for k, plane in enumerate(planes)
+        ]
+        listed = ", ".join(known) or "none"
+        return f"no surface is known as the {to.strip().lower()}, and no object is named so; surfaces: {listed}"
 
     def select(self, conditions: Sequence[Mask], by: Filters) -> list[FoundObject]:
         """Return the objects that meet all conditions, by match with a text, else by distance, else by label."""
@@ -130,24 +162,29 @@ class PlaceObjects:
             matches = ranked([self._now.known[k][0] for k in chosen], self._shared.vectors(), by.text)
             fits = {row_of[match.item.label]: match.score for match in matches}
             chosen = list(fits)
-        relations = self._relations if self._targets else None
+        relations, colors = self._relations if self._targets else None, self._shared.colors()
         with self._shared.lock:
-            return [self._answer(k, relations, fits.get(k)) for k in chosen[: by.limit]]
+            return [self._answer(k, colors, relations, fits.get(k)) for k in chosen[: by.limit]]
 
     def latest(self, conditions: Sequence[Mask]) -> list[FoundObject]:
         """Return the objects that meet all conditions, the last seen first."""
         last = [
             (self._now.known[k][0].last_frame, k) for k in np.flatnonzero(np.logical_and.reduce(conditions)).tolist()
         ]
+        colors = self._shared.colors()
         with self._shared.lock:
-            return [self._answer(k) for _, k in sorted(last, reverse=True)]
+            return [self._answer(k, colors) for _, k in sorted(last, reverse=True)]
 
     def _answer(
-        self, k: int, relations: Mapping[int, Sequence[Relation]] | None = None, text_score: float | None = None
+        self,
+        k: int,
+        colors: Mapping[int, tuple[str, ...]],
+        relations: Mapping[int, Sequence[Relation]] | None = None,
+        text_score: float | None = None,
     ) -> FoundObject:
         item, state = self._now.known[k]
         distance_m = None if self._distances is None else float(self._distances[k])
-        return answer_of(self._shared.source, self._now, item, state, relations, distance_m, text_score)
+        return answer_of(self._shared.source, self._now, item, state, colors, relations, distance_m, text_score)
 
 
 def answer_of(
@@ -155,6 +192,7 @@ def answer_of(
     now: Snapshot,
     item: TrackedObject,
     state: State,
+    colors: Mapping[int, tuple[str, ...]],
     relations: Mapping[int, Sequence[Relation]] | None = None,
     distance_m: float | None = None,
     text_score: float | None = None,
@@ -173,15 +211,22 @@ def answer_of(
         center_m=vector(item.box.center),
         size_m=vector(item.box.size),
         quat_wxyz=(w, x, y, z),
-        color=color_of_mean(item.mean_color.tobytes()),
+        color=next(iter(_colors(item, colors)), None),
+        colors=_colors(item, colors),
         plane=item.plane,
         first_seen=source.first_seen(item),
         last_seen=source.last_seen(item),
         frames_seen=item.frames_seen,
         distance_m=None if distance_m is None else round(distance_m, 4),
         text_score=None if text_score is None else round(text_score, 6),
+        later=source.later(item, state),
         relations=None if of_item is None else tuple(_related(relation, now) for relation in of_item),
     )
+
+
+def _colors(item: TrackedObject, of_points: Mapping[int, tuple[str, ...]]) -> tuple[str, ...]:
+    """Return the color words of an object: those of its points, else that of its mean color."""
+    return of_points.get(item.label) or colors_of_mean(item.mean_color.tobytes())
 
 
 def _related(relation: Relation, now: Snapshot) -> Related:

@@ -10,8 +10,10 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Protocol, TypeVar
 
+from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.values import RelationKind
-from cuboid.services.queries.filters import Filters
+from cuboid.results.files.naming import listed_names, nameless
+from cuboid.services.queries.filters import Filters, label_of
 
 C = TypeVar("C")
 F = TypeVar("F")
@@ -50,6 +52,9 @@ class ObjectSource(Protocol[C, F]):
     def related(self, kind: RelationKind, to: str) -> C:
         """Return the condition that an object has a relation to an object (label or name) or to a surface."""
 
+    def names(self) -> list[str]:
+        """Return the names and likely classes that objects have."""
+
     def recorded(self, pattern: str) -> C:
         """Return the condition that the name of the recording matches a glob pattern."""
 
@@ -74,9 +79,28 @@ def find(source: ObjectSource[C, F], filters: Filters) -> list[F]:
     return source.select([source.present(), *_conditions(source, filters)], filters)
 
 
+def no_such_name(source: ObjectSource[C, F], name: str | None) -> str | None:
+    """Return why no object is found by a name: none has this name, or any; None if that is not the reason."""
+    names = source.names()
+    if name is None or name.strip().lower() in names:
+        return None
+    return f"no object has the name {shown(name)}; {listed_names(names)}" if names else nameless(name)
+
+
 def last_seen(source: ObjectSource[C, F], label_or_name: str) -> list[F]:
-    """Return the objects with a label or name, gone ones included, with their last sightings, the latest first."""
-    return source.latest([source.called(label_or_name)])
+    """Return the objects with a label or name, gone ones included, with their last sightings, the latest first.
+
+    Raises
+    ------
+    InputError
+        No object has, or had, the label or name.
+    """
+    found = source.latest([source.called(label_or_name)])
+    if found:
+        return found
+    if label_of(label_or_name) is not None:
+        raise InputError(f"no object has the label {label_or_name.strip()}")
+    raise InputError(no_such_name(source, label_or_name) or f"no object has the name {shown(label_or_name)}")
 
 
 def _conditions(source: ObjectSource[C, F], filters: Filters) -> Iterator[C]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any
 
-from cuboid.services.queries.answers import FoundObject
+from cuboid.services.queries.answers import FoundObject, Vector
+
+SIDES = ("length_m", "width_m", "height_m")
 
 
 def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict[str, Any]:
@@ -19,37 +21,77 @@ def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict
         Title of the place.
     picture : bytes, optional
     """
-    seen = found.last_seen.time
+    seen, later = found.last_seen, found.later
+    at = None if later is None else later.at
     return {
         "recording": title,
         "label": found.label,
         **dict(zip(("longest_m", "middle_m", "shortest_m"), sorted(found.size_m, reverse=True), strict=True)),
-        **dict(zip(("center_x_m", "center_y_m", "center_z_m"), found.center_m, strict=True)),
+        **dict(zip(SIDES, found.size_m, strict=True)),
+        **_place("center", found.center_m),
         "name": found.name,
         "color": found.color,
+        "colors": list(found.colors),
         "score": found.score,
         "probability": found.probability,
         "frames_seen": found.frames_seen,
         "first_frame": found.first_seen.frame,
-        "last_frame": found.last_seen.frame,
-        "last_seen": None if seen is None else datetime.fromisoformat(seen),
+        "last_frame": seen.frame,
+        "last_seen": None if seen.time is None else datetime.fromisoformat(seen.time),
         "run": None,
+        "last_recording": seen.recording,
+        "camera": seen.camera,
+        **_place("camera", seen.camera_m),
+        "camera_distance_m": seen.distance_m,
+        "later": None if later is None else later.state,
+        "later_frame": None if at is None else at.frame,
+        "later_recording": None if at is None else at.recording,
         **({} if found.distance_m is None else {"distance_m": found.distance_m}),
         **({} if found.text_score is None else {"text_score": found.text_score}),
         **({} if picture is None else {"picture": picture}),
     }
 
 
+def tag(row: Mapping[str, Any]) -> str:
+    """Return recording, label and name of an object."""
+    name = f" {row['name']}" if row.get("name") else ""
+    return f"{row['recording']}#{row['label']}{name}"
+
+
 def cells_of(row: Mapping[str, Any]) -> list[str]:
     """Return the cells of an object in tables: name, size, position, color, probability, frames, last sighting."""
-    size = " x ".join(f"{100 * row[side]:.1f}" for side in ("longest_m", "middle_m", "shortest_m"))
-    place = ", ".join(f"{row[f'center_{axis}_m']:z.2f}" for axis in "xyz")
-    seen = row["last_seen"]
-    when = "" if seen is None else f"{seen:%Y-%m-%d %H:%M:%S}"
-    name = f" {row['name']}" if row.get("name") else ""
+    size = " x ".join(f"{100 * row[side]:.1f}" for side in SIDES)
     likely = "" if row["probability"] is None else f"{row['probability']:.2f}"
-    first = [f"{row['recording']}#{row['label']}{name}", size, place, row["color"] or "", likely]
-    return [*first, str(row["frames_seen"]), when]
+    first = [tag(row), size, _text(row, "center"), " and ".join(row["colors"]), likely]
+    return [*first, str(row["frames_seen"]), when(row["last_frame"], row.get("last_recording"), row["last_seen"])]
+
+
+def last_seen_lines(row: Mapping[str, Any]) -> list[str]:
+    """Return what is known of an object since it was seen last, and where, when and from where that was."""
+    seen = _when_in_full(row["last_frame"], row.get("last_recording"), row["last_seen"])
+    of = f" of {row['camera']}" if row.get("camera") else ""
+    lines = [later_text(row), f"last seen at ({_text(row, 'center')}) in {seen}{of}"]
+    if row.get("camera_distance_m") is None:
+        return lines
+    return [*lines, f"{row['camera_distance_m']:.2f} m from the camera, which was at ({_text(row, 'camera')})"]
+
+
+def later_text(row: Mapping[str, Any]) -> str:
+    """Return what is known of an object after its last sighting, in words."""
+    frame = row.get("later_frame")
+    since = "" if frame is None else f" since {_when_in_full(frame, row.get('later_recording'), None)}"
+    return {
+        "there": "still there at the end",
+        "gone": f"looked for and gone{since}",
+        "not looked at": "not looked at since",
+        "not seen": f"in view{since}, but not seen: hidden, or not recognised",
+        None: "not known since",
+    }[row.get("later")]
+
+
+def when(frame: int | None, recording: int | None, time: datetime | None) -> str:
+    """Return the time of a sighting; without one, its frame."""
+    return _when_in_full(frame, recording, None) if time is None else f"{time.astimezone(UTC):%Y-%m-%d %H:%M:%S}"
 
 
 def plain(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -63,3 +105,17 @@ def plain(row: Mapping[str, Any]) -> dict[str, Any]:
         else value
         for name, value in kept.items()
     }
+
+
+def _when_in_full(frame: int | None, recording: int | None, time: datetime | None) -> str:
+    of = "" if recording is None else f"recording {recording}, "
+    clock = "" if time is None else f" ({time.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC)"
+    return f"{of}frame {frame}{clock}" if frame is not None else f"{of}an unknown frame{clock}"
+
+
+def _place(of: str, values: Vector | None) -> dict[str, float | None]:
+    return dict(zip((f"{of}_x_m", f"{of}_y_m", f"{of}_z_m"), values or (None, None, None), strict=True))
+
+
+def _text(row: Mapping[str, Any], of: str) -> str:
+    return ", ".join(f"{row[f'{of}_{axis}_m']:z.2f}" for axis in "xyz")

@@ -50,6 +50,7 @@ class SharedMap:
         self._relations: _Kept[Mapping[int, Sequence[Relation]]] = _Kept(self._find_relations)
         self._up: _Kept[Float64Array | None] = _Kept(lambda: source.aside.up)
         self._furniture: _Kept[Sequence[Bearer]] = _Kept(lambda: source.furniture())
+        self._colors: _Kept[Mapping[int, tuple[str, ...]]] = _Kept(lambda: source.colors())
         self._vectors: _Kept[Mapping[int, Float32Array]] = _Kept(self._find_vectors)
 
     def now(self) -> Snapshot:
@@ -68,6 +69,10 @@ class SharedMap:
     def furniture(self) -> Sequence[Bearer]:
         """Return the furniture that bears supporting planes."""
         return self._found_aside(self._furniture)
+
+    def colors(self) -> Mapping[int, tuple[str, ...]]:
+        """Return the color words of the objects' points, by label; an object without points has none."""
+        return self._found_aside(self._colors)
 
     def vectors(self) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects, by label; raise InputError without a model."""

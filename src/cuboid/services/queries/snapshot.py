@@ -14,7 +14,7 @@ from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.results import TrackedObject
 from cuboid.services.queries.answers import State
 from cuboid.services.queries.filters import LIKELY, label_of
-from cuboid.services.queries.likeness import color_fractions, color_word
+from cuboid.services.queries.likeness import color_fractions, colors_of
 from cuboid.services.queries.sources import Source
 
 # Distance within which objects are near to each other, metres: the relations on, in and beside depend on objects within
@@ -128,7 +128,9 @@ def is_called(item: TrackedObject, label_or_name: str) -> bool:
 
 
 @cache
-def color_of_mean(mean_rgb: bytes) -> str | None:
-    """Return the color word of a mean color, given as the bytes of a (3,) float64."""
+def colors_of_mean(mean_rgb: bytes) -> tuple[str, ...]:
+    """Return the color word of a mean color, given as the bytes of a (3,) float64; no word if it is not known."""
+    if np.isnan(np.frombuffer(mean_rgb, np.float64)).any():
+        return ()
     rgb = np.clip(np.frombuffer(mean_rgb, np.float64).round(), 0, 255).astype(np.uint8)
-    return color_word(color_fractions(rgb[None]))
+    return colors_of(color_fractions(rgb[None]))

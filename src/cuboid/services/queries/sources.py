@@ -5,23 +5,27 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import TrackedObject, Wall
 from cuboid.ground.formats.folder import OBJECTS
+from cuboid.inputs.readers.reopen import reopen_recording
 from cuboid.method.text_search import TextModel
 from cuboid.results.files import Results
 from cuboid.results.files.queries import MapQueries
-from cuboid.runs.scene import Scene, SceneObject
-from cuboid.services.queries.answers import PastRelated, Seen, SightingAnswer, State, Vector
+from cuboid.results.views.report.pictures import cut_picture
+from cuboid.runs.scene import Scene, SceneObject, SceneRecording
+from cuboid.services.queries.answers import Later, PastRelated, Seen, SightingAnswer, State
 from cuboid.services.queries.filters import label_of
-
-# Times from this one on (2001) are calendar times; the times of cameras that start at zero stay below it for 30 years.
-CALENDAR_S = 1.0e9
+from cuboid.services.queries.in_results import gone_objects, later_in_results, name_of, seen_in_results
+from cuboid.services.queries.likeness import color_fractions, colors_of
+from cuboid.services.queries.looking import frames_that_show, seen_from, vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +86,17 @@ class Source(ABC):
         """Return the furniture that was found, one entry for each label; only for the thread that uses `aside`."""
         return ()
 
+    def colors(self) -> Mapping[int, tuple[str, ...]]:
+        """Return the color words of the objects' points, by label; only for the thread that uses `aside`."""
+        try:
+            points = self.aside.map_points()
+        except InputError:  # a run does not give the points of its whole map; a file is missing
+            return {}
+        order = np.argsort(points.label, kind="stable")
+        labels, first = np.unique(points.label[order], return_index=True)
+        parts = zip(labels.tolist(), np.split(points.rgb[order], first[1:]), strict=True) if len(labels) else ()
+        return {label: colors_of(color_fractions(rgb)) for label, rgb in parts if label}
+
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label."""
         return {}
@@ -92,19 +107,27 @@ class Source(ABC):
 
     def first_seen(self, item: TrackedObject) -> Seen:
         """Return when an object was seen first."""
-        return self._seen(item.first_frame)
+        return self._seen(item.first_frame, item)
 
     def last_seen(self, item: TrackedObject) -> Seen:
         """Return when an object was seen last."""
-        return self._seen(item.last_frame)
+        return self._seen(item.last_frame, item)
 
-    def _seen(self, frame: int) -> Seen:
-        """Return a frame with its time."""
+    def _seen(self, frame: int, item: TrackedObject) -> Seen:
+        """Return a frame that saw an object, with its time."""
         return Seen(frame)
+
+    def later(self, item: TrackedObject, state: State) -> Later | None:
+        """Return what is known of an object after its last sighting; None if it is not known."""
+        return None
 
     @abstractmethod
     def picture(self, item: TrackedObject) -> bytes | None:
         """Return the picture of an object, JPEG; None if there is none."""
+
+    def last_picture(self, item: TrackedObject) -> bytes | None:
+        """Return the picture of an object in its last sighting, JPEG; None if there is none."""
+        return None
 
     @abstractmethod
     def sightings(self, item: TrackedObject) -> list[SightingAnswer]:
@@ -163,9 +186,25 @@ class ResultsSource(Source):
         """Return the vectors of the objects by an image-text model, by label."""
         return self.aside.vectors(model)
 
-    def _seen(self, frame: int) -> Seen:
-        pose = self.map.poses.get(frame)
-        return Seen(frame, None, None if pose is None else calendar_time(pose.timestamp_s))
+    def objects(self) -> list[tuple[TrackedObject, State]]:
+        """Return the objects, and those that were gone at the end, sorted by label."""
+        present, gone = super().objects(), [(item, "gone") for item in gone_objects(self.map)]
+        return sorted([*present, *gone], key=lambda one: one[0].label)  # type: ignore[list-item]  # a literal
+
+    def _seen(self, frame: int, item: TrackedObject) -> Seen:
+        return seen_in_results(self.map, frame, item)
+
+    def later(self, item: TrackedObject, state: State) -> Later:
+        """Return what the frames after the last sighting of an object show."""
+        return later_in_results(self.map, item)
+
+    def last_picture(self, item: TrackedObject) -> bytes | None:
+        """Return the picture of the last sighting, cut from the recording if that still exists."""
+        rows = self.aside.sightings(item.label)
+        try:
+            return cut_picture(self.aside.recording, rows[-1].frame, rows[-1].rect_xyxy) if rows else None
+        except InputError:
+            return None
 
     def picture(self, item: TrackedObject) -> bytes | None:
         """Return the picture of an object, cut from the recording if that still exists."""
@@ -209,15 +248,20 @@ class SceneSource(Source):
         self._path = path
         self.map, self.aside = Scene.open(path), Scene.open(path)
         self.title = str(path)
-        self._begun: dict[int, str] = {}
+        self._version: object = None
+        self._poses: dict[int, dict[int, tuple[float, Float64Array]]] = {}
+        self._recordings: dict[int, SceneRecording] = {}
         self.version()
 
     def version(self) -> object:
         """Return a value that changes with each commit."""
         recordings = self.map.recordings
-        self._begun = {one.number: one.begun for one in recordings}
         self.running = bool(recordings) and not recordings[-1].complete
-        return self.map.version, tuple(self._begun)
+        version = self.map.version, tuple(one.number for one in recordings)
+        if version != self._version:
+            self._version, self._poses = version, {}
+            self._recordings = {one.number: one for one in recordings}
+        return version
 
     def furniture(self) -> Sequence[Bearer]:
         """Return the furniture that runs into the scene have found."""
@@ -238,15 +282,69 @@ class SceneSource(Source):
         return [(item, item.state) for item in self.map.all_objects]  # type: ignore[misc]  # a literal in the file
 
     def first_seen(self, item: TrackedObject) -> Seen:
-        """Return a frame and its recording with the time at which tracking of the recording began."""
-        return self._seen_in(*item.first_seen) if isinstance(item, SceneObject) else self._seen(item.first_frame)
+        """Return the first frame that saw an object, and its recording."""
+        return self._seen_in(*item.first_seen, item) if isinstance(item, SceneObject) else super().first_seen(item)
 
     def last_seen(self, item: TrackedObject) -> Seen:
         """Return the same of the last sighting."""
-        return self._seen_in(*item.last_seen) if isinstance(item, SceneObject) else self._seen(item.last_frame)
+        return self._seen_in(*item.last_seen, item) if isinstance(item, SceneObject) else super().last_seen(item)
 
-    def _seen_in(self, recording: int, frame: int) -> Seen:
-        return Seen(frame, recording, self._begun.get(recording))
+    def _seen_in(self, recording: int, frame: int, item: TrackedObject) -> Seen:
+        time_s, T = self._poses_of(recording).get(frame, (None, None))
+        one = self._recordings.get(recording)
+        name = None if one is None else name_of(one.path)
+        return seen_from(frame, item.box, recording=recording, time_s=time_s, camera=name, T_world_camera=T)
+
+    def _poses_of(self, recording: int) -> dict[int, tuple[float, Float64Array]]:
+        if recording not in self._poses:
+            self._poses[recording] = self.map.poses(recording)
+        return self._poses[recording]
+
+    def later(self, item: TrackedObject, state: State) -> Later | None:
+        """Return what the frames after the last sighting of an object show, over all later recordings."""
+        if not isinstance(item, SceneObject):
+            return None
+        first, frame = item.last_seen
+        if state == "gone":
+            return Later("gone", self._gone(item))
+        last = max(self._recordings, default=first)
+        if first == last and frame >= max(self._poses_of(last), default=frame):
+            return Later("there")
+        for number in range(first, last + 1):
+            shown = self._frames_that_show(item, number, frame if number == first else -1)
+            if shown:
+                return Later("not seen", self._seen_in(number, shown[0], item))
+        return Later("not looked at")
+
+    def _gone(self, item: SceneObject) -> Seen | None:
+        """Return the frame in which the place of an object was seen empty, as far as it is known."""
+        events = [one for one in self.map.events(item.label) if one.event == "gone"]
+        if events and (events[-1].recording, events[-1].frame) >= item.last_seen:
+            return self._seen_in(events[-1].recording, events[-1].frame, item)
+        for one in self.map.changes(item.last_seen[0]):
+            if one.label == item.label and one.change == "gone":
+                after = item.last_seen[1] if one.recording == item.last_seen[0] else -1
+                shown = self._frames_that_show(item, one.recording, after)
+                return self._seen_in(one.recording, shown[0] if shown else max(after, 0), item)
+        return None
+
+    def _frames_that_show(self, item: SceneObject, recording: int, after: int) -> list[int]:
+        poses = {frame: T for frame, (_, T) in self._poses_of(recording).items()}
+        far_m = TrackerConfig().max_depth_m
+        return frames_that_show(item.box, poses, after, self.map.intrinsics(recording), far_m) if poses else []
+
+    def last_picture(self, item: TrackedObject) -> bytes | None:
+        """Return the picture of the last sighting, cut from its recording if that still exists."""
+        seen = self.aside.history(item.label)
+        if not seen:
+            return None
+        one = next(one for one in self.aside.recordings if one.number == seen[-1].recording)
+        camera = self.aside.intrinsics(one.number)
+        try:
+            recording = reopen_recording(Path(one.path), one.format, camera, (), None, seen[-1].frame)
+        except InputError:
+            return None
+        return cut_picture(recording, seen[-1].frame, seen[-1].rect_xyxy)
 
     def picture(self, item: TrackedObject) -> bytes | None:
         """Return the picture of an object."""
@@ -265,16 +363,3 @@ class SceneSource(Source):
             PastRelated(one.kind, one.to, one.first_recording, one.last_recording, round(one.score, 3))
             for one in self.map.relation_history(item.label)
         ]
-
-
-def calendar_time(seconds: float) -> str | None:
-    """Return a time as ISO 8601, UTC; None if it is not a calendar time."""
-    if seconds < CALENDAR_S:
-        return None
-    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
-
-
-def vector(values: Float64Array | Sequence[float]) -> Vector:
-    """Return three numbers, rounded to a micrometre."""
-    x, y, z = (round(float(value), 6) for value in values)
-    return x, y, z

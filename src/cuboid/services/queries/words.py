@@ -6,7 +6,7 @@ import re
 from datetime import UTC, datetime, timedelta
 from math import inf, isfinite
 
-UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "": 1.0}
+UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0}
 _LENGTH = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(mm|cm|m|)")
 _AGO = re.compile(r"(\d+(?:\.\d*)?)\s*(min|h|d|w)")
 _AGO_S = {"min": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0}
@@ -17,7 +17,9 @@ def length(text: str) -> float:
     found = _LENGTH.fullmatch(text.strip())
     if found is None:
         raise ValueError(f"expected a length such as 14cm, 80mm or 0.5m, got '{text}'")
-    return float(found[1]) * UNITS_M[found[2]]
+    if not found[2] and float(found[1]):
+        raise ValueError(f"{text.strip()} what? A length needs its unit: {text.strip()}cm, or {text.strip()}m")
+    return float(found[1]) * UNITS_M.get(found[2], 1.0)
 
 
 def sizes(text: str) -> tuple[float, float]:
@@ -25,6 +27,8 @@ def sizes(text: str) -> tuple[float, float]:
     low, dots, high = text.partition("..")
     if not dots or not (low or high):
         raise ValueError(f"expected A..B such as 8..14cm, 0.5m.. or ..20cm, got '{text}'")
+    if not re.search(r"[a-z]", text):
+        raise ValueError(f"{text.strip()} what? A length needs its unit: {text.strip()}cm, or {text.strip()}m")
     unit = re.sub(r"[\d. ]", "", high)
     if low and not re.search(r"[a-z]", low):
         low += unit

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 from cuboid.ground.core.errors import InputError
 from cuboid.results.files.ply import cloud_ply
-from cuboid.services.queries.answers import About, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
-from cuboid.services.queries.parameters import PARAMETERS, TEXT, Parameter, filters_of
+from cuboid.services.queries.answers import About, Answer, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
+from cuboid.services.queries.parameters import PARAMETERS, QUESTION, TEXT, Parameter, filters_of
 from cuboid.services.queries.place import FREE_HEIGHT_M, ONLY_IN_A_STORE, SIGHTINGS, Place
 from cuboid.services.queries.words import length
 
@@ -136,7 +136,13 @@ ENDPOINTS = (
             )
         },
     ),
-    Endpoint("/api/objects/{label}/picture", "Its picture", lambda p, q: p.picture(_label(q)), "image/jpeg"),
+    Endpoint(
+        "/api/objects/{label}/picture",
+        "Its best picture",
+        lambda place, asked: place.picture(_label(asked), last=_flag(asked, "last")),
+        "image/jpeg",
+        {"last": _query("boolean", "the picture of its last sighting instead")},
+    ),
     Endpoint("/api/objects/{label}/cloud", "Its points, as PLY", _cloud, "application/octet-stream"),
     Endpoint("/api/objects/{label}/mesh", "Its surface", _mesh, MESHES["glb"], _CLOSE),
     Endpoint(
@@ -145,6 +151,13 @@ ENDPOINTS = (
         lambda place, asked: place.last_seen(_needed(asked, "what")),
         list[FoundObject],
         {"what": _query("string", "label or name", example="mug")},
+    ),
+    Endpoint(
+        "/api/ask",
+        "The answer to a question in English, with the conditions that were understood",
+        lambda place, asked: place.ask(_needed(asked, "q")),
+        Answer,
+        {"q": QUESTION},
     ),
     Endpoint("/api/surfaces", "The supporting planes", lambda place, _: place.surfaces(), list[Surface]),
     Endpoint("/api/surfaces/{number}/free", "The nearest free place on a surface", _free, FreePlace, _SIDES),

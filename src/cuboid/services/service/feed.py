@@ -19,7 +19,7 @@ from cuboid.results.views.live.watch import MAP_EVERY_S, MAP_FRACTION, Ration
 from cuboid.runs.scene.records import BestPictures
 from cuboid.runs.tracking.types import MapLike
 from cuboid.services.queries.answers import SightingAnswer
-from cuboid.services.queries.sources import vector
+from cuboid.services.queries.looking import vector
 from cuboid.services.service.updates import Update
 
 # Updates are at least this far apart, seconds, and take no more than this fraction of the tracker's processor time.
@@ -85,6 +85,7 @@ class MapFeed:
         update = Update(
             result.index,
             frame.timestamp_s,
+            result.T_world_camera,
             tuple(now[label] for label, state in states.items() if self._sent_states.get(label) != state),
             tuple(self._sent_states.keys() - states.keys()),
             tuple(tracker.planes),

@@ -10,6 +10,7 @@ from cuboid.results.views.report.page import document_page, table
 from cuboid.services.queries.answers import FoundObject
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.place import Place
+from cuboid.services.queries.rows import last_seen_lines, later_text, row_of, when
 from cuboid.services.service.endpoints import ENDPOINTS
 from cuboid.services.service.openapi import SOCKET
 
@@ -25,9 +26,10 @@ a { color: inherit; text-decoration-color: var(--muted); text-underline-offset: 
 h1 { max-width: none; }
 .note { color: var(--muted); }
 .document .note { padding-top: 8px; }
+.seen .note { white-space: normal; min-width: 12em; }
 code { font-size: 12.5px; }
 """
-_HEAD = ("", "object", "size, cm", "position, m", "frames", "last seen", "")
+_HEAD = ("", "object", "length × width × height, cm", "position, m", "frames", "last seen", "")
 
 
 def front_page(place: Place) -> str:
@@ -58,15 +60,19 @@ def _object(one: FoundObject) -> str:
         " × ".join(f"{100 * side:.1f}" for side in one.size_m),
         ", ".join(f"{value:z.2f}" for value in one.center_m),
         f"{one.frames_seen:,}",
-        one.last_seen.time.replace("T", " ")[:19] if one.last_seen.time else f"frame {one.last_seen.frame}",
     )
+    row = row_of(one, "")
+    seen = escape(when(row["last_frame"], row["last_recording"], row["last_seen"]))
+    last = f'<a href="{address}/picture?last=true" title="{escape(", ".join(last_seen_lines(row)))}">{seen}</a>'
+    later = f'<div class="note">{escape(later_text(row))}</div>'
     links = " ".join(f'<a href="{address}/{what}">{what}</a>' for what in ("history", "cloud", "mesh"))
     chip = f'<a class="chip" style="{colors}" href="{address}">{escape(tag_of(one.label, one.name))}</a>'
     numbers = "".join(f'<td class="number">{cell}</td>' for cell in cells)
+    numbers += f'<td class="number seen">{last}{later}</td>'
     picture = f'<img src="{address}/picture" alt="" loading="lazy">'
     return f'<tr><td>{picture}</td><td>{chip}</td>{numbers}<td class="number">{links}</td></tr>'
 
 
 def _address(path: str) -> str:
     shown = f"<code>{escape(path)}</code>"
-    return shown if "{" in path or path == "/api/last-seen" else f'<a href="{path[1:]}">{shown}</a>'
+    return shown if "{" in path or path in ("/api/last-seen", "/api/ask") else f'<a href="{path[1:]}">{shown}</a>'

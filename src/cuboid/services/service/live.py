@@ -14,8 +14,9 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import MapPoints, ObjectEvent, SupportPlane, TrackedObject
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries, PointCloud
-from cuboid.services.queries.answers import Seen, SightingAnswer
-from cuboid.services.queries.sources import Source, calendar_time
+from cuboid.services.queries.answers import Later, Seen, SightingAnswer, State
+from cuboid.services.queries.looking import seen_from
+from cuboid.services.queries.sources import Source
 from cuboid.services.service.updates import Update
 
 # Sightings that are kept of an object, the latest; a run of hours has more than anybody asks for.
@@ -110,6 +111,7 @@ class RunSource(Source):
         self._updates = 0
         self._frames: list[int] = []
         self._seconds: list[float] = []
+        self._poses: dict[int, Float64Array] = {}
         self._pictures: dict[int, bytes] = {}
         self._sightings: dict[int, deque[SightingAnswer]] = defaultdict(lambda: deque(maxlen=KEPT_SIGHTINGS))
 
@@ -121,6 +123,7 @@ class RunSource(Source):
             self._sightings[label].append(seen)
         self._frames.append(update.frame)
         self._seconds.append(update.seconds)
+        self._poses[update.frame] = update.T_world_camera
         self._updates += 1
         return update.events
 
@@ -133,11 +136,16 @@ class RunSource(Source):
         """Return the number of updates so far."""
         return self._updates
 
-    def _seen(self, frame: int) -> Seen:
-        """Return a frame with its time, interpolated between those of the updates."""
+    def _seen(self, frame: int, item: TrackedObject) -> Seen:
+        """Return a frame with its time, interpolated between those of the updates, and the camera of its update."""
         if not self._frames:
             return Seen(frame)
-        return Seen(frame, None, calendar_time(float(np.interp(frame, self._frames, self._seconds))))
+        time_s = float(np.interp(frame, self._frames, self._seconds))
+        return seen_from(frame, item.box, time_s=time_s, camera=self.title, T_world_camera=self._poses.get(frame))
+
+    def later(self, item: TrackedObject, state: State) -> Later | None:
+        """Return that an object is there if the last frame saw it; more is known at the end of the run."""
+        return Later("there") if self._frames and item.last_frame >= self._frames[-1] else None
 
     def picture(self, item: TrackedObject) -> bytes | None:
         """Return an object's picture."""

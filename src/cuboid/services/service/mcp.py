@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import partial
 from inspect import Parameter, Signature, getdoc
 from typing import Annotated, Any, TypeVar, get_type_hints
 
@@ -18,7 +19,7 @@ from starlette.concurrency import run_in_threadpool
 from cuboid.ground.core.errors import InputError, MissingExtraError
 from cuboid.ground.version import __version__
 from cuboid.method.text_search import TextQuery
-from cuboid.services.queries.answers import About, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
+from cuboid.services.queries.answers import About, Answer, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
 from cuboid.services.queries.api import access
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.parameters import MAX_ROWS, MAX_SIZE_M
@@ -37,6 +38,9 @@ READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 
 Label = Annotated[int, Field(ge=1, description="label of an object")]
 Thing = Annotated[str | None, Field(description="label or name of an object")]
+Question = Annotated[str, Field(description="such as 'the blue bin beside the chair', 'where is the red cup'")]
+What = Annotated[str, Field(description="label or name")]
+Last = Annotated[bool, Field(description="the picture of its last sighting")]
 Limit = Annotated[int, Field(ge=1, le=MAX_ROWS)]
 Length = Annotated[float, Field(gt=0.0, description="metres")]
 
@@ -55,7 +59,7 @@ class Conditions:
     """The parameters of `find_objects`; the names are those of `Filters`, except the two sizes."""
 
     name: Annotated[str | None, Field(description="name, or likely class")] = None
-    on: Annotated[str | None, Field(description="on an object by label or name, or on plane:N")] = None
+    on: Annotated[str | None, Field(description="on an object by label or name, or on floor, table or plane:N")] = None
     inside: Thing = None
     beside: Thing = None
     near_object: Thing = None
@@ -147,8 +151,13 @@ def _add_finding(server: MCPServer, place: Place) -> None:
     add_find_objects(server, Conditions, list[FoundObject], find)
 
     @server.tool(annotations=READ_ONLY)
-    async def last_seen(what: Annotated[str, Field(description="label or name")]) -> list[FoundObject]:
-        """Tell where and when an object was seen last, also one that is gone; the latest first."""
+    async def ask(question: Question, limit: Limit = 10) -> Answer:
+        """Answer a question in plain English by a small grammar, and tell which conditions were understood."""
+        return await answered(place.ask, question, limit)
+
+    @server.tool(annotations=READ_ONLY)
+    async def last_seen(what: What) -> list[FoundObject]:
+        """Tell where and when an object was seen last, from where, and whether it is still there; the latest first."""
         return await answered(place.last_seen, what)
 
     @server.tool(annotations=READ_ONLY)
@@ -169,9 +178,9 @@ def _add_objects(server: MCPServer, place: Place) -> None:
         return await answered(place.object, label)
 
     @server.tool(annotations=READ_ONLY)
-    async def picture_of_object(label: Label) -> Image:
-        """Show the best picture of an object."""
-        picture = await answered(place.picture, label)
+    async def picture_of_object(label: Label, last: Last = False) -> Image:
+        """Show the best picture of an object, or that of its last sighting."""
+        picture = await answered(partial(place.picture, last=last), label)
         if picture is None:
             raise ToolError(f"there is no picture of object {label}")
         return Image(data=picture, format="jpeg")

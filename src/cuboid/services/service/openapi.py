@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from cuboid.services.queries.api import openapi_document, query_parameters
+from cuboid.services.queries.api import openapi_document, path_parameters, query_parameters
 from cuboid.services.service.endpoints import ENDPOINTS, JSON, Endpoint
 
 SOCKET = "/api/changes/live"
@@ -32,14 +32,10 @@ def openapi(*, secured: bool) -> dict[str, Any]:
 
 def _operation(one: Endpoint, schema: Any) -> dict[str, Any]:
     body = {"type": "string", "format": "binary"} if schema is None else schema
-    within = [
-        {"name": name, "in": "path", "required": True, "schema": {"type": "integer", "minimum": 0}}
-        for name in re.findall(r"\{(\w+)\}", one.path)
-    ]
     return {
         "summary": one.what,
         "operationId": re.sub(r"\W+", "_", one.path.removeprefix("/api")).strip("_") or "about",
-        "parameters": [*within, *query_parameters(one.parameters)],
+        "parameters": [*path_parameters(one.path), *query_parameters(one.parameters)],
         "responses": {
             "200": {"description": one.what, "content": {one.media: {"schema": body}}},
             "400": _WRONG,

@@ -20,6 +20,8 @@ class Update:
     frame : int
     seconds : float
         Of the frame.
+    T_world_camera : (4, 4) float64
+        Of the frame.
     objects : tuple of TrackedObject
         Those that are new, or have changed.
     gone : tuple of int
@@ -39,6 +41,7 @@ class Update:
 
     frame: int
     seconds: float
+    T_world_camera: Float64Array
     objects: tuple[TrackedObject, ...]
     gone: tuple[int, ...]
     planes: tuple[SupportPlane, ...]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -10,6 +9,7 @@ from importlib.resources import files
 from typing import Any
 
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.results.files.naming import page_json
 from cuboid.results.files.pending import write_whole
 from cuboid.results.views.report.summary import Summary
 
@@ -124,30 +124,10 @@ def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str
         "title": escape(f"{document['title']} - cuboid"),
         "style": css,
         "mark": page_source("mark.svg"),
-        "data": _json(document),
+        "data": page_json(document),
         "script": f'"use strict";\n(() => {{\n{together}\n}})();',
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], html)
-
-
-def renamed(page: str, label: int, names: Mapping[str, Any]) -> str:
-    """Return a page with new name fields of an object; a page without data of this program is returned unchanged."""
-    found = re.search(r'(<script type="application/json" id="data">)(.*?)(</script>)', page, re.DOTALL)
-    if found is None:
-        return page
-    document = json.loads(found[2])
-    for entry in document["objects"]:
-        if entry["label"] == label:
-            entry.update(names)
-    for entry in document["changes"]:
-        if entry["label"] == label:
-            entry["name"] = names["name"]
-    return page[: found.start(2)] + _json(document) + page[found.end(2) :]
-
-
-def _json(document: Mapping[str, Any]) -> str:
-    # "</script>" in a text would end the element; therefore the JSON contains no "<"
-    return json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def write_report(path: PathLike, summary: Summary) -> None:

@@ -12,6 +12,7 @@ from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import CuboidError
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry.box import Box
+from cuboid.inputs.readers import Recording
 from cuboid.results.files import PoseRow, TrackRow
 from cuboid.results.views.pixels import encode_jpeg, shrunk
 from cuboid.results.views.projection import wireframes
@@ -67,6 +68,11 @@ def best_sightings(rows: Iterable[TrackRow]) -> dict[int, TrackRow]:
     return best
 
 
+def last_sightings(rows: Iterable[TrackRow]) -> dict[int, TrackRow]:
+    """Return for each label the last row, of rows in the order of frames."""
+    return {row.label: row for row in rows}
+
+
 def cut_pictures(
     best: Mapping[int, TrackRow],
     read: Callable[[int], Frame],
@@ -103,6 +109,16 @@ def cut_pictures(
             shown = (edges - (x0, y0, x0, y0)) * scale
             pictures[label] = Picture(row.frame, encode_jpeg(picture, QUALITY), picture.shape[1::-1], shown)
     return pictures
+
+
+def cut_picture(recording: Recording, frame: int, rect_xyxy: Float64Array) -> bytes | None:
+    """Return the picture of a rectangle in a frame of a recording, JPEG; None if the frame cannot be read."""
+    try:
+        color = recording.without_poses().read(frame).color
+    except CuboidError:
+        return None
+    x0, y0, x1, y1 = window(color, rect_xyxy)
+    return encode_jpeg(shrunk(color[y0:y1, x0:x1], WIDTH_PX), QUALITY) if x0 < x1 and y0 < y1 else None
 
 
 def window(color: UInt8Array, rect_xyxy: Float64Array) -> tuple[int, int, int, int]:

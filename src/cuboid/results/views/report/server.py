@@ -13,17 +13,15 @@ from urllib.parse import parse_qs
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.results import TrackedObject, names_of
-from cuboid.ground.formats.folder import REPORT
 from cuboid.inputs.readers import Recording
 from cuboid.method.text_search import TextMatch
 from cuboid.results.files import Results
-from cuboid.results.files.naming import name_object
-from cuboid.results.files.pending import write_whole
+from cuboid.results.files.naming import name_document, name_object
 from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.redraw import KINDS, Draw, drawer
 from cuboid.results.views.replay import Replay, ReplayedFrame
-from cuboid.results.views.report.page import page_of, renamed
-from cuboid.results.views.report.summary import Summary, name_document, summarise
+from cuboid.results.views.report.page import page_of
+from cuboid.results.views.report.summary import Summary, summarise
 from cuboid.results.views.serving import Answer, PageHandler, PageServer, json_answer, listening_at, path_and_query
 
 PICTURES = "/frame"
@@ -76,7 +74,7 @@ class Viewer:
         self._find = find
         self._folder = folder
         self._replay = replay
-        self._rename = rename or partial(rename_in, folder)
+        self._rename = rename or partial(name_object, folder)
         self._recording = None if recording is None else recording.without_poses()  # the poses of the results are used
         self._drawers: dict[str, Draw] = {}
         self._lock = threading.Lock()  # a browser sends several requests at once
@@ -195,12 +193,3 @@ def _take(viewer: Viewer, address: str, content: bytes) -> Answer | None:
     }
     answer = answers.get(path_and_query(address)[0])
     return None if answer is None else json_answer(answer, content)
-
-
-def rename_in(folder: Path, label: int, name: str) -> TrackedObject:
-    """Store the name of an object in a result folder, and in the page of that folder."""
-    named = name_object(folder, label, name)
-    report = folder / REPORT
-    if report.is_file():
-        write_whole(report, renamed(report.read_text(encoding="utf-8"), label, name_document(named)))
-    return named

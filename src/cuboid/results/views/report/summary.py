@@ -15,6 +15,7 @@ from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.palette import color_of, hex_of, ink_on
 from cuboid.ground.core.results import SceneChange, TrackedObject
 from cuboid.results.files import ObjectsFile, PoseRow, Results, RunReport, TrackRow
+from cuboid.results.files.naming import name_document
 from cuboid.results.files.objects import object_to_json, surface_to_json
 from cuboid.results.files.rows import EventRow
 from cuboid.results.files.text import rounded_list
@@ -167,10 +168,17 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
     )
 
 
-def pictures_of(results: Results, read: Callable[[int], Frame]) -> dict[int, Picture]:
-    """Return the best picture of each object, by label; parameters and errors as in `summarise`."""
+def pictures_of(
+    results: Results,
+    read: Callable[[int], Frame],
+    choose: Callable[[Iterable[TrackRow]], dict[int, TrackRow]] = best_sightings,
+) -> dict[int, Picture]:
+    """Return a picture of each object, by label: the best one, or of another choice of sightings.
+
+    The other parameters and errors are as in `summarise`.
+    """
     boxes = {item.label: item.box for item in results.found.objects}
-    best = {label: row for label, row in best_sightings(results.tracks).items() if label in boxes}
+    best = {label: row for label, row in choose(results.tracks).items() if label in boxes}
     return cut_pictures(best, read, boxes, results.poses, results.found.intrinsics)
 
 
@@ -213,15 +221,6 @@ def _branch(branch: Branch) -> dict[str, Any]:
 def object_document(item: TrackedObject) -> dict[str, Any]:
     """Return an object in the form that the pages read: its fields in `objects.json`, and the colors of its label."""
     return {**object_to_json(item), **name_document(item), **label_colors(item.label)}
-
-
-def name_document(item: TrackedObject) -> dict[str, Any]:
-    """Return the name fields of an object for the page."""
-    return {
-        "name": item.name or "",
-        "name_score": None if item.name_score is None else round(item.name_score, 2),
-        "names": [[name, round(score, 2)] for name, score in item.names],
-    }
 
 
 def _picture(picture: Picture) -> dict[str, Any]:

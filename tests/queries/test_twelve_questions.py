@@ -1,0 +1,280 @@
+"""Twelve questions that people ask of recordings: one answer over the command line, HTTP, MCP, in Python, on pages."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote, urlencode
+
+import pytest
+
+pytest.importorskip("duckdb")
+pytest.importorskip("mcp")
+
+from mcp.client.client import Client
+
+from cuboid import open_results
+from cuboid.cli import main
+from cuboid.fleet.store import find as in_store
+from cuboid.fleet.store.asgi import application as store_application
+from cuboid.fleet.store.mcp import server_of as store_server
+from cuboid.fleet.store.query import Tables
+from cuboid.services.queries.opening import open_place
+from cuboid.services.queries.parameters import filters_of
+from cuboid.services.service.app import application
+from cuboid.services.service.mcp import server_of
+from made_answers import BEGIN_S, THINGS, into_scene, label_of, put_results, track
+
+TABLE_THINGS = {"bin", "box", "red cup", "can"}
+
+
+class Question(NamedTuple):
+    """A question: in English, as conditions, and the names of the things that answer it in one recording."""
+
+    english: str
+    asked: dict[str, str]
+    answer: set[str]
+
+
+# `last` is the question where and when something was seen last; the other names are those of the conditions.
+QUESTIONS = (
+    Question("Where is the can?", {"last": "can"}, {"can"}),
+    Question("When was the parcel last seen?", {"last": "parcel"}, {"parcel"}),
+    Question("the blue bin beside the box", {"name": "bin", "color": "blue", "beside": "box"}, {"bin"}),
+    Question("What is on the floor?", {"on": "floor"}, {"parcel"}),
+    Question("what is on the table?", {"on": "table"}, TABLE_THINGS),
+    Question("things beside the bin", {"beside": "bin"}, {"box"}),
+    Question("show me everything larger than 25 cm", {"min_size": "25cm"}, {"parcel"}),
+    Question("small things on the table", {"max_size": "15cm", "on": "table"}, {"red cup"}),
+    Question("the white things", {"color": "white"}, {"parcel"}),
+    Question("things within 25 cm of the red cup", {"near_object": "red cup", "within": "25cm"}, {"bin", "can"}),
+    Question("Is there a lamp on the table?", {"name": "lamp", "on": "table"}, set()),
+    Question("anything seen since 2026-03-01", {"since": "2026-03-01"}, set(THINGS)),
+)
+
+
+@dataclass(frozen=True)
+class Made:
+    """The places, and the label of each thing in the results and in the scene."""
+
+    results: Path
+    scene: Path
+    store: str
+    labels: dict[str, int]
+    in_scene: dict[str, int]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """The results of a morning; a scene of two days, the can away on the second; a store of morning and evening."""
+    folder = tmp_path_factory.mktemp("asked")
+    morning, evening = track(folder, "morning", BEGIN_S), track(folder, "evening", 0.0)
+    store, scene = str(folder / "store"), folder / "room.cuboid"
+    into_scene(scene, BEGIN_S)
+    labels = {name: label_of(open_results(morning).objects, name) for name in THINGS}
+    in_scene = {name: label_of([one for one, _ in open_place(str(scene))._source.objects()], name) for name in THINGS}
+    into_scene(scene, BEGIN_S + 86400.0, without="can")
+    for number, results in enumerate((morning, evening), 1):
+        put_results(store, results, results.name.removesuffix("-results"), number)
+    for path, known in ((morning, labels), (scene, in_scene)):
+        assert main(["name", str(path), *(f"{label}={name}" for name, label in known.items())]) == 0
+    given = [f"{one}#{label}={name}" for one in ("morning", "evening") for name, label in labels.items()]
+    assert main(["name", store, *given]) == 0
+    return Made(morning, scene, store, labels, in_scene)
+
+
+async def _answer(app: Any, address: str) -> tuple[int, bytes]:
+    path, _, query = address.partition("?")
+    headers = [(b"host", b"127.0.0.1")]
+    scope = {"type": "http", "http_version": "1.1", "method": "GET", "scheme": "http", "path": path, "root_path": ""}
+    scope |= {"raw_path": path.encode(), "query_string": query.encode(), "headers": headers}
+    scope |= {"client": ("127.0.0.1", 1), "server": ("127.0.0.1", 80)}
+    sent: list[dict[str, Any]] = []
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message: dict[str, Any]) -> None:
+        sent.append(message)
+
+    await app(scope, receive, send)
+    return sent[0]["status"], b"".join(one.get("body", b"") for one in sent[1:])
+
+
+def got(app: Any, address: str) -> tuple[int, Any]:
+    """Ask an ASGI application; return status and document, or the text of a page."""
+    status, body = asyncio.run(_answer(app, address))
+    return status, json.loads(body) if body[:1] in b"[{" else body.decode()
+
+
+def of_http(app: Any) -> Callable[[Question], tuple[list[Any], list[Any]]]:
+    def ask(question: Question) -> tuple[list[Any], list[Any]]:
+        last = question.asked.get("last")
+        address = f"/api/last-seen?what={quote(last)}" if last else f"/api/objects?{urlencode(question.asked)}"
+        (_, found), (_, english) = got(app, address), got(app, f"/api/ask?q={quote(question.english)}")
+        return found["objects"] if isinstance(found, dict) else found, english["objects"]
+
+    return ask
+
+
+def of_mcp(server: Any) -> Callable[[Question], tuple[list[Any], list[Any]]]:
+    def ask(question: Question) -> tuple[list[Any], list[Any]]:
+        asked = dict(question.asked)
+        for name in ("min_size", "max_size", "within"):
+            if name in asked:
+                asked[f"{name}_m"] = float(asked.pop(name).removesuffix("cm")) / 100  # type: ignore[assignment]
+
+        async def call() -> tuple[list[Any], list[Any]]:
+            async with Client(server) as client:
+                tool, values = ("last_seen", {"what": asked["last"]}) if "last" in asked else ("find_objects", asked)
+                answers = [
+                    await client.call_tool(tool, values),
+                    await client.call_tool("ask", {"question": question.english}),
+                ]
+            assert not any(one.is_error for one in answers), answers
+            return answers[0].structured_content["result"], answers[1].structured_content["objects"]
+
+        return asyncio.run(call())
+
+    return ask
+
+
+def of_python(path: str) -> Callable[[Question], tuple[list[Any], list[Any]]]:
+    place = open_place(path)
+
+    def ask(question: Question) -> tuple[list[Any], list[Any]]:
+        last = question.asked.get("last")
+        found = place.last_seen(last) if last else place.find(filters_of(question.asked))
+        return [vars(one) for one in found], [vars(one) for one in place.ask(question.english).objects]
+
+    return ask
+
+
+def of_python_store(url: str) -> Callable[[Question], tuple[list[Any], list[Any]]]:
+    tables = Tables(url)
+
+    def ask(question: Question) -> tuple[list[Any], list[Any]]:
+        last = question.asked.get("last")
+        rows = in_store.last_seen(tables, last) if last else in_store.find(tables, filters_of(question.asked))
+        return rows, in_store.ask(tables, question.english).rows
+
+    return ask
+
+
+def of_command(path: str, capsys: pytest.CaptureFixture[str]) -> Callable[[Question], tuple[list[Any], list[Any]]]:
+    def found(*words: str) -> list[Any]:
+        capsys.readouterr()
+        assert main(["find", path, *words, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)["objects"]
+
+    def ask(question: Question) -> tuple[list[Any], list[Any]]:
+        asked = dict(question.asked)
+        size = f"{asked.pop('min_size', '')}..{asked.pop('max_size', '')}"
+        words = [word for name, value in asked.items() for word in (f"--{name.replace('_', '-')}", value)]
+        return found(*words, *(["--size", size] if size != ".." else [])), found(question.english)
+
+    return ask
+
+
+@pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question.english)
+def test_results_answer_alike(made: Made, question: Question, capsys: pytest.CaptureFixture[str]) -> None:
+    expected = {made.labels[name] for name in question.answer}
+    path = str(made.results)
+    place = open_place(path)
+    asks = (of_command(path, capsys), of_http(application(place, token=None)), of_mcp(server_of(place)))
+    for ask in (*asks, of_python(path)):
+        by_conditions, in_english = ask(question)
+        assert {one["label"] for one in by_conditions} == expected
+        assert {one["label"] for one in in_english} == expected
+
+
+@pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question.english)
+def test_a_scene_answers_for_its_last_visit(made: Made, question: Question) -> None:
+    """The can is not there on the second day, but it is still known where it was."""
+    present = question.answer if "last" in question.asked else question.answer - {"can"}
+    for found in of_python(str(made.scene))(question):
+        assert {one["label"] for one in found} == {made.in_scene[name] for name in present}
+
+
+@pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question.english)
+def test_a_store_answers_for_each_recording(made: Made, question: Question, capsys: pytest.CaptureFixture[str]) -> None:
+    recordings = ("morning",) if "since" in question.asked else ("morning", "evening")
+    expected = {(one, made.labels[name]) for one in recordings for name in question.answer}
+    asks = (of_http(store_application(made.store, token=None)), of_mcp(store_server(made.store)))
+    for ask in (*asks, of_python_store(made.store), of_command(made.store, capsys)):
+        for found in ask(question):
+            assert {(one["recording"], one["label"]) for one in found} == expected
+
+
+def test_where_and_when_is_the_same_everywhere(made: Made, capsys: pytest.CaptureFixture[str]) -> None:
+    (parcel,) = open_place(str(made.results)).last_seen("parcel")
+    seen, later = parcel.last_seen, parcel.later
+    assert (seen.frame, seen.time, seen.camera) == (11, "2026-03-01T12:00:00.366+00:00", "morning")
+    assert seen.camera_m == pytest.approx((0.91, 1.47, 1.5), abs=0.01)
+    assert seen.distance_m == pytest.approx(1.84, abs=0.01)
+    assert later is not None
+    assert (later.state, later.at) == ("not looked at", None)
+    (can,) = open_place(str(made.scene)).last_seen("can")
+    assert (can.state, can.last_seen.recording, can.last_seen.frame) == ("gone", 1, 17)
+    assert can.later is not None
+    assert can.later.state == "gone"
+    assert can.later.at is not None
+    assert can.later.at.recording == 2
+    morning, evening = in_store.last_seen(Tables(made.store), "parcel")
+    for row in (morning, evening):
+        assert (row["last_frame"], row["later"]) == (11, "not looked at")
+        assert row["camera_distance_m"] == pytest.approx(1.84, abs=0.01)
+    assert (str(morning["last_seen"])[:10], evening["last_seen"]) == ("2026-03-01", None), "no date of a file"
+    capsys.readouterr()
+    assert main(["find", str(made.scene), "--last", "can"]) == 0
+    assert "looked for and gone since recording 2, frame" in capsys.readouterr().out
+    assert main(["find", made.store, "where is the parcel"]) == 0
+    assert capsys.readouterr().out.count("not looked at since") == 2
+
+
+def test_the_picture_of_that_moment(made: Made, tmp_path: Path) -> None:
+    place, app = open_place(str(made.results)), store_application(made.store, token=None)
+    label = made.labels["parcel"]
+    last, best = place.picture(label, last=True), place.picture(label)
+    assert last is not None
+    assert last[:2] == b"\xff\xd8"
+    assert last != best
+    assert main(["find", str(made.results), "--last", "parcel", "--picture", str(tmp_path / "last.jpg")]) == 0
+    assert (tmp_path / "last.jpg").read_bytes() == last
+    of_store = {asyncio.run(_answer(app, f"/api/objects/evening/{label}/picture{q}"))[1] for q in ("", "?last=true")}
+    assert len(of_store) == 2
+    assert main(["find", made.store, "--last", "parcel", "--picture", str(tmp_path / "of-store.jpg")]) == 0
+    assert (tmp_path / "of-store.jpg").read_bytes() in of_store
+
+
+def test_names_show_in_every_file_and_page(made: Made) -> None:
+    assert '"name":"red cup"' in (made.results / "report.html").read_text(encoding="utf-8")
+    _, front = got(application(open_place(str(made.results)), token=None), "/")
+    assert "red cup" in front
+    assert "not looked at since" in front
+    _, page = got(store_application(made.store, token=None), "/objects?name=red+cup")
+    assert f"evening#{made.labels['red cup']} red cup" in page
+
+
+def test_what_is_not_known_is_said(made: Made, capsys: pytest.CaptureFixture[str]) -> None:
+    known = "names: 'bin', 'box', 'can', 'parcel', 'red cup'"
+    for path in (str(made.results), made.store):
+        capsys.readouterr()
+        assert main(["find", path, "--name", "lamp"]) == 0
+        assert f"no object has the name 'lamp'; {known}" in capsys.readouterr().out
+        assert main(["find", path, "the shiny lamp"]) == 2
+        assert "not understood from 'shiny lamp' on" in capsys.readouterr().err
+        assert main(["find", path, "--last", "lamp"]) == 2
+        assert known in capsys.readouterr().err
+    assert open_place(str(made.results)).ask("a lamp").note == f"no object has the name 'lamp'; {known}"
+
+
+def test_an_address_that_does_not_exist_answers_json(made: Made) -> None:
+    for app in (application(open_place(str(made.results)), token=None), store_application(made.store, token=None)):
+        status, document = got(app, "/api/nothing")
+        assert status == 404
+        assert document["error"].startswith("there is no address '/api/nothing'; /openapi.json lists")
