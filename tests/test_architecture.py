@@ -166,7 +166,7 @@ def test_only_the_store_changes_an_object(package: str) -> None:
         "for entry.label in labels: pass",
         "setattr(entry, name, value)",
         "object.__setattr__(entry, 'label', 3)",
-        "self.store.affinity.add_evidence(1, 2, same=True, novelty=1.0)",
+        "self.store.affinity.add_evidence(1, 2, 1.4, novelty=1.0)",
     ],
 )
 def test_a_change_outside_the_store_is_noticed(code: str) -> None:

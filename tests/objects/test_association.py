@@ -31,7 +31,12 @@ def frame_of(claim: np.ndarray) -> FrameSegments:
         outline = np.zeros((4, KINDS), np.int64)
         segments.append(FrameSegment(pixels, {}, 1.0, 1.0, np.zeros(4), outline, 1.0))
     return FrameSegments(
-        segments, claim.astype(np.int32), np.zeros((count, count), np.int64), np.arange(count), np.zeros(count, bool)
+        segments,
+        claim.astype(np.int32),
+        np.zeros((count, count), np.int64),
+        np.zeros((count, count)),
+        np.arange(count),
+        np.zeros(count, bool),
     )
 
 

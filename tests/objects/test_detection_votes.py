@@ -24,7 +24,7 @@ def affinity_after(*rects: tuple[int, ...], gap_m: float = 0.0, beside: bool = T
     for entry, own in zip(entries, points, strict=True):
         entry.points = own
     if beside:
-        store.affinity.add_evidence(1, 2, same=True, novelty=0.0)
+        store.affinity.add_evidence(1, 2, SAME_LOG_ODDS, novelty=0.0)
     visible = [
         (entry, Visibility(1.0, np.array(rect, np.float64), True))
         for entry, rect in zip(entries, (LEFT, RIGHT), strict=True)

@@ -49,7 +49,7 @@ def test_from_a_label_another_one_takes_when_that_is_likely_and_a_candidate_when
     pair = [objects.store.add(Box(np.array([x, 0.35, 0.08]), JAR, np.eye(3)), 0) for x in (0.35, 0.47)]
     for entry in pair if labelled else pair[1:]:
         objects.store.confirm(entry)
-    objects.store.affinity.add_evidence(1, 2, same=False, novelty=-told / DIFFERENT_LOG_ODDS)
+    objects.store.affinity.add_evidence(1, 2, DIFFERENT_LOG_ODDS, novelty=-told / DIFFERENT_LOG_ODDS)
     only, found = np.zeros(1, np.int64), np.zeros((1, 2))
     shown = Association(pair, only, only - 1, found, np.ones(1), found.astype(np.int64), np.zeros(2, np.int64))
     column, allowed = objects._allowed_transfers(np.array([1], np.int32), shown)

@@ -9,6 +9,7 @@ from made_maps import grid, map_of
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.kernels.overlap import BATCH
 from cuboid.ground.geometry.overlap import pack
+from cuboid.method.objects.affinity import SAME_LOG_ODDS
 from cuboid.method.objects.entry import ObjectWithoutDepth, State
 from cuboid.method.objects.objectness import quantities_of
 from cuboid.method.objects.store import ObjectStore
@@ -44,7 +45,7 @@ def test_labels_count_up_in_the_order_of_confirmation() -> None:
 def test_a_retired_label_is_never_given_again_and_its_voxels_are_no_ones() -> None:
     store = store_of(3)
     store.confirm(store[1])
-    store.affinity.add_evidence(1, 2, same=True, novelty=1.0)
+    store.affinity.add_evidence(1, 2, SAME_LOG_ODDS, novelty=1.0)
     store.retire(store[1])
     assert store[1].state is State.RETIRED
     assert [o.number for o in store.living()] == [2, 3]
@@ -74,7 +75,7 @@ def test_merging_keeps_the_older_label_and_records_the_younger(order: tuple[int,
     store[1].supports, store[2].supports = {4: 10, 5: 1}, {4: 1}
     store[1].outline[0, 0], store[2].outline[0, 0] = 3, 4
     store[1].sightings, store[2].sightings = 9, 5
-    store.affinity.add_evidence(1, 3, same=True, novelty=1.0)
+    store.affinity.add_evidence(1, 3, SAME_LOG_ODDS, novelty=1.0)
     gone_one = store[1]
     kept, gone = store.merge(*(store[k] for k in order))
     assert (kept.number, kept.label, kept.merged_labels) == (2, 1, [2, 7])

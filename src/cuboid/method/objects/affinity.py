@@ -68,12 +68,12 @@ class Affinity:
             affinity._add(a, b, log_odds)
         return affinity
 
-    def add_evidence(self, a: int, b: int, *, same: bool, novelty: float) -> None:
+    def add_evidence(self, a: int, b: int, log_odds: float, *, novelty: float) -> None:
         """Add the evidence of a frame that two objects are the same one, or that they are not.
 
         It is weighted by the novelty (0..1) of the viewpoint of the frame.
         """
-        self._add(a, b, (SAME_LOG_ODDS if same else DIFFERENT_LOG_ODDS) * novelty)
+        self._add(a, b, log_odds * novelty)
 
     def add_attachment(self, a: int, b: int) -> None:
         """Add the evidence of a fit that one object is attached to the other: evidence for two objects is reset.

@@ -17,6 +17,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import DRIFT_M
 from cuboid.ground.geometry.rectangles import fractions_inside, rect_iou_matrix
 from cuboid.method.detection.types import Detections
+from cuboid.method.objects.affinity import DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
 from cuboid.method.objects.distances import touch
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.naming import INSIDE_FRACTION, SAME_IOU, likely_classes, match_detections
@@ -78,7 +79,8 @@ def add_votes(
         if (apart or _shows_both(boxes, rects[[a, b]], iou[:, [a, b]], inside[[a, b]])) and touch(
             first.points, second.points, DRIFT_M
         ):
-            store.add_pair_evidence(first, second, same=not apart, novelty=weight)
+            log_odds = DIFFERENT_LOG_ODDS if apart else SAME_LOG_ODDS
+            store.add_pair_evidence(first, second, log_odds, novelty=weight)
 
 
 def _detection_of_each(iou: Float64Array) -> npt.NDArray[np.intp]:

@@ -18,7 +18,7 @@ from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.box import Box
 from cuboid.method.heatmap.voxel_map import VoxelMap
-from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS
+from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS, SAME_LOG_ODDS
 from cuboid.method.objects.association import Association, SegmentedFrame, associate
 from cuboid.method.objects.boxing import Boxing
 from cuboid.method.objects.confirmation import is_confirmable
@@ -208,14 +208,16 @@ class ObjectMap:
         covered = (found.object_pixels >= MIN_READINGS) & (found.overlap >= COVERED_FRACTION * found.object_pixels)
         for i in np.flatnonzero(covered.sum(1) > 1):
             for a, b in combinations(np.flatnonzero(covered[i]).tolist(), 2):
-                self.store.add_pair_evidence(found.objects[a], found.objects[b], same=True, novelty=novelty)
+                self.store.add_pair_evidence(found.objects[a], found.objects[b], SAME_LOG_ODDS, novelty=novelty)
         matched, match = found.match >= 0, found.match.tolist()
         adjacent = np.triu(frame_segments.contact + frame_segments.contact.T > 0, 1) & matched & matched[:, None]
         for i, j in zip(*(k.tolist() for k in np.nonzero(adjacent)), strict=True):
             a, b = found.objects[match[i]], found.objects[match[j]]
             if self._are_separate(frame_segments, i, j) and not self._are_attached(a, b):
-                self.store.add_pair_evidence(a, b, same=False, novelty=novelty)
-                separate.add(frozenset((a.number, b.number)))
+                log_odds = float(frame_segments.log_odds_one[i, j])
+                self.store.add_pair_evidence(a, b, log_odds, novelty=novelty)
+                if log_odds < 0.0:
+                    separate.add(frozenset((a.number, b.number)))
         return separate
 
     @staticmethod
@@ -238,7 +240,7 @@ class ObjectMap:
             # Count each pair once, and no object with itself.
             counted = first.confirmed and first.number >= second.number
             if not counted and frozenset((first.number, second.number)) not in separate:
-                self.store.add_pair_evidence(first, second, same=True, novelty=novelty)
+                self.store.add_pair_evidence(first, second, SAME_LOG_ODDS, novelty=novelty)
 
     def _record_shown(self, seen: Observation, found: Association) -> None:
         """Count the frame for the objects with pixels in it, and as missed for candidates with their place in it."""

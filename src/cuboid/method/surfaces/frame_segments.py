@@ -17,6 +17,7 @@ from cuboid.ground.core.tolerances import JUMP_M, MIN_READINGS
 from cuboid.ground.core.working import WorkingImage
 from cuboid.method.heatmap.kernels.claims import assign_pixels
 from cuboid.method.heatmap.pixel_heat import WeighedProposals, proposal_iou
+from cuboid.method.surfaces.kernels.borders import borders
 from cuboid.method.surfaces.kernels.outlines import KINDS, Picture, outlines
 from cuboid.method.surfaces.kernels.pieces import gather_regions, judge_regions, label_regions
 
@@ -36,6 +37,11 @@ MAJOR_FRACTION, DEEP_FRACTION = 0.4, 0.5
 # Beyond a hole in the depth image the next surface is searched over this distance, metres: the width of a sensor shadow
 # at an outline.
 GAP_M = 0.08
+# Evidence of the border of two segments that they are one thing, log-odds: an intercept, the weights of the
+# `border_quantities`, and its limit. `benchmarks/fit_borders.py` fits them on eleven kinds of made places.
+BORDER_INTERCEPT, BORDER_CONTINUES, BORDER_LENGTH, MAX_BORDER_LOG_ODDS = 3.47, 1.34, 1.06, 2.0
+# Smallest length of a border over the root of an area; also of segments without a border.
+MIN_LENGTH = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +86,8 @@ class FrameSegments:
         Index in `segments` of the segment of each working pixel, -1: none.
     contact : (n, n) int64
         [i, j]: number of outline pixels of i at which j begins.
+    log_odds_one : (n, n) float64
+        [i, j], i < j: evidence of the border of two segments that they are one thing; see `border_evidence`.
     proposal : (n,) int64
         The proposal of each segment, by strength; see `_own_proposals`.
     touched : (n,) bool
@@ -91,6 +99,7 @@ class FrameSegments:
     segments: list[FrameSegment]
     claim: npt.NDArray[np.int32]
     contact: npt.NDArray[np.int64]
+    log_odds_one: Float64Array
     proposal: npt.NDArray[np.int64]
     touched: npt.NDArray[np.bool_]
     left_out: int = 0
@@ -181,7 +190,46 @@ def segment_frame(
         segments.append(FrameSegment(pixels[begin:end], supports, warm[k], scores[k], rects[k], outline[k], read[k]))
     proposal_of = _own_proposals(segment_of, proposal_of, weighed, order)
     touched = _touched(segment_of, kept, seen, planes, config.depth_noise_per_m)
-    return FrameSegments(segments, segment_of, contact, proposal_of, touched, left_out)
+    shared, parting, continuing = (np.empty((kept, kept), np.int64) for _ in range(3))
+    borders(solid.depth_m, segment_of, c.fx, noise, JUMP_M, shared, parting, continuing)
+    log_odds_one = border_evidence(shared, parting, continuing, sizes)
+    return FrameSegments(segments, segment_of, contact, log_odds_one, proposal_of, touched, left_out)
+
+
+def border_quantities(
+    shared: npt.NDArray[np.int64],
+    parting: npt.NDArray[np.int64],
+    continuing: npt.NDArray[np.int64],
+    sizes: npt.NDArray[np.int64],
+) -> Float64Array:
+    """Return two quantities of each border, (2, n, n); the parameters are those of `border_evidence`.
+
+    Logarithms of the fraction of the border where the surface continues, and of its length over the root of the area of
+    the smaller segment.
+    """
+    fraction = (continuing + 0.5) / (parting + continuing + 1.0)
+    length = shared / np.sqrt(np.minimum(sizes, sizes[:, None]))
+    return np.stack([np.log(fraction), np.log(np.maximum(length, MIN_LENGTH))])
+
+
+def border_evidence(
+    shared: npt.NDArray[np.int64],
+    parting: npt.NDArray[np.int64],
+    continuing: npt.NDArray[np.int64],
+    sizes: npt.NDArray[np.int64],
+) -> Float64Array:
+    """Return the log-odds (n, n) that two segments side by side are one thing, from the shape of their border.
+
+    Parameters
+    ----------
+    shared, parting, continuing : (n, n) int64
+        Pixels of each border; see `kernels.borders.borders`.
+    sizes : (n,) int64
+        Pixels of each segment.
+    """
+    continues, length = border_quantities(shared, parting, continuing, sizes)
+    evidence = BORDER_INTERCEPT + BORDER_CONTINUES * continues + BORDER_LENGTH * length
+    return np.asarray(np.clip(evidence, -MAX_BORDER_LOG_ODDS, MAX_BORDER_LOG_ODDS))
 
 
 def _own_proposals(

@@ -93,9 +93,9 @@ class ObjectEvidence(StoredObjects):
         """Add the evidence for the name of another object that is the same one."""
         kept.name_log_odds = merged_evidence(kept.name_log_odds, other.name_log_odds)
 
-    def add_pair_evidence(self, a: MapObject, b: MapObject, *, same: bool, novelty: float) -> None:
+    def add_pair_evidence(self, a: MapObject, b: MapObject, log_odds: float, *, novelty: float) -> None:
         """Add the evidence of a frame that two living objects are one, or that they are two; see `Affinity`."""
-        self.affinity.add_evidence(a.number, b.number, same=same, novelty=novelty)
+        self.affinity.add_evidence(a.number, b.number, log_odds, novelty=novelty)
 
     def begin_visit(self, max_sightings: int) -> None:
         """Limit the number of earlier sightings of living objects with depth, so that boxes are soon refitted."""
