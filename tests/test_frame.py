@@ -67,6 +67,14 @@ def test_the_tracker_does_not_see_how_missing_depth_was_marked() -> None:
         ({"color": np.zeros((3, 4))}, r"frame 7: color must be \(H, W, 3\) uint8, got \(3, 4\) float64"),
         ({"depth_m": [[1.0]]}, r"frame 7: depth must be \(3, 4\) float32 in metres like the color image, got list"),
         ({"depth_m": np.ones((3, 4), np.uint16)}, r"frame 7: depth must be .* got \(3, 4\) uint16"),
+        (
+            {"color": np.zeros((0, 0, 3), np.uint8), "depth_m": np.zeros((0, 0), np.float32)},
+            "frame 7: images must",
+        ),
+        ({"index": 1.5}, r"a frame's index must be a whole number from 0, got 1\.5"),
+        ({"index": True}, "a frame's index must be a whole number from 0, got True"),
+        ({"index": -1}, "a frame's index must be a whole number from 0, got -1"),
+        ({"index": "a"}, "a frame's index must be a whole number from 0, got 'a'"),
         ({"timestamp_s": None}, "frame 7: expected a time in seconds, got None"),
         ({"timestamp_s": float("nan")}, "frame 7: expected a time in seconds, got nan"),
         ({"timestamp_s": 1_700_000_000_000_000_000}, "frame 7: expected a time in seconds, got 1700000000000000000"),
@@ -75,6 +83,13 @@ def test_the_tracker_does_not_see_how_missing_depth_was_marked() -> None:
 def test_a_frame_that_is_none_is_refused_in_one_line(values: dict[str, Any], message: str) -> None:
     with pytest.raises(cuboid.FrameError, match=message):
         made(**values)
+
+
+@pytest.mark.parametrize("index", [1.5, True, -1])
+def test_a_skipped_frame_has_the_number_of_a_frame(index: Any) -> None:
+    assert cuboid.SkippedFrame(np.int64(3), "torn") == cuboid.SkippedFrame(3, "torn")  # type: ignore[arg-type]
+    with pytest.raises(cuboid.FrameError, match="a frame's index must be a whole number from 0"):
+        cuboid.SkippedFrame(index, "torn")
 
 
 def test_intrinsics_of_any_number_type_are_floats_and_whole_pixels() -> None:

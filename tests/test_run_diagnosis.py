@@ -17,7 +17,7 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.geometry.se3 import inverse, quat_wxyz_from_rotation
 from cuboid.lab.synthetic import make_scene, render_recording
 from cuboid.results.files import RunReport
-from cuboid.runs.pipeline.options import ResultOptions
+from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
 from made_scenes import CAMERA, cast, look_at, upright
 
@@ -31,9 +31,9 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def report_of(path: Path, output: Path, **options: Any) -> RunReport:
+def report_of(path: Path, output: Path, poses: str | None = None, **options: Any) -> RunReport:
     recording = open_recording(path, **options)
-    outcome = track_recording(recording, output, results=ResultOptions(page=False))
+    outcome = track_recording(recording, output, TrackOptions(poses=poses), results=ResultOptions(page=False))
     assert json.loads((output / "run.json").read_text())["warnings"] == list(outcome.report.warnings)
     return outcome.report
 
@@ -96,9 +96,12 @@ def test_poses_in_another_convention_are_named_with_the_option_that_mends_them(
         (folder / "poses.txt").write_text("\n".join(lines))
 
     bad = changed(good, tmp_path / "bad", write)
-    warnings = report_of(bad, tmp_path / "out").warnings
-    assert warnings[0].startswith("the given poses are ")
-    assert warnings[0].endswith(f"run again with --pose-convention {names}")
+    for poses in ("given", "corrected"):
+        (warning,) = report_of(bad, tmp_path / poses, poses=poses).warnings
+        assert warning.startswith("the given poses are ")
+        assert warning.endswith(f"run again with --pose-convention {names}")
+    given, corrected = ((tmp_path / poses / "trajectory.txt").read_bytes() for poses in ("given", "corrected"))
+    assert given == corrected
 
     recording, mended = open_recording(good), open_recording(bad, pose_convention=names)
     for k in range(len(recording)):

@@ -16,6 +16,7 @@ from cuboid.method.poses.sources import NO_POSE
 from cuboid.results.files import Results
 from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.tracking.running import NO_DEPTH
 from fakes import INTRINSICS, FakeRecording
 from made_scenes import CAMERA, frame_of, look_at, upright
 
@@ -96,12 +97,35 @@ def test_a_frame_without_a_pose_among_posed_ones_is_skipped() -> None:
     assert isinstance(tracker.update(shown[2]), cuboid.FrameResult)
 
 
+@pytest.mark.parametrize("none", [0.0, np.nan])
+def test_frames_without_depth_are_skipped_with_their_reason(none: float) -> None:
+    """The first of them would decide which way is up in the picture, later ones would see all objects."""
+    blind, skipped, shown = cuboid.Tracker(CAMERA), cuboid.Tracker(CAMERA), frames(12)
+    for frame in shown:
+        if frame.index in (0, 7):
+            found = blind.update(dataclasses.replace(frame, depth_m=np.full_like(frame.depth_m, none)))
+            assert found == cuboid.SkippedFrame(frame.index, NO_DEPTH)
+            assert found.sightings == ()
+            skipped.update(cuboid.SkippedFrame(frame.index, NO_DEPTH))
+        else:
+            assert str(blind.update(frame).sightings) == str(skipped.update(frame).sightings)
+    assert len(blind.objects) == 2
+    assert str(blind.objects) == str(skipped.objects)
+    assert blind.log.skipped == skipped.log.skipped == [(0, NO_DEPTH), (7, NO_DEPTH)]
+
+
+def test_times_that_repeat_or_go_back_are_said_once() -> None:
+    tracker, moved = cuboid.Tracker(CAMERA), {4: 3, 6: -3000, 7: -2999}
+    for frame in frames(9):
+        tracker.update(dataclasses.replace(frame, timestamp_s=moved.get(frame.index, frame.index) / 30))
+    (said,) = tracker.warnings
+    assert said.startswith("times repeat or go back at 2 frames, first at frame 4; motion of objects")
+
+
 def test_frames_that_a_caller_got_wrong_are_refused_in_one_line() -> None:
     tracker, (first, second, third) = cuboid.Tracker(CAMERA), frames(3)
     with pytest.raises(FrameError, match=r"expected a cuboid\.Frame, got NoneType"):
         tracker.update(None)  # type: ignore[arg-type]
-    with pytest.raises(FrameError, match="index must be a whole number from 0, got 'a'"):
-        tracker.update(dataclasses.replace(first, index="a"))
     tracker.update(second)
     for earlier in (second, first):
         with pytest.raises(FrameError, match=f"frame {earlier.index} comes after frame 1; indices must increase"):

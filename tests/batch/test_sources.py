@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import fsspec
 import pytest
 
 from cuboid.fleet.batch.sources import expand
@@ -33,6 +34,20 @@ def test_a_folder_without_a_recording_stops_a_batch_only_alone(folder: Path) -> 
         expand([str(folder / "empty")])
     with pytest.raises(InputError, match="nowhere does not exist"):
         expand([str(folder / "desk"), "nowhere"])
+
+
+@pytest.mark.parametrize("start", ["", "file://", "memory://"])
+def test_other_files_that_match_a_glob_are_no_recordings(folder: Path, start: str) -> None:
+    for name in ("notes.txt", "README.md", "walk.bag"):
+        (folder / name).write_text("of Monday\n")
+    if start == "memory://":
+        memory = fsspec.filesystem("memory")
+        memory.put(str(folder), "/all", recursive=True)
+        folder = Path("/all")
+    names = [source.name for source in expand([f"{start}{folder}/*"])]
+    assert names == ["broken", "desk", "empty", "kitchen", "other", "walk.bag"]
+    with pytest.raises(InputError, match="no folder and no file of a recording matches"):
+        expand([f"{start}{folder}/*.txt"])
 
 
 def test_a_broken_recording_beside_good_ones_is_not_left_out(folder: Path) -> None:

@@ -75,6 +75,44 @@ def test_the_quick_check_tells_wrong_from_right(recording: Recording, posed: Pos
         assert verdict.focal == pytest.approx(truth.fx, rel=0.02)
 
 
+@pytest.mark.parametrize("noise", ["none", "drift", "jumps"])
+@pytest.mark.parametrize("depth", [0.7, 0.88, 0.9, 0.92, 0.95, 1.05, 1.08, 1.1, 1.12, 1.3])
+def test_the_quick_check_names_the_depth_scale_and_no_focal_length(
+    recording: Recording, posed: Posed, depth: float, noise: str
+) -> None:
+    verdict = quick_check(posed(noise, count=24, depth=depth), recording.intrinsics)
+    assert not verdict.wrong
+    assert verdict.depth_scale == pytest.approx(1 / depth, rel=0.01)
+    assert quick_check(posed(noise, count=24), recording.intrinsics).depth_scale is None
+
+
+def test_the_quick_check_names_both_where_both_are_off(recording: Recording, posed: Posed) -> None:
+    verdict = quick_check(posed(count=24, depth=1.08), scaled(recording.intrinsics, 0.93))
+    assert verdict.wrong
+    assert verdict.focal == pytest.approx(recording.intrinsics.fx, rel=0.01)
+    assert verdict.depth_scale == pytest.approx(1 / 1.08, rel=0.01)
+
+
+@pytest.mark.parametrize("factor", [0.92, 1.1])
+def test_a_run_and_a_calibration_name_the_same_depth_scale(
+    factor: float, recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """5000 units per metre are true."""
+    words = [str(recording.path), "--depth-scale", f"{5000 * factor:g}", "--limit", "40"]
+    for poses in ("given", "corrected"):
+        output = tmp_path / poses
+        assert main(["track", *words, "--poses", poses, "--output", str(output), "--threads", "1"]) == 0
+        (warning,) = read_run(output / "run.json").warnings
+        assert warning.startswith(f"the depth scale of {5000 * factor:g} units per metre is off: ")
+        advised = float(warning.rpartition(" --depth-scale ")[2])
+        assert advised == pytest.approx(5000, rel=0.01)
+    assert main(["calibrate", *words, "--output", str(tmp_path / "camera.json")]) == 0
+    assert "the depth scale is changed" in capsys.readouterr().out
+    found = json.loads((tmp_path / "camera.json").read_text())
+    assert found["depth_units_per_metre"] == pytest.approx(advised, rel=0.005)
+    assert found["fx"] == pytest.approx(recording.intrinsics.fx, rel=0.01)
+
+
 @pytest.mark.parametrize("command", ["track", "slam"])
 def test_a_run_with_a_wrong_focal_length_goes_on_and_says_so(
     command: str, recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]

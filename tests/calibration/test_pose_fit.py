@@ -7,9 +7,9 @@ import pytest
 
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.pose_convention import POSE_CONVENTIONS, converted
 from cuboid.ground.geometry.se3 import exp
-from cuboid.inputs.calibration.pose_fit import DEPTH_FACTORS, POSE_CONVENTIONS, pose_fit
-from cuboid.inputs.readers.pose_convention import converted
+from cuboid.inputs.calibration.pose_fit import DEPTH_FACTORS, pose_fit
 
 K = Intrinsics(160.0, 160.0, 79.5, 59.5, 160, 120)
 

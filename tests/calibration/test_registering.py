@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import cv2
@@ -14,10 +15,12 @@ from cuboid.cli import main
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.inputs.calibration.registering import register_recording, registration_warning
 from cuboid.inputs.readers import open_recording
+from cuboid.lab.synthetic import render_recording
 from cuboid.lab.synthetic.kinds import make_scene
 from cuboid.lab.synthetic.recording import DEPTH_UNITS_PER_M, encode_color, encode_depth
 from cuboid.lab.synthetic.truth import pose_lines
 from cuboid.lab.synthetic.view import SceneView
+from cuboid.results.files import read_run
 
 COLOR = Intrinsics(262.5, 262.5, 160.0, 120.0, 320, 240)
 # A depth camera of a longer focal length, 3 cm to the left, that looks a little higher: as 7-Scenes has it.
@@ -74,7 +77,8 @@ def errors(recording, truth):
 def test_what_was_done_is_found(deregistered):
     folder, truth = deregistered
     recording = open_recording(folder)
-    found, mended = register_recording(recording)
+    registration = register_recording(recording)
+    found, mended = registration.found, registration.recording
     assert found.clear
     assert found.off_px == pytest.approx(12.5, abs=2)
     camera = mended.depth_camera
@@ -86,9 +90,66 @@ def test_what_was_done_is_found(deregistered):
     assert errors(known, truth) < 0.02
     assert errors(mended, truth) < 0.04
     assert errors(recording, truth) > 0.08
-    again, same = register_recording(mended)
-    assert not again.clear
-    assert same is mended
+    again = register_recording(mended)
+    assert not again.found.clear
+    assert again.recording is mended
+
+
+def shifted(folder, to, px):
+    """The recording with color that lies this many pixels to the right of depth."""
+    shutil.copytree(folder, to)
+    for file in (to / "color").iterdir():
+        image = cv2.imread(str(file))
+        image = cv2.copyMakeBorder(image, 0, 0, px, 0, cv2.BORDER_REPLICATE)[:, : image.shape[1]]
+        cv2.imwrite(str(file), image, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    return to
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    path = tmp_path_factory.mktemp("made") / "table"
+    render_recording(make_scene("table", 3, frames=40), path, size=(320, 240))
+    return path
+
+
+def test_poses_tell_which_camera_the_intrinsics_are_of(table, tmp_path):
+    """Depth and poses fit together: the optical center of color is 12 pixels farther right."""
+    recording = cuboid.open_recording(shifted(table, tmp_path / "shifted", 12))
+    K = open_recording(table).intrinsics
+    camera = recording.depth_camera
+    assert (camera.fx, camera.cx, camera.cy) == (K.fx, K.cx, K.cy)
+    assert recording.intrinsics.cx == pytest.approx(K.cx + 12, abs=1)
+    (warning,) = recording.warnings
+    assert warning.startswith("depth was displaced from color by 12 px and is registered now")
+
+
+@pytest.mark.parametrize("px", [25, 40])
+def test_a_registration_that_no_two_cameras_have_is_not_taken_and_said_once(table, tmp_path, px):
+    folder = shifted(table, tmp_path / "shifted", px)
+    objects = {}
+    for register in ("auto", "off"):
+        output = tmp_path / register
+        assert main(["track", str(folder), "--register", register, "--output", str(output), "--threads", "1"]) == 0
+        (warning,) = read_run(output / "run.json").warnings
+        assert warning.startswith("depth is displaced from color by about ")
+        refused = ", but no two cameras side by side are displaced like this: depth is not changed"
+        assert (refused in warning) == (register == "auto")
+        objects[register] = (output / "objects.json").read_bytes()
+    assert objects["auto"] == objects["off"]
+
+
+def test_a_registration_that_does_not_fit_the_poses_is_not_taken(table, tmp_path):
+    """The depth camera is named as it is; only its center could be moved, against depth and poses."""
+    folder = shifted(table, tmp_path / "shifted", 12)
+    K = open_recording(table).intrinsics
+    camera = json.loads((folder / "camera.json").read_text())
+    named = {name: getattr(K, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    camera |= {"depth_camera": named, "T_color_depth": np.eye(4).tolist()}
+    (folder / "camera.json").write_text(json.dumps(camera))
+    recording = cuboid.open_recording(folder, register="on")
+    assert recording.depth_camera.cx == K.cx
+    (warning,) = recording.warnings
+    assert "but no registration fits the given poses: depth is not changed" in warning
 
 
 def test_a_camera_that_stands_shows_it_in_the_parts_of_its_image(tmp_path):
@@ -96,12 +157,13 @@ def test_a_camera_that_stands_shows_it_in_the_parts_of_its_image(tmp_path):
     T_color_depth[0, 3] = -0.12  # about 12 px at 2.6 m
     folder, truth = make(tmp_path / "made", T_color_depth, COLOR, places=1)
     recording = open_recording(folder)
-    found, mended = register_recording(recording)
+    registration = register_recording(recording)
+    found, mended = registration.found, registration.recording
     assert found.views == 1
     assert found.clear
     assert found.magnification == 1.0
     assert errors(mended, truth) < 0.5 * errors(recording, truth)
-    assert not register_recording(open_recording(make(tmp_path / "good", np.eye(4), COLOR, places=1)[0]))[0].clear
+    assert not register_recording(open_recording(make(tmp_path / "good", np.eye(4), COLOR, places=1)[0])).found.clear
 
 
 def test_the_outline_of_one_object_does_not_show_it(tmp_path):
@@ -109,7 +171,8 @@ def test_the_outline_of_one_object_does_not_show_it(tmp_path):
     depth_m, color = np.full((240, 320), 1.5, np.float32), np.full((240, 320, 3), 90, np.uint8)
     depth_m[box], color[box] = 1.0, 200
     root = make_flat(tmp_path, color, np.roll(depth_m, 14, axis=1))
-    found, same = register_recording(open_recording(root))
+    registration = register_recording(open_recording(root))
+    found, same = registration.found, registration.recording
     assert found.off_px == pytest.approx(14, abs=2)
     assert not found.clear
     assert same.depth_camera is None
@@ -146,7 +209,8 @@ def test_named_intrinsics_may_be_those_of_either_camera(tmp_path, named):
 def test_no_word_where_depth_is_registered(registered, capsys, tmp_path):
     folder, _ = registered
     recording = open_recording(folder)
-    found, same = register_recording(recording)
+    registration = register_recording(recording)
+    found, same = registration.found, registration.recording
     assert not found.clear
     assert same is recording
     assert registration_warning(recording.read, recording.intrinsics, range(FRAMES)) is None
@@ -176,18 +240,20 @@ def test_no_word_about_a_single_view_of_real_recordings(data_dir, name):
 
 def test_depth_of_a_real_camera_that_stands_is_registered(data_dir):
     recording = open_recording(data_dir / "overhead-hands")
-    found, mended = register_recording(recording)
+    registration = register_recording(recording)
+    found, mended = registration.found, registration.recording
     assert found.views == 1
     assert found.clear
     # what lies on the table, 0.8 m away, is about 22 px right and 4 px up in the depth image
     assert found.shift_px[0] + found.apart_px_m / 0.8 == pytest.approx(-22, abs=3)
     assert found.shift_px[1] == pytest.approx(4, abs=2)
-    assert not register_recording(mended)[0].clear
+    assert not register_recording(mended).found.clear
 
 
 def test_a_recording_without_edges_tells_nothing(tmp_path):
     recording = open_recording(make_flat(tmp_path))
-    found, same = register_recording(recording)
+    registration = register_recording(recording)
+    found, same = registration.found, registration.recording
     assert found is None
     assert same is recording
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "readers"))
 from made_recordings import CAMERA, make_plain, write_image
 
 from cuboid.cli import main
+from cuboid.cli.info import rows
 from cuboid.inputs.readers import open_recording
+from cuboid.inputs.recordings.inspecting import inspect_recording
 from fakes import write_recording
 
 
@@ -44,6 +47,19 @@ def test_info_as_json(tmp_path, capsys):
     assert (found["format"], found["frames"], found["poses"], found["skipped"]) == ("plain", 5, 0, [])
     assert found["size"] == [64, 48]
     assert found["holes"] == pytest.approx(1 / 64)
+
+
+@pytest.mark.parametrize(
+    ("off_px", "says"),
+    [
+        (None, "depth taken as aligned to color"),
+        (0.9, "displaced from color by 1 px: too little to be registered without --register on"),
+        (3.0, "by 3 px: 'cuboid track' registers it, if that is plausible, unless --register off is given"),
+    ],
+)
+def test_info_says_what_is_done_about_depth_beside_color(tmp_path, off_px, says):
+    found = inspect_recording(open_recording(make_plain(tmp_path, frames=3).path))
+    assert says in dict(rows(replace(found, depth_off_px=off_px)))["registration"]
 
 
 def test_info_on_real_recordings(data_dir, capsys):

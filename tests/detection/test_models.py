@@ -156,6 +156,20 @@ def test_the_folder_of_models(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     assert models_folder() == tmp_path / "cuboid" / "models"
 
 
+def test_a_folder_of_models_that_cannot_be_read_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("CUBOID_MODELS", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / ("x" * 300)))  # root may read any folder; this name is too long for one
+    assert main(["models"]) == 2
+    assert re.fullmatch(r"cuboid: .*cannot be read: .*; CUBOID_MODELS names another folder\n", capsys.readouterr().err)
+    monkeypatch.setattr(Path, "home", lambda: (_ for _ in ()).throw(RuntimeError("no home")))
+    assert main(["models"]) == 2
+    said = "the home folder is unknown; CUBOID_MODELS names a folder of models"
+    assert capsys.readouterr().err == f"cuboid: error: {said}\n"
+
+
 def test_a_model_of_any_size_gets_the_size_that_it_was_trained_with(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -12,6 +12,7 @@ from hostile_worlds import DRIFTS, EXACT, FRAMES, TRUE, World, small_motion
 from cuboid import open_recording
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.pose_convention import convention_names, converted
 from cuboid.method.poses import drift
 from cuboid.method.poses.alignment import pick
 from cuboid.method.poses.comparison import COMPARED_LEVEL, clearly_better, explained
@@ -50,6 +51,25 @@ def test_a_wrong_depth_scale_is_named(factor: float) -> None:
     correction, _ = run_of(f"depth times {factor}")
     assert correction.cause is not None
     assert correction.cause.scale == pytest.approx(factor, abs=0.002)
+
+
+@pytest.mark.parametrize("convention", ["inverse", "opengl", "wxyz", "inverse,opengl", "wxyz,inverse"])
+def test_poses_in_another_convention_are_named_and_never_corrected(convention: str) -> None:
+    names = convention_names(convention)
+    given = [as_read(T, names) for T in TRUE]
+    correction, found = run(World(given=given))
+    assert (correction.proven_at, correction.withdrawn_at, correction.max_shift_m) == (None, None, 0.0)
+    assert all(T is as_given for T, as_given in zip(found, given, strict=True))
+    assert correction.cause is not None
+    assert correction.cause.convention == names
+
+
+def as_read(T: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """Return how a pose reads whose file is in conventions that are taken for ours."""
+    back = {"wxyz": ("xyzw",)}
+    for name in reversed(names):
+        T = converted(T, back.get(name, (name,)))
+    return T
 
 
 def test_poses_of_another_body_than_the_camera_are_named() -> None:
@@ -124,7 +144,7 @@ def test_a_run_says_why_poses_do_not_fit() -> None:
             posed = poses.locate(frame)
             assert apply or np.array_equal(posed.T_world_camera, frame.T_world_camera)
         assert poses.origin == ("corrected" if apply else "given")
-        return poses.warnings()
+        return (*poses.warnings(), *(() if poses.misfit is None else (poses.misfit,)))
 
     assert warnings(World()) == ()
     (warning,) = warnings(DRIFTS["drift 2 mm"])
@@ -140,6 +160,8 @@ def test_a_run_says_why_poses_do_not_fit() -> None:
     assert "the depth is 0.90 times what the poses say; --depth-scale" in warning
     (warning,) = warnings(World(given=[T @ small_motion((0.05, 0.02, -0.03), (0.03, -0.05, 0.02)) for T in TRUE]))
     assert "another sensor than the camera" in warning
+    (warning,) = warnings(World(given=[np.linalg.inv(T) for T in TRUE]), apply=False)
+    assert warning.endswith("they agree with the frames; run again with --pose-convention inverse")
 
 
 def test_a_frame_without_a_pose_is_refused() -> None:

@@ -15,7 +15,7 @@ def motions(seed: int = 0, count: int = 12) -> list[np.ndarray]:
 def pairs(found: list[np.ndarray]) -> list[MotionPair]:
     noise = np.random.default_rng(1)
     return [
-        MotionPair(T, exp(noise.normal(size=6) * 0.0005) @ other, 1.2)
+        MotionPair(inverse(T), np.eye(4), exp(noise.normal(size=6) * 0.0005) @ other, 1.2)
         for T, other in zip(motions(), found, strict=True)
     ]
 

@@ -176,6 +176,8 @@ def test_another_run_is_not_gone_on_with(recording: Path, tmp_path: Path) -> Non
         time.sleep(0.02)
     process.kill()
     process.wait()
+    assert f"the run of {recording} was broken off before frame " in refused(run(words))
+    assert len(Scene.open(scene).recordings) == 1
     assert "the run was begun with every = 1, not 2" in refused(run([*words, "--resume", "--every", "2"]))
     moved = tmp_path / "moved"
     moved.symlink_to(recording)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import re
 import shutil
 import sqlite3
 from pathlib import Path
@@ -26,6 +27,7 @@ from cuboid.runs.scene import Scene, SceneObject, Source
 from cuboid.runs.scene.checking import problems, rescue
 from cuboid.runs.scene.database import Writing, open_to_read
 from cuboid.runs.scene.schema import VERSION
+from cuboid.runs.scene.session import SceneTracker
 
 # To another place, out of view from here.
 AWAY = se3.compose((1, 0, 0, 0), (20.0, 0, 0))
@@ -92,6 +94,33 @@ def test_a_second_recording_keeps_labels_and_names(path: Path) -> None:
         ]
         assert [(item.label, item.name) for item in scene.objects] == [(1, None), (2, "red, box")]
         assert {one.recording for one in scene.history(1)} == {1, 2}
+
+
+def test_a_run_that_was_broken_off_is_not_begun_again_on_its_own_part(path: Path) -> None:
+    shown = Shown(frames=6)
+    source = Source("/again", "made", "given", 6, CAMERA, {"every": 1})
+
+    def begin(source: Source, **options: bool) -> SceneTracker:
+        return scene.tracker(CAMERA, proposals=shown.proposals, source=source, commit_every_s=0.0, **options)
+
+    with Scene.open(path) as scene:  # killed before the first commit: nothing of it was saved
+        begin(source).drop()
+    with Scene.open(path) as scene:
+        tracker = begin(dataclasses.replace(source, settings={"every": 2}))
+        assert tracker.visit.number == 2
+        for frame in shown.frames[:4]:
+            tracker.update(frame)
+        tracker.drop()
+    before = path.read_bytes()
+    with Scene.open(path) as scene, pytest.raises(InputError) as refused:
+        begin(source)
+    assert re.search(r"/again was broken off before frame [1-4]: --resume continues it, with the", str(refused.value))
+    assert path.read_bytes() == before
+    # a camera's frames are gone, and another recording is none of this one
+    for other in (dataclasses.replace(source, frames=0), dataclasses.replace(source, path="/other")):
+        with Scene.open(path) as scene:
+            begin(other).drop()
+            assert scene.recordings[-1].path == other.path
 
 
 def test_forgotten_labels_are_not_given_again(path: Path) -> None:
@@ -191,7 +220,7 @@ def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) 
     record(tmp_path / "new.cuboid", Shown(), "again")
     with Scene.open(tmp_path / "new.cuboid") as scene:
         assert [item.label for item in scene.objects] == [1, 2]
-        assert [one.complete for one in scene.recordings] == [True, False, True], "the damage broke one off"
+        assert [one.complete for one in scene.recordings] == [True, True], "the refused one left nothing"
 
 
 def test_fine_points_are_in_the_file_in_exports_and_in_what_is_rescued(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
+from socket import create_connection
 from typing import Any
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
@@ -113,7 +115,7 @@ def test_pictures_clouds_free_places_and_the_tree(address: str) -> None:
 def test_what_is_wrong_is_one_line(address: str) -> None:
     for question, status, said in (
         ("objects/99", 404, "no object has the label 99"),
-        ("objects/one", 400, "label: expected a whole number, got 'one'"),
+        ("objects/one", 400, "label: expected a whole number from 0, got 'one'"),
         ("objects?size=3", 400, "unknown parameter 'size'"),
         ("objects?on=lamp", 400, "the name 'lamp'"),
         ("objects?color=mauve", 400, "unknown color"),
@@ -123,6 +125,10 @@ def test_what_is_wrong_is_one_line(address: str) -> None:
         ("surfaces/1/free?length=3m&width=3m", 404, "there is none"),
         ("objects/1/mesh?form=pdf", 400, "expected one of glb, obj, ply, stl"),
         ("last-seen", 400, "what is needed"),
+        ("objects?limit=-1", 400, "limit: expected a whole number from 0, got '-1'"),
+        ("objects?limit=0", 400, "limit: expected a whole number from 1, got '0'"),
+        ("objects/4/history?limit=-1", 400, "limit: expected a whole number from 0, got '-1'"),
+        ("changes?after=-1", 400, "after: expected a whole number from 0, got '-1'"),
     ):
         code, content = refused(f"{address}/api/{question}")
         assert (code, said in json.loads(content)["error"]) == (status, True), content
@@ -133,6 +139,23 @@ def test_it_is_read_only_and_answers_to_its_own_name(address: str) -> None:
     assert refused(f"{address}/api", Host="evil.example")[0] == 400
     with pytest.raises(InvalidStatus), connect(socket_of(address), origin="http://evil.example"):
         pass
+
+
+def test_a_body_is_refused_before_it_is_read(address: str) -> None:
+    for method in ("GET", "POST"):
+        for head in (f"Content-Length: {6 << 30}", "Transfer-Encoding: chunked"):
+            with closing(create_connection((urlsplit(address).hostname, urlsplit(address).port), 30)) as client:
+                client.sendall(f"{method} /api HTTP/1.1\r\nHost: localhost\r\n{head}\r\n\r\n".encode())
+                answer = client.makefile("rb").read()  # ends although no byte of the body was sent
+            assert answer.startswith(b"HTTP/1.1 413 "), answer
+            assert b"at most 16777216 bytes" in answer
+
+
+def test_a_socket_takes_changes_after_a_whole_number(address: str) -> None:
+    with connect(f"{socket_of(address)}?after=-1") as socket, pytest.raises(ConnectionClosed) as ended:
+        socket.recv(timeout=30)
+    assert ended.value.rcvd is not None
+    assert (ended.value.rcvd.code, ended.value.rcvd.reason) == (1008, "after: expected a whole number from 0, got '-1'")
 
 
 def test_where_others_can_reach_it_a_token_is_needed(results: Path) -> None:

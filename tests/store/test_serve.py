@@ -84,7 +84,8 @@ def test_what_is_wrong_is_one_line(address: str) -> None:
         ("color=mauve", "unknown color"),
         ("near=1,2", "expected X,Y,Z"),
         ("size=3", "unknown parameter 'size'"),
-        ("limit=many", "expected a number"),
+        ("limit=many", "limit: expected a whole number from 0, got 'many'"),
+        ("limit=-1", "limit: expected a whole number from 0, got '-1'"),
         ("since=9999-12-31T23:59:59-23:59", "since: expected 2026-03-01"),
         ("like=kitchen%2399", "has no object 99"),
     ):

@@ -91,17 +91,25 @@ def _depth(found: RecordingInfo) -> str:
 
 
 def _registration(found: RecordingInfo) -> str:
-    off = (
-        f"; displaced from color by {found.depth_off_px:.0f} px: use --register"
-        if found.depth_off_px is not None
-        else ""
-    )
+    off = "" if found.depth_off_px is None else _displaced(found.depth_off_px, found.size[0])
     if found.depth_camera is None:
         return f"depth taken as aligned to color{off}"
     camera, T = found.depth_camera["depth_camera"], found.depth_camera["T_color_depth"]
     apart_mm = 1000 * math.hypot(*(row[3] for row in T[:3]))
     size = f"{camera['width']} x {camera['height']}"
     return f"registered to color from {size}, fx {camera['fx']:.2f}, {apart_mm:.0f} mm away{off}"
+
+
+def _displaced(off_px: float, width_px: int) -> str:
+    """Return what is displaced, and what the commands do about it."""
+    from cuboid.inputs.calibration.registering import WORTH_A_WARNING
+
+    if off_px < WORTH_A_WARNING * width_px:
+        return f"; displaced from color by {off_px:.0f} px: too little to be registered without --register on"
+    return (
+        f"; displaced from color by {off_px:.0f} px: 'cuboid track' registers it, if that is plausible, unless "
+        "--register off is given; --register on shows the registration here"
+    )
 
 
 def _up(found: RecordingInfo) -> str:

@@ -61,7 +61,7 @@ def _row(name: str) -> dict[str, Any]:
         "milliseconds": model.milliseconds,
         "sha256": model.sha256,
         "url": model.url,
-        "path": str(model.path) if model.path.is_file() else None,
+        "path": str(model.path) if model.kept else None,
     }
 
 

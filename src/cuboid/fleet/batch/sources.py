@@ -42,8 +42,8 @@ def expand(words: Iterable[str]) -> list[Source]:
 
     A folder that is not a recording stands for the recordings in it, up to two folders deeper. Each of its entries
     without a recording is a source as well, so that a broken one is reported. A folder without any recording is a
-    source too if there are other arguments, as from the shell's ``recordings/*``. Each match of a glob, each line of a
-    list file (`.txt`) and each URL is a recording.
+    source too if there are other arguments, as from the shell's ``recordings/*``. Each folder, and each file of a kind
+    that may be a recording, that matches a glob is a recording; so is each line of a list file (`.txt`), and each URL.
 
     Parameters
     ----------
@@ -75,7 +75,8 @@ def _expand(word: str, *, alone: bool) -> list[Source]:
     if not os.path.exists(path):
         if not WILD & set(path):
             raise InputError(f"{word} does not exist")
-        return _beneath(_fixed(path), sorted(glob.glob(path, recursive=True)), word)
+        matches = sorted(glob.glob(path, recursive=True))
+        return _beneath(_fixed(path), [one for one in matches if os.path.isdir(one) or _may_be_recording(one)], word)
     if not os.path.isdir(path) or _recognised(path):
         return [Source(os.path.basename(path), path)]
     if not alone and not _deeper(path, LEVELS):
@@ -103,8 +104,12 @@ def _deeper(path: str, levels: int) -> list[str]:
 
 def _counts(entry: os.DirEntry[str]) -> bool:
     """Tell whether an entry of a folder may be a recording: a folder, or a file of a kind that may be one."""
-    endings = (*ARCHIVE_ENDINGS, *(ending for _, reader in READERS.items() for ending in reader.files))
-    return not entry.name.startswith(".") and (entry.is_dir() or entry.name.endswith(endings))
+    return not entry.name.startswith(".") and (entry.is_dir() or _may_be_recording(entry.name))
+
+
+def _may_be_recording(name: str) -> bool:
+    """Tell whether a file with this name is of a kind that may be a recording."""
+    return name.endswith((*ARCHIVE_ENDINGS, *(ending for _, reader in READERS.items() for ending in reader.files)))
 
 
 def _recognised(path: str) -> bool:
@@ -134,15 +139,16 @@ def _remote(url: str) -> list[Source]:
     try:
         with refusals(url, "listed"):
             fs, path = fsspec.core.url_to_fs(url, use_listings_cache=False)
-            found = sorted(map(str, fs.glob(path)))
+            matches = fs.glob(path, detail=True)
     except (OSError, ImportError, TypeError) as error:
         raise InputError(f"{url}: cannot be listed: {one_line(str(error))}") from None
+    found = [name for name, about in sorted(matches.items()) if about["type"] != "file" or _may_be_recording(name)]
     return [Source(source.name, str(fs.unstrip_protocol(source.url))) for source in _beneath(_fixed(path), found, url)]
 
 
 def _beneath(fixed: str, found: list[str], word: str) -> list[Source]:
     if not found:
-        raise InputError(f"{word}: nothing there matches")
+        raise InputError(f"{word}: no folder and no file of a recording matches")
     return [Source(os.path.relpath(path.rstrip("/"), fixed), path.rstrip("/")) for path in found]
 
 

@@ -105,7 +105,7 @@ class Frame:
     Attributes
     ----------
     index : int
-        Number of the frame in its recording, from 0; skipped frames keep their numbers.
+        Number of the frame in its recording, a whole number from 0; skipped frames keep their numbers.
     timestamp_s : float
         Time in seconds.
     color : (H, W, 3) uint8
@@ -121,8 +121,8 @@ class Frame:
     Raises
     ------
     FrameError
-        If an image has another shape or type, if the time is not a finite number of seconds, if the pose is not rigid
-        or not finite, or if up is zero or not finite.
+        If the index is no whole number from 0, if an image has another shape or type or no pixel, if the time is not a
+        finite number of seconds, if the pose is not rigid or not finite, or if up is zero or not finite.
     """
 
     index: int
@@ -140,6 +140,11 @@ class Frame:
     def _repr_png_(self) -> bytes:
         """Show color and depth side by side, in a notebook."""
         return png_of(self)
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether any pixel has a reading."""
+        return bool(self.depth_m.any())
 
     def at(self, T_world_camera: Float64Array) -> Frame:
         """Return the same frame with another pose."""
@@ -160,6 +165,7 @@ class Frame:
         )
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "index", whole_index(self.index))
         color, depth_m = self.color, self.depth_m
         if not isinstance(color, np.ndarray) or color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
             raise FrameError(f"frame {self.index}: color must be (H, W, 3) uint8, got {_form(color)}")
@@ -168,6 +174,8 @@ class Frame:
                 f"frame {self.index}: depth must be {color.shape[:2]} float32 in metres like the color image, "
                 f"got {_form(depth_m)}"
             )
+        if not depth_m.size:
+            raise FrameError(f"frame {self.index}: images must have pixels, got {_form(color)}")
         object.__setattr__(self, "depth_m", _with_zeros(depth_m))
         if not _finite(self.timestamp_s) or abs(self.timestamp_s) > LATEST_S:
             raise FrameError(f"frame {self.index}: expected a time in seconds, got {shown(self.timestamp_s)}")
@@ -190,18 +198,33 @@ class SkippedFrame:
     Attributes
     ----------
     index : int
-        Number of the frame in its recording, from 0.
+        Number of the frame in its recording, a whole number from 0.
     reason : str
         One line, with the name of the file where there is one.
+
+    Raises
+    ------
+    FrameError
+        If the index is no whole number from 0.
     """
 
     index: int
     reason: str
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "index", whole_index(self.index))
+
     @property
     def sightings(self) -> tuple[()]:
         """An empty tuple: loops over all frames can read the sightings of a skipped frame too."""
         return ()
+
+
+def whole_index(index: object) -> int:
+    """Return the number of a frame; raises FrameError if it is not a whole number from 0."""
+    if isinstance(index, bool) or not isinstance(index, int | np.integer) or index < 0:
+        raise FrameError(f"a frame's index must be a whole number from 0, got {shown(index)}")
+    return int(index)
 
 
 def _finite(*values: object) -> bool:
@@ -221,7 +244,7 @@ def _with_zeros(depth_m: Float32Array) -> Float32Array:
     """Return depth with 0 in place of NaN, infinite, negative and masked values; the array itself if it has none."""
     if isinstance(depth_m, np.ma.MaskedArray):
         depth_m = depth_m.filled(0)
-    if depth_m.size == 0 or (depth_m.min() >= 0 and depth_m.max() < np.inf):  # both are False if there is a NaN
+    if depth_m.min() >= 0 and depth_m.max() < np.inf:  # both are False if there is a NaN
         return depth_m
     return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, np.float32(0))
 

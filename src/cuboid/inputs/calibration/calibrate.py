@@ -25,8 +25,8 @@ GROUP = 8
 STEP = 0.08
 # Initial focal lengths, as logarithms relative to the start value: 0.74 to 1.35 times it.
 TRIED = np.arange(-0.30, 0.301, 0.05)
-# Initial depth scales, as logarithms: 0.85 to 1.17.
-TRIED_DEPTHS, ALONE = np.arange(-0.16, 0.161, 0.04), np.zeros(1)
+# Initial depth scales, as logarithms: 0.67 to 1.49.
+TRIED_DEPTHS, ALONE = np.arange(-0.40, 0.401, 0.08), np.zeros(1)
 # Maximum numbers of Gauss-Newton steps.
 COARSE_STEPS, FINE_STEPS = 20, 12
 # Fitted parameters by source of poses: with poses estimated from the same frames, only the focal length.
@@ -34,9 +34,9 @@ FOCAL_ONLY, WITH_CENTER = (FOCAL,), (FOCAL, CENTER_X, CENTER_Y)
 WITH_DEPTH = (*WITH_CENTER, DEPTH)
 # Minimum number of pairs of views for a result.
 MIN_PAIRS = 12
-# The depth scale is corrected only if it is off by more than this fraction and by three standard errors: lens
+# The depth scale is corrected only if it is off by more than this fraction and by ERRORS standard errors: lens
 # distortion and drifting poses cause apparent errors of up to 2 %.
-DEPTH_SCALE_OFF = 0.03
+DEPTH_SCALE_OFF, ERRORS = 0.03, 3.0
 # In addition, the disagreement of the views must be at most this factor times that with the old scale, with poses
 # corrected for each: a camera that mostly turns has short translations, which drift makes too long or too short.
 AS_GOOD = 1.07
@@ -131,8 +131,7 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
         pinhole = coarse.solve(_tried(coarse, begin, TRIED_DEPTHS), WITH_DEPTH, COARSE_STEPS).pinhole
         scaled = fine.solve(pinhole, WITH_DEPTH, FINE_STEPS)
         measured, measured_error = scaled.pinhole.depth_scale, float(_errors(scaled)[DEPTH])
-        as_good = scaled.disagreement < AS_GOOD * found.disagreement
-        if as_good and abs(np.log(measured)) > max(DEPTH_SCALE_OFF, 3 * measured_error):
+        if is_scale_off(scaled, found, ERRORS):
             found = scaled
     return CalibrationResult(
         start=start,
@@ -149,6 +148,21 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
         frames=len(coarse_views),
         pairs=len(pairs),
     )
+
+
+def is_scale_off(scaled: Solution, found: Solution, errors: float) -> bool:
+    """Return whether a solution with another depth scale shows that the scale in use is off.
+
+    Parameters
+    ----------
+    scaled, found : Solution
+        Solutions with the depth scale fitted, and as it is.
+    errors : float
+        Number of standard errors by which the scale must be off.
+    """
+    as_good = scaled.disagreement < AS_GOOD * found.disagreement
+    off = abs(float(np.log(scaled.pinhole.depth_scale)))
+    return as_good and off > max(DEPTH_SCALE_OFF, errors * float(_errors(scaled)[DEPTH]))
 
 
 def best_of_tried(

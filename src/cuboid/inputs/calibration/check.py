@@ -1,4 +1,4 @@
-"""A quick check whether the intrinsics in use are clearly worse than similar ones."""
+"""A quick check whether the intrinsics or the depth scale in use are clearly worse than similar ones."""
 
 from __future__ import annotations
 
@@ -11,10 +11,21 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics
-from cuboid.inputs.calibration.calibrate import FOCAL_ONLY, MIN_ERROR, MIN_PAIRS, WITH_CENTER, best_of_tried, spread_out
-from cuboid.inputs.calibration.comparing import FOCAL
+from cuboid.inputs.calibration.calibrate import (
+    DEPTH_SCALE_OFF,
+    FOCAL_ONLY,
+    MIN_ERROR,
+    MIN_PAIRS,
+    TRIED_DEPTHS,
+    WITH_CENTER,
+    WITH_DEPTH,
+    best_of_tried,
+    is_scale_off,
+    spread_out,
+)
+from cuboid.inputs.calibration.comparing import DEPTH, FOCAL
 from cuboid.inputs.calibration.pairs import choose_pairs
-from cuboid.inputs.calibration.solving import Problem
+from cuboid.inputs.calibration.solving import Problem, Solution
 from cuboid.inputs.calibration.views import ScaledPinhole, build_view, factors
 
 # Number of examined frames of a run with given poses, and with estimated poses, which carry less information; minimum
@@ -23,11 +34,14 @@ FRAMES, FRAMES_ESTIMATED, MIN_FRAMES = 24, 48, 8
 # Focal lengths that are tried, as logarithms relative to the one in use.
 TRIED = np.arange(-0.20, 0.201, 0.05)
 STEPS = 12
-# The focal length counts as wrong if it is off by this fraction and by four standard errors: at 1 m the edge of an
-# image is then 2 cm off, which begins to double objects; ignored lens distortion causes 2 or 3 %, and with estimated
-# poses, which determine the focal length less well, the rolling shutter of a hand-held camera causes 3.6 %.
+# The focal length counts as wrong if it is off by this fraction and by CLEARLY_ERRORS standard errors: at 1 m the edge
+# of an image is then 2 cm off, which begins to double objects; ignored lens distortion causes 2 or 3 %, and with
+# estimated poses, which determine the focal length less well, the rolling shutter of a hand-held camera causes 3.6 %.
 CLEARLY_OFF, CLEARLY_OFF_ESTIMATED = 0.04, 0.05
 CLEARLY_ERRORS = 4.0
+# Maximum relative standard error of a depth scale that counts: half of the smallest error that is named. Where given
+# poses drift by centimetres, as those of a desk at hand, the scale is uncertain by 3 % or more.
+WORST_SCALE_ERROR = 0.5 * DEPTH_SCALE_OFF
 # In addition, the disagreement of the views must be lower by this fraction than with the one in use, with poses
 # corrected for each.
 CLEARLY_BETTER = 0.05
@@ -45,28 +59,34 @@ class Verdict:
         The best-fitting fx, pixels; None if too few frames overlap.
     focal_error : float or None
         Relative standard error of `focal`.
+    depth_scale : float or None
+        True metres per metre of depth, if the depth scale in use is clearly wrong.
+    depth_scale_error : float or None
+        Relative standard error of `depth_scale`.
     """
 
     wrong: bool
     focal: float | None
     focal_error: float | None
+    depth_scale: float | None = None
+    depth_scale_error: float | None = None
 
 
 UNKNOWN = Verdict(False, None, None)
 
 
 def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: bool = False) -> Verdict:
-    """Check whether the intrinsics in use are clearly worse than similar ones.
+    """Check whether the intrinsics or the depth scale in use are clearly worse than similar ones.
 
     Parameters
     ----------
     frames : iterable of Frame
         Frames with poses; about 24, or 48 if they were estimated, that overlap from different places (`spread_out`)
-        take less than a second.
+        take about a second.
     intrinsics : Intrinsics
         Intrinsics in use for these frames.
     estimated : bool
-        Whether the poses come from these frames and these intrinsics.
+        Whether the poses come from these frames and these intrinsics; then they agree with any depth scale.
 
     Returns
     -------
@@ -80,26 +100,39 @@ def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: b
     if len(pairs) < MIN_PAIRS:
         return UNKNOWN
     problem = Problem(views, pairs, factor)
-    begin = in_use if estimated else best_of_tried(problem, in_use, TRIED)
-    found = problem.solve(begin, FOCAL_ONLY if estimated else WITH_CENTER, STEPS, trusting=not estimated)
-    off = float(np.log(found.pinhole.fx / in_use.fx))
-    error = float(np.hypot(found.error[FOCAL], MIN_ERROR[FOCAL]))
-    least = CLEARLY_OFF_ESTIMATED if estimated else CLEARLY_OFF
-    clear = abs(off) > max(least, CLEARLY_ERRORS * error)
-    if clear:
+    if estimated:
+        found = scaled = problem.solve(in_use, FOCAL_ONLY, STEPS, trusting=False)
+        scale_off = False
+    else:
+        found = problem.solve(best_of_tried(problem, in_use, TRIED), WITH_CENTER, STEPS)
+        scaled = problem.solve(best_of_tried(problem, in_use, TRIED, TRIED_DEPTHS, every=3), WITH_DEPTH, STEPS)
+        scale_off = is_scale_off(scaled, found, CLEARLY_ERRORS) and _error(scaled, DEPTH) <= WORST_SCALE_ERROR
+        found = scaled if scale_off else found
+    error = _error(found, FOCAL)
+    # a wrong depth scale can look like a wrong focal length: this one is off with any depth scale
+    off = min(abs(float(np.log(one.pinhole.fx / in_use.fx))) for one in (found, scaled))
+    focal_off = off > max(CLEARLY_OFF_ESTIMATED if estimated else CLEARLY_OFF, CLEARLY_ERRORS * error)
+    if focal_off or scale_off:
         before = problem.solve(in_use, (), STEPS, trusting=not estimated).disagreement
         clear = found.disagreement < (1 - CLEARLY_BETTER) * before
-    return Verdict(clear, found.pinhole.fx, error)
+        focal_off, scale_off = focal_off and clear, scale_off and clear
+    if not scale_off:
+        return Verdict(focal_off, found.pinhole.fx, error)
+    return Verdict(focal_off, found.pinhole.fx, error, found.pinhole.depth_scale, _error(found, DEPTH))
+
+
+def _error(found: Solution, parameter: int) -> float:
+    """Return the relative standard error of the focal length or of the depth scale."""
+    return float(np.hypot(found.error[parameter], MIN_ERROR[parameter]))
 
 
 def intrinsics_warning(
     read: Callable[[int], Frame],
     intrinsics: Intrinsics,
     T_world_camera: Mapping[int, Float64Array],
-    *,
-    estimated: bool,
+    depth_units_per_metre: float | None = None,
 ) -> str | None:
-    """Return a one-line warning if intrinsics similar to those of a run are clearly better, else None.
+    """Return a one-line warning if intrinsics or a depth scale similar to those of a run are clearly better, else None.
 
     Parameters
     ----------
@@ -109,19 +142,34 @@ def intrinsics_warning(
         Intrinsics of the frames.
     T_world_camera : mapping of int to (4, 4) float64
         Poses of the frames that were used.
-    estimated : bool
-        Whether the poses come from these frames and these intrinsics.
+    depth_units_per_metre : float, optional
+        Depth units per metre in use, for given poses; None: the poses come from these frames and these intrinsics.
     """
     if len(T_world_camera) < MIN_FRAMES:
         return None
+    estimated = depth_units_per_metre is None
     frames = spread_out(T_world_camera, FRAMES_ESTIMATED if estimated else FRAMES)
     verdict = quick_check(_posed(read, T_world_camera, frames), intrinsics, estimated=estimated)
+    better = "the frames fit together clearly better with"
+    if depth_units_per_metre is not None and verdict.depth_scale is not None:
+        units = depth_units_per_metre / verdict.depth_scale
+        in_use = f"the depth scale of {depth_units_per_metre:g} units per metre"
+        if verdict.wrong:
+            return (
+                f"{in_use} and the focal length in use, {intrinsics.fx:.1f} px, are off: {better} {units:.4g} units "
+                f"and {verdict.focal:.0f} px; 'cuboid calibrate' finds both, --intrinsics takes them"
+            )
+        spread = units * (verdict.depth_scale_error or 0.0)
+        return (
+            f"{in_use} is off: {better} {units:.4g} +- {spread:.2g}, if the given poses are in metres; all sizes are "
+            f"wrong by this factor; run again with --depth-scale {units:.4g}"
+        )
     if not verdict.wrong or verdict.focal is None or verdict.focal_error is None:
         return None
     return (
-        f"the focal length in use, {intrinsics.fx:.1f} px, is off: the frames fit together clearly better with "
-        f"{verdict.focal:.0f} +- {max(1.0, verdict.focal_error * verdict.focal):.0f} px; objects may be doubled or of "
-        f"a wrong size; 'cuboid calibrate' finds the intrinsics, --intrinsics takes them"
+        f"the focal length in use, {intrinsics.fx:.1f} px, is off: {better} {verdict.focal:.0f} +- "
+        f"{max(1.0, verdict.focal_error * verdict.focal):.0f} px; objects may be doubled or of a wrong size; "
+        "'cuboid calibrate' finds the intrinsics, --intrinsics takes them"
     )
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.pose_convention import POSE_CONVENTIONS, converted
 from cuboid.ground.geometry.se3 import inverse, transform
-from cuboid.inputs.readers.pose_convention import converted
 
 # Number of frames, evenly over the run, whose depth is transformed to later frames; distances to these, in used frames.
 STARTS, GAPS = 6, (5, 10, 20)
@@ -24,26 +24,6 @@ AGREE = 0.025
 MIN_PIXELS, MIN_PAIRS = 200, 4
 # Factors of the depth that are tried.
 DEPTH_FACTORS = (0.1, 0.2, 0.5, 2.0, 5.0, 10.0)
-# Conventions of poses that are tried, simple ones first: of two that explain equally much, the first one is reported.
-POSE_CONVENTIONS = (
-    ("inverse",),
-    ("opengl",),
-    ("inverse", "opengl"),
-    ("mm",),
-    ("cm",),
-    ("wxyz",),
-    ("xyzw",),
-    ("mm", "inverse"),
-    ("mm", "opengl"),
-    ("cm", "inverse"),
-    ("cm", "opengl"),
-    ("wxyz", "inverse"),
-    ("wxyz", "opengl"),
-    ("xyzw", "inverse"),
-    ("xyzw", "opengl"),
-    ("wxyz", "mm"),
-    ("xyzw", "mm"),
-)
 # Maximum shift of poses, in used frames, earlier and later.
 MAX_SHIFT = 5
 _SHIFTS = tuple(shift for shift in range(-MAX_SHIFT, MAX_SHIFT + 1) if shift)

@@ -50,8 +50,14 @@ MIN_FRAMES = 8
 CLEARLY_OFF, WORTH_A_WARNING = 0.006, 0.0156
 ALIKE, ALIKE_AT_LEAST = 0.35, 0.005
 CLEAR_GAIN, CLEAR_ERRORS = 0.03, 4.0
-# A magnification within this of 1 is noise of the edges: both cameras then have the same focal length.
-SAME_FOCAL = 0.02
+# Limits of a pair of cameras: focal lengths differ by up to this factor (the search tries 0.62 to 1.62; those of a
+# RealSense differ by 1.57), and the optical centers by this fraction of the image's width (a fixed RealSense at hand
+# is displaced by 22 of 640 pixels, its baseline included).
+FARTHEST_FOCAL, FARTHEST_CENTER = 1.62, 0.05
+# With given poses, the disagreement of the views must be lower by this fraction than without registration, and the
+# difference of their depths larger by at most this fraction: that of 7-Scenes rises by 8 %, because depth is resampled;
+# a center that is 12 of 320 pixels off raises it by 31 %.
+CLEARLY_FITS, DEPTH_FITS = 0.05, 0.1
 # Number of views that decide to which camera the named intrinsics belong, and steps to fit their poses.
 VIEWS, STEPS = 24, 12
 # With fewer different views, tiles of the image are compared instead of frames, and only a shift is accepted: an object
@@ -59,6 +65,8 @@ VIEWS, STEPS = 24, 12
 MIN_VIEWS = 3
 # Minimum number of tiles (of 24) with edges: fewer may show one object only.
 MIN_TILES = 6
+# Beginning of the warnings about it.
+DISPLACED = "depth is displaced from color"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +96,26 @@ class Misregistration:
     shift_px: tuple[float, float]
     apart_px_m: float
     views: int
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """The registration of a recording's depth to its color.
+
+    Attributes
+    ----------
+    found : Misregistration or None
+        The misalignment of depth and color, if the frames show it.
+    recording : Recording
+        The recording with the depth camera and the color camera's intrinsics; unchanged if there is no clear
+        misalignment, or if its registration was refused.
+    refused : str or None
+        Why a clear misalignment is not registered.
+    """
+
+    found: Misregistration | None
+    recording: Recording
+    refused: str | None = None
 
 
 def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
@@ -127,23 +155,16 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
     return Misregistration(clear, factor * off, g, (factor * du, factor * dv), factor * p, views)
 
 
-def register_recording(recording: Recording) -> tuple[Misregistration | None, Recording]:
+def register_recording(recording: Recording) -> Registration:
     """Find the depth camera that aligns depth with color.
 
-    The intrinsics of a recording may belong to either camera. If this makes a difference and the recording has poses,
-    the assignment with the better agreement of views is used; otherwise the intrinsics are assigned to the color
-    camera.
+    The intrinsics of a recording may belong to either camera. If the recording has poses, the registration with the
+    best agreement of views is used, and none if no agreement is clearly better than without; otherwise the intrinsics
+    are assigned to the color camera.
 
     Parameters
     ----------
     recording : Recording
-
-    Returns
-    -------
-    Misregistration or None
-        Misalignment of depth and color, if the frames show it.
-    Recording
-        Recording with that depth camera and the color camera's intrinsics; unchanged if there is no clear misalignment.
     """
     K = recording.intrinsics
     aligned = DepthCamera(K.fx, K.fy, K.cx, K.cy, (K.width, K.height), np.eye(4))
@@ -152,20 +173,67 @@ def register_recording(recording: Recording) -> tuple[Misregistration | None, Re
     frames = bare.with_depth_camera(start)  # without the removal of color's lens distortion from depth
     found = find_misregistration(_spread(frames.read, range(len(frames))))
     if found is None or not found.clear:
-        return found, recording
-    of_color = recording.with_depth_camera(_moved(start, found, K))
-    if recording.depth_camera is not None or abs(found.magnification - 1.0) < SAME_FOCAL:
-        return found, of_color
+        return Registration(found, recording)
     color = _color_camera(found, K)
-    depth = DepthCamera(K.fx, K.fy, K.cx, K.cy, (K.width, K.height), _beside(found, color))
-    of_depth = recording.with_intrinsics(color).with_depth_camera(depth)
-    return found, min((of_color, of_depth), key=_disagreement)
+    if not _is_plausible(found, color, K):
+        return Registration(found, recording, "no two cameras side by side are displaced like this")
+    candidates = [recording.with_depth_camera(_moved(start, found, K))]
+    if recording.depth_camera is None:
+        depth = DepthCamera(K.fx, K.fy, K.cx, K.cy, (K.width, K.height), _beside(found, color))
+        candidates.append(recording.with_intrinsics(color).with_depth_camera(depth))
+    before = _fit(recording)
+    if before is None:
+        return Registration(found, candidates[0])
+    fits = [(fit, candidate) for candidate in candidates if (fit := _fit(candidate)) is not None]
+    good = [(fit, candidate) for fit, candidate in fits if fit.is_better_than(before)]
+    if not good:
+        return Registration(found, recording, "no registration fits the given poses")
+    return Registration(found, min(good, key=lambda pair: pair[0].disagreement)[1])
 
 
-def _disagreement(recording: Recording) -> float:
-    """Return the disagreement of a recording's views under its poses; 0 if it cannot be computed."""
+def _is_plausible(found: Misregistration, color: Intrinsics, K: Intrinsics) -> bool:
+    """Return whether the cameras of a device can have a misalignment.
+
+    Parameters
+    ----------
+    found : Misregistration
+    color : Intrinsics
+        The color camera, if `K` belongs to the depth camera.
+    K : Intrinsics
+        The named intrinsics.
+    """
+    focal = max(found.magnification, 1.0 / found.magnification)
+    off_px = float(np.hypot(color.cx - K.cx, color.cy - K.cy))
+    return focal <= FARTHEST_FOCAL and off_px <= FARTHEST_CENTER * K.width
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """How a recording's views agree under its poses.
+
+    Attributes
+    ----------
+    disagreement : float
+        Of depth and color, 0 to 2, see `Problem.disagreement`.
+    gap_m : float
+        Median difference of depths; it tells whether depth fits the poses, wherever color lies.
+    """
+
+    disagreement: float
+    gap_m: float
+
+    def is_better_than(self, other: _Fit) -> bool:
+        """Return whether color fits clearly better, and depth no worse."""
+        return (
+            self.disagreement <= (1.0 - CLEARLY_FITS) * other.disagreement
+            and self.gap_m <= (1.0 + DEPTH_FITS) * other.gap_m
+        )
+
+
+def _fit(recording: Recording) -> _Fit | None:
+    """Return how a recording's views agree under its poses; None if it has none, or too few views overlap."""
     if not recording.has_poses:
-        return 0.0
+        return None
     poses = {}
     for index in range(len(recording)):
         with suppress(FrameError):
@@ -177,8 +245,9 @@ def _disagreement(recording: Recording) -> float:
     pinhole = ScaledPinhole.of(recording.intrinsics)
     pairs = choose_pairs(views, pinhole.resized(factor))
     if len(pairs) < MIN_PAIRS:
-        return 0.0
-    return Problem(views, pairs, factor).solve(pinhole, (), STEPS, trusting=True).disagreement
+        return None
+    problem = Problem(views, pairs, factor)
+    return _Fit(problem.solve(pinhole, (), STEPS, trusting=True).disagreement, problem.typical_gap_m(pinhole))
 
 
 def _color_camera(found: Misregistration, K: Intrinsics) -> Intrinsics:
@@ -227,10 +296,12 @@ def registration_warning(read: Callable[[int], Frame], intrinsics: Intrinsics, f
     found = find_misregistration(_spread(read, frames))
     if found is None or not is_off(found, intrinsics):
         return None
-    return (
-        f"depth is displaced from color by about {found.off_px:.0f} px: it is not registered; use --register on, or "
-        "describe the depth camera in camera.json"
-    )
+    return f"{displaced(found)}: it is not registered; use --register on, or describe the depth camera in camera.json"
+
+
+def displaced(found: Misregistration) -> str:
+    """Return the beginning of the warnings about depth that is displaced from color."""
+    return f"{DISPLACED} by about {found.off_px:.0f} px"
 
 
 def is_off(found: Misregistration, intrinsics: Intrinsics) -> bool:

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Frame, Intrinsics, SkippedFrame, unit
+from cuboid.ground.core.pose_convention import converted
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers import calibration as calibrations
 from cuboid.inputs.readers.depth_camera import DepthCamera
 from cuboid.inputs.readers.images import decode_color, decode_depth, depth_in_metres
-from cuboid.inputs.readers.pose_convention import converted
 from cuboid.inputs.readers.prefetch import run_ahead
 from cuboid.inputs.readers.reader import Calibration, FrameEntry, ImageSource, Listing
 from cuboid.inputs.readers.undistortion import DepthArray

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike
 
-from cuboid.inputs.calibration.registering import Misregistration, is_off, register_recording
+from cuboid.ground.core.pose_convention import convention_names
+from cuboid.inputs.calibration.registering import Misregistration, displaced, is_off, register_recording
 from cuboid.inputs.readers import Recording
 from cuboid.inputs.readers import open_recording as read_recording
-from cuboid.inputs.readers.pose_convention import convention_names
 
 AUTO, ON, OFF = "auto", "on", "off"
 # Values of `--register` and `open_recording(register=...)`.
@@ -40,7 +40,8 @@ def open_recording(
         Units per metre of the depth images, instead of the format's own.
     register : {"auto", "on", "off"}
         Whether depth is registered to color: "auto" if the frames clearly show a misalignment and the recording names
-        no depth camera, "on" also for a small misalignment, "off" never. The check reads some frames, which takes a
+        no depth camera, "on" also for a small misalignment, "off" never. A registration that two cameras side by side
+        cannot have, or that does not fit given poses, is not applied. The check reads some frames, which takes a
         second.
     pose_convention : str, optional
         Convention of the recording's poses, if it differs from the format's: "inverse" (world to camera), "opengl" (the
@@ -50,7 +51,7 @@ def open_recording(
     Returns
     -------
     Recording
-        Its `warnings` report a registration.
+        Its `warnings` report a registration, or why there is none.
 
     Raises
     ------
@@ -72,9 +73,13 @@ def open_recording(
         recording = recording.with_pose_convention(convention_names(pose_convention))
     if register == OFF or (register == AUTO and recording.depth_camera is not None):
         return recording
-    found, registered = register_recording(recording)
-    if registered is not recording and found is not None and (register == ON or is_off(found, recording.intrinsics)):
-        return registered.with_warning(_said(found, registered))
+    registration = register_recording(recording)
+    found, registered = registration.found, registration.recording
+    if found is not None and found.clear and (register == ON or is_off(found, recording.intrinsics)):
+        if registration.refused is None:
+            return registered.with_warning(_said(found, registered))
+        advice = "depth is not changed; describe the depth camera in camera.json"
+        return recording.with_warning(f"{displaced(found)}, but {registration.refused}: {advice}")
     if register == ON:
         views = 0 if found is None else found.views
         return recording.with_warning(f"depth is not clearly displaced from color ({views} views); it is not changed")

@@ -34,7 +34,7 @@ def fetch(model: Model, on_progress: Callable[[int, int], None] = lambda done, t
         The file cannot be written.
     """
     path = model.path
-    if path.is_file() and _digest(path) == model.sha256:
+    if model.kept and _digest(path) == model.sha256:
         return path
     partial = path.with_name(f"{path.name}.partial")
     try:

@@ -54,6 +54,16 @@ class Model:
         """Path of the file, whether downloaded or not."""
         return models_folder() / f"{self.name}.onnx"
 
+    @property
+    def kept(self) -> bool:
+        """Whether it was downloaded; raises InputError if the folder cannot be read."""
+        try:
+            return self.path.is_file()
+        except OSError as error:
+            raise InputError(
+                f"{models_folder()}: cannot be read: {error.strerror}; {FOLDER_VARIABLE} names another folder"
+            ) from None
+
 
 _YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0"
 
@@ -132,11 +142,14 @@ MODELS = {
 
 
 def models_folder() -> Path:
-    """Return the folder of models: from the environment, else in the user's cache."""
+    """Return the folder of models: from the environment, else in the user's cache; raise InputError if both lack."""
     named = os.environ.get(FOLDER_VARIABLE)
     if named:
         return Path(named)
-    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    try:
+        cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    except RuntimeError:  # the user has no home
+        raise InputError(f"the home folder is unknown; {FOLDER_VARIABLE} names a folder of models") from None
     return Path(cache) / "cuboid" / "models"
 
 
@@ -149,7 +162,7 @@ def kept_model(name: str, options: str | None) -> Detector:
         The model was not downloaded, or an option is wrong.
     """
     model = MODELS[name]
-    if not model.path.is_file():
+    if not model.kept:
         raise InputError(f"the model '{name}' is not at {model.path}; 'cuboid models fetch {name}' fetches it")
     asked = read_options(options or "")
     return OnnxDetector(model.path, asked if asked.size else replace(asked, size=model.size))

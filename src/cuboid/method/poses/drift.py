@@ -3,7 +3,7 @@
 Odometry (visual-inertial trackers, wheels, phones) is accurate from frame to frame, but its error grows along the path:
 when the camera comes back, the map would contain each object twice. So frames are aligned to keyframes of the same
 place, the oldest first; pixels that move are left out. As long as the given poses explain the frames, they stay
-unchanged, to the last bit. If alignments explain clearly more several times in a row, and no fault of the camera
+unchanged, to the last bit. If alignments explain clearly more several times in a row, and no fault of the setup
 explains this, the drift is proven. From then on each frame is aligned, and an alignment is used if it explains at least
 as much as the current correction. If the given poses explain clearly more of the places that were seen before the
 proof, the correction is withdrawn for the rest of the recording: the same cause would mislead it again.
@@ -31,7 +31,7 @@ from cuboid.method.poses.single_cause import MotionPair, SingleCause, single_cau
 UNEXPLAINED_FRACTION = 0.5
 # This number of misfits in a row proves that poses drift, or that corrected ones are wrong: fewer may be chance.
 MISFITS_THAT_PROVE = 3
-# Number of the latest motions that a fault of the camera must explain.
+# Number of the latest motions that a fault of the setup must explain.
 MAX_PAIRS = 64
 # A frame is compared with a keyframe if it shows more than this fraction of the keyframe's points.
 MIN_OVERLAP = 0.5
@@ -74,7 +74,7 @@ class DriftCorrection:
     withdrawn_at : int or None
         Index of the frame at which the correction was withdrawn.
     cause : SingleCause or None
-        The fault of the camera that explains why the given poses misfit; None if they do not, or if they drift.
+        The fault of the setup that explains why the given poses misfit; None if they do not, or if they drift.
     max_shift_m : float
         Largest distance between a corrected and a given position of the camera, metres.
     left_out : LeftOut
@@ -171,7 +171,7 @@ class DriftCorrection:
             T_camera_reference = found.T_camera_reference
         if self.proven_at is None:
             as_given = inverse(given) @ keyframe.given
-            self._pairs.append(MotionPair(as_given, found.T_camera_reference, keyframe.depth_m))
+            self._pairs.append(MotionPair(given, keyframe.given, found.T_camera_reference, keyframe.depth_m))
             self._count_misfit(_is_misfit(explained(keyframe.reference, level, as_given, found), by_found))
             self._prove(index)
         return tidied(keyframe.corrected @ inverse(T_camera_reference))
@@ -180,7 +180,7 @@ class DriftCorrection:
         self._misfits = self._misfits + 1 if misfit else 0
 
     def _prove(self, index: int) -> None:
-        """Begin to correct if misfits prove that poses drift, and no fault of the camera explains them."""
+        """Begin to correct if misfits prove that poses drift, and no fault of the setup explains them."""
         if self._misfits < MISFITS_THAT_PROVE:
             return
         self.cause = single_cause(self._pairs)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, shown
 from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.pose_convention import advised
 from cuboid.ground.geometry.se3 import inverse, tidied, view_shift_m
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 LOST = "the camera is lost: the frame shows no place that is known"
 NO_POSE = "the frame has no camera pose"
+DRIFT = "the given camera poses drift: from frame {} on"
 WITHDRAWN = "the correction of the given camera poses did not hold: from frame {} on they are as given"
 # Smallest correction of estimated poses that is applied, voxels: smaller ones have no effect.
 MIN_CORRECTION = 0.5
@@ -127,20 +129,30 @@ class CorrectedPoses:
         return
 
     def warnings(self) -> tuple[str, ...]:
-        """Return why the poses do not fit the frames, and which correction was made."""
+        """Return which correction was made."""
         drift = self._drift
-        if drift.proven_at is not None:
-            since = f"the given camera poses drift: from frame {drift.proven_at} on "
-            if not self._apply:
-                return (f"{since}they disagree with earlier frames; --poses corrected aligns them",)
-            corrected = f"{since}they are aligned to earlier frames, {100.0 * drift.max_shift_m:.0f} cm off at most"
-            return (corrected, *drift.left_out.warnings())
-        withdrawn = () if drift.withdrawn_at is None else (WITHDRAWN.format(drift.withdrawn_at),)
-        return (*withdrawn, *(() if drift.cause is None else (_other_cause(drift.cause),)))
+        if drift.withdrawn_at is not None:
+            return (WITHDRAWN.format(drift.withdrawn_at),)
+        if drift.proven_at is None or not self._apply:
+            return ()
+        by = f"they are aligned to earlier frames, {100.0 * drift.max_shift_m:.0f} cm off at most"
+        return (f"{DRIFT.format(drift.proven_at)} {by}", *drift.left_out.warnings())
+
+    @property
+    def misfit(self) -> str | None:
+        """Why the poses do not fit the frames, unless they are corrected; None if they fit."""
+        drift = self._drift
+        if drift.cause is not None:
+            return _other_cause(drift.cause)
+        if drift.proven_at is None or self._apply:
+            return None
+        return f"{DRIFT.format(drift.proven_at)} they disagree with earlier frames; --poses corrected aligns them"
 
 
 def _other_cause(cause: SingleCause) -> str:
     """Return the warning for given poses that do not fit for another reason than drift."""
+    if cause.convention:
+        return advised(cause.convention, "they agree with the frames")
     if cause.scale is None:
         return (
             "the given camera poses do not fit the frames, everywhere alike: they may be those of another sensor than "

@@ -12,7 +12,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from cuboid.results.views.serving import headers
+from cuboid.results.views.serving import MAX_BYTES, headers
 
 COOKIE = "cuboid-token"
 # Methods that change nothing.
@@ -24,7 +24,8 @@ POLICY_VIOLATION = 1008
 class Guard:
     """Accepts requests with the token, and sends the security headers of pages to browsers.
 
-    WebSockets and requests other than GET are accepted only from programs and from pages of this server.
+    WebSockets and requests other than GET are accepted only from programs and from pages of this server. A request
+    whose body is larger than `MAX_BYTES`, or of unknown length, is refused before the body is read.
 
     Parameters
     ----------
@@ -48,7 +49,11 @@ class Guard:
             return
         request = Request(scope)
         answer: Awaitable[None] | None = None
-        if request.method not in self._methods:
+        if _too_large(request):
+            large = f"expected a body of at most {MAX_BYTES} bytes, and its Content-Length"
+            # the connection ends with the answer: the server would read the body to find the next request
+            answer = PlainTextResponse(large, 413, {"Connection": "close"})(scope, receive, send)
+        elif request.method not in self._methods:
             answer = PlainTextResponse("read-only", 405)(scope, receive, send)
         elif request.method not in READING and not _is_same_origin(request):
             answer = PlainTextResponse("requests of pages from other sites are refused", 403)(scope, receive, send)
@@ -79,6 +84,13 @@ class Guard:
         if self._token is not None:
             answer.set_cookie(COOKIE, self._token, httponly=True, samesite="strict")
         return answer
+
+
+def _too_large(request: Request) -> bool:
+    """Return whether a request has a body that is too large, or does not tell its length."""
+    length = request.headers.get("content-length", "0")
+    known = length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= MAX_BYTES
+    return "transfer-encoding" in request.headers or not known
 
 
 def _is_same_origin(connection: HTTPConnection) -> bool:

@@ -144,11 +144,14 @@ def estimate_trajectory(
 
 def _warnings(recording: Recording, trajectory: Mapping[int, Float64Array]) -> tuple[str, ...]:
     from cuboid.inputs.calibration.check import intrinsics_warning
-    from cuboid.inputs.calibration.registering import registration_warning
+    from cuboid.inputs.calibration.registering import DISPLACED, registration_warning
 
-    found = intrinsics_warning(recording.read, recording.intrinsics, trajectory, estimated=True)
-    beside = registration_warning(recording.read, recording.intrinsics, sorted(trajectory))
-    return tuple(one for one in (found, beside) if one is not None)
+    if not any(line.startswith(DISPLACED) for line in recording.warnings):
+        displaced = registration_warning(recording.read, recording.intrinsics, sorted(trajectory))
+        if displaced is not None:
+            return (displaced,)
+    off = intrinsics_warning(recording.read, recording.intrinsics, trajectory)
+    return () if off is None else (off,)
 
 
 def _write(

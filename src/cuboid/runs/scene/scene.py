@@ -129,8 +129,9 @@ class Scene(SceneReader):
         Raises
         ------
         InputError
-            The scene's state is damaged; there is nothing to resume; `config` differs from the scene's configuration;
-            or poses must be aligned with a scene that has no keyframes.
+            The scene's state is damaged; there is nothing to resume; the last run of the same recording was interrupted
+            and is not resumed; `config` differs from the scene's configuration; or poses must be aligned with a scene
+            that has no keyframes.
         OutputError
             Another process writes the scene, or it cannot be written.
         """
@@ -165,7 +166,7 @@ class Scene(SceneReader):
                         f"{self.path}: has no keyframes to recognise the place by; --same-world says that the "
                         "recording's poses are in the scene's world"
                     )
-                visit = visits.begin(connection, source, np.eye(4), tracker)
+                visit = visits.begin(connection, source, np.eye(4), tracker, str(self.path))
             earlier = before.load(connection)
             earlier.watch(tracker.voxels)
             if visit.next_frame == 0:

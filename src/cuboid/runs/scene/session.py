@@ -14,6 +14,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult, MapPoints, TrackedObject, Wall
 from cuboid.ground.core.tolerances import DETECT_EVERY
@@ -32,6 +33,7 @@ from cuboid.runs.scene.records import Records
 from cuboid.runs.scene.saving import SceneBlockStore, StateFile
 from cuboid.runs.scene.visit import Visit
 from cuboid.runs.tracking.posed_tracker import PosedTracker
+from cuboid.runs.tracking.running import NO_DEPTH
 from cuboid.runs.tracking.types import KeptMap
 
 T = TypeVar("T")
@@ -131,7 +133,15 @@ class SceneTracker(KeptMap):
         return self._tracker.vocabulary
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
-        """Process a frame; see `Tracker.update`."""
+        """Process a frame; see `Tracker.update`.
+
+        Raises
+        ------
+        FrameError
+            If the frame has no pose, no reading of depth, or another size than the intrinsics.
+        """
+        if not frame.has_depth:
+            raise FrameError(f"frame {frame.index}: {NO_DEPTH}")
         if self.commits_itself:
             self.commit_if_due()
         shifted = dataclasses.replace(frame, index=frame.index + self._visit.first_frame)

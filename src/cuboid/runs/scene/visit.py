@@ -106,9 +106,16 @@ def now() -> str:
 
 
 def begin(
-    connection: sqlite3.Connection, source: Source, T_world_recording: Float64Array, tracker: PosedTracker
+    connection: sqlite3.Connection, source: Source, T_world_recording: Float64Array, tracker: PosedTracker, path: str
 ) -> Visit:
-    """Add a recording to a scene, and note the scene's present contents; pending texts of earlier runs are dropped."""
+    """Add a recording to a scene, and note the scene's present contents; pending texts of earlier runs are dropped.
+
+    Raises
+    ------
+    InputError
+        The last run of the scene processed a part of the same recording and was interrupted.
+    """
+    _refuse_interrupted(connection, source, path)
     first = connection.execute("SELECT coalesce(max(first_frame + frames), 0) FROM recordings").fetchone()[0]
     with transaction(connection):
         connection.execute("DELETE FROM pending")
@@ -128,6 +135,27 @@ def begin(
         cursor = connection.execute(f"INSERT INTO recordings ({', '.join(row)}) VALUES ({places})", row)
     assert cursor.lastrowid is not None
     return Visit(cursor.lastrowid, first, 0, T_world_recording, source.settings.get("scale", 1))
+
+
+def _refuse_interrupted(connection: sqlite3.Connection, source: Source, path: str) -> None:
+    """Refuse to add a recording to a scene that ends with an interrupted part of it; remove a part without frames.
+
+    The frames of a live camera (a source without a number of frames) are not available any more, so that its next run
+    is always a recording of its own.
+    """
+    columns = ("id", "path", "complete", "next_frame")
+    rows = read_rows(connection, columns_of("recordings", columns), "recordings ORDER BY id DESC LIMIT 1")
+    if not rows or rows[0][1] != source.path or rows[0][2] or not source.frames:
+        return
+    number, _, _, next_frame = rows[0]
+    if next_frame:
+        raise InputError(
+            f"{path}: the run of {source.path} was broken off before frame {next_frame}: --resume continues it, with "
+            "the same options; another scene file starts again"
+        )
+    with transaction(connection):
+        connection.execute("DELETE FROM pending WHERE recording = ?", (number,))
+        connection.execute("DELETE FROM recordings WHERE id = ?", (number,))
 
 
 def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,23 +32,20 @@ def checked_warnings(tracker: RunningTracker, recording: RecordingLike, every: i
     """
     from cuboid.inputs.calibration.check import intrinsics_warning
     from cuboid.inputs.calibration.pose_fit import pose_fit
-    from cuboid.inputs.calibration.registering import registration_warning
+    from cuboid.inputs.calibration.registering import DISPLACED, registration_warning
 
     estimated, poses, fit = tracker.poses == ESTIMATED, tracker.trajectory, None
     if not estimated:  # poses as given: drift correction would adapt them to a wrong depth scale
         given = ((frame, recording.pose(frame)) for frame in poses if _has_pose(recording, frame))
         fit = pose_fit(recording.read, recording.intrinsics, {k: T for k, T in given if T is not None})
-    intrinsics_line = None
+    calibration = registration = None
     if fit is None or explains(fit):
-        intrinsics_line = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
-    registration_line = registration_warning(recording.read, recording.intrinsics, sorted(poses))
-    checked = (line for line in (intrinsics_line, registration_line) if line is not None)
-    return (
-        *diagnose(run_facts(tracker, recording, every, fit)),
-        *tracker.pose_warnings,
-        *tracker.view_warnings,
-        *checked,
-    )
+        units = None if estimated else recording.depth_units_per_metre
+        calibration = intrinsics_warning(recording.read, recording.intrinsics, poses, units)
+    if not any(line.startswith(DISPLACED) for line in recording.warnings):
+        registration = registration_warning(recording.read, recording.intrinsics, sorted(poses))
+    facts = replace(run_facts(tracker, recording, every, fit), calibration=calibration, registration=registration)
+    return (*diagnose(facts), *tracker.pose_warnings, *tracker.view_warnings)
 
 
 def own_warnings(tracker: RunningTracker) -> tuple[str, ...]:
@@ -69,10 +68,12 @@ def run_facts(
         depth_median_m=median_or_none(tracker.counts.depth_median_m),
         depth_units_per_metre=1.0 if recording is None else recording.depth_units_per_metre,
         pose_fit=fit,
+        misfit=tracker.pose_misfit,
         up_known=tracker.up is not None,
         planes=len(tracker.planes),
         proposals=tracker.counts.proposals,
         objects=len(tracker.objects),
+        untimely=tuple(b for (_, before), (b, after) in pairwise(tracker.times_s.items()) if after <= before),
         farthest_m=max((float(np.abs(T[:3, 3]).max()) for T in tracker.T_world_camera.values()), default=0.0),
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from cuboid.ground.core.errors import counted
 from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.pose_convention import advised
 from cuboid.ground.core.results import FrameResult
 
 if TYPE_CHECKING:
@@ -33,16 +34,6 @@ COARSE_STEP_M = 0.002
 UNEXPLAINED, CLEARLY_MORE, EXPLAINED = 0.35, 0.1, 0.6
 # An object is confirmed after about three clear sightings: fewer frames than this may be too few.
 FEW_FRAMES = 10
-
-# Description of each pose convention for the user.
-MEANT = {
-    "inverse": "inverted (world to camera)",
-    "opengl": "those of a camera with y up and z backward",
-    "mm": "in millimetres",
-    "cm": "in centimetres",
-    "wxyz": "quaternions with w first",
-    "xyzw": "quaternions with w last",
-}
 
 HELP = "docs/finds-nothing.md lists further checks"
 
@@ -96,6 +87,11 @@ class RunFacts:
         Numbers of supporting planes, of 3D proposals in all frames, and of confirmed objects.
     farthest_m : float
         Largest coordinate of a camera in the world.
+    untimely : tuple of int
+        Frames whose time is not later than that of the frame before.
+    calibration, registration, misfit : str or None
+        What the check of the intrinsics and the depth scale, the check of the registration of depth to color, and the
+        source of the poses found wrong.
     """
 
     frames_read: int
@@ -112,6 +108,10 @@ class RunFacts:
     proposals: int
     objects: int
     farthest_m: float = 0.0
+    untimely: tuple[int, ...] = ()
+    calibration: str | None = None
+    registration: str | None = None
+    misfit: str | None = None
 
 
 def median_or_none(values: list[float]) -> float | None:
@@ -122,11 +122,15 @@ def median_or_none(values: list[float]) -> float | None:
 def diagnose(facts: RunFacts) -> tuple[str, ...]:
     """Return the warnings about a run, one line each, causes before their effects; empty if nothing is wrong.
 
-    An empty result is a separate warning, if no other warning explains it.
+    Depth, intrinsics and poses that do not fit together get one warning, that of the best proven cause. An empty result
+    is a separate warning, if no other warning explains it.
     """
-    causes = (_scale_or_poses(facts), _few_readings(facts), _lost(facts), _without_pose(facts))
+    mismatch = _scale_or_poses(facts)
+    if mismatch is None and facts.registration is None:  # color beside depth disturbs the other checks
+        mismatch = facts.calibration or facts.misfit
+    causes = (mismatch, facts.registration, _few_readings(facts), _lost(facts), _without_pose(facts))
     explained = any(cause is not None for cause in causes)
-    found = tuple(cause for cause in (*causes, _far_world(facts)) if cause is not None)
+    found = tuple(cause for cause in (*causes, _far_world(facts), _untimely(facts)) if cause is not None)
     return (*found, _no_object(facts)) if not (explained or facts.objects) and facts.frames_used else found
 
 
@@ -159,6 +163,14 @@ def _far_world(facts: RunFacts) -> str | None:
         f"the camera is {facts.farthest_m / 1000:.0f} km from the origin of its world: points of the map are stored in "
         f"steps of {100 * step_m:.2g} cm (32-bit numbers), boxes exactly; subtract an offset from all poses"
     )
+
+
+def _untimely(facts: RunFacts) -> str | None:
+    """Return the warning about times that repeat or go back."""
+    if not facts.untimely:
+        return None
+    where = f"at {counted(len(facts.untimely), 'frame')}, first at frame {facts.untimely[0]}"
+    return f"times repeat or go back {where}; motion of objects is measured with times that increase"
 
 
 def _few_readings(facts: RunFacts) -> str | None:
@@ -221,8 +233,7 @@ def _better_hypothesis(fit: PoseFit, units: float) -> str | None:
             f"{fits}; run again with --depth-scale {units / fit.depth_factor:g}"
         )
     if fit.converted == best:
-        meant, names = " and ".join(MEANT[name] for name in fit.convention), ",".join(fit.convention)
-        return f"the given poses are {meant}: with this convention, {fits}; run again with --pose-convention {names}"
+        return advised(fit.convention, fits)
     late = "late" if fit.shift > 0 else "early"
     return (
         f"the given poses are {counted(abs(fit.shift), 'frame')} too {late}: with corrected times, {fits}; "

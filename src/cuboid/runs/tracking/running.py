@@ -14,7 +14,7 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import CuboidError, FrameError, InputError, shown
 from cuboid.ground.core.frame import Frame, Intrinsics, SkippedFrame
 from cuboid.ground.core.results import FrameResult, TrackedObject
-from cuboid.method.poses.sources import ESTIMATED, GIVEN, Posed, Poses, source_of_poses
+from cuboid.method.poses.sources import ESTIMATED, GIVEN, CorrectedPoses, Posed, Poses, source_of_poses
 from cuboid.results.files import PoseRow
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.runs.tracking.diagnosis import Counts
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 # The median depth of a frame exceeds this only if depth is not in metres: no RGB-D camera sees so far.
 MAX_MEDIAN_DEPTH_M = 100.0
+NO_DEPTH = "depth has no reading at all: every pixel is 0 or not a number"
 
 
 class RunningTracker(KeptMap):
@@ -88,7 +89,7 @@ class RunningTracker(KeptMap):
         -------
         FrameResult or SkippedFrame
             A `SkippedFrame`, which has no sightings, gives the reason why the frame could not be used: the camera is
-            lost, the frame has no pose, or the reader skipped it.
+            lost, the frame has no pose, its depth has no reading, or the reader skipped it.
 
         Raises
         ------
@@ -118,6 +119,8 @@ class RunningTracker(KeptMap):
 
     def _step(self, frame: Frame, clock: FrameClock) -> FrameResult | SkippedFrame:
         self.times_s[frame.index] = frame.timestamp_s
+        if not frame.has_depth:
+            return self.skip(frame.index, NO_DEPTH)
         # A copy: a camera may write the next frame into the same memory.
         frame = replace(frame, color=frame.color.copy(), depth_m=frame.depth_m.copy())
         try:
@@ -172,8 +175,6 @@ class RunningTracker(KeptMap):
         """Raise FrameError for a wrong argument of a caller."""
         if not isinstance(frame, Frame | SkippedFrame):
             raise FrameError(f"expected a cuboid.Frame, got {type(frame).__name__}")
-        if isinstance(frame.index, bool) or not isinstance(frame.index, int | np.integer) or frame.index < 0:
-            raise FrameError(f"a frame's index must be a whole number from 0, got {shown(frame.index)}")
         if self._last_index is not None and frame.index <= self._last_index:
             raise FrameError(f"frame {frame.index} comes after frame {self._last_index}; indices must increase")
         if isinstance(frame, Frame):
@@ -215,8 +216,13 @@ class RunningTracker(KeptMap):
 
     @property
     def pose_warnings(self) -> tuple[str, ...]:
-        """Likely faults of the camera poses, one line each."""
+        """Corrections of the camera poses, and pixels that were left out for them, one line each."""
         return () if self._source is None else self._source.warnings()
+
+    @property
+    def pose_misfit(self) -> str | None:
+        """Why given poses do not fit the frames; None if they fit, or are corrected, or are not checked."""
+        return self._source.misfit if isinstance(self._source, CorrectedPoses) else None
 
     @property
     def view_warnings(self) -> tuple[str, ...]:

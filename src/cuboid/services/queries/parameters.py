@@ -10,7 +10,7 @@ from cuboid.ground.core.errors import InputError
 from cuboid.method.text_search import TextModel, TextQuery
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.likeness import COLOR_WORDS
-from cuboid.services.queries.words import length, moment, place, thing
+from cuboid.services.queries.words import count, length, moment, place, thing
 
 T = TypeVar("T")
 
@@ -138,7 +138,7 @@ def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filt
         beside=asked.get("beside"),
         near_object=asked.get("near_object"),
         text=text_query(asked.get(TEXT), model),
-        limit=int(min(MAX_ROWS, max(1.0, read("limit", _number, 50.0)))),
+        limit=min(MAX_ROWS, read("limit", count, 50)),
     )
 
 

@@ -22,6 +22,20 @@ def length(text: str) -> float:
     return float(found[1]) * UNITS_M.get(found[2], 1.0)
 
 
+def whole(text: str) -> int:
+    """Parse a whole number from 0."""
+    if not (text.isascii() and text.isdecimal() and len(text) < 10):
+        raise ValueError(f"expected a whole number from 0, got '{text}'")
+    return int(text)
+
+
+def count(text: str) -> int:
+    """Parse a whole number from 1."""
+    if not whole(text):
+        raise ValueError(f"expected a whole number from 1, got '{text}'")
+    return int(text)
+
+
 def sizes(text: str) -> tuple[float, float]:
     """Parse a range of lengths; either end may be omitted, and the unit of the second holds for a first without one."""
     low, dots, high = text.partition("..")

@@ -16,10 +16,12 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from cuboid.ground.core.errors import InputError, MissingExtraError
+from cuboid.results.views.guard import POLICY_VIOLATION
 from cuboid.results.views.serving import LOCAL_NAMES
 from cuboid.services.queries.answers import MapChange
 from cuboid.services.queries.api import guarded, refusal
 from cuboid.services.queries.place import Place
+from cuboid.services.queries.words import whole
 from cuboid.services.service.endpoints import ENDPOINTS, JSON, Endpoint
 from cuboid.services.service.front import front_page
 from cuboid.services.service.openapi import SOCKET, openapi
@@ -100,8 +102,12 @@ def _answer(place: Place, endpoint: Endpoint, query: dict[str, str], path: dict[
 
 async def _changes(place: Place, socket: WebSocket) -> None:
     """Send the changes to one client until it goes, or falls behind."""
-    after = socket.query_params.get("after", "")
     await socket.accept()
+    try:
+        after = whole(socket.query_params["after"]) if "after" in socket.query_params else None
+    except ValueError as error:
+        await socket.close(POLICY_VIOLATION, f"after: {error}")
+        return
     waiting: asyncio.Queue[MapChange] = asyncio.Queue(WAITING)
     loop, slow = asyncio.get_running_loop(), asyncio.Event()
 
@@ -117,7 +123,7 @@ async def _changes(place: Place, socket: WebSocket) -> None:
 
     stop = place.changes.listen(hear)
     tasks = {
-        asyncio.create_task(_send(socket, place, waiting, int(after) if after.isdecimal() else None)),
+        asyncio.create_task(_send(socket, place, waiting, after)),
         asyncio.create_task(_until_gone(socket)),
         asyncio.create_task(slow.wait()),
     }

@@ -11,7 +11,7 @@ from cuboid.results.files.ply import cloud_ply
 from cuboid.services.queries.answers import About, Answer, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
 from cuboid.services.queries.parameters import PARAMETERS, QUESTION, TEXT, Parameter, filters_of
 from cuboid.services.queries.place import FREE_HEIGHT_M, ONLY_IN_A_STORE, SIGHTINGS, Place
-from cuboid.services.queries.words import length
+from cuboid.services.queries.words import count, length, whole
 
 T = TypeVar("T")
 JSON = "application/json"
@@ -61,14 +61,8 @@ def _read(asked: Asked, name: str, reader: Callable[[str], T], otherwise: T) -> 
         raise InputError(f"{name}: {error}") from None
 
 
-def _whole(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and len(text) < 10):
-        raise ValueError(f"expected a whole number, got '{text}'")
-    return int(text)
-
-
 def _label(asked: Asked) -> int:
-    return _read(asked, "label", _whole, 0)
+    return _read(asked, "label", whole, 0)
 
 
 def _flag(asked: Asked, name: str) -> bool:
@@ -128,7 +122,7 @@ ENDPOINTS = (
     Endpoint(
         "/api/objects/{label}/history",
         "Sightings of an object, and its relations over the recordings of a scene",
-        lambda place, asked: place.history(_label(asked), _read(asked, "limit", _whole, SIGHTINGS)),
+        lambda place, asked: place.history(_label(asked), _read(asked, "limit", count, SIGHTINGS)),
         History,
         {
             "limit": _query(
@@ -170,7 +164,7 @@ ENDPOINTS = (
     Endpoint(
         "/api/changes",
         "The latest changes of the map",
-        lambda place, asked: place.changes.after(_read(asked, "after", _whole, 0)),
+        lambda place, asked: place.changes.after(_read(asked, "after", whole, 0)),
         list[MapChange],
         {"after": _query("integer", "changes after this number", default=0)},
     ),

@@ -50,6 +50,36 @@ CONVENTIONS: dict[str, Callable[[Float64Array], Float64Array]] = {
     "opengl": _opengl,
 }
 
+# Description of each convention for the user.
+MEANT = {
+    "inverse": "inverted (world to camera)",
+    "opengl": "those of a camera with y up and z backward",
+    "mm": "in millimetres",
+    "cm": "in centimetres",
+    "wxyz": "quaternions with w first",
+    "xyzw": "quaternions with w last",
+}
+# Conventions of poses that are tried, simple ones first: of two that explain equally much, the first one is reported.
+POSE_CONVENTIONS = (
+    ("inverse",),
+    ("opengl",),
+    ("inverse", "opengl"),
+    ("mm",),
+    ("cm",),
+    ("wxyz",),
+    ("xyzw",),
+    ("mm", "inverse"),
+    ("mm", "opengl"),
+    ("cm", "inverse"),
+    ("cm", "opengl"),
+    ("wxyz", "inverse"),
+    ("wxyz", "opengl"),
+    ("xyzw", "inverse"),
+    ("xyzw", "opengl"),
+    ("wxyz", "mm"),
+    ("xyzw", "mm"),
+)
+
 
 def convention_names(text: str) -> tuple[str, ...]:
     """Return the names of conventions in a text such as "inverse,mm", in the order in which they are applied.
@@ -74,3 +104,11 @@ def converted(T: Float64Array, names: tuple[str, ...]) -> Float64Array:
     for name in names:
         T = CONVENTIONS[name](T)
     return T
+
+
+def advised(names: tuple[str, ...], fits: str) -> str:
+    """Return the warning that given poses are in the named conventions; `fits` says how well they fit then."""
+    meant = " and ".join(MEANT[name] for name in names)
+    return (
+        f"the given poses are {meant}: with this convention, {fits}; run again with --pose-convention {','.join(names)}"
+    )
