@@ -191,11 +191,11 @@ def test_things_on_a_table_are_found_by_the_name_of_the_table(
     found = Results(results)
     (table,) = found.furniture
     labels = [item.label for item in found.objects]
-    assert cli.main(["find", str(results), "--on", "table"]) == 2
-    found.name(table.label, "Table")
-    assert [item.name for item in found.furniture] == ["Table"]
+    assert cli.main(["find", str(results), "--on", "workbench"]) == 2
+    found.name(table.label, "Workbench")
+    assert [item.name for item in found.furniture] == ["Workbench"]
     capsys.readouterr()
-    assert cli.main(["find", str(results), "--on", "table", "--json"]) == 0
+    assert cli.main(["find", str(results), "--on", "workbench", "--json"]) == 0
     assert [one["label"] for one in json.loads(capsys.readouterr().out)["objects"]] == labels
 
     place = open_place(str(results))

@@ -126,7 +126,8 @@ def test_objects_are_tracked_without_given_poses(tmp_path: Path, pictures: list[
 def test_frames_without_poses_are_posed_by_the_video_and_lost_ones_say_so(tmp_path: Path) -> None:
     tracker, truth = cuboid.Tracker(CAMERA), camera_path(24, angle_deg=20.0)
     for index, T in enumerate(truth):
-        result = tracker.update(black(index) if index == 12 else picture(T, index))
+        plain = replace(black(index), depth_m=np.full((CAMERA.height, CAMERA.width), 0.4, np.float32))
+        result = tracker.update(plain if index == 12 else picture(T, index))
         if index == 12:
             assert isinstance(result, cuboid.SkippedFrame)
             assert "camera is lost" in result.reason

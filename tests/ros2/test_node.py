@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -154,7 +155,7 @@ def check_against_the_tracker(listener: Listener, bag: Path) -> None:
     recording = cuboid.open_recording(bag)
     tracker = Tracker(recording.intrinsics, poses="given")
     for k in had:
-        result = tracker.update(recording.read(k))
+        result = tracker.update(replace(recording.read(k), timestamp_s=STAMPS_NS[k] / 1e9))
     last = listener.detected()[STAMPS_NS[-1]]
     assert last.header.frame_id == "world"
     boxes = {int(one.id): one.bbox for one in last.detections}
