@@ -52,12 +52,13 @@ class Cases:
     def add(self, seen: Any, segments: Any, noise: float) -> None:
         """Add the borders of a frame."""
         count = len(segments.segments)
-        shared, parting, continuing = (np.zeros((count, count), np.int64) for _ in range(3))
-        borders(seen.solid.depth_m, segments.claim, seen.image.camera.fx, noise, JUMP_M, shared, parting, continuing)
+        shared, parting, continuing, coarse = (np.zeros((count, count), np.int64) for _ in range(4))
+        focal, counts = seen.image.camera.fx, (shared, parting, continuing, coarse)
+        borders(seen.solid.depth_m, segments.claim, focal, noise, JUMP_M, *counts)
         things = [self._thing_of(seen, one.pixels) for one in segments.segments]
         sizes = np.array([len(one.pixels) for one in segments.segments])
         quantities = frame_segments.border_quantities(shared, parting, continuing, sizes)
-        for i, j in zip(*(k.tolist() for k in np.nonzero(shared)), strict=True):
+        for i, j in zip(*(k.tolist() for k in np.nonzero(shared > 2 * coarse)), strict=True):
             if segments.proposal[i] != segments.proposal[j] and things[i] >= 0 and things[j] >= 0:
                 self.quantities.append(quantities[:, i, j])
                 self.one.append(things[i] == things[j])

@@ -9,23 +9,23 @@ import pytest
 
 from cuboid.ground.core.tolerances import JUMP_SIGMAS
 from cuboid.method.surfaces.frame_segments import border_evidence
-from cuboid.method.surfaces.kernels.borders import GROOVE_RAD, GROOVE_SIGMAS, REACH_M, REACH_PX, borders
+from cuboid.method.surfaces.kernels.borders import GROOVE_RAD, GROOVE_SIGMAS, MAX_REACH_M, REACH_M, REACH_PX, borders
 
 FOCAL, NOISE, JUMP_M = 300.0, 1e-4, 0.01
 SHAPE = 40, 60
 
 
-def counted(depth: np.ndarray, claim: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def counted(depth: np.ndarray, claim: np.ndarray) -> tuple[np.ndarray, ...]:
     count = int(claim.max()) + 1
-    found = tuple(np.empty((count, count), np.int64) for _ in range(3))
+    found = tuple(np.empty((count, count), np.int64) for _ in range(4))
     borders(depth.astype(np.float32), claim.astype(np.int32), FOCAL, NOISE, JUMP_M, *found)
     return found
 
 
-def slow(depth: np.ndarray, claim: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def slow(depth: np.ndarray, claim: np.ndarray) -> tuple[np.ndarray, ...]:
     """The same, from points in metres: the angle between the directions of the two surfaces along the image axis."""
     count = int(claim.max()) + 1
-    found = tuple(np.zeros((count, count), int) for _ in range(3))
+    found = tuple(np.zeros((count, count), int) for _ in range(4))
     for axis in (0, 1):
         step = np.array([1, 0]) if axis == 0 else np.array([0, 1])
         for p in np.argwhere(claim >= 0):
@@ -40,6 +40,9 @@ def slow(depth: np.ndarray, claim: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
             z = min(z0, z1)
             if abs(z0 - z1) > JUMP_M + JUMP_SIGMAS * NOISE * z * z:
                 found[1][pair] += 1
+                continue
+            if REACH_PX * z / FOCAL > MAX_REACH_M:
+                found[3][pair] += 1
                 continue
             reach = max(REACH_PX, int(REACH_M * FOCAL / z))
             before, behind = p - reach * step, q + reach * step
@@ -72,13 +75,20 @@ HALVES = np.tile(np.arange(SHAPE[1]) >= SHAPE[1] // 2, (SHAPE[0], 1)).astype(int
     ("angle_deg", "parts"), [(0.0, False), (-90.0, False), (-30.0, False), (10.0, False), (35.0, True), (90.0, True)]
 )
 def test_surfaces_part_at_a_groove_and_continue_at_a_convex_edge(angle_deg: float, parts: bool) -> None:
-    shared, parting, continuing = counted(ridge(math.radians(angle_deg)), HALVES)
+    shared, parting, continuing, _ = counted(ridge(math.radians(angle_deg)), HALVES)
     assert shared[0, 1] == SHAPE[0]
     assert (parting[0, 1], continuing[0, 1]) == ((SHAPE[0], 0) if parts else (0, SHAPE[0]))
 
 
+def test_pixels_that_are_too_coarse_for_a_shape_are_counted_apart() -> None:
+    far_m = MAX_REACH_M * FOCAL / REACH_PX
+    for z, none in ((0.9 * far_m, False), (1.1 * far_m, True)):
+        _, parting, continuing, coarse = counted(np.full(SHAPE, z), HALVES)
+        assert (parting[0, 1], coarse[0, 1] > 0, continuing[0, 1] > 0) == (0, none, not none)
+
+
 def test_surfaces_part_at_a_jump() -> None:
-    shared, parting, continuing = counted(0.6 + 0.05 * HALVES, HALVES)
+    shared, parting, continuing, _ = counted(0.6 + 0.05 * HALVES, HALVES)
     assert (shared[0, 1], parting[0, 1], continuing[0, 1]) == (SHAPE[0], SHAPE[0], 0)
 
 

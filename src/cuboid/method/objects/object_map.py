@@ -18,7 +18,7 @@ from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.box import Box
 from cuboid.method.heatmap.voxel_map import VoxelMap
-from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS, SAME_LOG_ODDS
+from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS, DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
 from cuboid.method.objects.association import Association, SegmentedFrame, associate
 from cuboid.method.objects.boxing import Boxing
 from cuboid.method.objects.confirmation import is_confirmable
@@ -214,7 +214,9 @@ class ObjectMap:
         for i, j in zip(*(k.tolist() for k in np.nonzero(adjacent)), strict=True):
             a, b = found.objects[match[i]], found.objects[match[j]]
             if self._are_separate(frame_segments, i, j) and not self._are_attached(a, b):
-                log_odds = float(frame_segments.log_odds_one[i, j])
+                shape = float(frame_segments.log_odds_one[i, j])
+                # A border that does not show one surface is at least the evidence of any two proposals.
+                log_odds = shape if shape > 0.0 else float(np.fmin(shape, DIFFERENT_LOG_ODDS))
                 self.store.add_pair_evidence(a, b, log_odds, novelty=novelty)
                 if log_odds < 0.0:
                     separate.add(frozenset((a.number, b.number)))

@@ -87,7 +87,8 @@ class FrameSegments:
     contact : (n, n) int64
         [i, j]: number of outline pixels of i at which j begins.
     log_odds_one : (n, n) float64
-        [i, j], i < j: evidence of the border of two segments that they are one thing; see `border_evidence`.
+        [i, j], i < j: evidence of the border of two segments that they are one thing; see `border_evidence`. NaN where
+        most of the border parts, or is too coarse to show a shape.
     proposal : (n,) int64
         The proposal of each segment, by strength; see `_own_proposals`.
     touched : (n,) bool
@@ -190,9 +191,10 @@ def segment_frame(
         segments.append(FrameSegment(pixels[begin:end], supports, warm[k], scores[k], rects[k], outline[k], read[k]))
     proposal_of = _own_proposals(segment_of, proposal_of, weighed, order)
     touched = _touched(segment_of, kept, seen, planes, config.depth_noise_per_m)
-    shared, parting, continuing = (np.empty((kept, kept), np.int64) for _ in range(3))
-    borders(solid.depth_m, segment_of, c.fx, noise, JUMP_M, shared, parting, continuing)
+    shared, parting, continuing, coarse = (np.empty((kept, kept), np.int64) for _ in range(4))
+    borders(solid.depth_m, segment_of, c.fx, noise, JUMP_M, shared, parting, continuing, coarse)
     log_odds_one = border_evidence(shared, parting, continuing, sizes)
+    log_odds_one[(2 * coarse > shared) | (parting > continuing)] = np.nan
     return FrameSegments(segments, segment_of, contact, log_odds_one, proposal_of, touched, left_out)
 
 

@@ -14,10 +14,12 @@ from cuboid.ground.core.tolerances import JUMP_SIGMAS
 GROOVE_RAD, GROOVE_SIGMAS = 0.35, 2.0
 # The direction of a surface is measured over this distance, metres, and at least this many pixels.
 REACH_M, REACH_PX = 0.012, 3
+# Where so many pixels cover more than this, metres, they are too coarse to show a shape.
+MAX_REACH_M = 0.03
 
 
 @kernel
-def borders(depth, claim, focal, noise, jump, shared, parting, continuing):
+def borders(depth, claim, focal, noise, jump, shared, parting, continuing, coarse):
     """Count the pixels at which two segments touch, and those at which their surfaces part or continue.
 
     Surfaces part at a depth jump and at a groove; they continue where they are one surface, or meet in a convex edge.
@@ -36,11 +38,11 @@ def borders(depth, claim, focal, noise, jump, shared, parting, continuing):
         The standard deviation of depth is this value times z squared.
     jump : float
         Metres.
-    shared, parting, continuing : (count, count) int64, output
-        [i, j], i < j: number of pixels.
+    shared, parting, continuing, coarse : (count, count) int64, output
+        [i, j], i < j: number of pixels; `coarse` ones are too far for a shape.
     """
     height, width = depth.shape
-    shared[:], parting[:], continuing[:] = 0, 0, 0
+    shared[:], parting[:], continuing[:], coarse[:] = 0, 0, 0, 0
     for v in range(height):
         for u in range(width):
             a = claim[v, u]
@@ -58,6 +60,9 @@ def borders(depth, claim, focal, noise, jump, shared, parting, continuing):
                 shared[i, j] += 1
                 if abs(z0 - z1) > jump + JUMP_SIGMAS * noise * z * z:
                     parting[i, j] += 1
+                    continue
+                if REACH_PX * z > MAX_REACH_M * focal:
+                    coarse[i, j] += 1
                     continue
                 reach = max(REACH_PX, int(REACH_M * focal / z))
                 va, ua, vb, ub = v - reach * dv, u - reach * du, v1 + reach * dv, u1 + reach * du
