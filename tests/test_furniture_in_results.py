@@ -199,11 +199,11 @@ def test_things_on_a_table_are_found_by_the_name_of_the_table(
     assert [one["label"] for one in json.loads(capsys.readouterr().out)["objects"]] == labels
 
     place = open_place(str(results))
-    named = {f"plane:{k}": "Table" if k in table.planes else None for k in range(len(found.planes))}
+    named = {f"plane:{k}": "Workbench" if k in table.planes else None for k in range(len(found.planes))}
     assert {one.surface: one.name for one in place.surfaces()} == named
-    assert [node.name for node in place.tree() if node.of in ("plane:0", "plane:1")] == ["Table"]
+    assert [node.name for node in place.tree() if node.of in ("plane:0", "plane:1")] == ["Workbench"]
     assert cli.main(["report", str(results), "--force"]) == 0
-    assert '"name":"Table"' in (results / "report.html").read_text().replace(" ", "")
+    assert '"name":"Workbench"' in (results / "report.html").read_text().replace(" ", "")
     capsys.readouterr()
 
     found.name(labels[0], "table")  # an object of that name as well: what is on either
