@@ -206,10 +206,10 @@ def test_things_on_a_table_are_found_by_the_name_of_the_table(
     assert '"name":"Workbench"' in (results / "report.html").read_text().replace(" ", "")
     capsys.readouterr()
 
-    found.name(labels[0], "table")  # an object of that name as well: what is on either
-    assert [one.label for one in open_place(str(results)).find(Filters(on="table"))] == labels
+    found.name(labels[0], "workbench")  # an object of that name as well: what is on either
+    assert [one.label for one in open_place(str(results)).find(Filters(on="workbench"))] == labels
     found.name(table.label, "")
-    assert cli.main(["find", str(results), "--on", "table", "--json"]) == 0
+    assert cli.main(["find", str(results), "--on", "workbench", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["objects"] == []
     with pytest.raises(InputError, match="no object has the label 99"):
         found.name(99, "chair")
