@@ -94,6 +94,25 @@ def find_flat_areas(image: DepthImage, config: TrackerConfig) -> FlatAreas:
     return FlatAreas(normal, area_m2, np.minimum(1.0, evidence / off))
 
 
+def _pieces(
+    depth_m: Float32Array,
+    camera: Intrinsics,
+    planes: int,
+    on: npt.NDArray[np.int8],
+    jump_m: float,
+    config: TrackerConfig,
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the regions off all areas (H, W), and what borders on each: areas (N, planes) and others (N, KINDS).
+
+    Depth differences above `jump_m`, metres, and the noise separate regions.
+    """
+    noise, labels = config.depth_noise_per_m, np.empty(depth_m.shape, np.int32)
+    count = kernel.label_pieces(depth_m, on, noise, jump_m, labels, np.empty((depth_m.size, 2), np.int32))
+    touches, others = np.empty((count, planes), np.int64), np.empty((count, kernel.KINDS), np.int64)
+    kernel.bounds(depth_m, on, labels, noise, jump_m, GAP_M * camera.fx, touches, others)
+    return labels, touches, others
+
+
 def _standing_readings(
     depth_m: Float32Array,
     camera: Intrinsics,
@@ -114,11 +133,7 @@ def _standing_readings(
     small : (P,) bool
         Areas that are treated as faces of objects.
     """
-    noise = config.depth_noise_per_m
-    on, labels = _faces_as_surface(on, small), np.empty(depth_m.shape, np.int32)
-    count = kernel.label_pieces(depth_m, on, noise, JUMP_M, labels, np.empty((depth_m.size, 2), np.int32))
-    touches, others = np.empty((count, len(planes)), np.int64), np.empty((count, kernel.KINDS), np.int64)
-    kernel.bounds(depth_m, on, labels, noise, JUMP_M, GAP_M * camera.fx, touches, others)
+    labels, touches, others = _pieces(depth_m, camera, len(planes), _faces_as_surface(on, small), JUMP_M, config)
     return _weighted_readings(depth_m, camera, planes, labels, *_clearness(touches, others), config)
 
 
@@ -137,11 +152,8 @@ def _surrounded_readings(
     the shoulder of a bottle: a region continues across them. In front of a wall, the floor or another object is beneath
     it. See `_standing_readings`.
     """
-    on, labels = _faces_as_surface(on, small), np.empty(depth_m.shape, np.int32)
-    no_jump = config.depth_noise_per_m, math.inf
-    count = kernel.label_pieces(depth_m, on, *no_jump, labels, np.empty((depth_m.size, 2), np.int32))
-    touches, others = np.empty((count, len(planes)), np.int64), np.empty((count, kernel.KINDS), np.int64)
-    kernel.bounds(depth_m, on, labels, *no_jump, GAP_M * camera.fx, touches, others)
+    on = _faces_as_surface(on, small)
+    labels, touches, others = _pieces(depth_m, camera, len(planes), on, math.inf, config)
     around = touches / np.maximum(1, touches.sum(1) + others.sum(1))[:, None]
     beneath = around.argmax(1)
     clear = np.where(around.max(1) >= AROUND_FRACTION, around.max(1), 0.0)
