@@ -74,7 +74,6 @@ def test_an_object_has_as_many_rows_as_are_asked_for_or_not() -> None:
     voxels = map_of((FLOOR, 0), (shell((-0.1, 0.1), (-0.08, 0.08), (0.0, 0.2)), THING))
     count = len(voxels.stored.rows_of(THING))
     assert count > 100
-    assert voxels.stored.has_rows(THING, count)
-    assert not voxels.stored.has_rows(THING, count + 1)
-    assert voxels.stored.has_rows(OTHER, 0)
-    assert not voxels.stored.has_rows(OTHER, 1)
+    numbers, min_rows = [THING, OTHER, THING, OTHER], [count, 0, count + 1, 1]
+    assert voxels.stored.have_rows(numbers, min_rows) == [True, True, False, False]
+    assert voxels.stored.have_rows([], []) == []

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
@@ -148,7 +149,9 @@ class Frame:
 
     def at(self, T_world_camera: Float64Array) -> Frame:
         """Return the same frame with another pose."""
-        return replace(self, T_world_camera=T_world_camera)
+        placed = copy(self)  # its images have been checked
+        placed._set_pose(T_world_camera)
+        return placed
 
     def repeats(self, last: Frame | None) -> bool:
         """Return whether color, depth and pose are exactly those of another frame: it is no new evidence."""
@@ -180,15 +183,18 @@ class Frame:
         if not _finite(self.timestamp_s) or abs(self.timestamp_s) > LATEST_S:
             raise FrameError(f"frame {self.index}: expected a time in seconds, got {shown(self.timestamp_s)}")
         if self.T_world_camera is not None:
-            try:
-                object.__setattr__(self, "T_world_camera", rigid(self.T_world_camera))
-            except ValueError as error:
-                raise FrameError(f"frame {self.index}: {error}") from None
+            self._set_pose(self.T_world_camera)
         if self.up_camera is not None:
             try:
                 object.__setattr__(self, "up_camera", unit(self.up_camera))
             except FrameError as error:
                 raise FrameError(f"frame {self.index}: up is {error}") from None
+
+    def _set_pose(self, T_world_camera: Float64Array) -> None:
+        try:
+            object.__setattr__(self, "T_world_camera", rigid(T_world_camera))
+        except ValueError as error:
+            raise FrameError(f"frame {self.index}: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -441,10 +441,18 @@ class StoredPoints:
         rows = self._all_of(number)
         return np.asarray(rows[self.points.weight[rows] > 0], dtype=np.int64)
 
-    def has_rows(self, number: int, min_rows: int) -> bool:
-        """Return whether an object has at least this many rows: faster than `rows_of`."""
-        blocks = self.blocks_of(number)
-        return bool(owners.has_rows(number, blocks, BLOCK_ROWS, self.owner, self.points.weight, min_rows))
+    def have_rows(self, numbers: Sequence[int], min_rows: Sequence[int]) -> list[bool]:
+        """Return whether each object (n,) has at least `min_rows` (n,) rows: faster than `rows_of`."""
+        of = [self.owned_blocks.of(number) for number in numbers]
+        blocks, ends = (
+            np.concatenate([np.zeros(0, np.int64), *of]),
+            np.cumsum([len(each) for each in of], dtype=np.int64),
+        )
+        self.load(self.cubes.cube_of[blocks].astype(np.int64))
+        found = np.empty(len(of), np.bool_)
+        wanted = np.array(numbers, np.int64), np.array(min_rows, np.int64)
+        owners.have_rows(*wanted, blocks, ends, BLOCK_ROWS, self.owner, self.points.weight, found)
+        return found.tolist()
 
     def blocks_of(self, number: int) -> Rows:
         """Load the blocks that may contain rows of an object, and return them, ascending."""

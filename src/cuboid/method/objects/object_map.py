@@ -25,7 +25,7 @@ from cuboid.method.objects.confirmation import is_confirmable
 from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.fitting import Fitting
 from cuboid.method.objects.objectness import Quantities, probability, quantities_of
-from cuboid.method.objects.retirement import is_abandoned, is_carved
+from cuboid.method.objects.retirement import abandoned, carved
 from cuboid.method.objects.store import ObjectStore, ObjectStoreState
 from cuboid.method.objects.validity import fits_object
 from cuboid.method.objects.visibility import boxes_in_frustum, places_in_view
@@ -258,11 +258,9 @@ class ObjectMap:
     def _retire_removed(self, found: Association, settled: frozenset[int]) -> None:
         """Retire unmatched confirmed objects whose points were removed by free-space carving: most were taken away."""
         matched = set(found.match.tolist())
-        for j, entry in enumerate(found.objects):
-            if j in matched or not entry.confirmed or entry.number in settled:
-                continue
-            if is_carved(entry, self._voxels):
-                self.store.retire(entry)
+        unmatched = [o for j, o in enumerate(found.objects) if j not in matched and o.confirmed]
+        for entry in carved([o for o in unmatched if o.number not in settled], self._voxels):
+            self.store.retire(entry)
 
     def reset_supports(self) -> None:
         """Reset the support of all objects and refit labelled ones, because the up direction has changed.
@@ -314,7 +312,7 @@ class ObjectMap:
 
     def _retire_abandoned(self, numbers: Sequence[int]) -> None:
         """Retire candidates that are not seen any more."""
-        self.store.retire_all([o for o in self.store.all_of(numbers) if is_abandoned(o, self._voxels)])
+        self.store.retire_all(abandoned(self.store.all_of(numbers), self._voxels))
 
     def record_seen(
         self, frame: int, seen: Sequence[MapObject], has_rested: Callable[[MapObject], bool]

@@ -107,10 +107,10 @@ def quantities_of(entry: MapObject, log_odds_one: Iterable[float]) -> Quantities
     log_odds_one : iterable of float
         Log-odds that it is one with each object that was seen beside it.
     """
-    outline = entry.outline
-    total, judged = outline.sum(1), outline[:, :HIDDEN].sum(1)
-    free = outline[:, FREE] + outline[:, SUPPORT] + 0.5 * outline[:, UNSURE]
-    prior = PRIOR_WEIGHT * max(1.0, total.sum())
+    outline = entry.outline.tolist()  # so few numbers are faster without arrays
+    total, judged = [sum(side) for side in outline], [sum(side[:HIDDEN]) for side in outline]
+    free = [side[FREE] + side[SUPPORT] + 0.5 * side[UNSURE] for side in outline]
+    prior = PRIOR_WEIGHT * max(1.0, sum(total))
     ends = (TOP, LEFT, RIGHT)
     top_free, *sides_free = [(free[k] + PRIOR_FREE * prior) / (judged[k] + prior) for k in ends]
     top_judged, *sides_judged = [(judged[k] + PRIOR_JUDGED * prior) / (total[k] + prior) for k in ends]
@@ -138,8 +138,8 @@ def quantities_of(entry: MapObject, log_odds_one: Iterable[float]) -> Quantities
 
 def probability(quantities: Quantities) -> float:
     """Return the probability that an object with these quantities is one whole thing, 0..1."""
-    model = coefficients()
-    return _sigmoid(model.intercept + sum(model.weights[name] * q for name, q in quantities._asdict().items()))
+    model, named = coefficients(), zip(Quantities._fields, quantities, strict=True)
+    return _sigmoid(model.intercept + sum([model.weights[name] * quantity for name, quantity in named]))
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from math import ceil
 
 from cuboid.ground.core.tolerances import MIN_READINGS
@@ -18,9 +19,11 @@ UNLIKELY_LOG_ODDS_WITHOUT_DEPTH = -1.0
 REMAINING_FRACTION = 0.1
 
 
-def is_abandoned(entry: MapObject, voxels: VoxelMap) -> bool:
-    """Return whether proposals do not show a candidate any more, or others have taken its points."""
-    return not entry.label and (entry.missed >= MAX_MISSED or not voxels.stored.has_rows(entry.number, MIN_READINGS))
+def abandoned(objects: Iterable[MapObject], voxels: VoxelMap) -> list[MapObject]:
+    """Return the candidates among some objects that proposals do not show any more, or whose points others took."""
+    candidates = [o for o in objects if not o.label]
+    has_points = voxels.stored.have_rows([o.number for o in candidates], [MIN_READINGS] * len(candidates))
+    return [o for o, has in zip(candidates, has_points, strict=True) if o.missed >= MAX_MISSED or not has]
 
 
 def is_unlikely(entry: ObjectWithoutDepth) -> bool:
@@ -28,6 +31,8 @@ def is_unlikely(entry: ObjectWithoutDepth) -> bool:
     return entry.log_odds <= (-CERTAIN_LOG_ODDS if entry.label else UNLIKELY_LOG_ODDS_WITHOUT_DEPTH)
 
 
-def is_carved(entry: MapObject, voxels: VoxelMap) -> bool:
-    """Return whether free-space carving removed most points of a visible object."""
-    return not voxels.stored.has_rows(entry.number, ceil(REMAINING_FRACTION * len(entry.points)))
+def carved(objects: Sequence[MapObject], voxels: VoxelMap) -> list[MapObject]:
+    """Return the objects among visible ones of which free-space carving removed most points."""
+    min_rows = [ceil(REMAINING_FRACTION * len(o.points)) for o in objects]
+    has_points = voxels.stored.have_rows([o.number for o in objects], min_rows)
+    return [o for o, has in zip(objects, has_points, strict=True) if not has]

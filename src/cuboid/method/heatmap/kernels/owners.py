@@ -74,16 +74,23 @@ def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, h
 
 
 @kernel
-def has_rows(number, blocks, size, owner, weight, min_rows):
-    """Return whether an object has at least `min_rows` living rows in these blocks; see `rows_of`."""
-    n = 0
-    for block in blocks:
-        for row in range(block * size, min((block + 1) * size, owner.size)):
-            if owner[row] == number and weight[row] > 0.0:
-                n += 1
-        if n >= min_rows:
-            return True
-    return n >= min_rows
+def have_rows(numbers, min_rows, blocks, ends, size, owner, weight, found):
+    """Find the objects (n,) that have at least `min_rows` (n,) living rows: `found` (n,) bool; see `rows_of`.
+
+    The blocks (B,) of object k are those from `ends[k - 1]` (0 for the first one) to `ends[k]`.
+    """
+    begin = 0
+    for k in range(numbers.size):
+        n = 0
+        for place in range(begin, ends[k]):
+            block = blocks[place]
+            for row in range(block * size, min((block + 1) * size, owner.size)):
+                if owner[row] == numbers[k] and weight[row] > 0.0:
+                    n += 1
+            if n >= min_rows[k]:
+                break
+        found[k] = n >= min_rows[k]
+        begin = ends[k]
 
 
 @kernel
