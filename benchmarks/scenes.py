@@ -70,7 +70,7 @@ class MadeScene:
 
 
 def source_digest(folder: str = "", source: Path = SOURCE, without: Collection[str] = ()) -> str:
-    """Return eight digits that change with a program's source, or with that of one of its folders.
+    """Return eight digits that change with a program's source and fitted models, or with those of one of its folders.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def source_digest(folder: str = "", source: Path = SOURCE, without: Collection[s
         Packages in it that do not count.
     """
     digest = hashlib.sha256()
-    for path in sorted((source / folder).glob("**/*.py")):
+    for path in sorted(path for kind in ("py", "json") for path in (source / folder).glob(f"**/*.{kind}")):
         if path.relative_to(source).parts[0] in without:
             continue
         digest.update(str(path.relative_to(source)).encode())

@@ -8,6 +8,7 @@ from made_maps import box_of, grid, map_of, shell
 
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.geometry.overlap import iou
+from cuboid.method.objects.affinity import SAME_LOG_ODDS
 from cuboid.method.objects.boxing import Boxing
 from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.fitting import Fitting
@@ -123,3 +124,25 @@ def test_what_goes_up_to_the_table_loses_its_label_but_where_it_ends_below(
         fitting.fit(leg)
         assert leg.supports_plane is (state is State.RETIRED)
     assert leg.state is state
+
+
+@pytest.mark.parametrize(
+    ("other", "same"),
+    [
+        (shell((0.3, 0.4), (0.32, 0.4), (0.0, 0.16)), True),  # 0.8 of the jar
+        (shell((0.3, 0.4), (0.3, 0.4), (0.0, 0.06)), False),  # 0.375: its box may be that of a part
+        (shell((0.42, 0.52), (0.3, 0.4), (0.0, 0.16)), False),  # beside it
+    ],
+)
+def test_a_fit_tells_that_a_labelled_object_in_the_same_place_is_the_same_one(other: np.ndarray, same: bool) -> None:
+    fitting, jar = seen(JAR)
+    second = fitting._store.add(box_of(other), 0)
+    second.points = other.astype(np.float32)
+    fitting.fit(jar)
+    assert not fitting._store.affinity.of(1, 2), "neither has a label"
+    fitting._store.confirm(second)
+    fitting.fit(jar)
+    assert (fitting._store.affinity.of(1, 2) or 0.0) == pytest.approx(SAME_LOG_ODDS if same else 0.0)
+    jar.moved = True
+    fitting.fit(jar)
+    assert (fitting._store.affinity.of(1, 2) or 0.0) == pytest.approx(SAME_LOG_ODDS if same else 0.0)

@@ -8,6 +8,7 @@ from made_maps import map_of, shell
 
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.geometry.box import Box
+from cuboid.method.objects import object_map
 from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS, DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
 from cuboid.method.objects.association import Association
 from cuboid.method.objects.object_map import ObjectMap
@@ -54,3 +55,18 @@ def test_from_a_label_another_one_takes_when_that_is_likely_and_a_candidate_when
     shown = Association(pair, only, only - 1, found, np.ones(1), found.astype(np.int64), np.zeros(2, np.int64))
     column, allowed = objects._allowed_transfers(np.array([1], np.int32), shown)
     assert allowed[0, column[[0, 2]]].tolist() == [1, takes]
+
+
+def test_of_the_objects_of_a_frame_the_most_probable_one_has_the_first_label(monkeypatch: pytest.MonkeyPatch) -> None:
+    config = TrackerConfig()
+    points = shell((0.3, 0.4), (0.3, 0.4), (0.0, 0.16))
+    objects = ObjectMap(config, map_of((points, 1)), PlaneTracker(config))
+    entries = [objects.store.add(Box(np.array([x, 0.35, 0.08]), JAR, np.eye(3)), 0) for x in (0.3, 0.5, 0.7, 0.9)]
+    for entry in entries:
+        entry.points = points.astype(np.float32)
+    probabilities = dict(zip(entries, (0.5, 0.9, 0.1, 0.8), strict=True))
+    monkeypatch.setattr(objects, "quantities", lambda entry: entry)
+    monkeypatch.setattr(object_map, "probability", probabilities.__getitem__)
+    confirmed = objects.record_seen(7, entries, lambda entry: entry is not entries[3])
+    assert confirmed == [entries[1], entries[0]]
+    assert [entry.label for entry in entries] == [2, 1, 0, 0]

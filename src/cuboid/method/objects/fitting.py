@@ -12,10 +12,12 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.tolerances import DRIFT_M, MIN_READINGS
 from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.overlap import iou_matrix
 from cuboid.method.boxes.fit import fit_box
 from cuboid.method.boxes.hidden import with_hidden_foot
 from cuboid.method.heatmap.stored_points import Rows
 from cuboid.method.heatmap.voxel_map import VoxelMap
+from cuboid.method.objects.affinity import SAME_LOG_ODDS
 from cuboid.method.objects.boxing import Boxing
 from cuboid.method.objects.continuation import continues
 from cuboid.method.objects.entry import MapObject
@@ -34,6 +36,10 @@ GROWN = 0.15
 MIN_FITS, MAX_FITS = 4, 12
 # An object of which this number of sides continue is a part of structure and gets no seat.
 STRUCTURE_SIDES = 2
+
+# Two objects are in one place if their boxes have this IoU: the box of a thing with stale points of its neighbour is
+# far larger than that of the neighbour.
+COINCIDENT_IOU = 0.5
 
 # Unit normal (3,) and offset of the surface at which a box ends: normal.p + offset = 0.
 Rest = tuple[Float64Array, float]
@@ -121,6 +127,7 @@ class Fitting:
             noise_m=noise_m,
         )
         neighbours = self._store.neighbours(entry)
+        self._add_coincidences(entry, neighbours)
         holder = 0
         if rests is not None:
             holder = find_attachment(entry, *rests, neighbours, self._voxels) or find_coaxial(
@@ -137,6 +144,19 @@ class Fitting:
         self._store.attach(entry, holder, supports_plane=supports_plane, continuing=continuing)
         if furniture or too_large(box, self._config):
             self._store.retire(entry)
+
+    def _add_coincidences(self, entry: MapObject, neighbours: Sequence[MapObject]) -> None:
+        """Add the evidence of a fit that an object is one with labelled ones in its place: solids share no space.
+
+        It does not depend on how the frame shows them: two pieces of a bowl may be seen side by side, and the box of
+        each is that of the bowl.
+        """
+        others = [o for o in neighbours if o.confirmed and len(o.points) and not o.moved]
+        if not others or entry.moved:
+            return
+        iou = iou_matrix(self._store.boxes_of([entry]), self._store.boxes_of(others))[0]
+        for k in np.flatnonzero(iou >= COINCIDENT_IOU).tolist():
+            self._store.add_pair_evidence(entry, others[k], SAME_LOG_ODDS, novelty=1.0)
 
     def _find_support(self, entry: MapObject, rows: Rows) -> tuple[Rows, Plane | None, Rest | None, dict[int, int]]:
         """Find the supporting plane of an object.

@@ -319,6 +319,8 @@ class ObjectMap:
     ) -> list[MapObject]:
         """Record that a frame shows these objects; confirm the candidates among them that meet all criteria.
 
+        The most probable one gets the first label: of two labels for one thing, the older one stays in a merge.
+
         Parameters
         ----------
         frame : int
@@ -331,12 +333,12 @@ class ObjectMap:
         list of MapObject
             The newly confirmed objects.
         """
-        confirmed = []
         for entry in seen:
             self.store.judge(entry, probability(self.quantities(entry)))
-            if entry.state is State.CANDIDATE and is_confirmable(entry, self._config) and has_rested(entry):
-                self.store.confirm(entry)
-                confirmed.append(entry)
+        candidates = [o for o in seen if o.state is State.CANDIDATE and is_confirmable(o, self._config)]
+        confirmed = sorted(filter(has_rested, candidates), key=lambda o: (-o.probability, o.number))
+        for entry in confirmed:
+            self.store.confirm(entry)
         self.store.record_seen(seen, frame)
         return confirmed
 

@@ -204,6 +204,7 @@ class ObjectEvidence(StoredObjects):
                 self.place(entry, Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation))
                 entry.points = transform(T, entry.points).astype(np.float32)
                 entry.views = turned_views(entry.views, R)
+                entry.directions = entry.directions @ R.T.astype(np.float32)
 
 
 def limit_sightings(entry: MapObject, max_sightings: int) -> None:
