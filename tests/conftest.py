@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Generator
 from pathlib import Path
 
@@ -18,6 +19,10 @@ settings.load_profile("cuboid")
 # A shell starts jobs in the background with Ctrl-C ignored; commands under test would inherit that and never end.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Each command under test is a process of its own; without byte code it would compile all modules again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
@@ -30,6 +35,16 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     """Leave out slow files where `--fast` is given."""
     fast = config.getoption("--fast") and collection_path.suffix == ".py"
     return True if fast and str(collection_path.relative_to(REPOSITORY / "tests")) in SLOW_FILES else None
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep the order of files that is set below; pytest-xdist would begin with the files of most tests."""
+    config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the slow files, so that the fast ones keep all processes busy up to the end."""
+    items.sort(key=lambda item: str(item.path.relative_to(REPOSITORY / "tests")) not in SLOW_FILES)
 
 
 @pytest.fixture(scope="session")

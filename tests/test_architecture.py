@@ -145,6 +145,28 @@ def test_the_files_that_a_page_names_are_there(name: str) -> None:
     assert {path for path in named if not (SOURCE / path).exists()} == set()
 
 
+def rows_of_changes() -> list[tuple[str, list[str]]]:
+    """Return the rows of the table in CONTRIBUTING that tells where to change what: the change, and the names."""
+    page = (REPOSITORY / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    lines = page.split("| change | files |\n|---|---|\n")[1].split("\n\n")[0].splitlines()
+    cells = [line.strip("| ").split(" | ") for line in lines]
+    return [(change, re.findall(r"`([^`]+)`", files)) for change, files in cells]
+
+
+def test_each_change_is_made_in_one_to_three_files_that_hold_the_named_code() -> None:
+    rows = rows_of_changes()
+    assert len(rows) >= 10
+    for change, names in rows:
+        paths = [name for name in names if "/" in name]
+        assert 1 <= len(paths) <= 3, change
+        whole = [(REPOSITORY if path.startswith(("docs/", "benchmarks/")) else SOURCE) / path for path in paths]
+        for path in whole:
+            assert path.exists() or (path.name.startswith("<") and path.parent.is_dir()), f"{change}: {path}"
+        code = "\n".join(path.read_text(encoding="utf-8") for path in whole if path.is_file())
+        missing = [name for name in names if "/" not in name and not re.search(rf"\b{name}\b", code)]
+        assert not missing, f"{change}: {missing}"
+
+
 @pytest.mark.parametrize("package", PACKAGES[PACKAGES.index("cuboid.method.objects") :])
 def test_only_the_store_changes_an_object(package: str) -> None:
     for path in sorted((SOURCE.parent / package.replace(".", "/")).glob("**/*.py")):

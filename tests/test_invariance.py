@@ -98,7 +98,7 @@ def test_a_made_table_in_another_world_gives_the_same_objects() -> None:
     assert_same_elsewhere(made(), CAMERA)
 
 
-@pytest.mark.parametrize(("name", "every", "limit"), [("office-scan", 1, 40), ("desk-realsense", 2, 40)])
+@pytest.mark.parametrize(("name", "every", "limit"), [("office-scan", 1, 24), ("desk-realsense", 2, 24)])
 def test_turned_images_of_real_places_give_the_same_objects(data_dir: Path, name: str, every: int, limit: int) -> None:
     recording = open_recording(data_dir / name)
     frames = [recording.read(k) for k in range(0, every * limit, every)]
@@ -108,7 +108,7 @@ def test_turned_images_of_real_places_give_the_same_objects(data_dir: Path, name
         assert_same(track([roll.frame(one) for one in frames], roll.camera)[0], expected)
 
 
-@pytest.mark.parametrize(("name", "every", "limit"), [("office-scan", 1, 40), ("desk-realsense", 2, 40)])
+@pytest.mark.parametrize(("name", "every", "limit"), [("office-scan", 1, 24), ("desk-realsense", 2, 24)])
 def test_real_places_in_another_world_give_the_same_objects(data_dir: Path, name: str, every: int, limit: int) -> None:
     recording = open_recording(data_dir / name)
     assert_same_elsewhere([recording.read(k) for k in range(0, every * limit, every)], recording.intrinsics)

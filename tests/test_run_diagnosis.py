@@ -21,7 +21,7 @@ from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
 from made_scenes import CAMERA, cast, look_at, upright
 
-FRAMES = 48
+FRAMES = 24
 
 
 @pytest.fixture(scope="module")
@@ -80,22 +80,24 @@ def _as_read(names: str) -> Callable[[np.ndarray], np.ndarray]:
     return spoilt
 
 
+def _write_poses(folder: Path, names: str) -> None:
+    """Write the poses of a recording in these conventions."""
+    recording, spoilt, lines = open_recording(folder), _as_read(names), []
+    for k in range(len(recording)):
+        T = spoilt(recording.pose(k))
+        w, x, y, z = quat_wxyz_from_rotation(T[:3, :3])
+        quat = [w, x, y, z] if "wxyz" in names else [x, y, z, w]
+        lines.append(" ".join(map(str, [k, *T[:3, 3], *quat])))
+    (folder / "poses.txt").write_text("\n".join(lines))
+
+
 @pytest.mark.parametrize(
     "names", ["inverse", "opengl", "mm", "cm", "wxyz", "inverse,opengl", "mm,opengl", "wxyz,inverse"]
 )
 def test_poses_in_another_convention_are_named_with_the_option_that_mends_them(
     good: Path, tmp_path: Path, names: str
 ) -> None:
-    def write(folder: Path) -> None:
-        recording, spoilt, lines = open_recording(folder), _as_read(names), []
-        for k in range(len(recording)):
-            T = spoilt(recording.pose(k))
-            w, x, y, z = quat_wxyz_from_rotation(T[:3, :3])
-            quat = [w, x, y, z] if "wxyz" in names else [x, y, z, w]
-            lines.append(" ".join(map(str, [k, *T[:3, 3], *quat])))
-        (folder / "poses.txt").write_text("\n".join(lines))
-
-    bad = changed(good, tmp_path / "bad", write)
+    bad = changed(good, tmp_path / "bad", lambda folder: _write_poses(folder, names))
     for poses in ("given", "corrected"):
         (warning,) = report_of(bad, tmp_path / poses, poses=poses).warnings
         assert warning.startswith("the given poses are ")
@@ -106,6 +108,11 @@ def test_poses_in_another_convention_are_named_with_the_option_that_mends_them(
     recording, mended = open_recording(good), open_recording(bad, pose_convention=names)
     for k in range(len(recording)):
         assert mended.pose(k) == pytest.approx(recording.pose(k), abs=1e-6)
+
+
+def test_with_the_option_that_mends_poses_there_are_no_warnings(good: Path, tmp_path: Path) -> None:
+    names = "wxyz,inverse"
+    bad = changed(good, tmp_path / "bad", lambda folder: _write_poses(folder, names))
     assert report_of(bad, tmp_path / "mended", pose_convention=names).warnings == ()
 
 

@@ -16,9 +16,9 @@ from cuboid.fleet.batch.claim import claimed
 from cuboid.fleet.store.place import Place
 
 # More with CUBOID_CHAOS=200.
-COUNT = int(os.environ.get("CUBOID_CHAOS", "12"))
+COUNT = int(os.environ.get("CUBOID_CHAOS", "8"))
 FRAMES, FRAME_S = 10, 0.06
-CLIENT_KILLS = 3
+CLIENT_KILLS = 2
 
 
 def workers_of(client: psutil.Process) -> list[psutil.Process]:
@@ -59,7 +59,7 @@ def test_killed_workers_and_clients_lose_nothing_and_double_nothing(tmp_path: Pa
             words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=surroundings(FRAME_S)
         )
         last = attempt == CLIENT_KILLS
-        killed += harass(process, rng, 15 if last else rng.uniform(3, 6))
+        killed += harass(process, rng, 8 if last else rng.uniform(3, 6))
         if not last:
             children = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
             process.send_signal(signal.SIGKILL)

@@ -2,21 +2,16 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from called import called
 from cuboid.results.files import read_objects, read_run
 
 
 def demo(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "cuboid", "demo", *map(str, words)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return called("demo", *words)
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from called import called
 from cuboid.results.files import (
     read_map,
     read_objects,
@@ -118,7 +119,7 @@ def test_faults_in_a_real_recording_are_skipped_with_their_reasons(data_dir: Pat
     color = images / "00003-color.jpg"
     color.write_bytes(color.read_bytes()[:5000])
     (images / "00005-depth.png").write_bytes(b"")
-    done = cuboid("track", tmp_path / "scenes", "--output", tmp_path / "out")
+    done = called("track", tmp_path / "scenes", "--output", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert "4 of 12 frames skipped:" in done.stdout
     skipped = dict(read_run(tmp_path / "out" / "run.json").skipped)
@@ -129,7 +130,7 @@ def test_faults_in_a_real_recording_are_skipped_with_their_reasons(data_dir: Pat
 
 def test_a_wrong_depth_scale_is_said(data_dir: Path, tmp_path: Path) -> None:
     scene = data_dir / "rgbd-scenes-v2"
-    done = cuboid("track", scene, "--output", tmp_path / "out", "--limit", "5", "--depth-scale", "1")
+    done = called("track", scene, "--output", tmp_path / "out", "--limit", "5", "--depth-scale", "1")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "0.1 and 20 m" in done.stderr

@@ -19,7 +19,7 @@ from cuboid.results.files import Results
 from fakes import write_recording
 
 # More with CUBOID_KILLS=100.
-KILLS = int(os.environ.get("CUBOID_KILLS", "8"))
+KILLS = int(os.environ.get("CUBOID_KILLS", "5"))
 
 OLD = {"run.json": "old", "objects.json": "old", "tracks.csv": "old", "labelled.mp4": "old", "notes.txt": "theirs"}
 NEW = {"run.json": "new", "objects.json": "new", "tracks.csv": "new", "map.ply": "new", "notes.txt": "theirs"}

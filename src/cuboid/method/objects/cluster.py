@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.limits import SAMPLE_POINTS
@@ -151,6 +150,8 @@ def _in_front(points: Float64Array, image: WorkingImage) -> npt.NDArray[np.int64
 
 def _normals(points: Float64Array) -> Float64Array:
     """Return the normals (N, 3) of the surface at points (N, 3) in the camera; they face it."""
+    from scipy.spatial import cKDTree
+
     _, nearest = cKDTree(points).query(points, min(NEIGHBOURS, len(points)))
     neighbours = points[nearest.reshape(len(points), -1)]
     neighbours = neighbours - neighbours.mean(1, keepdims=True)

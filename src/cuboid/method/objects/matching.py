@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from cuboid.ground.arrays import Float64Array
 
@@ -24,6 +23,8 @@ def assign(score: Float64Array, minimum: float) -> list[tuple[int, int]]:
         Row and column, by row.
     """
     # Keep only rows and columns with an accepted score: there may be thousands of columns.
+    from scipy.optimize import linear_sum_assignment
+
     worth = score >= minimum
     rows, columns = np.flatnonzero(worth.any(1)), np.flatnonzero(worth.any(0))
     if len(rows) == 0:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
@@ -193,6 +191,9 @@ def _solve(
     a: Indices, b: Indices, J: Float64Array, W: Float64Array, e: Float64Array, diagonal: Float64Array
 ) -> Float64Array:
     """Return the Gauss-Newton step (n, 6)."""
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import splu
+
     n = len(diagonal)
     JW = J.transpose(0, 2, 1) @ W
     gradient = np.zeros((n, 6))

@@ -30,7 +30,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import RELATIONS, Relation, SupportPlane, TrackedObject, Wall
@@ -116,7 +115,7 @@ class _Place:
         narrow = self.feet.half.min(1) * 2.0
         sigma = np.sqrt(2.0) * SIDE_SIGMA_M / np.maximum(np.minimum(narrow[self.one], narrow[self.other]), SIDE_SIGMA_M)
         # Probability that most of the footprint of `one` lies within that of `other`, and the reverse.
-        self.over = ndtr((self.feet.common_fractions(self.one, self.other) - MIN_COMMON_FRACTION) / sigma)
+        self.over = _normal_cdf((self.feet.common_fractions(self.one, self.other) - MIN_COMMON_FRACTION) / sigma)
         self.over_back = np.concatenate([self.over[len(first) :], self.over[: len(first)]])
         self.gap_m = self.feet.gaps_m(self.one, self.other)
         self.levels, self.within = _planes(planes, up, self.feet)
@@ -127,11 +126,11 @@ class _Place:
         low, high = self.feet.low, self.feet.high
         rise = low[self.one] - low[self.other]
         middle = (low + high)[self.one] / 2.0
-        higher = ndtr((middle - low[self.other]) / (np.sqrt(2.0) * HEIGHT_SIGMA_M))
+        higher = _normal_cdf((middle - low[self.other]) / (np.sqrt(2.0) * HEIGHT_SIGMA_M))
         on = _density(low[self.one] - high[self.other]) * np.maximum(self.over, self.over_back) * higher
         # If two boxes at the same level cover each other, the smaller one is in the larger one.
         area = self.feet.half.prod(1)
-        lower = ndtr((rise - HEIGHT_SIGMA_M) / (np.sqrt(2.0) * HEIGHT_SIGMA_M))
+        lower = _normal_cdf((rise - HEIGHT_SIGMA_M) / (np.sqrt(2.0) * HEIGHT_SIGMA_M))
         higher = higher * np.maximum(lower, area[self.one] < area[self.other])
         inside = self._inside(rise) * self.over * higher / RARER
         covered = self.over * higher  # an object whose centre is below the other's foot is not above it
@@ -154,7 +153,7 @@ class _Place:
         """Return the density, per metre, of the height of objects above the foot of their container, (P,)."""
         tall = np.maximum(self.feet.high - self.feet.low, FLOOR_M)[self.other]
         sigma = np.hypot(HEIGHT_SIGMA_M, FLOOR_M)
-        below_rim = ndtr((tall - rise) / HEIGHT_SIGMA_M)
+        below_rim = _normal_cdf((tall - rise) / HEIGHT_SIGMA_M)
         return np.asarray((ON_FLOOR * _density(rise - FLOOR_M, sigma) + (1.0 - ON_FLOOR) / tall) * below_rim)
 
     def _supports(
@@ -177,7 +176,7 @@ class _Place:
 
     def _hidden(self, level_m: float, pairs: IntArray, covered: Float64Array) -> float:
         """Return the probability that no other object lies between a level and the object."""
-        higher = ndtr((self.feet.high[self.other[pairs]] - level_m - HEIGHT_SIGMA_M) / HEIGHT_SIGMA_M)
+        higher = _normal_cdf((self.feet.high[self.other[pairs]] - level_m - HEIGHT_SIGMA_M) / HEIGHT_SIGMA_M)
         return float(np.prod(1.0 - covered[pairs] * higher))
 
     def add_beside(self, found: dict[int, list[Relation]]) -> None:
@@ -187,8 +186,8 @@ class _Place:
         low, high = self.feet.low, self.feet.high
         common = np.minimum(high[one], high[other]) - np.maximum(low[one], low[other])
         lower = np.minimum(high[one] - low[one], high[other] - low[other])
-        score = ndtr((BESIDE_M - self.gap_m[:half]) / (np.sqrt(2.0) * SIDE_SIGMA_M))
-        score = score * ndtr((common - MIN_COMMON_FRACTION * lower) / HEIGHT_SIGMA_M)
+        score = _normal_cdf((BESIDE_M - self.gap_m[:half]) / (np.sqrt(2.0) * SIDE_SIGMA_M))
+        score = score * _normal_cdf((common - MIN_COMMON_FRACTION * lower) / HEIGHT_SIGMA_M)
         score = score * (1.0 - np.minimum(self.rests[:half] + self.rests[half:], 1.0))
         score = score * (1.0 - np.maximum(self.over[:half], self.over_back[:half]))
         for a, b, value in _likely(one, other, score):
@@ -199,10 +198,10 @@ class _Place:
         """Add under."""
         low, high = self.feet.low, self.feet.high
         middle = (low + high) / 2.0
-        score = self.over * ndtr((low[self.other] - middle[self.one]) / (np.sqrt(2.0) * HEIGHT_SIGMA_M))
+        score = self.over * _normal_cdf((low[self.other] - middle[self.one]) / (np.sqrt(2.0) * HEIGHT_SIGMA_M))
         for a, b, value in _likely(self.one, self.other, score):
             found[self.labels[a]].append(Relation(self.labels[b], "under", value))
-        below = self.within * ndtr((self.levels - middle) / HEIGHT_SIGMA_M)
+        below = self.within * _normal_cdf((self.levels - middle) / HEIGHT_SIGMA_M)
         planes, which = np.nonzero(below >= MIN_SCORE)
         for k, a in zip(planes.tolist(), which.tolist(), strict=True):
             found[self.labels[a]].append(Relation(f"plane:{k}", "under", float(below[k, a])))
@@ -215,14 +214,14 @@ def _planes(planes: Sequence[SupportPlane], up: Float64Array, feet: Footprints) 
         slope = float(plane.normal @ up)
         across = feet.center @ (plane.normal @ feet.ground)
         levels[k] = -(plane.offset + across) / slope
-        within[k] = ndtr(_depths_inside_m(feet.center, plane.extent @ feet.ground) / EDGE_SIGMA_M)
+        within[k] = _normal_cdf(_depths_inside_m(feet.center, plane.extent @ feet.ground) / EDGE_SIGMA_M)
     return levels, within
 
 
 def _add_walls(found: dict[int, list[Relation]], objects: Sequence[TrackedObject], walls: Sequence[Wall]) -> None:
     for k, wall in enumerate(walls):
         gap_m, within = depths_of_contact([item.box for item in objects], wall)
-        score = ndtr((AGAINST_M - gap_m) / SIDE_SIGMA_M) * ndtr(within / EDGE_SIGMA_M)
+        score = _normal_cdf((AGAINST_M - gap_m) / SIDE_SIGMA_M) * _normal_cdf(within / EDGE_SIGMA_M)
         for item, value in zip(objects, score.tolist(), strict=True):
             if value >= MIN_SCORE:
                 found[item.label].append(Relation(f"wall:{k}", "against", value))
@@ -275,3 +274,10 @@ def _depths_inside_m(points: Float64Array, outline: Float64Array) -> Float64Arra
     along = np.einsum("nkj,kj->nk", from_start, side) / np.maximum((side**2).sum(1), 1e-18)
     nearest = np.linalg.norm(from_start - np.clip(along, 0.0, 1.0)[..., None] * side, axis=2).min(1)
     return np.asarray(np.where(lie_inside(points, outline), nearest, -nearest))
+
+
+def _normal_cdf(value: Float64Array) -> Float64Array:
+    """Return the probability that a standard normal variable is below each value, of any shape."""
+    from scipy.special import ndtr
+
+    return np.asarray(ndtr(value))

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.box import Box
@@ -78,6 +77,8 @@ class Footprints:
 
     def neighbours(self, within_m: float) -> tuple[IntArray, IntArray]:
         """Return the pairs (i, j), i < j, with footprints at most a distance apart, and some pairs beyond it."""
+        from scipy.spatial import cKDTree
+
         if len(self) < 2:
             return np.zeros(0, np.int64), np.zeros(0, np.int64)
         radius = np.linalg.norm(self.half, axis=1)

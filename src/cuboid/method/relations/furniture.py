@@ -8,9 +8,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.results import MapPoints, SupportPlane
@@ -150,6 +147,10 @@ def _on(area: _Area, points: Float64Array, heights: Float64Array) -> Float64Arra
 
 def _connected(points: Float64Array) -> npt.NDArray[np.int32]:
     """Return the number of the connected part of each point (N, 3), (N,): gaps within a part are at most `LINK_M`."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     i, j = cKDTree(points).query_pairs(LINK_M, output_type="ndarray").T
     links = coo_array((np.ones(len(i), bool), (i, j)), shape=(len(points), len(points)))
     return np.asarray(connected_components(links, directed=False)[1], np.int32)
@@ -180,6 +181,9 @@ def _parts_that_bear(
 
 def _pieces(bears: npt.NDArray[np.bool_], part: npt.NDArray[np.int32]) -> list[tuple[Numbers, npt.NDArray[np.bool_]]]:
     """Return planes and points of each piece of furniture: planes with a common part belong to one piece."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
     shared = bears.astype(np.int64) @ bears.T.astype(np.int64)
     piece_of = np.asarray(connected_components(csr_array(shared), directed=False)[1], np.int32)
     pieces = []

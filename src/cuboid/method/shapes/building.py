@@ -7,9 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.extras import require
@@ -127,6 +124,8 @@ def _foreign(
     volume: Volume, band: npt.NDArray[np.bool_], item: TrackedObject, points: MapPoints
 ) -> npt.NDArray[np.bool_]:
     """Return a mask (X, Y, Z) of the voxels in `band` far from the object's points, or nearer to another object's."""
+    from scipy.spatial import cKDTree
+
     reach = replace(item.box, size=item.box.size + 2 * (MARGIN_M + OWN_M))
     around = reach.contains(points.xyz, MARGIN_M)
     of_item = points.xyz[around & (points.label == item.label)]
@@ -161,6 +160,9 @@ def _wanted(mesh: ObjectMesh, foot: npt.NDArray[np.bool_], *, close: bool, compl
 
 def _large_pieces(mesh: ObjectMesh, kept: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Return a mask (F,) of the kept faces that belong to sufficiently large pieces."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     faces = mesh.faces[kept]
     large = np.zeros(len(mesh.faces), np.bool_)
     if not len(faces):

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.geometry.se3 import inverse, level_rotation, transform
@@ -72,6 +71,8 @@ def same_place(
     scene_points: Float32Array, seen: Float32Array, T_scene_seen: Float64Array, center: Float64Array
 ) -> bool:
     """Return whether points of a part (N, 3) around a center in it coincide with points of the scene (M, 3)."""
+    from scipy.spatial import cKDTree
+
     near = seen[np.linalg.norm(seen - center, axis=1) < AROUND_M].astype(np.float64)
     moved = transform(T_scene_seen, near)
     scene_points = scene_points[np.linalg.norm(scene_points - transform(T_scene_seen, center), axis=1) < 1.5 * AROUND_M]
@@ -137,6 +138,8 @@ def _met(
 
 def _nearest(scene_centers: Float64Array, points: Float64Array) -> tuple[Float64Array, Numbers]:
     """Return distance (infinite if beyond MEET_M) and index of the scene's centre nearest to points (..., 3)."""
+    from scipy.spatial import cKDTree
+
     distance, nearest = cKDTree(scene_centers).query(points, distance_upper_bound=MEET_M)
     return np.asarray(distance, np.float64), np.asarray(nearest, np.int64)
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cuboid.ground.arrays import Float32Array
 from cuboid.method.heatmap.voxel_map import VoxelMap
@@ -58,6 +57,8 @@ def standing(voxels: VoxelMap, old: OldObject, first_frame: int) -> Standing:
 
 def fraction_near(points: Float32Array, others: Float32Array, within_m: float) -> float:
     """Return the fraction of points (N, 3) with another point (M, 3) within a distance, metres."""
+    from scipy.spatial import cKDTree
+
     if len(points) == 0 or len(others) == 0:
         return 0.0
     distance, _ = cKDTree(others).query(points, distance_upper_bound=within_m)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.results import MapPoints
@@ -132,6 +131,8 @@ def morton(cells: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint64]:
 
 def spacing(xyz: Float32Array) -> float:
     """Return the median distance, metres, of points (N, 3) to their nearest neighbours."""
+    from scipy.spatial import cKDTree
+
     if len(xyz) < 2:
         return DEFAULT_SPACING_M
     probes = xyz[:: max(1, len(xyz) // MEASURED_POINTS)]
