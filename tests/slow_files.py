@@ -29,6 +29,7 @@ SLOW_FILES = frozenset(
         "cli/test_calls.py",
         "cli/test_conventions.py",
         "cli/test_demo.py",
+        "cli/test_measure.py",
         "cli/test_interrupt.py",
         "cli/test_real_recording.py",
         "cli/test_render.py",

@@ -13,6 +13,7 @@ import numpy as np
 
 from cuboid.cli import main
 from made_models import made_model
+from made_parcels import write_parcels
 from made_text_models import made_text_model
 
 # Length and size of all that is made here, and of what `cuboid synth` and `cuboid demo` make when a page runs them.
@@ -70,6 +71,7 @@ class Given:
             "keyframes.json": self._keyframes,
             "RECORDINGS": self._recordings,
             "TRUTHS": self._truths,
+            "PARCELS": self._parcels,
             "STORE": self._store,
             "walk.mcap": self._bag,
             "scans.zip": self._zip,
@@ -107,6 +109,9 @@ class Given:
 
     def _recording(self, path: Path) -> None:
         call("synth", "--frames", FRAMES, "--size", SIZE, "--sensor", "clean", "--workers", 1, "--output", path)
+
+    def _parcels(self, path: Path) -> None:
+        write_parcels(path)
 
     def _model(self, path: Path) -> None:
         made_model(path, np.zeros((1, 84, 2100), np.float32))

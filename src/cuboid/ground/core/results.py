@@ -27,6 +27,7 @@ from cuboid.ground.core.values import (
     ObjectKind,
     Pixel,
     RelationKind,
+    SideName,
     Sides,
     Surface,
 )
@@ -244,7 +245,13 @@ class TrackedObject:
         "volume"; for objects without depth readings "flat" (on a plane) or "box"; "support" for furniture that bears
         supporting planes.
     size_sigma_m : tuple of float
-        Standard deviations of the three sizes of the box, metres, for objects without depth readings; else empty.
+        Standard deviations of the three sizes of the box, metres; empty for furniture and in older results.
+    center_sigma_m : tuple of float
+        Standard deviations of the centre along the axes of the world, metres; empty for objects without depth readings,
+        for furniture, and in older results.
+    sides_seen : tuple of str
+        The sides of the box that a camera saw as faces, such as "+x" (the side at the end of the first axis) and "+z"
+        (the top); empty if unknown.
     relations : tuple of Relation
         Relations to other objects and to surfaces; empty if they were not requested.
     planes : tuple of int
@@ -302,8 +309,23 @@ class TrackedObject:
     size_sigma_m: tuple[float, ...] = field(
         default=(),
         metadata=column(
-            "standard deviations of `size`, metres; only for objects without depth readings",
+            "standard deviations of `size`, metres; absent in older files", kind=Sides, tables=False, stored=False
+        ),
+    )
+    center_sigma_m: tuple[float, ...] = field(
+        default=(),
+        metadata=column(
+            "standard deviations of `center` along the axes of the world, metres; absent in older files, and for "
+            "objects without depth readings",
             kind=Sides,
+            tables=False,
+            stored=False,
+        ),
+    )
+    sides_seen: tuple[SideName, ...] = field(
+        default=(),
+        metadata=column(
+            "sides of the box that a camera saw as faces, by axis of the box: `+z` is the top",
             tables=False,
             stored=False,
         ),

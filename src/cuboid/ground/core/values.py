@@ -43,6 +43,7 @@ ImageSide: TypeAlias = Annotated[int, Meta(ge=1, le=LARGEST_IMAGE_PX, descriptio
 ObjectKind: TypeAlias = Literal["volume", "flat", "box", "support"]
 EventName: TypeAlias = Literal["appeared", "moved", "gone", "back"]
 RelationKind: TypeAlias = Literal["on", "in", "beside", "under", "against", "supports"]
+SideName: TypeAlias = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Surface: TypeAlias = Annotated[str, Meta(pattern=r"^(plane|wall):\d{1,9}$", max_length=20)]
 Text: TypeAlias = Annotated[str, Meta(max_length=1000)]
 Name: TypeAlias = Annotated[str, Meta(max_length=200)]

@@ -114,17 +114,21 @@ class SceneView:
 
     def render(self, frame: int, sensor: str) -> Rendered:
         """Render a frame with one of `SENSORS`."""
+        color, seen, hits = self.seen(frame)
+        depth_rng = np.random.default_rng([self._seed, frame, 1])
+        return Rendered(color, SENSORS[sensor](seen, self._intrinsics, depth_rng), hits)
+
+    def seen(self, frame: int) -> tuple[UInt8Array, Seen, Hits]:
+        """Return a frame before the sensor: its color (H, W, 3), what a sensor sees, and the true first hits."""
         if self._moves:
             self._stand(frame)
         T = self._poses[frame]
         rays = pixel_rays(self._intrinsics, T)
         hits = self._caster.first_hits(T[:3, 3].astype(np.float32), rays)
-        color_rng, depth_rng = (np.random.default_rng([self._seed, frame, k]) for k in range(2))
+        color_rng = np.random.default_rng([self._seed, frame, 0])
         shaded = shade(self._caster, self._look, hits, color_rng, self._camera, frame)
         color, true_m = self._mirrored(hits, shaded.color, frame)
-        seen = Seen(true_m, shaded.cosine, shaded.albedo, self._shine(hits))
-        depth = SENSORS[sensor](seen, self._intrinsics, depth_rng)
-        return Rendered(color, depth, hits)
+        return color, Seen(true_m, shaded.cosine, shaded.albedo, self._shine(hits)), hits
 
     def _shine(self, hits: Hits) -> Float32Array:
         """Return the strength of the highlight of each pixel's surface, (H, W)."""

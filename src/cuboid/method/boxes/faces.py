@@ -44,8 +44,13 @@ def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float
     high = half - moved[[0, 2, 4]]
     low = half - np.array([moved[1], moved[3], 0.0])
     size, center = high + low, box.center + box.rotation @ ((high - low) / 2.0)
-    if size[0] >= size[1]:
-        return Box(center, size, box.rotation)
+    return lengthwise(Box(center, size, box.rotation))
+
+
+def lengthwise(box: Box) -> Box:
+    """Return the same box with its longer level side first."""
+    if box.size[0] >= box.size[1]:
+        return box
     # A rotation by 90 degrees keeps the axes right-handed.
     turned = np.column_stack([box.rotation[:, 1], -box.rotation[:, 0], box.rotation[:, 2]])
-    return Box(center, size[[1, 0, 2]], turned)
+    return Box(box.center, box.size[[1, 0, 2]], turned)

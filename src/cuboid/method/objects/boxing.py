@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.denoising import denoised, is_thick
+from cuboid.method.boxes.edges import to_edges, to_top
 from cuboid.method.boxes.faces import to_faces
 from cuboid.method.boxes.fit import fit_box
 from cuboid.method.boxes.hidden import as_deep_as_wide, is_clear_of, with_hidden
@@ -69,13 +71,13 @@ class Boxing:
             Position of the camera, world, metres.
         """
         sampled = slice(None, None, 1 + len(rows) // BOX_VOXELS)
-        trust, noise_m = self._trust(rows[sampled])
+        trust, readings, noise_m = self._trust(rows[sampled])
         points = places[sampled].astype(np.float64)
         voxel_m = self._voxels.voxel_m
         if eye is None or not is_thick(noise_m, voxel_m):
-            return self._fit(points, trust, noise_m, plane, up, others), noise_m
+            return self._fit(points, trust, readings, noise_m, plane, up, others), noise_m
         points, noise_m = denoised(points, trust, eye, noise_m, voxel_m)
-        box = self._fit(points, trust, noise_m, plane, up, others)
+        box = self._fit(points, trust, readings, noise_m, plane, up, others)
         # Points of adjacent voxels are at most two voxels apart.
         return as_deep_as_wide(box, eye, others, 2.0 * voxel_m), noise_m
 
@@ -83,6 +85,7 @@ class Boxing:
         self,
         points: Float64Array,
         trust: Float64Array,
+        readings: Float64Array,
         noise_m: float,
         plane: Plane | None,
         up: Float64Array,
@@ -93,17 +96,29 @@ class Boxing:
         box = fit_box(points, *plane, STRAY_FRACTION, trust)
         round_box = revolved(box, points, trust, plane, noise_m, self._voxels.voxel_m, STRAY_FRACTION)
         if round_box is not None and is_clear_of(round_box, others):
-            return to_faces(round_box, points, trust, noise_m, top_alone=True)
+            round_box = to_faces(round_box, points, trust, noise_m, top_alone=True)
+            return self._to_tops(round_box, points, readings)
         box = to_faces(box, points, trust, noise_m, top_alone=False)
+        box = self._to_tops(box, points, readings)
         return with_hidden(box, points, *plane, others, self._voxels)
 
-    def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
-        """Return the weights of voxels (N,), and the usual noise of their positions, metres."""
+    def _to_tops(self, box: Box, points: Float64Array, readings: Float64Array) -> Box:
+        """Return a box that ends at the seen top and at its edges."""
+        box = to_top(box, points, readings, self._voxels.voxel_m)
+        return to_edges(box, points, readings, self._voxels.voxel_m)
+
+    def _trust(self, rows: Rows) -> tuple[Float64Array, Float64Array, float]:
+        """Return of voxels the weights (N,), the numbers of readings (N,), and the noise of the positions, metres."""
         hits = self._voxels.stored.hits[rows].astype(np.float64)
         precision = self._voxels.stored.weight(rows) / hits
         usual = _middle(precision)
         trust = np.minimum(hits, _middle(hits)) * np.minimum(precision, usual)
-        return trust, MAP_NOISE * self._voxels.noise_per_m / float(np.sqrt(usual))
+        return trust, precision * hits, MAP_NOISE * self._voxels.noise_per_m / float(np.sqrt(usual))
+
+
+def usual_distance_m(noise_m: float, noise_per_m: float) -> float:
+    """Return the distance of the camera, metres, from the noise of an object's points; see `Boxing.fit`."""
+    return math.sqrt(noise_m / (MAP_NOISE * noise_per_m))
 
 
 def _middle(values: Float64Array) -> float:

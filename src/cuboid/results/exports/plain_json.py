@@ -26,8 +26,9 @@ from cuboid.results.files.text import DIRECTION, LENGTH, rounded, rounded_list
 CENTIMETRE = 3
 # Corners of a box's lower face, in the order of `Box.corners`, counter-clockwise seen from above.
 FOOTPRINT = (0, 1, 3, 2)
-# Optional fields of an object that are unchanged; `kind` has another meaning here, and sizes are in centimetres.
-OPTIONAL = tuple(one for one in columns_of(TrackedObject) if one.optional and one.name not in ("kind", "size_sigma_m"))
+# Optional fields of an object that are unchanged; `kind` has another meaning here, and lengths are in centimetres.
+CHANGED = ("kind", "size_sigma_m", "center_sigma_m")
+OPTIONAL = tuple(one for one in columns_of(TrackedObject) if one.optional and one.name not in CHANGED)
 
 
 def write(run: Results, path: Path) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +13,10 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.results import MapPoints, SupportPlane, TrackedObject
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import transform
+from cuboid.method.boxes.uncertainty import Uncertainty, uncertainty_of
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.box_without_depth import Planes
+from cuboid.method.objects.boxing import usual_distance_m
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.object_map import ObjectMap
 from cuboid.method.relations.furniture import find_furniture
@@ -45,6 +48,7 @@ class TrackedMap(MapQueries):
         self._T_world_map: Float64Array | None = None
         # Boxes of each object in the map and in the world: the world box is reused while the map box is the same.
         self._world_boxes: dict[int, tuple[Box, Box]] = {}
+        self._sure: dict[int, tuple[Box, Uncertainty]] = {}
         self._detecting = Detecting()
         self._furniture_labels: Labels = {}
         self._begin()
@@ -88,15 +92,36 @@ class TrackedMap(MapQueries):
 
     def _tracked(self, entry: MapObject, index_of: Mapping[int, int]) -> TrackedObject:
         """Return an object as results contain it; `index_of` gives the index of a plane by its identity."""
-        plane = self._planes.find(entry.plane)
+        plane, box = self._planes.find(entry.plane), self._box_in_world(entry.label, entry.box)
+        sure = self._sure_of(entry)
         return TrackedObject(
             **same_fields(entry),
-            box=self._box_in_world(entry.label, entry.box),
+            box=box,
             heat=entry.heat,
             points=len(self._voxels.stored.rows_of(entry.number)),
             mean_color=entry.mean_color,
             plane=None if plane is None else index_of[plane.identity],
+            size_sigma_m=tuple(sure.size_sigma_m.tolist()),
+            center_sigma_m=tuple(sure.center_sigma_m.tolist()),
+            sides_seen=sure.sides_seen,
         )
+
+    def _sure_of(self, entry: MapObject) -> Uncertainty:
+        """Return how sure the box of an object is, or the last result again while the box is the same."""
+        last = self._sure.get(entry.label)
+        if last is None or last[0] is not entry.box:
+            found = uncertainty_of(
+                entry.box,
+                entry.points,
+                entry.directions,
+                entry.noise_m,
+                usual_distance_m(entry.noise_m, self._voxels.noise_per_m),
+                self._voxels.voxel_m,
+                rests=entry.plane is not None,
+            )
+            center_m = np.sqrt(self.T_world_map[:3, :3] ** 2 @ found.center_sigma_m**2)
+            last = self._sure[entry.label] = entry.box, replace(found, center_sigma_m=center_m)
+        return last[1]
 
     def _support_planes(self) -> Planes:
         return Planes(self._planes.likely_up, [self._planes.in_world(plane) for plane in self._planes.in_use])

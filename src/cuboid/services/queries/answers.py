@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from cuboid.ground.core.values import RelationKind
+from cuboid.ground.core.values import RelationKind, SideName
 from cuboid.method.relations import SurfaceKind
 
 Vector = tuple[float, float, float]
@@ -112,6 +112,10 @@ class FoundObject:
     first_seen, last_seen : Seen
     later : Later or None
         What is known since then; None while a run goes on.
+    size_sigma_m, center_sigma_m : (3,) or None
+        Standard deviations of `size_m`, and of `center_m` along the axes of the world, metres; None if unknown.
+    sides_seen : tuple of str
+        Sides of the box that a camera saw as faces, by axis of the box: "+z" is the top.
     frames_seen : int
     distance_m : float or None
         Distance from the place or object of the query, metres; None if the query has none.
@@ -141,6 +145,9 @@ class FoundObject:
     text_score: float | None = None
     relations: tuple[Related, ...] | None = None
     later: Later | None = None
+    size_sigma_m: Vector | None = None
+    center_sigma_m: Vector | None = None
+    sides_seen: tuple[SideName, ...] = ()
 
 
 @dataclass(frozen=True)

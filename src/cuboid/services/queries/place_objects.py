@@ -220,6 +220,9 @@ def answer_of(
         distance_m=None if distance_m is None else round(distance_m, 4),
         text_score=None if text_score is None else round(text_score, 6),
         later=source.later(item, state),
+        size_sigma_m=vector(item.size_sigma_m) if item.size_sigma_m else None,
+        center_sigma_m=vector(item.center_sigma_m) if item.center_sigma_m else None,
+        sides_seen=item.sides_seen,
         relations=None if of_item is None else tuple(_related(relation, now) for relation in of_item),
     )
 
