@@ -60,6 +60,8 @@ class Watched:
             reduced_motion="reduce",
             bypass_csp=not strict,  # waiting for a condition evaluates it in the page, which its policy forbids
         )
+        self.page.set_default_timeout(10_000)
+        self.page.set_default_navigation_timeout(30_000)
         self.complaints: list[str] = []
         self.requests: list[str] = []
         self.page.on("console", lambda said: self._note(said.type, said.text))
@@ -82,3 +84,11 @@ def pixels(place: Locator) -> UInt8Array:
     shown = cv2.imdecode(np.frombuffer(place.screenshot(), np.uint8), cv2.IMREAD_COLOR)
     assert shown is not None
     return np.asarray(shown[..., ::-1], np.uint8)
+
+
+def press_layer(page: Page, name: str) -> None:
+    """Show or hide a part of the scene, by the menu over it."""
+    if page.locator("#show-menu").is_hidden():
+        page.click("#show")
+    page.click(f'[data-layer="{name}"]')
+    page.keyboard.press("Escape")

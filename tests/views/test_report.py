@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import json
 import re
 import shutil
@@ -26,11 +27,19 @@ from cuboid.inputs.readers import open_recording
 from cuboid.results.files import Results, read_tracks
 from cuboid.results.views.report import Summary, page_of, summarise, write_report
 from cuboid.results.views.report.page import SCRIPTS
-from cuboid.results.views.report.pictures import ASPECT, window
+from cuboid.results.views.report.pictures import (
+    ASPECT,
+    MAX_STRIP_PICTURES,
+    STRIP,
+    STRIP_WIDTH_PX,
+    best_sightings,
+    through_time,
+    window,
+)
 from cuboid.results.views.report.points import OBJECTS_FRACTION, PackedPoints, morton, pack_points, thinned
 from cuboid.results.views.report.summary import spans
 from made_crowd import write_crowd
-from made_results import BEST, FRAMES, SKIPPED, SPANS, map_points, write_results
+from made_results import BEST, COLORS, FRAMES, SEEN, SKIPPED, SPANS, map_points, write_results
 
 
 @pytest.fixture(scope="module")
@@ -138,6 +147,32 @@ def test_pictures_are_cut_from_the_frames_that_show_most(summary: Summary) -> No
         assert np.abs(shown.reshape(-1, 3).mean(axis=0) - (200, 100, BEST[label])).max() < 3
 
 
+def test_pictures_through_time_are_few_small_and_of_frames_that_see_the_object(summary: Summary) -> None:
+    assert set(summary.strips) == set(COLORS)
+    for label, strip in summary.strips.items():
+        frames = [frame for frame, _ in strip]
+        assert frames == sorted(set(frames))
+        assert set(frames) <= set(SEEN[label])
+        assert len(frames) == min(STRIP, len(SEEN[label]))
+        for _, jpeg in strip:
+            assert len(jpeg) < 8_000
+            width = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape[1]  # type: ignore[union-attr]
+            assert width <= STRIP_WIDTH_PX
+    halves = [frame > 25 for frame, _ in summary.strips[1]]
+    assert {True, False} == set(halves)  # from before and after it was hidden
+    document = {item["label"]: item["strip"] for item in summary.to_dict()["objects"]}
+    assert [shot["frame"] for shot in document[2]] == [frame for frame, _ in summary.strips[2]]
+
+
+def test_a_page_of_many_objects_has_a_bounded_number_of_pictures_through_time(results: Path) -> None:
+    rows = [row for row in read_tracks(results / "tracks.csv") if row.label == 2]
+    many = [dataclasses.replace(row, label=label) for row in rows for label in range(1, 101)]
+    chosen = through_time(many, range(1, 101), best_sightings(many))
+    assert sum(map(len, chosen.values())) <= MAX_STRIP_PICTURES
+    assert all(chosen.values())
+    assert len({row.frame for found in chosen.values() for row in found}) <= 2  # frames are shared
+
+
 def test_a_picture_shows_the_rectangle_and_what_is_around_it() -> None:
     color = np.zeros((100, 200, 3), np.uint8)
     x0, y0, x1, y1 = window(color, np.array([90.0, 40.0, 110.0, 60.0]))
@@ -212,7 +247,7 @@ def test_the_command_writes_the_page_of_finished_results(
     assert capsys.readouterr().out == f"page with 3 objects in {tmp_path / 'with.html'}\n"
     assert call(results, "--output", tmp_path / "without.html", "--no-pictures") == 0
     pages = [(tmp_path / name).read_text().count("data:image/jpeg") for name in ("with.html", "without.html")]
-    assert pages == [3, 0]
+    assert pages == [3 + 6 + 6 + 2, 0]  # the best picture of each object, and those through time
 
 
 def test_results_that_do_not_fit_are_one_line(results: Path, tmp_path: Path) -> None:

@@ -11,13 +11,15 @@ import numpy.typing as npt
 import pytest
 from playwright.sync_api import Browser, Page
 
-from browser import VIEWPORT, Watched, browser, pixels
+from browser import VIEWPORT, Watched, browser, pixels, press_layer
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.palette import color_of
+from cuboid.ground.core.results import MapPoints
 from cuboid.inputs.readers import open_recording
 from cuboid.results.files import Results, read_tracks
 from cuboid.results.files.rows import EventRow
 from cuboid.results.views.report import summarise, write_report
+from cuboid.results.views.report.points import pack_points
 from made_results import BEST, COLORS, SEEN, SKIPPED, SPANS, write_results
 
 
@@ -121,9 +123,15 @@ def test_points_are_colored_as_asked(page: Page) -> None:
 
 
 def test_layers_can_be_left_out(page: Page) -> None:
+    move_to(page, 37)
+    page.click("#look-down")
+    page.locator("#canvas").hover()
+    for _ in range(5):  # the camera is outside of the view of all labels
+        page.mouse.wheel(0, 300)
+        settle(page)
     before = pixels(page.locator("#canvas")).astype(int)
     for name in ("planes", "camera", "boxes"):
-        page.click(f'[data-layer="{name}"]')
+        press_layer(page, name)
         after = pixels(page.locator("#canvas")).astype(int)
         assert np.abs(after - before).max() > 30, name
         before = after
@@ -140,7 +148,7 @@ def test_a_click_on_an_object_shows_its_card(page: Page, way: str) -> None:
     card = page.inner_text("#card")
     for text in ("Object 2", "15.0 × 15.0 × 10.0 cm", "0.30, 0.10, 0.05 m", "frame 5", "frame 39", "33 of 38", "0.70"):
         assert text in card, text
-    picture = page.locator("#card img")
+    picture = page.locator("#card .shot img")
     assert picture.evaluate("image => image.decode().then(() => image.naturalWidth)") > 20
     assert np.abs(pixels(picture)[20:-20, 20:-20].reshape(-1, 3).mean(axis=0) - (BEST[2], 100, 200)).max() < 4
     page.click("#card .close")
@@ -156,9 +164,15 @@ def test_what_an_object_was_called_before_is_told(page: Page) -> None:
 def test_the_slider_leaves_likely_objects(page: Page, width: int) -> None:
     page.set_viewport_size({"width": width, "height": 800})
     assert page.locator("#objects .likely").all_inner_texts() == ["0.60", "0.70", "0.80"]
+    if width < 600:
+        page.click("#show")  # on a phone the colors and the slider are in the menu
     page.click('[data-coloring="label"]')
+    page.keyboard.press("Escape")
     page.locator('.object[data-label="1"]').click()
+    settle(page)
     before = pixels(page.locator("#canvas")).astype(int)
+    if width < 600:
+        page.click("#show")
     slider = page.locator("#least")
     box = slider.bounding_box()
     assert box is not None
@@ -227,6 +241,59 @@ def test_the_card_leads_to_the_frame_of_its_picture(page: Page) -> None:
     page.click('[data-row="3"]')
     page.click("#card figcaption button")
     assert page.inner_text("#frame-number") == f"frame {BEST[3]}"
+
+
+def test_a_card_has_pictures_through_time_which_lead_to_their_frames(page: Page) -> None:
+    page.click('[data-row="1"]')
+    shots = page.locator("#card .moment")
+    numbers = [int(text) for text in shots.all_inner_texts()]
+    assert numbers == sorted(numbers)
+    assert len(numbers) == 6
+    assert shots.first.locator("img").evaluate("image => image.decode().then(() => image.naturalWidth)") > 20
+    shots.nth(3).click()
+    assert page.inner_text("#frame-number") == f"frame {numbers[3]}"
+    assert shots.nth(3).get_attribute("aria-current") == "true"
+
+
+def test_a_ceiling_is_cut_for_an_eye_above_it_and_sizes_have_their_errors(
+    launched: Browser, results: Path, tmp_path: Path
+) -> None:
+    finished = Results(results)
+    below = finished.map_points()
+    x, y = np.meshgrid(np.arange(-1.5, 1.5, 0.015), np.arange(-1.5, 1.5, 0.015))
+    ceiling = np.stack((x, y, np.full_like(x, 1.5)), axis=-1).reshape(-1, 3).astype(np.float32)
+    gray = np.full((len(ceiling), 3), 130, np.uint8)
+    none = np.zeros(len(ceiling), np.int32)
+    points = MapPoints(
+        np.concatenate((below.xyz, ceiling)),
+        np.concatenate((below.rgb, gray)),
+        np.concatenate((below.heat, none.astype(np.float32))),
+        np.concatenate((below.label, none)),
+    )
+    summary = dataclasses.replace(summarise(finished, None), points=pack_points(points))
+    sure = tuple(
+        dataclasses.replace(item, size_sigma_m=(0.002, 0.001, 0.02)) if item.label == 2 else item
+        for item in summary.found.objects
+    )
+    found = dataclasses.replace(summary, found=dataclasses.replace(summary.found, objects=sure))
+    write_report(tmp_path / "report.html", found)
+    watched = Watched(launched)
+    watched.open(tmp_path / "report.html")
+    page = watched.page
+    page.click("#look-down")
+    page.locator("#canvas").hover()
+    for _ in range(2):  # above the ceiling
+        page.mouse.wheel(0, 300)
+        settle(page)
+    assert points_of(pixels(page.locator("#canvas")), 2).sum() > 100
+    press_layer(page, "cut")
+    settle(page)
+    assert points_of(pixels(page.locator("#canvas")), 2).sum() < 20
+    assert page.inner_text('.object[data-label="2"] .size') == "15.0 × 15.0 × 10"
+    page.click('.object[data-label="2"]')
+    assert "15.0 ± 0.2 × 15.0 ± 0.1 × 10 ± 2 cm" in page.inner_text("#card")
+    assert watched.complaints == []
+    page.close()
 
 
 def test_playing_runs_through_the_frames(page: Page) -> None:
@@ -314,7 +381,7 @@ def test_it_can_be_resized(page: Page) -> None:
         ):
             page.wait_for_function(wanted, timeout=30_000)
     before = page.locator("#panel").bounding_box()
-    splitter = page.locator('[data-size="--panel"]').bounding_box()
+    splitter = page.locator('[data-size="--side"]').bounding_box()
     assert before is not None
     assert splitter is not None
     page.mouse.move(splitter["x"], 200)

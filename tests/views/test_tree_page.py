@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from browser import Watched, browser
+from browser import Watched, browser, press_layer
 from cuboid.results.files import Results
 from cuboid.results.files.objects import write_objects
 from cuboid.results.views.report import summarise, write_report
@@ -101,7 +101,7 @@ def test_furniture_is_drawn_on_its_own_and_counted_apart(launched: Browser, tmp_
     assert page.locator(".object").count() == 5, "the list is of objects"
     tag = page.locator('.tag[data-label="9"]')
     assert tag.evaluate("tag => tag.hidden") is False
-    page.click('[data-layer="furniture"]')
+    press_layer(page, "furniture")
     page.wait_for_function("document.querySelector('.tag[data-label=\"9\"]').hidden")
     page.click('[data-arranged="place"]')
     assert nested(page)[0][0] == "Surface 2, furniture #9, 0.50 m above the lowest"  # type: ignore[index]

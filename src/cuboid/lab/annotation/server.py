@@ -30,7 +30,7 @@ from cuboid.results.views.serving import (
 )
 
 # Scripts in the order of their dependencies; the shared ones are also used by the report.
-SHARED = ("math.js", "elements.js")
+SHARED = ("math.js", "elements.js", "controls.js")
 SCRIPTS = ("keyframes.js", "saving.js", "pictures.js", "board.js", "card.js", "timeline.js", "annotate.js")
 
 PICTURE = re.compile(r"/frame/(\d{1,9})\.jpg")

@@ -254,6 +254,8 @@ function setUpButtons() {
 }
 
 find("title").replaceChildren(element("small", {}, data.place), data.title);
+find("desk").style.setProperty("--aspect", (data.width / data.height).toFixed(4));
+new More(find("panel"), "#objects li");
 setUpKeys();
 setUpButtons();
 board.fit();

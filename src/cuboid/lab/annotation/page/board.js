@@ -40,8 +40,8 @@ class Board {
   /** Show the whole picture. */
   fit() {
     const { clientWidth, clientHeight } = this.place;
-    const [above, below] = [52, 44]; // for the buttons and the hint
-    const room = [clientWidth - 24, clientHeight - above - below];
+    const [beside, above, below] = PHONE.matches ? [0, 52, 0] : [24, 52, 44]; // for the buttons and the hint
+    const room = [clientWidth - beside, clientHeight - above - below];
     const zoom = Math.max(0.05, Math.min(room[0] / data.width, room[1] / data.height));
     this.view = { zoom, left: (clientWidth - zoom * data.width) / 2, top: above + (room[1] - zoom * data.height) / 2 };
     this.fitted = true;

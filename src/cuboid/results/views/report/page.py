@@ -17,8 +17,10 @@ from cuboid.results.views.report.summary import Summary
 SHARED = (
     "math.js",
     "elements.js",
+    "controls.js",
     "data.js",
     "rows.js",
+    "facing.js",
     "shaders.js",
     "renderer.js",
     "scene.js",
@@ -28,6 +30,7 @@ SHARED = (
 )
 SCRIPTS = (
     *SHARED,
+    "start.js",
     "timeline.js",
     "naming.js",
     "tree.js",
@@ -111,7 +114,8 @@ def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str
     Parameters
     ----------
     html : str
-        With placeholders in double braces for title, mark, style, data and script.
+        With placeholders in double braces for title, mark, style, view (the scene in 3D with its toolbar), data and
+        script.
     css : str
         From `style`.
     scripts : sequence of str
@@ -124,6 +128,7 @@ def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str
         "title": escape(f"{document['title']} - cuboid"),
         "style": css,
         "mark": page_source("mark.svg"),
+        "view": page_source("view.html"),
         "data": page_json(document),
         "script": f'"use strict";\n(() => {{\n{together}\n}})();',
     }

@@ -1,10 +1,11 @@
-"""The best picture of each object, cut from the recording."""
+"""Pictures of each object, cut from the recording: the best one, and small ones through time."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -30,9 +31,21 @@ QUALITY = 82
 ASPECT = 1.5
 
 
+# Pictures of an object through time: at most so many, and at most so many on a page, of this width and JPEG quality.
+# 4 kB each, so that a page of many objects grows by 1.4 MB at most (base64), and frames of a long recording are few.
+STRIP = 6
+MAX_STRIP_PICTURES = 240
+STRIP_WIDTH_PX = 150
+STRIP_QUALITY = 72
+
+# A frame from which another picture is cut anyway replaces the best one if it shows at least this fraction of the
+# object's pixels there: reading a frame costs more than cutting a picture.
+GOOD_ENOUGH = 0.5
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """The best picture of an object.
+    """A picture of an object.
 
     Attributes
     ----------
@@ -53,7 +66,7 @@ class Picture:
     @property
     def address(self) -> str:
         """The picture as a data URL (RFC 2397)."""
-        return "data:image/jpeg;base64," + base64.b64encode(self.jpeg).decode("ascii")
+        return jpeg_address(self.jpeg)
 
 
 def best_sightings(rows: Iterable[TrackRow]) -> dict[int, TrackRow]:
@@ -96,19 +109,71 @@ def cut_pictures(
         Of the color images.
     """
     pictures: dict[int, Picture] = {}
-    for label, row in sorted(best.items(), key=lambda item: item[1].frame):
-        try:
-            color = read(row.frame).color
-        except CuboidError:
-            continue
+    for row, color in _read_rows(best.values(), read):
         x0, y0, x1, y1 = window(color, row.rect_xyxy)
-        if x0 < x1 and y0 < y1:
-            picture = shrunk(color[y0:y1, x0:x1], WIDTH_PX)
-            edges = wireframes([boxes[label]], poses[row.frame].T_world_camera, intrinsics)[0].front.reshape(-1, 4)
-            scale = picture.shape[1] / (x1 - x0)
-            shown = (edges - (x0, y0, x0, y0)) * scale
-            pictures[label] = Picture(row.frame, encode_jpeg(picture, QUALITY), picture.shape[1::-1], shown)
+        picture = shrunk(color[y0:y1, x0:x1], WIDTH_PX)
+        edges = wireframes([boxes[row.label]], poses[row.frame].T_world_camera, intrinsics)[0].front.reshape(-1, 4)
+        scale = picture.shape[1] / (x1 - x0)
+        shown = (edges - (x0, y0, x0, y0)) * scale
+        pictures[row.label] = Picture(row.frame, encode_jpeg(picture, QUALITY), picture.shape[1::-1], shown)
     return pictures
+
+
+def through_time(
+    rows: Iterable[TrackRow], labels: Collection[int], best: Mapping[int, TrackRow]
+) -> dict[int, list[TrackRow]]:
+    """Return for each label some rows that show the object through time, by frame.
+
+    The sightings of a label are divided into as many parts of equal count as the label gets pictures. Of each part, the
+    row with the largest visible part of its rectangle is taken, or a row of a frame that is read anyway.
+
+    Parameters
+    ----------
+    rows : iterable of TrackRow
+        By frame.
+    labels : collection of int
+        Labels that get pictures; the other rows are left out.
+    best : mapping of int to TrackRow
+        From `best_sightings`: their frames are read anyway.
+    """
+    count = min(STRIP, MAX_STRIP_PICTURES // max(len(labels), 1))
+    seen: dict[int, list[TrackRow]] = {label: [] for label in sorted(labels)}
+    for row in rows:
+        if row.label in seen:
+            seen[row.label].append(row)
+    frames = {row.frame for label, row in best.items() if label in seen}
+    chosen: dict[int, list[TrackRow]] = {}
+    for label, found in seen.items():
+        parts = min(count, len(found))
+        bounds = [len(found) * i // parts for i in range(parts + 1)] if parts else []
+        chosen[label] = [_representative(found[i:j], frames) for i, j in pairwise(bounds)]
+        frames.update(row.frame for row in chosen[label])
+    return chosen
+
+
+def cut_strips(
+    chosen: Mapping[int, Sequence[TrackRow]], read: Callable[[int], Frame]
+) -> dict[int, list[tuple[int, bytes]]]:
+    """Return the small pictures of rows: frame and JPEG, by label and frame.
+
+    Parameters
+    ----------
+    chosen : mapping of int to sequence of TrackRow
+        From `through_time`.
+    read : callable
+        Returns a frame of the recording; a frame that cannot be read gives no picture.
+    """
+    strips: dict[int, list[tuple[int, bytes]]] = {label: [] for label in chosen}
+    for row, color in _read_rows([row for rows in chosen.values() for row in rows], read):
+        x0, y0, x1, y1 = window(color, row.rect_xyxy)
+        jpeg = encode_jpeg(shrunk(color[y0:y1, x0:x1], STRIP_WIDTH_PX), STRIP_QUALITY)
+        strips[row.label].append((row.frame, jpeg))
+    return strips
+
+
+def jpeg_address(jpeg: bytes) -> str:
+    """Return a JPEG as a data URL (RFC 2397)."""
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode("ascii")
 
 
 def cut_picture(recording: Recording, frame: int, rect_xyxy: Float64Array) -> bytes | None:
@@ -136,3 +201,26 @@ def window(color: UInt8Array, rect_xyxy: Float64Array) -> tuple[int, int, int, i
 def _shown_px(row: TrackRow) -> float:
     x0, y0, x1, y1 = row.rect_xyxy
     return float((x1 - x0) * (y1 - y0) * row.visible)
+
+
+def _representative(rows: Sequence[TrackRow], frames: Collection[int]) -> TrackRow:
+    """Return the row that shows the most pixels; a row of one of `frames` if it shows enough of them."""
+    best = max(rows, key=_shown_px)
+    shared = [row for row in rows if row.frame in frames and _shown_px(row) >= GOOD_ENOUGH * _shown_px(best)]
+    return max(shared, key=_shown_px, default=best)
+
+
+def _read_rows(rows: Iterable[TrackRow], read: Callable[[int], Frame]) -> Iterator[tuple[TrackRow, UInt8Array]]:
+    """Yield rows, by frame, with the color image of their frame; each frame is read once.
+
+    Rows of a frame that cannot be read, and rows outside of the image, are left out.
+    """
+    for frame, group in groupby(sorted(rows, key=lambda row: row.frame), lambda row: row.frame):
+        try:
+            color = read(frame).color
+        except CuboidError:
+            continue
+        for row in group:
+            x0, y0, x1, y1 = window(color, row.rect_xyxy)
+            if x0 < x1 and y0 < y1:
+                yield row, color

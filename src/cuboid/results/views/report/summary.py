@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,14 @@ from cuboid.results.files.naming import name_document
 from cuboid.results.files.objects import object_to_json, surface_to_json
 from cuboid.results.files.rows import EventRow
 from cuboid.results.files.text import rounded_list
-from cuboid.results.views.report.pictures import Picture, best_sightings, cut_pictures
+from cuboid.results.views.report.pictures import (
+    Picture,
+    best_sightings,
+    cut_pictures,
+    cut_strips,
+    jpeg_address,
+    through_time,
+)
 from cuboid.results.views.report.points import PackedPoints, pack_points
 
 if TYPE_CHECKING:
@@ -48,6 +55,8 @@ class Summary:
     points : PackedPoints
     pictures : dict of int to Picture
         By label; an object may have no picture.
+    strips : dict of int to list of (int, bytes)
+        Small pictures of an object through time, by label: frame and JPEG, by frame.
     changes : tuple of SceneChange
         Empty unless the recording was added to a scene with other recordings.
     events : tuple of EventRow
@@ -63,6 +72,7 @@ class Summary:
     pictures: dict[int, Picture]
     changes: tuple[SceneChange, ...] = ()
     events: tuple[EventRow, ...] = ()
+    strips: Mapping[int, Sequence[tuple[int, bytes]]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document of the page, ready for JSON."""
@@ -128,6 +138,9 @@ class Summary:
             **object_document(item),
             "spans": seen,
             "picture": None if picture is None else _picture(picture),
+            "strip": [
+                {"frame": frame, "address": jpeg_address(jpeg)} for frame, jpeg in self.strips.get(item.label, ())
+            ],
         }
 
     def _survivor(self, label: int) -> int | None:
@@ -165,6 +178,7 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
         pictures={} if read is None else pictures_of(results, read),
         changes=tuple(changes),
         events=tuple(results.events),
+        strips={} if read is None else _strips_of(results, read),
     )
 
 
@@ -180,6 +194,11 @@ def pictures_of(
     boxes = {item.label: item.box for item in results.found.objects}
     best = {label: row for label, row in choose(results.tracks).items() if label in boxes}
     return cut_pictures(best, read, boxes, results.poses, results.found.intrinsics)
+
+
+def _strips_of(results: Results, read: Callable[[int], Frame]) -> dict[int, list[tuple[int, bytes]]]:
+    labels = {item.label for item in results.found.objects}
+    return cut_strips(through_time(results.tracks, labels, best_sightings(results.tracks)), read)
 
 
 def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tuple[int, int]]]:
@@ -245,10 +264,7 @@ def _change(change: SceneChange) -> dict[str, Any]:
         "rotation": [rounded_list(row, TURN_DIGITS) for row in change.box.rotation],
         "metres": None if change.metres is None else round(change.metres, PLACE_DIGITS),
         "sure": round(change.sure, 2),
-        **{
-            key: None if jpeg is None else f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode('ascii')}"
-            for key, jpeg in pictures.items()
-        },
+        **{key: None if jpeg is None else jpeg_address(jpeg) for key, jpeg in pictures.items()},
     }
 
 

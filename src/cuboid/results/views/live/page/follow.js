@@ -98,6 +98,10 @@ class LiveScene extends Scene {
     return [this.pose.place, ...imageCorners(this.pose, this.depth())];
   }
 
+  seenFrom() {
+    return Array.from({ length: this.path.length / 3 }, (_, i) => ({ place: Array.from(this.path.subarray(3 * i, 3 * i + 3)) }));
+  }
+
   takeMap(points) {
     this.setPoints(points);
   }

@@ -3,7 +3,7 @@
 const state = {
   theme: window.matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark",
   coloring: "color",
-  layers: { boxes: true, planes: true, camera: true },
+  layers: { boxes: true, planes: true, camera: true, cut: true },
   selected: null,
   frame: null,
   follow: false,
@@ -187,7 +187,11 @@ async function reconnect() {
 
 async function main() {
   find("title").textContent = data.title;
-  find("picture").style.aspectRatio = `${data.camera.width} / ${data.camera.height}`;
+  showFrame();
+  setUpPhone();
+  setUpDividers();
+  setUpToolbar(() => tags && tags.layout());
+  new More(find("panel"), ".object");
   scene = new LiveScene(new Renderer(canvas), state);
   orbit = new LiveOrbit(canvas, redraw, () => {
     touched = true;
@@ -220,6 +224,12 @@ async function main() {
   find("look-through").addEventListener("click", () => {
     update({ follow: !state.follow });
     orbit.fly(state.follow && scene.pose ? orbit.behind(scene.pose) : orbit.home());
+  });
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input")) return;
+    const action = VIEW_KEYS[event.key.toLowerCase()];
+    if (action) action();
+    if (event.key === "Escape" && ruler.active) ruler.use(false);
   });
   new ResizeObserver(() => {
     showHint(canvas.clientWidth);

@@ -86,6 +86,8 @@ class Panel {
       find("panel").scrollTop = 0;
     }
     card.dataset.label = String(selected);
+    for (const shot of card.querySelectorAll(".moment"))
+      shot.setAttribute("aria-current", String(frame !== null && Number(shot.dataset.frame) === frames[frame]));
   }
 
   card(object) {
@@ -93,7 +95,7 @@ class Panel {
     close.addEventListener("click", () => this.chosen(null));
     const head = element("header", {}, chip(object), element("h2", {}, "Object ", String(object.label)), close);
     const naming = data.live ? nameField(object, (one) => this.renamed(one)) : [];
-    return [head, ...naming, ...this.picture(object), this.facts(object)];
+    return [head, ...naming, ...this.picture(object), ...this.strip(object), this.facts(object)];
   }
 
   picture(object) {
@@ -103,6 +105,18 @@ class Panel {
     const shown = element("div", { class: "shot" }, image, this.outline(object));
     if (!frames.includes(frame)) return [element("figure", {}, shown)]; // from an earlier recording of the scene
     return [element("figure", {}, shown, element("figcaption", {}, "Best seen in ", this.link(frame)))];
+  }
+
+  /** Small pictures of the object through time; a click goes to their frames. */
+  strip(object) {
+    if (!object.strip || object.strip.length < 2) return [];
+    const shots = object.strip.map(({ frame, address }) => {
+      const image = element("img", { src: address, alt: `Object ${object.label} in frame ${frame}`, loading: "lazy", decoding: "async" });
+      const shot = element("button", { class: "moment", "data-frame": frame, title: `Go to frame ${frame}` }, image, element("span", {}, String(frame)));
+      shot.addEventListener("click", () => this.moved(frames.indexOf(frame)));
+      return shot;
+    });
+    return [element("div", { class: "strip", role: "group", "aria-label": "Pictures through time, by frame" }, ...shots)];
   }
 
   /** The edges of the object's box, drawn over its picture. */
@@ -126,7 +140,8 @@ class Panel {
     const share = frames.length ? ` of ${frames.length.toLocaleString("en")} frames` : "";
     const plane = object.plane === null ? "-" : `${object.plane + 1} of ${data.planes.length}${bearerOf(object.plane)}`;
     const lines = [
-      ["Size, L × W × H", sizeOf(object), " cm"],
+      ["L × W × H", sizeOf(object, true), " cm"],
+      ...(sidesSeen(object) ? [["Sides seen", sidesSeen(object)]] : []),
       ["Position", object.center.map((value) => fixed(value, 2)).join(", "), " m"],
       ["First seen", this.link(object.first_frame)],
       ...(object.spans.length ? [["Confirmed in", this.link(object.spans[0][0])]] : []),

@@ -39,7 +39,32 @@ function stateIn(object, frame) {
 const cm = (metres) => (100 * metres).toFixed(1);
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
 const likely = (object) => fixed(object.probability, 2);
-const sizeOf = (object) => object.size.map(cm).join(" × ");
+
+// From this standard deviation on, metres, a size has no decimal place of a centimetre.
+const COARSE_M = 0.01;
+
+/** A length in centimetres, rounded to what it is worth with a standard deviation, if that is known. */
+const worth = (metres, sigma) => (sigma >= COARSE_M ? (100 * metres).toFixed(0) : cm(metres));
+const sigmasOf = ({ size_sigma_m: sigmas }) => (sigmas && sigmas.length ? sigmas : null);
+
+/** The sides of a box in centimetres; with `errors`, each with its standard deviation, if that is known. */
+function sizeOf(object, errors = false) {
+  const sigmas = sigmasOf(object);
+  const side = (metres, k) => {
+    if (!sigmas) return cm(metres);
+    const error = errors ? ` ± ${worth(Math.max(sigmas[k], 0.001), sigmas[k])}` : "";
+    return worth(metres, sigmas[k]) + error;
+  };
+  return object.size.map(side).join(" × ");
+}
+
+/** How many sides of an object a camera saw, without its bottom; "" if that is unknown. */
+function sidesSeen({ sides_seen: seen }) {
+  if (!seen || !seen.length) return "";
+  const around = ["+x", "-x", "+y", "-y"].filter((side) => seen.includes(side)).length;
+  const count = around + (seen.includes("+z") ? 1 : 0);
+  return `${count} of 5${around < 4 ? "; back not seen" : ""}`;
+}
 
 async function inflate(bytes) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));

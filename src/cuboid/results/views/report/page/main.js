@@ -3,7 +3,7 @@
 const state = {
   theme: "dark",
   coloring: "color",
-  layers: { boxes: true, planes: true, furniture: true, camera: true, changes: true },
+  layers: { boxes: true, planes: true, furniture: true, camera: true, changes: true, cut: true },
   selected: null,
   frame: null, // index among the used frames; null is all frames at once
   follow: false,
@@ -16,6 +16,7 @@ let orbit = null;
 let tags = null;
 let ruler = null;
 let pending = 0;
+let untouched = true; // nobody has chosen a point of view yet
 
 function redraw() {
   if (!scene || pending) return;
@@ -62,7 +63,8 @@ function moveTo(frame) {
 
 function followCamera(follow) {
   if (!frames.length || !orbit) return;
-  if (!follow) orbit.fly(orbit.home());
+  untouched = false;
+  if (!follow) lookAtAll();
   update({ follow, frame: state.frame === null && follow ? 0 : state.frame });
   if (follow) orbit.fly(orbit.behind(poseOf(state.frame)));
 }
@@ -79,11 +81,20 @@ function play(start) {
   playing = setInterval(() => (state.frame < frames.length - 1 ? moveTo(state.frame + 1) : play(false)), clamp(rate, 33, 200));
 }
 
+/** Look at all objects from the best side. */
+function lookAtAll(milliseconds = 500) {
+  untouched = true;
+  orbit.fly(startView(orbit, tags, scene), milliseconds);
+}
+
 function setUpScene() {
   const canvas = find("canvas");
   const renderer = new Renderer(canvas);
   scene = new Scene(renderer, state);
-  orbit = new Orbit(canvas, redraw, () => state.follow && update({ follow: false }));
+  orbit = new Orbit(canvas, redraw, () => {
+    untouched = false;
+    if (state.follow) update({ follow: false });
+  });
   tags = new Tags(find("tags"), state, choose);
   ruler = scene.ruler = new Ruler(state, scene, orbit, () => {
     scene.updateRuler();
@@ -108,12 +119,14 @@ function setUpScene() {
   new ResizeObserver(() => {
     showHint(canvas.clientWidth);
     tags.layout();
+    if (untouched && scene.points && canvas.clientWidth) lookAtAll(0);
     redraw();
   }).observe(canvas);
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", () => location.reload());
   renderer.fit();
   return scene.load().then(() => {
+    if (untouched) lookAtAll(0);
     document.body.dataset.ready = "true";
     redraw();
   });
@@ -135,33 +148,13 @@ function showBelow(name) {
   timeline.draw();
 }
 
-function setUpSplitters() {
-  for (const splitter of document.querySelectorAll(".splitter")) {
-    const { size, from } = splitter.dataset;
-    splitter.addEventListener("pointerdown", (event) => {
-      splitter.setPointerCapture(event.pointerId);
-      event.preventDefault();
-    });
-    splitter.addEventListener("pointermove", (event) => {
-      if (!splitter.hasPointerCapture(event.pointerId)) return;
-      const { left, right, bottom, width, height } = find("scene").getBoundingClientRect();
-      const length = { left: event.clientX - left, right: right - event.clientX, bottom: bottom - event.clientY }[from];
-      const most = 0.7 * (from === "bottom" ? height : width);
-      find("scene").style.setProperty(size, `${clamp(length, 90, most).toFixed(0)}px`);
-    });
-  }
-}
-
 function setUpKeys() {
   const actions = {
     " ": () => play(!playing),
     ArrowRight: () => moveTo((state.frame ?? -1) + 1),
     ArrowLeft: () => moveTo((state.frame ?? frames.length) - 1),
-    m: () => find("ruler").click(),
     Escape: () => (ruler && ruler.active ? ruler.use(false) : state.selected !== null ? choose(null) : moveTo(null)),
-    r: () => find("look-home").click(),
-    t: () => find("look-down").click(),
-    c: () => find("look-through").click(),
+    ...VIEW_KEYS,
   };
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || find("scene").hidden || find("compare").open) return;
@@ -175,14 +168,11 @@ function setUpKeys() {
 }
 
 function setUpHeader() {
-  const { run } = data;
   find("title").replaceChildren(element("small", {}, data.place), data.title);
-  const whole = run.milliseconds.frame;
+  const { run } = data;
   const facts = [plural(data.objects.length, "object"), plural(run.frames.used, "frame")];
   if (furniture.length) facts.splice(1, 0, `${plural(furniture.length, "piece")} of furniture`);
   document.querySelector('[data-layer="furniture"]').hidden = !furniture.length;
-  if (whole) facts.push(`${milliseconds(whole.median)} ms per frame`);
-  if (data.points.count) facts.push(`${plural(data.points.total, "point")}`);
   find("facts").textContent = facts.join("  ·  ");
   if (!run.complete) find("facts").prepend(element("span", { class: "warning" }, "interrupted, not complete"));
   showWarnings([...(run.complete ? [] : ["The run was interrupted: these results are not complete."]), ...run.warnings]);
@@ -198,11 +188,12 @@ function setUpButtons() {
   });
   find("look-home").addEventListener("click", () => {
     update({ follow: false });
-    orbit.fly(orbit.home());
+    lookAtAll();
   });
   find("look-down").addEventListener("click", () => {
     update({ follow: false });
-    orbit.fly({ ...orbit.home(), yaw: orbit.place.yaw, pitch: STEEPEST });
+    untouched = false;
+    orbit.fly(framed(orbit, cornersShown((object) => scene.stateOf(object)), orbit.place.yaw, STEEPEST));
   });
   for (const button of document.querySelectorAll("[data-below]"))
     button.addEventListener("click", () => showBelow(button.dataset.below));
@@ -228,6 +219,7 @@ const timeline = new Timeline(state, choose, (frame) => {
 });
 /** Look at an object, or at the place of a removed object. */
 function approach(target, size) {
+  untouched = false;
   if (orbit) orbit.fly({ target, distance: clamp(5 * norm(size), 0.4, orbit.span), fovY: FOV_Y });
   update({ follow: false });
 }
@@ -259,10 +251,14 @@ const changes = new Changes(state, choose, approach);
 const picture = new Picture(state);
 
 state.theme = window.matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";
+find("notice").append(" · double click to look at");
 setUpHeader();
 setUpButtons();
 setUpKeys();
-setUpSplitters();
+setUpPhone();
+setUpDividers();
+setUpToolbar(() => tags && tags.layout());
+for (const [id, rows] of [["panel", ".object, .change"], ["rows", ".row"]]) new More(find(id), rows);
 state.least = setUpLeast(limit);
 find("likely").hidden = !data.objects.length;
 showBelow("list");

@@ -27,8 +27,8 @@ function showHint(width) {
   find("notice").hidden = width < HINT_FITS_PX;
 }
 
-/** The first point of the map along a ray, within an angle in radians; null if there is none. */
-function pointAt(steps, origin, direction, reach) {
+/** The first point of the map along a ray, within an angle in radians; null if there is none. `facing`: leave out cut points. */
+function pointAt(steps, origin, direction, reach, facing = null) {
   const { low, step_m, spacing_m } = data.points;
   let nearest = Infinity;
   let found = null;
@@ -40,6 +40,7 @@ function pointAt(steps, origin, direction, reach) {
     if (along <= 0.01) continue;
     const aside = Math.sqrt(Math.max(0, x * x + y * y + z * z - along * along));
     if (aside > Math.max(reach * along, 0.75 * spacing_m)) continue;
+    if (facing && isCut(facing, i / 3, [-x, -y, -z])) continue;
     const cost = along + 4 * aside; // of two points at about the same distance, prefer the one under the pointer
     if (cost < nearest) [nearest, found] = [cost, [x, y, z]];
   }
@@ -67,7 +68,7 @@ class Ruler {
   click(x, y) {
     const { origin, direction } = this.orbit.ray(x, y);
     const reach = (REACH_PX * 2 * Math.tan(this.orbit.place.fovY / 2)) / this.orbit.canvas.clientHeight;
-    const end = this.scene.steps && pointAt(this.scene.steps, origin, direction, reach);
+    const end = this.scene.steps && pointAt(this.scene.steps, origin, direction, reach, this.scene.cuts ? this.scene.facing : null);
     if (!end) return;
     this.ends = this.ends.length === 2 ? [end] : [...this.ends, end];
     this.changed();

@@ -55,15 +55,14 @@ class Orbit {
     };
   }
 
-  back() {
-    const { yaw, pitch } = this.place;
+  /** The direction from the target to the eye. */
+  direction(yaw, pitch) {
     const level = add(scale(this.east, Math.cos(yaw)), scale(this.north, Math.sin(yaw)));
     return add(scale(level, Math.cos(pitch)), scale(up, Math.sin(pitch)));
   }
 
-  eye() {
-    const { target, distance, fovY } = this.place;
-    const place = add(target, scale(this.back(), distance));
+  eye({ yaw, pitch, target, distance, fovY } = this.place) {
+    const place = add(target, scale(this.direction(yaw, pitch), distance));
     const near = clamp(0.03 * distance, 0.01, 0.3);
     const far = distance + this.span;
     const aspect = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);

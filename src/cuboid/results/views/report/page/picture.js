@@ -9,8 +9,8 @@ class Picture {
     this.wanted = null;
     this.names = 0; // count of changed names: a picture with new names needs a new address
     if (!data.live || !data.live.pictures) return;
-    for (const shown of [find("picture"), document.querySelector('[data-size="--picture"]')]) shown.hidden = false;
-    find("scene").classList.add("with-picture");
+    find("picture").hidden = false;
+    showFrame();
     find("picture-kind").replaceChildren(...Object.entries(data.live.kinds).map(([kind, name]) => this.choice(kind, name)));
     this.outline = find("frame-outline");
     this.outline.setAttribute("viewBox", `0 0 ${data.camera.width} ${data.camera.height}`);

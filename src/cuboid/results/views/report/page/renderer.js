@@ -63,9 +63,9 @@ class Renderer {
 
   /**
    * Set the point map, in place of the previous one. `own`: color (3 n, 8 bit) of the object of each point, 0 for
-   * points without an object.
+   * points without an object. `facing`: the side of each point that was seen, see facing.js.
    */
-  setPoints({ steps, look }, own) {
+  setPoints({ steps, look }, own, facing) {
     const gl = this.gl;
     const { program } = this.programs.points;
     if (this.points) {
@@ -79,6 +79,7 @@ class Renderer {
       ["steps", steps, 3, gl.UNSIGNED_SHORT, false],
       ["look", look, 4, gl.UNSIGNED_BYTE, true],
       ["own", own, 3, gl.UNSIGNED_BYTE, true],
+      ["facing", facing, 3, gl.BYTE, true],
     ]) {
       buffers.push(gl.createBuffer());
       gl.bindBuffer(gl.ARRAY_BUFFER, buffers[buffers.length - 1]);
@@ -143,10 +144,10 @@ class Renderer {
     this.target = { width, height, color, depth, buffer };
   }
 
-  /** Draw shaded points, faces, and lines; lines are dim where they are hidden. */
-  draw(eye, coloring, ground, shownGroups) {
+  /** Draw shaded points, faces, and lines; lines are dim where they are hidden. `cut`: without what is seen from behind. */
+  draw(eye, coloring, ground, shownGroups, cut) {
     const gl = this.gl;
-    this.drawPoints(eye, coloring);
+    this.drawPoints(eye, coloring, cut);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, this.target.width, this.target.height);
     gl.disable(gl.BLEND);
@@ -168,7 +169,7 @@ class Renderer {
     for (const group of lines) this.drawLines(eye, group, 1, 0, [0, 0, 0, 0]);
   }
 
-  drawPoints(eye, coloring) {
+  drawPoints(eye, coloring, cut) {
     const gl = this.gl;
     const { program, at } = this.programs.points;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target.buffer);
@@ -183,6 +184,8 @@ class Renderer {
     gl.useProgram(program);
     gl.uniformMatrix4fv(at.clip_world, false, eye.clip_world);
     gl.uniform3fv(at.low, data.points.low);
+    gl.uniform3fv(at.eye, eye.place);
+    gl.uniform1f(at.turned_away, cut ? TURNED_AWAY : 2); // no sine is 2: nothing is cut
     gl.uniform1f(at.step_m, data.points.step_m);
     gl.uniform1f(at.spacing_m, data.points.spacing_m);
     gl.uniform1f(at.focal_px, (0.5 * this.target.height) / Math.tan(eye.fovY / 2));

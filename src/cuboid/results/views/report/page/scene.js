@@ -84,7 +84,18 @@ class Scene {
   setPoints(points) {
     this.points = points;
     this.steps = points.steps;
+    this.facing = facingOf(points, this.seenFrom());
     this.colorPoints();
+  }
+
+  /** Positions from which the map was seen. */
+  seenFrom() {
+    return viewpoints();
+  }
+
+  /** Whether walls and ceilings that are seen from behind are left out; the camera itself sees none. */
+  get cuts() {
+    return this.state.layers.cut && !this.state.follow;
   }
 
   /** Give the points of likely objects the color of their label. */
@@ -98,7 +109,7 @@ class Scene {
       const color = label && colors.get(label);
       if (color) own.set(color.slice(0, 3), 3 * i);
     });
-    this.renderer.setPoints(this.points, own);
+    this.renderer.setPoints(this.points, own, this.facing);
   }
 
   /** Rebuild all lines and faces. */
@@ -231,7 +242,7 @@ class Scene {
     if (layers.boxes) shown.push("sides", "boxes");
     if (layers.changes) shown.push("changes");
     if (this.ruler) shown.push("ruler");
-    this.renderer.draw(eye, coloring, GROUNDS[theme], shown);
+    this.renderer.draw(eye, coloring, GROUNDS[theme], shown, this.cuts);
   }
 
   /** The object whose box a ray meets; of several the smallest, which otherwise could never be selected. */

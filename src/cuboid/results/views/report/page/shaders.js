@@ -4,15 +4,20 @@ const POINTS_VERTEX = `#version 300 es
 in vec3 steps;
 in vec4 look;
 in vec3 own;
+in vec3 facing;
 uniform mat4 clip_world;
-uniform vec3 low;
+uniform vec3 low, eye;
 uniform float step_m, spacing_m, focal_px;
+uniform float turned_away;
 uniform int coloring;
 uniform sampler2D inferno;
 out vec3 tint;
 out float away_m, radius_m;
 void main() {
-  gl_Position = clip_world * vec4(low + steps * step_m, 1.0);
+  vec3 place = low + steps * step_m;
+  gl_Position = clip_world * vec4(place, 1.0);
+  // a surface seen from behind is outside of the view
+  if (dot(facing, normalize(eye - place)) < -turned_away) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
   // a disc that touches its neighbours: no holes at short distance, no blots at long distance
   gl_PointSize = clamp(1.9 * spacing_m * focal_px / gl_Position.w, 2.0, 60.0);
   away_m = gl_Position.w;

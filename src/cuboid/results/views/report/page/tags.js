@@ -1,7 +1,9 @@
 // The tags above the boxes: each in the color of its label, none covers another tag or a toolbar.
 
 // Distance of a tag above the top of its box, pixels; if the place is taken, the tag is higher.
-const RISES = [8, 28, 48];
+const RISES = [8, 28, 48, 68, 88, 108];
+// A tag that is higher than this above its box has a line to it, pixels.
+const LINE_FROM = 20;
 // The forms of a tag, the shortest first; the last one has the probability of the object.
 const FORMS = {
   short: ({ label }) => `#${label}`,
@@ -18,6 +20,8 @@ class Tags {
     this.holder = holder;
     this.state = state;
     this.toolbars = null;
+    this.lines = shape("path", {});
+    holder.append(shape("svg", { class: "tag-lines", "aria-hidden": "true" }, this.lines));
     this.tags = [...data.objects, ...furniture].map((object) => {
       const kind = isFurniture(object) ? "chip tag furniture" : "chip tag";
       const tag = element("button", { class: kind, "data-label": object.label, tabindex: "-1", title: titleOf(object) });
@@ -66,15 +70,25 @@ class Tags {
     this.toolbars = null;
   }
 
-  /**
-   * Put each tag above its box. The nearest box is placed first, all tags without their names; then names are added if
-   * there is room, and then probabilities. A tag without a free place becomes a dot.
-   */
+  /** Show the tags as arranged, with lines from high tags to their boxes. */
   place(eye, stateOf) {
+    const shown = this.arrange(eye, stateOf);
+    const visible = new Set(shown.map(({ tag }) => tag));
+    for (const { tag } of this.tags) tag.hidden = !visible.has(tag);
+    for (const item of shown) this.show(item, this.obstacles());
+    const high = shown.filter(({ rect, at }) => rect && at[1] - rect[3] > LINE_FROM);
+    const line = ({ rect, at }) => `M${((rect[0] + rect[2]) / 2).toFixed(1)} ${rect[3].toFixed(1)}L${at.map((value) => value.toFixed(1))}`;
+    this.lines.setAttribute("d", high.map(line).join(""));
+  }
+
+  /**
+   * Arrange a tag above each box. The nearest box is placed first, all tags without their names; then names are added if
+   * there is room, and then probabilities. A tag without a free place, which has no `rect`, becomes a dot.
+   */
+  arrange(eye, stateOf, forms = ["full", "likely"]) {
     const room = [this.holder.clientWidth, this.holder.clientHeight];
-    const bars = this.obstacles();
     const shown = this.shown(eye, stateOf, room);
-    const taken = [...bars];
+    const taken = [...this.obstacles()];
     const wide = [room[0] - 2, room[1] - 2];
     for (const item of shown) {
       item.form = item.chosen ? item.full : item.short;
@@ -82,9 +96,9 @@ class Tags {
       if (!item.rect && item.chosen) [item.rect] = this.places(item, item.form, wide);
       if (item.rect) taken.push(item.rect);
     }
-    for (const form of ["full", "likely"])
+    for (const form of forms)
       for (const item of shown.filter(({ rect }) => rect)) this.lengthen(item, item[form], taken, wide);
-    for (const item of shown) this.show(item, bars);
+    return shown;
   }
 
   /** Give a tag a longer form at the same height, if no other tag is in the way. */
@@ -98,7 +112,7 @@ class Tags {
     Object.assign(item, { rect: longer, form });
   }
 
-  /** The tags in the view, in the order of their placing; the other tags are hidden. */
+  /** The tags in the view, in the order of their placing. */
   shown(eye, stateOf, [width, height]) {
     const behind = 1e6; // hidden objects are placed after visible ones, furniture after all objects
     const found = this.tags.map((item) => {
@@ -107,12 +121,12 @@ class Tags {
       const chosen = item.object.label === this.state.selected;
       const at = [(clip[0] / clip[3] + 1) * 0.5 * width, (1 - clip[1] / clip[3]) * 0.5 * height];
       const outside = clip[3] < eye.near || at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
-      item.tag.hidden = outside || !this.state.layers[isFurniture(item.object) ? "furniture" : "boxes"] || (known === "unknown" && !chosen);
+      const hidden = outside || !this.state.layers[isFurniture(item.object) ? "furniture" : "boxes"] || (known === "unknown" && !chosen);
       const late = isFurniture(item.object) ? 2 : known === "seen" ? 0 : 1;
       const first = chosen ? -behind : clip[3] + late * behind;
-      return { ...item, at, known, chosen, first, depth: clip[3] };
+      return { ...item, at, known, chosen, first, hidden, depth: clip[3] };
     });
-    return found.filter(({ tag }) => !tag.hidden).sort((a, b) => a.first - b.first);
+    return found.filter(({ hidden }) => !hidden).sort((a, b) => a.first - b.first);
   }
 
   /** The possible places of a tag, the best first: left, top, right, bottom. */

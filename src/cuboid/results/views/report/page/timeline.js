@@ -1,10 +1,12 @@
 // The frames in which each object is seen (thick line), or hidden but in the map (thin line).
 
 const ROW = 18;
+const TOUCHED_ROW = 44; // on a phone
+const BAR = 10;
 // Width for labels with names; less on a phone.
 const GUTTER = 236;
 const NARROW_GUTTER = 168;
-const NARROW = 560;
+const NARROW = 640;
 const CHIP_FONT = "700 11px Inter, system-ui, sans-serif";
 const EDGE = 26;
 const AXIS = 20;
@@ -56,7 +58,24 @@ class Timeline {
       if (row && !(sign && this.state.selected === label)) chosen(label); // a click on a sign keeps its object selected
     });
     this.scrub(moved);
+    this.legend();
+    PHONE.addEventListener("change", () => this.draw());
     new ResizeObserver(() => this.draw()).observe(find("rows"));
+  }
+
+  /** The meaning of lines and signs; only of those that the plot has. */
+  legend() {
+    const bar = (y, height, rest = {}) => shape("rect", { x: 0, y, width: 22, height, fill: "currentColor", stroke: "none", ...rest });
+    const sign = (event) => shape("g", { class: "event", transform: "translate(11 6)" }, shape("circle", { r: 6 }), shape("path", { d: SIGNS[event] }));
+    const events = Object.keys(SIGNS).filter((event) => happened.some((one) => one.event === event));
+    const { skipped } = data.run.frames;
+    const lines = [
+      ["seen", bar(1, BAR, { rx: 2 })],
+      ["hidden, still in the map", bar(5, 2, { class: "known" })],
+      ...(skipped.length ? [["skipped frame", shape("rect", { class: "skipped", x: 10, y: 3, width: 2, height: 6, stroke: "none" })]] : []),
+      ...events.map((event) => [event, sign(event)]),
+    ];
+    find("legend").replaceChildren(...lines.map(([text, mark]) => element("span", {}, shape("svg", { "aria-hidden": "true" }, mark), text)));
   }
 
   /** A pointer on the axis moves through the frames, like the slider. */
@@ -80,13 +99,14 @@ class Timeline {
   }
 
   draw() {
-    this.width = find("rows").clientWidth || find("transport").clientWidth; // on a phone, the list may be shown instead
+    this.width = find("rows").clientWidth || find("scene").clientWidth; // on a phone, the list may be shown instead
+    this.rowHeight = PHONE.matches ? TOUCHED_ROW : ROW;
     this.gutter = this.width < NARROW ? NARROW_GUTTER : GUTTER;
     const rows = isFiltered(this.state) ? wantedObjects(this.state) : [...data.objects, ...data.gone];
-    const height = ROW * rows.length + 6;
+    const height = this.rowHeight * rows.length + 6;
     for (const [plot, high] of [[this.plot, height], [this.axis, AXIS]])
       for (const [name, value] of [["width", this.width], ["height", high]]) plot.setAttribute(name, value);
-    const room = find("transport").clientWidth - this.width;
+    const room = Math.max(0, find("timeline").clientWidth - this.width);
     find("gutter").style.width = `${this.gutter - THUMB}px`;
     this.slider.style.marginRight = `${room + EDGE - THUMB}px`;
     this.heads = [[0, height], [AXIS - 5, AXIS]].map(([y1, y2]) => shape("line", { class: "head", y1, y2 }));
@@ -120,7 +140,8 @@ class Timeline {
   }
 
   row(object, i) {
-    const y = i * ROW;
+    const y = i * this.rowHeight;
+    const middle = y + this.rowHeight / 2;
     const gone = !objectOf.has(object.label);
     const group = shape("g", { class: gone ? "row gone" : "row", ...(gone ? {} : { "data-row": object.label }) });
     const narrow = this.gutter === NARROW_GUTTER;
@@ -130,35 +151,35 @@ class Timeline {
     const count = gone ? fate : object.frames_seen.toLocaleString("en");
     const [text, width] = fitted(titleOf(object), this.gutter - (gone && !narrow ? 160 : 84));
     group.append(
-      shape("rect", { class: "ground", x: 0, y, width: this.width, height: ROW }),
-      shape("rect", { x: 12, y: y + 2, width: width + 12, height: ROW - 4, rx: 4, fill: object.color }),
-      shape("text", { class: "name", x: 18, y: y + 13, fill: object.ink }, text, shape("title", {}, titleOf(object))),
-      shape("text", { class: "count", x: this.gutter - 12, y: y + 13, "text-anchor": "end" }, count),
-      ...this.bars(object, y, gone),
-      ...happened.filter(({ label }) => label === object.label).map((one) => this.sign(one, object, y)),
+      shape("rect", { class: "ground", x: 0, y, width: this.width, height: this.rowHeight }),
+      shape("rect", { x: 12, y: middle - 7, width: width + 12, height: 14, rx: 4, fill: object.color }),
+      shape("text", { class: "name", x: 18, y: middle + 4, fill: object.ink }, text, shape("title", {}, titleOf(object))),
+      shape("text", { class: "count", x: this.gutter - 12, y: middle + 4, "text-anchor": "end" }, count),
+      ...this.bars(object, middle, gone),
+      ...happened.filter(({ label }) => label === object.label).map((one) => this.sign(one, object, middle)),
     );
     return group;
   }
 
   /** The sign of an event; a click goes to its frame. */
-  sign(one, object, y) {
-    const place = { transform: `translate(${this.x(one.frame)} ${y + ROW / 2})`, "data-event": one.event, "data-frame": one.frame };
+  sign(one, object, middle) {
+    const place = { transform: `translate(${this.x(one.frame)} ${middle})`, "data-event": one.event, "data-frame": one.frame };
     const title = shape("title", {}, `${titleOf(object)}: ${wordsOf(one)}, reported in frame ${one.frame}`);
     return shape("g", { class: "event", ...place }, shape("circle", { r: 7 }), shape("path", { d: SIGNS[one.event] }), title);
   }
 
-  bars(object, y, gone) {
+  bars(object, middle, gone) {
     if (!object.spans.length) return [];
     const every = data.run.config.every || 1;
     const fill = object.color;
     const begin = this.x(object.spans[0][0]);
     const end = this.x(gone ? object.spans[object.spans.length - 1][1] : this.last);
-    const known = shape("rect", { class: "known", x: begin, y: y + ROW / 2 - 1, width: Math.max(1, end - begin), height: 2, fill });
+    const known = shape("rect", { class: "known", x: begin, y: middle - 1, width: Math.max(1, end - begin), height: 2, fill });
     const seen = object.spans.map(([from, to]) => {
       const x = this.x(from);
       const width = Math.max(1.5, this.x(Math.min(to + every, this.last)) - x);
       const bar = { class: "seen", "data-label": object.label, "data-from": from, "data-to": to, fill };
-      const made = shape("rect", { ...bar, x, y: y + 4, width, height: ROW - 8, rx: Math.min(2, width / 2) });
+      const made = shape("rect", { ...bar, x, y: middle - BAR / 2, width, height: BAR, rx: Math.min(2, width / 2) });
       made.append(shape("title", {}, `${titleOf(object)}: frames ${from} to ${to}`));
       return made;
     });
