@@ -1,13 +1,18 @@
-"""`cuboid serve` and `cuboid mcp --http` as processes of their own."""
+"""`cuboid serve` and `cuboid mcp --http` as processes of their own, and applications in threads of the tests."""
 
 from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+import uvicorn
+from starlette.types import ASGIApp
 
 
 @contextmanager
@@ -25,3 +30,18 @@ def served(path: str, *words: str, command: str = "serve") -> Iterator[str]:
     finally:
         process.kill()
         process.communicate()
+
+
+@contextmanager
+def serving(app: ASGIApp) -> Iterator[str]:
+    """Serve an application from a thread, and give its address."""
+    listening = socket.create_server(("127.0.0.1", 0))
+    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=1))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
+    finally:
+        server.should_exit = True
+        thread.join(20)
+        listening.close()

@@ -76,9 +76,10 @@ def of_columns(rng: random.Random, content: bytes) -> bytes:
 def ask(folder: Path) -> None:
     """Ask for objects, in each way."""
     from cuboid.fleet.store.find import find
-    from cuboid.fleet.store.page import found_page
+    from cuboid.fleet.store.page import objects_page
     from cuboid.fleet.store.query import Tables
     from cuboid.services.queries.filters import Filters
+    from cuboid.services.queries.search_page import found_page
 
     tables = Tables(str(folder))
     for filters in (
@@ -86,8 +87,9 @@ def ask(folder: Path) -> None:
         Filters(size_m=(0.0, 1.0), near=(0.0, 0.0, 0.0)),
         Filters(color="grey", min_probability=0.5),
     ):
-        found_page(find(tables, filters, pictures=True), "a")
+        found_page(find(tables, filters, ("picture",)), "a")
     find(tables, Filters(like=("rec-1", 1)))
+    objects_page(tables, {})
 
 
 def sum_up(folder: Path) -> None:

@@ -14,8 +14,9 @@ import pytest
 from cuboid.cli import main
 from cuboid.ground.core.errors import InputError
 from cuboid.results.files.naming import name_object
-from cuboid.services.queries.filters import Filters
+from cuboid.services.queries.filters import Filters, both
 from cuboid.services.queries.opening import is_place, open_place
+from cuboid.services.queries.parameters import asked_of, filters_of, given
 from cuboid.services.queries.place import Place
 from made_place import OBJECTS, PLANES, write_place
 
@@ -181,3 +182,23 @@ def test_find_takes_results(results: Path, capsys: pytest.CaptureFixture[str]) -
 
 def test_planes_are_those_of_the_results(place: Place) -> None:
     assert [one.center_m[2] for one in place.surfaces()] == [one.extent[0, 2] for one in PLANES]
+
+
+def test_two_sets_of_conditions_hold_together() -> None:
+    early, late = datetime(2026, 3, 1, tzinfo=UTC), datetime(2026, 3, 2, tzinfo=UTC)
+    first = Filters(size_m=(0.1, 1.0), color="red", since=early, until=late, near_object="mug", within_m=1.0)
+    second = Filters(size_m=(0.0, 0.3), color="red", since=late, until=early, on="floor", limit=7)
+    together = both(first, second)
+    assert together == Filters(
+        size_m=(0.1, 0.3),
+        color="red",
+        since=late,
+        until=early,
+        near_object="mug",
+        within_m=1.0,
+        on="floor",
+        limit=7,
+    )
+    assert filters_of(given({**asked_of(together), "limit": "7"})) == together
+    with pytest.raises(InputError, match="color: expected one condition, got 'red' and 'blue'"):
+        both(first, Filters(color="blue"))

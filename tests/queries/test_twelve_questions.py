@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -121,6 +122,24 @@ def of_http(app: Any) -> Callable[[Question], tuple[list[Any], list[Any]]]:
     return ask
 
 
+def of_page(app: Any) -> Callable[[Question], tuple[list[Any], list[Any]]]:
+    """The labels and recordings of the cards on the page: of a question of its fields, and of one in English."""
+
+    def cards(**asked: str) -> list[Any]:
+        status, page = got(app, f"/?{urlencode(asked)}")
+        assert status == 200, page
+        labels = [int(one) for one in re.findall(r'<span class="chip"[^>]*>#(\d+)', page)]
+        recordings = re.findall(r'<p class="whose">([^<]*)', page) or [""] * len(labels)
+        return [{"label": one, "recording": name} for one, name in zip(labels, recordings, strict=True)]
+
+    def ask(question: Question) -> tuple[list[Any], list[Any]]:
+        last = question.asked.get("last")
+        by_fields = cards(q=f"where is {last}") if last else cards(**question.asked)
+        return by_fields, cards(q=question.english)
+
+    return ask
+
+
 def of_mcp(server: Any) -> Callable[[Question], tuple[list[Any], list[Any]]]:
     def ask(question: Question) -> tuple[list[Any], list[Any]]:
         asked = dict(question.asked)
@@ -185,8 +204,8 @@ def test_results_answer_alike(made: Made, question: Question, capsys: pytest.Cap
     expected = {made.labels[name] for name in question.answer}
     path = str(made.results)
     place = open_place(path)
-    asks = (of_command(path, capsys), of_http(application(place, token=None)), of_mcp(server_of(place)))
-    for ask in (*asks, of_python(path)):
+    app = application(place, token=None)
+    for ask in (of_command(path, capsys), of_http(app), of_page(app), of_mcp(server_of(place)), of_python(path)):
         by_conditions, in_english = ask(question)
         assert {one["label"] for one in by_conditions} == expected
         assert {one["label"] for one in in_english} == expected
@@ -204,8 +223,14 @@ def test_a_scene_answers_for_its_last_visit(made: Made, question: Question) -> N
 def test_a_store_answers_for_each_recording(made: Made, question: Question, capsys: pytest.CaptureFixture[str]) -> None:
     recordings = ("morning",) if "since" in question.asked else ("morning", "evening")
     expected = {(one, made.labels[name]) for one in recordings for name in question.answer}
-    asks = (of_http(store_application(made.store, token=None)), of_mcp(store_server(made.store)))
-    for ask in (*asks, of_python_store(made.store), of_command(made.store, capsys)):
+    app = store_application(made.store, token=None)
+    for ask in (
+        of_http(app),
+        of_page(app),
+        of_mcp(store_server(made.store)),
+        of_python_store(made.store),
+        of_command(made.store, capsys),
+    ):
         for found in ask(question):
             assert {(one["recording"], one["label"]) for one in found} == expected
 
@@ -256,8 +281,10 @@ def test_names_show_in_every_file_and_page(made: Made) -> None:
     _, front = got(application(open_place(str(made.results)), token=None), "/")
     assert "red cup" in front
     assert "not looked at since" in front
-    _, page = got(store_application(made.store, token=None), "/objects?name=red+cup")
-    assert f"evening#{made.labels['red cup']} red cup" in page
+    _, in_3d = got(application(open_place(str(made.scene)), token=None), "/report.html")
+    assert '"name":"red cup"' in in_3d
+    _, page = got(store_application(made.store, token=None), "/?name=red+cup&recording=evening")
+    assert f"#{made.labels['red cup']} red cup" in page
 
 
 def test_what_is_not_known_is_said(made: Made, capsys: pytest.CaptureFixture[str]) -> None:

@@ -21,7 +21,6 @@ from openapi_spec_validator import validate
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from browser import Watched, browser
 from cuboid.results.files.naming import name_object
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.opening import open_place
@@ -97,6 +96,18 @@ def test_every_address_of_the_table_answers_as_the_document_says(address: str) -
         if one.media == "application/json":
             checker = Draft202012Validator({**body[one.media]["schema"], "components": document["components"]})
             assert list(checker.iter_errors(json.loads(content))) == []
+
+
+def test_a_question_takes_further_conditions(address: str) -> None:
+    for further, labels in (("", [1, 3]), ("&min_size=25cm", [1]), ("&name=crate", [1]), ("&limit=1", [1])):
+        found = asked(address, f"api/ask?q=what+is+on+the+table{further}")
+        assert [one["label"] for one in found["objects"]] == labels
+    code, content = refused(f"{address}/api/ask?q=the+red+mug&color=blue")
+    assert (code, json.loads(content)["error"]) == (400, "color: expected one condition, got 'red' and 'blue'")
+
+
+def test_the_3d_page_of_results_without_one_is_made(address: str) -> None:
+    assert b"<title>recording - cuboid</title>" in get(f"{address}/report.html")
 
 
 def test_pictures_clouds_free_places_and_the_tree(address: str) -> None:
@@ -187,23 +198,3 @@ def test_changes_are_sent_as_they_happen(tmp_path: Path) -> None:
         last = connect(socket_of(address))
     with last, pytest.raises(ConnectionClosed):  # the server has ended
         last.recv(timeout=30)
-
-
-def test_people_see_objects_and_addresses(address: str) -> None:
-    with browser() as launched:
-        watched = Watched(launched, strict=True)
-        page = watched.page
-        page.goto(address)
-        text = page.inner_text("body")
-        for shown in (
-            "5 objects",
-            "#5 mug",
-            "8.0 × 8.0 × 10.0",
-            "2026-03-01 12:00:05",
-            "/api/surfaces",
-            "/openapi.json",
-        ):
-            assert shown in text, shown
-        assert watched.complaints == []
-        page.click("text=#1 crate")
-        assert '"crate"' in page.inner_text("body")

@@ -59,10 +59,10 @@ def test_the_api_answers_what_find_finds(address: str, store: str) -> None:
 
 
 def test_the_pages(address: str) -> None:
-    page = get(f"{address}/").decode()
-    assert 'href="results/kitchen/00000000000000000001/report.html"' in page
+    assert 'href="results/kitchen/00000000000000000001/report.html#1"' in get(f"{address}/").decode()
+    assert 'href="results/kitchen/00000000000000000001/report.html"' in get(f"{address}/recordings").decode()
     assert b"a run" in get(f"{address}/results/kitchen/00000000000000000001/report.html")
-    assert b"kitchen#1" in get(f"{address}/objects?color=red")
+    assert b"#1" in get(f"{address}/?color=red")
 
 
 @pytest.mark.parametrize(

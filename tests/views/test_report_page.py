@@ -457,3 +457,15 @@ def test_events_are_signs_in_the_timeline_and_lines_of_the_card(
         found.page.click('[data-event="moved"]')
     assert found.complaints == []
     found.page.close()
+
+
+def test_the_address_may_name_an_object(launched: Browser, results: Path) -> None:
+    linked = Watched(launched)
+    linked.open(f"{(results / 'report.html').as_uri()}#2")
+    assert linked.page.locator("#card .chip").first.inner_text() == "#2"
+    linked.page.evaluate("location.hash = '#3'")
+    linked.page.wait_for_function("document.querySelector('#card .chip').innerText === '#3'")
+    linked.page.evaluate("location.hash = '#99'")  # no such object: the page stays
+    assert linked.page.locator("#card .chip").first.inner_text() == "#3"
+    assert linked.complaints == []
+    linked.page.close()

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shown.add_argument(
         "--picture", type=Path, metavar="FILE.jpg", help="write the picture of the last sighting of the first object"
     )
-    shown.add_argument("--html", type=Path, metavar="FILE", help="also write the table with pictures as an HTML page")
+    shown.add_argument("--html", type=Path, metavar="FILE", help="also write the objects with pictures as an HTML page")
     add_results(parser)
 
 
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         )
     answer = _in_place(args, filters, model) if is_place(args.place) else _in_store(args, filters)
     if args.html is not None:
-        from cuboid.fleet.store.page import found_page
+        from cuboid.services.queries.search_page import found_page
 
         write_whole(args.html, found_page(answer.rows, f"Objects of {args.place}"))
     if args.picture is not None:
@@ -121,15 +121,15 @@ def _in_store(args: argparse.Namespace, filters: Filters) -> Answered:
     from cuboid.fleet.store.query import Tables
     from cuboid.services.queries.questions import no_such_name
 
-    tables, pictures = Tables(args.place), args.html is not None
+    tables, more = Tables(args.place), () if args.html is None else ("picture",)
     understood: tuple[str, ...] = ()
     note: str | None = None
     if args.question is not None:
-        understood, rows, note = ask(tables, args.question, limit=args.limit, pictures=pictures)
+        understood, rows, note = ask(tables, args.question, limit=args.limit, more=more)
     elif args.last is not None:
-        rows = last_seen(tables, args.last, pictures=pictures)[: args.limit]
+        rows = last_seen(tables, args.last, more)[: args.limit]
     else:
-        rows = find(tables, filters, pictures=pictures)
+        rows = find(tables, filters, more)
         note = None if rows else no_such_name(StoreObjects(tables), filters.name)
 
     def picture(row: Mapping[str, Any]) -> bytes | None:
@@ -139,12 +139,9 @@ def _in_store(args: argparse.Namespace, filters: Filters) -> Answered:
 
 
 def _in_place(args: argparse.Namespace, filters: Filters, model: TextModel | None) -> Answered:
-    from cuboid.ground.core.extras import need_cluster
     from cuboid.services.queries.opening import open_place
     from cuboid.services.queries.rows import row_of
 
-    if args.html is not None:
-        need_cluster("cuboid find --html")
     place, title = open_place(args.place, model), Path(args.place).stem
     understood: tuple[str, ...] = ()
     note: str | None = None

@@ -14,7 +14,7 @@ from starlette.routing import Route
 
 from cuboid.fleet.store.find import ask as ask_store
 from cuboid.fleet.store.find import find, last_seen, picture_of
-from cuboid.fleet.store.page import MORE, WORST, found_page, summary_page
+from cuboid.fleet.store.page import MORE, RECORDINGS, WORST, objects_page, summary_page
 from cuboid.fleet.store.place import RESULTS, Place
 from cuboid.fleet.store.query import SharedTables, Tables
 from cuboid.fleet.store.summary import summarise_store
@@ -23,8 +23,9 @@ from cuboid.ground.formats.folder import OUTPUT_NAMES
 from cuboid.method.text_search import TextModel
 from cuboid.results.views.serving import LOCAL_NAMES
 from cuboid.services.queries.api import guarded, openapi_document, path_parameters, query_parameters, refusal
-from cuboid.services.queries.parameters import PARAMETERS, QUESTION, TEXT, Parameter, filters_of, given
+from cuboid.services.queries.parameters import PARAMETERS, QUESTION, Parameter, filters_of, given
 from cuboid.services.queries.rows import plain
+from cuboid.services.queries.search_form import ASK
 
 TYPES = {".html": "text/html", ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain"}
 
@@ -38,7 +39,7 @@ PATHS: dict[str, tuple[str, Mapping[str, Parameter]]] = {
         "The last sighting of the objects with a label or name, over all recordings, the latest first",
         {"what": WHAT},
     ),
-    "/api/ask": ("The answer to a question in English", {"q": QUESTION}),
+    "/api/ask": ("The answer to a question in English, with further conditions", {ASK: QUESTION, **PARAMETERS}),
     "/api/recordings": (
         "Recordings that are done, the worst first, with their quality indicators",
         {name: PARAMETERS[name] for name in ("recording", "limit")},
@@ -73,29 +74,20 @@ def application(
     async def ask(question: Callable[[Tables], Response]) -> Response:
         return await run_in_threadpool(tables.ask, question)
 
-    async def summary(request: Request) -> Response:
-        asked = dict(request.query_params)
+    async def search(request: Request) -> Response:
+        query = dict(request.query_params)
 
         def answer(of: Tables) -> Response:
-            found = summarise_store(of, WORST + MORE, given(asked).get("recording"))
-            return HTMLResponse(summary_page(found, "the store", {"Recordings": "", "Objects": "objects"}, asked))
+            page, status = objects_page(of, query, model)
+            return HTMLResponse(page, status)
 
         return await ask(answer)
 
-    async def search(request: Request) -> Response:
-        asked = dict(request.query_params)
+    async def summary(request: Request) -> Response:
+        asked = given(request.query_params)
 
         def answer(of: Tables) -> Response:
-            rows: list[dict[str, Any]] = []
-            fault = ""
-            try:
-                rows = find(of, filters_of(given(asked), model), pictures=True)
-            except InputError as error:  # the form shows it, with the values to correct
-                fault = str(error)
-            links = {"Recordings": ".", "Objects": ""}
-            names = tuple(name for name in PARAMETERS if name != TEXT or model is not None)
-            page = found_page(rows, "Objects of the store", links, asked, fault, names)
-            return HTMLResponse(page, 400 if fault else 200)
+            return HTMLResponse(summary_page(summarise_store(of, WORST + MORE, asked.get("recording")), url, asked))
 
         return await ask(answer)
 
@@ -110,12 +102,14 @@ def application(
         return await ask(lambda of: _rows("objects", last_seen(of, what)))
 
     async def asked(request: Request) -> Response:
-        question = request.query_params.get("q", "").strip()
+        query = dict(request.query_params)
+        question = query.pop(ASK, "").strip()
         if not question:
             raise InputError("q is needed: a question such as 'the blue bin beside the chair'")
+        also = filters_of(given(query), model)
 
         def answer(of: Tables) -> Response:
-            understood, rows, note = ask_store(of, question)
+            understood, rows, note = ask_store(of, question, limit=also.limit, also=also)
             return JSONResponse({"understood": understood, "objects": [plain(row) for row in rows], "note": note})
 
         return await ask(answer)
@@ -140,10 +134,10 @@ def application(
         return await run_in_threadpool(_file, url, request.path_params["path"])
 
     routes = [
-        Route("/", summary),
-        Route("/objects", search),
+        Route("/", search),
+        Route(f"/{RECORDINGS}", summary),
         Route("/api/objects", objects),
-        Route("/api/objects/{recording}/{label:int}/picture", picture),
+        Route("/api/objects/{recording:path}/{label:int}/picture", picture),
         Route("/api/ask", asked),
         Route("/api/last-seen", last),
         Route("/api/recordings", recordings),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from typing import Any, NamedTuple
 
@@ -14,7 +15,6 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.values import RelationKind
 from cuboid.method.text_search import TextQuery
 from cuboid.services.queries import questions
-from cuboid.services.queries.english import understand
 from cuboid.services.queries.filters import LIKELY, LIMIT, Filters, is_kind, is_surface, label_of
 from cuboid.services.queries.likeness import COLOR_WORDS, COLORED, colors_of
 
@@ -56,12 +56,12 @@ class StoreObjects:
     Parameters
     ----------
     tables : Tables
-    pictures : bool
-        Whether each row includes the object's picture.
+    more : sequence of str
+        Columns of each row in addition to `SHOWN`, as SQL.
     """
 
-    def __init__(self, tables: Tables, *, pictures: bool = False) -> None:
-        self._tables, self._pictures = tables, pictures
+    def __init__(self, tables: Tables, more: Sequence[str] = ()) -> None:
+        self._tables, self._more = tables, more
 
     def present(self) -> Sql:
         """Return the objects at the end of a run: a store has no others."""
@@ -128,6 +128,12 @@ class StoreObjects:
 
     def names(self) -> list[str]:
         """Return the names and likely classes of the objects, in lower case."""
+        if "names" not in self._tables.kept:
+            self._tables.kept["names"] = self._read_names()
+        found: list[str] = self._tables.kept["names"]
+        return found
+
+    def _read_names(self) -> list[str]:
         given = f"select lower(name) as one from {OBJECTS} where name is not null and {NEWEST}"
         likely = f"select unnest(names) as next from {OBJECTS} where {NEWEST}"
         classes = f"select lower(next.name) as one from ({likely}) where next.score >= ?"
@@ -169,7 +175,7 @@ class StoreObjects:
         """Return rows with the columns `SHOWN` and `extra`; raise InputError if the store is damaged."""
         extra = extra or {}
         named = [f"{one.text} as {name}" for name, one in extra.items()]
-        chosen = ", ".join([*(AS.get(name, name) for name in SHOWN), *named, *(["picture"] if self._pictures else [])])
+        chosen = ", ".join([*(AS.get(name, name) for name in SHOWN), *named, *self._more])
         where = " and ".join([*(one.text for one in conditions), NEWEST])
         most = "" if limit is None else f" limit {limit}"
         question = f"select {chosen} from {OBJECTS} where {where} order by {order}, recording, label{most}"
@@ -183,15 +189,15 @@ class StoreObjects:
         return found
 
 
-def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[dict[str, Any]]:
+def find(tables: Tables, filters: Filters, more: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Return objects of the newest runs as rows; the nearest, most similar, best matching or last seen is first.
 
     Parameters
     ----------
     tables : Tables
     filters : Filters
-    pictures : bool
-        Whether each row includes the object's picture.
+    more : sequence of str
+        Columns of each row in addition to `SHOWN`, such as ``picture``.
 
     Returns
     -------
@@ -205,10 +211,10 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
         The reference object of `like` does not exist or is ambiguous; no object has a vector of the text's model; or
         the store is damaged.
     """
-    return questions.find(StoreObjects(tables, pictures=pictures), filters)
+    return questions.find(StoreObjects(tables, more), filters)
 
 
-def last_seen(tables: Tables, label_or_name: str, *, pictures: bool = False) -> list[dict[str, Any]]:
+def last_seen(tables: Tables, label_or_name: str, more: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Return the objects of all recordings with a label or name, as rows of `find`; the last seen is first.
 
     Raises
@@ -216,7 +222,7 @@ def last_seen(tables: Tables, label_or_name: str, *, pictures: bool = False) -> 
     InputError
         No object has the label or name, or the store is damaged.
     """
-    return questions.last_seen(StoreObjects(tables, pictures=pictures), label_or_name)
+    return questions.last_seen(StoreObjects(tables, more), label_or_name)
 
 
 class StoreAnswer(NamedTuple):
@@ -227,20 +233,31 @@ class StoreAnswer(NamedTuple):
     note: str | None
 
 
-def ask(tables: Tables, question: str, *, limit: int = LIMIT, pictures: bool = False) -> StoreAnswer:
-    """Return the answer to a question in English.
+def ask(
+    tables: Tables, question: str, *, limit: int = LIMIT, more: Sequence[str] = (), also: Filters | None = None
+) -> StoreAnswer:
+    """Return the answer to a question in English, with further conditions; an empty question has none.
 
     Raises
     ------
     InputError
         A part of the question is not understood; or as `find` and `last_seen`.
     """
-    source = StoreObjects(tables, pictures=pictures)
-    asked = understand(question, source.names(), limit)
-    if asked.last is not None:
-        return StoreAnswer(asked.said, questions.last_seen(source, asked.last)[:limit], None)
-    rows = questions.find(source, asked.filters)
-    return StoreAnswer(asked.said, rows, None if rows else questions.no_such_name(source, asked.filters.name))
+    source, also = StoreObjects(tables, more), replace(also or Filters(), limit=limit)
+    asked = questions.understood_with(lambda _: source, question, also)
+    return StoreAnswer(asked.said, *questions.answer(lambda _: source, asked, also))
+
+
+def names_in(tables: Tables) -> list[str]:
+    """Return the names and likely classes of the objects, in lower case."""
+    return StoreObjects(tables).names()
+
+
+def without(tables: Tables, question: str, also: Filters) -> tuple[Filters, Mapping[str, int]]:
+    """Return all conditions of a question, and how many objects there are without each, by field of the filters."""
+    source = StoreObjects(tables)
+    filters = questions.understood_with(lambda _: source, question, also).filters
+    return filters, questions.counts_without(lambda _: source, filters)
 
 
 def picture_of(tables: Tables, recording: str, label: int, *, last: bool = False) -> bytes | None:

@@ -1,39 +1,46 @@
-"""Pages of a store: the outcome of its recordings, and search results; each page is one file without scripts."""
+"""Pages of a store: a search of the objects of all recordings, and the outcome of its recordings."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from pathlib import PurePosixPath
 from typing import Any
 from urllib.parse import quote, urlencode
 
+from cuboid.fleet.store.find import ask, names_in, without
 from cuboid.fleet.store.place import Place
 from cuboid.fleet.store.query import Tables
-from cuboid.fleet.store.search_form import STYLE as FORM_STYLE
-from cuboid.fleet.store.search_form import search_form
-from cuboid.fleet.store.summary import INDICATORS, StoreSummary, summarise_store
-from cuboid.results.views.report.page import document_page, table
-from cuboid.services.queries.parameters import PARAMETERS
-from cuboid.services.queries.rows import cells_of
+from cuboid.fleet.store.schema import OBJECTS, RUNS
+from cuboid.fleet.store.summary import StoreSummary, summarise_store, totals_of
+from cuboid.ground.core.results import tag_of
+from cuboid.ground.formats.folder import REPORT
+from cuboid.method.text_search import TextModel
+from cuboid.services.queries.cards import Card
+from cuboid.services.queries.english import WHERE
+from cuboid.services.queries.filters import Filters
+from cuboid.services.queries.parameters import TEXT, filters_of, given
+from cuboid.services.queries.search_form import FIELDS, search_form
+from cuboid.services.queries.search_page import Found, Searched, counted, page_html, searched
 
 NAME = "index.html"
+SURFACES = {"floor": "the floor", "table": "a table"}
+# Addresses of the served pages.
+SEARCH, RECORDINGS = ".", "recordings"
+# Columns for cards, as SQL.
+PAGE_COLUMNS = ("relations", "picture is not null as has_picture")
+# Seconds after which a page asks again: a batch may add recordings.
+EVERY_S = 15
 
-# Number of recordings on the page, the worst first, and of further ones in a folded list; `cuboid sql` has all.
+# Number of recordings on the page, the worst first, and of further ones; `cuboid sql` has all.
 WORST, MORE = 10, 490
 
-# CSS in addition to the style that all pages share.
-STYLE = """
-.document > * + h2 { padding-top: 28px; }
-.scrolls { overflow-x: auto; }
-tbody tr:hover > td { background: var(--hover); }
-td img { display: block; height: 52px; border-radius: 4px; }
-td.bar { background: linear-gradient(90deg, color-mix(in srgb, var(--bad) 45%, transparent) var(--of), transparent 0); }
-.figure, .figures { min-width: 0; }
-.note { color: var(--muted); padding-top: 8px; }
-h1 { max-width: none; flex: 1; }
-a { color: inherit; text-decoration-color: var(--muted); text-underline-offset: 3px; }
-"""
+# What the indicators of a recording mean.
+_FAULTS = {
+    "overlapping": "inside another object by a third or more of the smaller box",
+    "floating": "on no surface, and touching no other object",
+    "brief": "seen in fewer than five frames",
+}
 
 
 def write_summary(store: str) -> None:
@@ -48,159 +55,173 @@ def write_summary(store: str) -> None:
     place.put(NAME, summary_page(summarise_store(Tables(store), WORST + MORE), store).encode("utf-8", "replace"))
 
 
-def summary_page(
-    summary: StoreSummary,
-    title: str,
-    links: Mapping[str, str] | None = None,
-    asked: Mapping[str, str] | None = None,
-) -> str:
+def objects_page(tables: Tables, query: Mapping[str, str], model: TextModel | None = None) -> tuple[str, int]:
+    """Return the page that searches the objects of all recordings, and its HTTP status.
+
+    Parameters
+    ----------
+    tables : Tables
+    query : mapping
+        Parameters of the request.
+    model : TextModel, optional
+        Model for text search.
+    """
+    asked = {name: value.strip() for name, value in query.items() if value.strip()}
+
+    def find(question: str, also: Filters) -> Found:
+        answer = ask(tables, question, limit=also.limit, more=PAGE_COLUMNS, also=also)
+        last = "?last=true" if WHERE in answer.understood else ""
+        return Found(answer.understood, _cards(tables, answer.rows, last), answer.note)
+
+    found = searched(
+        asked,
+        lambda conditions: filters_of(given(conditions), model),
+        find,
+        lambda question, also: without(tables, question, also),
+        SURFACES,
+    )
+    fields = ("recording", *FIELDS) if model is None else ("recording", *FIELDS, TEXT)
+    totals = totals_of(tables)
+    page = page_html(
+        _name_of(tables.url),
+        tables.url,
+        f"{counted(totals['objects'])} in {counted(totals['recordings'], 'recording')}",
+        found,
+        links={"Objects": "", "Recordings": RECORDINGS},
+        form=search_form(asked, fields, SURFACES, names_in(tables)),
+        document={"every_s": EVERY_S},
+    )
+    return page, found.status
+
+
+def _cards(tables: Tables, rows: Sequence[Mapping[str, Any]], last: str) -> list[Card]:
+    """Return rows as cards, each with links to the page of its recording and to similar objects."""
+    runs = sorted({row["run"] for row in rows})
+    of_runs = "where run in (select unnest(?))"
+    results = {one["run"]: one["results"] for one in tables.rows(f"select run, results from {RUNS} {of_runs}", [runs])}
+    named = tables.rows(f"select run, label, name from {OBJECTS} {of_runs} and name is not null", [runs])
+    names = {(one["run"], one["label"]): one["name"] for one in named}
+    cards = []
+    for row in rows:
+        folder, which = results.get(row["run"]), f"{row['recording']}#{row['label']}"
+        picture = f"api/objects/{quote(row['recording'], safe='/')}/{row['label']}/picture"
+        cards.append(
+            Card(
+                f"{row['run']}#{row['label']}",
+                row,
+                picture + last if row["has_picture"] else None,
+                None if folder is None else f"{quote(folder)}/{REPORT}#{row['label']}",
+                _standing(row, names),
+                row["recording"],
+                {"Similar": f"?{urlencode({'like': which})}"},
+            )
+        )
+    return cards
+
+
+def _standing(row: Mapping[str, Any], names: Mapping[tuple[str, int], str]) -> str | None:
+    """Return on or in what an object is, in words; None if it is not known."""
+    found = []
+    for one in row["relations"] or ():
+        if one["kind"] in ("on", "in"):
+            label, surface = one["label"], one["surface"]
+            if label is not None:
+                found.append(f"{one['kind']} {tag_of(label, names.get((row['run'], label)))}")
+            else:
+                found.append(f"{one['kind']} {SURFACES.get(surface, 'a surface')}")
+    known = [one for one in found if one != "on a surface"]
+    return ", ".join(dict.fromkeys(known or found)) or None
+
+
+def summary_page(summary: StoreSummary, title: str, asked: Mapping[str, str] | None = None) -> str:
     """Return the summary of a store's recordings as HTML; links to the recordings are relative to the store.
 
     Parameters
     ----------
     summary : StoreSummary
     title : str
-    links : mapping, optional
-        Links of the page, as in `html`.
+        URL of the store.
     asked : mapping, optional
-        Parameters of the request, as initial values of the search form; a page in a file has no form.
+        Parameters of the request, as initial values of the search; a page in a file has no search.
     """
     totals = summary.totals
     shown = {
         "recordings": f"{totals['recordings']:,}",
         "frames": f"{totals['frames']:,}",
         "objects": f"{totals['objects']:,}",
-        "hours of one core": f"{totals['hours']:,.1f}",
+        "tracking time": _duration(3600.0 * totals["hours"]),
         "not done": f"{sum(row['count'] for row in summary.failed):,}",
     }
     head = "".join(
         f'<div class="figure"><strong>{escape(value)}</strong><span>{escape(name)}</span></div>'
         for name, value in shown.items()
     )
-    form = search_form(".", ("recording",), asked) if asked is not None else ""
-    parts = [form, f'<div class="figures">{head}</div>']
+    parts = [f'<div class="figures">{head}</div>']
     if summary.failed:
-        rows = [
-            (str(row["count"]), row["state"], row["recording"], row["reason"] or "")
-            for row in summary.failed[: WORST + MORE]
-        ]
-        parts.append("<h2>Not done</h2>" + _table(("count", "state", "example", "reason"), rows, left=4))
+        parts.append(f"<h2>Not done</h2>{_list(_failure(row) for row in summary.failed[: WORST + MORE])}")
     worst, more = summary.worst[:WORST], summary.worst[WORST:]
-    parts.append(f"<h2>To check first</h2>{_recordings(worst)}")
-    parts.append(
-        '<p class="note">The order is the sum of the fractions at the right: unused frames; objects that overlap '
-        "another one by a third or more, stand in free space, or were seen in fewer than five frames; labels that did "
-        "not last; and 1 if no object was found.</p>"
-    )
+    if worst:
+        parts.append("<h2>Recordings, the ones to check first at the top</h2>" + _list(map(_recording, worst)))
     if more:
-        parts.append(f"<h2>The next {len(more)}</h2>{_recordings(more)}")
-    return html(f"Recordings of {title}", "".join(parts), links)
+        parts.append(f"<h2>The next {len(more)}</h2>" + _list(map(_recording, more)))
+    links = {} if asked is None else {"Objects": SEARCH, "Recordings": ""}
+    empty = "" if worst or summary.failed else '<p class="empty">No recording matches.</p>'
+    form = "" if asked is None else _recording_form(asked.get("recording", ""))
+    answer = Searched(empty, "".join(parts))
+    return page_html(_name_of(title), title, counted(totals["recordings"], "recording"), answer, links=links, form=form)
 
 
-def _recordings(rows: Iterable[Mapping[str, Any]]) -> str:
-    names = ("recording", "frames used", "proposals", "with a label", "sightings", "labels", "objects", *INDICATORS)
-    lines = []
-    for row in rows:
-        name = escape(str(row["recording"]))
-        if row["results"]:
-            name = f'<a href="{quote(row["results"])}/report.html">{name}</a>'
-        counts = (
-            f"{row['frames_used']} of {row['frames_read']}",
-            row["proposals"],
-            row["proposals_labelled"],
-            row["sightings"],
-            row["labels"],
-            row["objects"],
-        )
-        cells = "".join(f'<td class="number">{escape("" if count is None else str(count))}</td>' for count in counts)
-        bars = "".join(_bar(row[indicator]) for indicator in INDICATORS)
-        lines.append(f"<tr><td>{name}</td>{cells}{bars}</tr>")
-    return _lines(names, lines)
+def _list(lines: Iterable[str]) -> str:
+    return f'<ul class="recordings">{"".join(lines)}</ul>'
 
 
-def _bar(fraction: float | None) -> str:
-    value = fraction or 0.0
-    return f'<td class="number bar" style="--of: {100 * value:.0f}%">{f"{value:.2f}" if value else ""}</td>'
+def _failure(row: Mapping[str, Any]) -> str:
+    count = "" if row["count"] == 1 else f" and {row['count'] - 1:,} more"
+    name, reason = escape(row["recording"]), escape(row["reason"] or "")
+    return f'<li><span>{name}{count}</span><span class="fine">{escape(row["state"])}</span><span>{reason}</span></li>'
 
 
-def found_page(
-    rows: Sequence[Mapping[str, Any]],
-    title: str,
-    links: Mapping[str, str] | None = None,
-    asked: Mapping[str, str] | None = None,
-    fault: str = "",
-    names: Sequence[str] = tuple(PARAMETERS),
-) -> str:
-    """Return search results with pictures, as HTML.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Rows from `find`, with pictures.
-    title : str
-    links : mapping, optional
-        Links of the page, as in `html`.
-    asked : mapping, optional
-        Parameters of the request, as initial values of the search form; a page in a file has no form.
-    fault : str
-        Reason why the request was refused.
-    names : sequence of str
-        Parameters that have a field in the form.
-    """
-    last = next((name for name in ("text_score", "unlike", "distance_m") if rows and name in rows[0]), None)
-    heads = [
-        "object",
-        "",
-        "length x width x height, cm",
-        "position, m",
-        "color",
-        "probability",
-        "frames",
-        "last seen",
-        *([last] if last else []),
-    ]
-    lines = []
-    for row in rows:
-        picture = base64.b64encode(row["picture"]).decode("ascii") if row.get("picture") else None
-        shown = f'<img alt="" src="data:image/jpeg;base64,{picture}">' if picture else ""
-        cells = [*cells_of(row)[1:], *([f"{row[last]:.3f}"] if last else [])]
-        tail = "".join(f'<td class="number">{escape(cell)}</td>' for cell in cells)
-        similar = f"<td class=number>{_similar(row)}</td>" if asked is not None else ""
-        lines.append(f"<tr><td>{escape(cells_of(row)[0])}</td><td>{shown}</td>{tail}{similar}</tr>")
-    if asked is not None:
-        heads.append("")
-    form = search_form("objects", names, asked, fault) if asked is not None else ""
-    objects = _lines(heads, lines, left=2) if rows else '<p class="empty">No object matches.</p>'
-    return html(title, form if fault else f"{form}<h2>{_counted(len(rows))}</h2>{objects}", links)
+def _recording(row: Mapping[str, Any]) -> str:
+    name = escape(str(row["recording"]))
+    if row["results"]:
+        name = f'<a href="{quote(row["results"])}/{REPORT}">{name}</a>'
+    counts = f"{counted(row['objects'] or 0)}, {row['frames_used']} of {row['frames_read']} frames used"
+    faults = "".join(f"<li>{escape(fault)}</li>" for fault in _faults(row))
+    told = f"<ul>{faults}</ul>" if faults else '<span class="fine">nothing to check</span>'
+    return f'<li><span>{name}</span><span class="fine">{counts}</span>{told}</li>'
 
 
-def _counted(count: int) -> str:
-    return "1 object" if count == 1 else f"{count:,} objects"
+def _faults(row: Mapping[str, Any]) -> list[str]:
+    """Return what is to be checked in a recording, in words."""
+    found = []
+    if row["objects"] == 0:
+        found.append("no object was found")
+    if row["frames_used"] < row["frames_read"]:
+        found.append(f"{counted(row['frames_read'] - row['frames_used'], 'frame')} not used")
+    for name, meaning in _FAULTS.items():
+        count = round((row[name] or 0.0) * max(row["objects"] or 0, 1))
+        if count:
+            found.append(f"{name}: {counted(count)} {meaning}")
+    ended = round((row["labels that did not last"] or 0.0) * max(row["labels"] or 0, 1))
+    if ended:
+        found.append(f"{counted(ended, 'label')} ended: merged into another one, or retired")
+    return found
 
 
-def _similar(row: Mapping[str, Any]) -> str:
-    """Return a link to the objects most similar to a given one."""
-    question = urlencode({"like": f"{row['recording']}#{row['label']}"})
-    return f'<a href="objects?{escape(question)}">similar</a>'
-
-
-def _table(names: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
-    lines = []
-    for row in rows:
-        cells = [f"<td{'' if i < left else ' class=number'}>{escape(cell)}</td>" for i, cell in enumerate(row)]
-        lines.append(f"<tr>{''.join(cells)}</tr>")
-    return _lines(names, lines, left)
-
-
-def _lines(names: Sequence[str], lines: Sequence[str], left: int = 1) -> str:
-    return table(names, lines, range(left, len(names)))
-
-
-def html(title: str, body: str, links: Mapping[str, str] | None = None) -> str:
-    """Return a page as HTML; `links` are addresses by name, an empty address is the page itself."""
-    leads = "".join(
-        f'<a href="{quote(address)}">{escape(name)}</a>' if address else f'<a aria-current="page">{escape(name)}</a>'
-        for name, address in (links or {}).items()
+def _recording_form(value: str) -> str:
+    field = (
+        f'<input type="search" name="recording" value="{escape(value)}" placeholder="kitchen*" autocomplete="off" '
+        'aria-label="Names of recordings" title="* is any text" spellcheck="false">'
     )
-    header = f"<h1>{escape(title)}</h1>{f'<nav>{leads}</nav>' if leads else ''}"
-    return document_page(title, header, body, STYLE, FORM_STYLE)
+    return f'<form role="search" class="ask">{field}<button type="submit">Search</button></form>'
+
+
+def _duration(seconds: float) -> str:
+    """Return a duration in the unit that suits it."""
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:,.1f} h"
+
+
+def _name_of(url: str) -> str:
+    return PurePosixPath(url.rstrip("/")).name or url

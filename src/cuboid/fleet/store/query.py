@@ -38,6 +38,11 @@ class Tables:
     url : str
     threads : int
 
+    Attributes
+    ----------
+    kept : dict
+        Slow answers about the present files, by name.
+
     Raises
     ------
     InputError
@@ -46,6 +51,7 @@ class Tables:
 
     def __init__(self, url: str, threads: int = 1) -> None:
         self.url = url
+        self.kept: dict[str, Any] = {}
         self._place = Place(url)
         self._threads = threads
         self._open()
@@ -72,6 +78,7 @@ class Tables:
             self._connection.execute(f"create view {table} as {self._select(table, self._files)}")
             self._refuse_other(table, kind.schema)
         self._put_names()
+        self.kept = {}
         self._connection.execute("set parquet_metadata_cache = true")
         self._connection.execute(
             f"create temp table {SUPERSEDED} as select run from {RUNS} where state = '{DONE}' "

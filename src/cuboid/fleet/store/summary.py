@@ -38,16 +38,29 @@ class StoreSummary:
     failed: list[dict[str, Any]]
 
 
-def summarise_store(tables: Tables, limit: int, recording: str | None = None) -> StoreSummary:
-    """Return the summary with at most `limit` recordings; `recording` is a glob of their names."""
-    named, values = ("recording glob ?", [recording]) if recording is not None else ("true", [])
-    newest = f"{RUNS} where state = '{DONE}' and {named} and run not in (select run from {SUPERSEDED})"
-    totals = tables.rows(
+_NEWEST = f"{RUNS} where state = '{DONE}' and {{}} and run not in (select run from {SUPERSEDED})"
+
+
+def _named(recording: str | None) -> tuple[str, list[str]]:
+    return ("recording glob ?", [recording]) if recording is not None else ("true", [])
+
+
+def totals_of(tables: Tables, recording: str | None = None) -> dict[str, Any]:
+    """Return the sums over the newest runs, as in `StoreSummary`; `recording` is a glob of names."""
+    named, values = _named(recording)
+    return tables.rows(
         "select count(*) as recordings, coalesce(sum(frames_used), 0)::bigint as frames, "
         "coalesce(sum(objects), 0)::bigint as objects, coalesce(sum(seconds), 0) / 3600 as hours, "
-        f"max(finished) as finished from {newest}",
+        f"max(finished) as finished from {_NEWEST.format(named)}",
         values,
     )[0]
+
+
+def summarise_store(tables: Tables, limit: int, recording: str | None = None) -> StoreSummary:
+    """Return the summary with at most `limit` recordings; `recording` is a glob of their names."""
+    named, values = _named(recording)
+    newest = _NEWEST.format(named)
+    totals = totals_of(tables, recording)
     fractions = ", ".join(f'{sql} as "{name}"' for name, sql in INDICATORS.items())
     together = " + ".join(f"({sql})" for sql in INDICATORS.values())
     worst = tables.rows(

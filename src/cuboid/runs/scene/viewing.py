@@ -16,7 +16,7 @@ from cuboid.method.text_search import TextMatch, TextModel
 from cuboid.results.files import Results
 from cuboid.results.files.naming import name_object
 from cuboid.results.views.replay import Replay
-from cuboid.results.views.report import summarise
+from cuboid.results.views.report import Summary, summarise
 from cuboid.results.views.report.pictures import Picture
 from cuboid.results.views.report.server import Viewer
 from cuboid.runs.scene.scene import Scene
@@ -44,13 +44,7 @@ def scene_viewer(
         The scene is missing or damaged, holds no recording, or the recording that is given is not the last one.
     """
     file = as_path(path)
-    with Scene.open(file) as scene:
-        if not scene.recordings:
-            raise InputError(f"{file}: the scene holds no recording yet")
-        number = len(scene.recordings)
-        scene.write_results(work, number)
-        changes = scene.shown_changes(number)
-        kept = {item.label: scene.picture(item.label) for item in scene.objects}
+    summary = scene_summary(file, work, recording_path)
 
     def rename(label: int, name: str) -> TrackedObject:
         with Scene.open(file) as scene:  # closed soon, so that a recording can be added meanwhile
@@ -62,10 +56,23 @@ def scene_viewer(
             return scene.find(text, model)
 
     recording = _recording(work, recording_path)
+    return Viewer(work, Replay(work, recording_path), recording, rename, summary, None if model is None else find)
+
+
+def scene_summary(path: PathLike, work: Path, recording_path: Path | None = None) -> Summary:
+    """Return the contents of the page of a scene after its last recording; parameters and errors of `scene_viewer`."""
+    file = as_path(path)
+    with Scene.open(file) as scene:
+        if not scene.recordings:
+            raise InputError(f"{file}: the scene holds no recording yet")
+        number = len(scene.recordings)
+        scene.write_results(work, number)
+        changes = scene.shown_changes(number)
+        kept = {item.label: scene.picture(item.label) for item in scene.objects}
+    recording = _recording(work, recording_path)
     summary = summarise(Results(work), None if recording is None else recording.without_poses().read, changes)
     pictures = {label: _picture(jpeg) for label, jpeg in kept.items() if jpeg is not None} | summary.pictures
-    summary = dataclasses.replace(summary, pictures=pictures)
-    return Viewer(work, Replay(work, recording_path), recording, rename, summary, None if model is None else find)
+    return dataclasses.replace(summary, pictures=pictures)
 
 
 def _recording(folder: Path, path: Path | None) -> Recording | None:

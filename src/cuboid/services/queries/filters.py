@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
 
 from cuboid.ground.core.errors import InputError, shown
@@ -92,6 +92,34 @@ class Filters:
         for kind, to in kinds:
             if to is not None:
                 yield kind, to
+
+
+def both(first: Filters, second: Filters) -> Filters:
+    """Return the conditions of both filters together, with the limit of the second.
+
+    Raises
+    ------
+    InputError
+        They name different things in one condition, such as two colors.
+    """
+    values = {one.name: getattr(second, one.name) for one in fields(Filters)}
+    for name, value in values.items():
+        other = getattr(first, name)
+        if name == "limit" or other is None or other == value:
+            continue
+        if name == "within_m":
+            values[name] = value if first.near_object is None else other
+        elif value is None:
+            values[name] = other
+        elif name == "size_m":
+            values[name] = max(other[0], value[0]), min(other[1], value[1])
+        elif name in ("since", "min_probability"):
+            values[name] = max(other, value)
+        elif name == "until":
+            values[name] = min(other, value)
+        else:
+            raise InputError(f"{name}: expected one condition, got '{other}' and '{value}'")
+    return replace(second, **values)
 
 
 def label_of(text: str) -> int | None:

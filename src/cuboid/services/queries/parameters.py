@@ -60,14 +60,20 @@ PARAMETERS: dict[str, Parameter] = {
         "similar to",
     ),
     "on": Parameter(
-        {"type": "string", "example": "tray"}, "on an object, by label or name, or on floor, table or plane:N", "on"
+        {"type": "string", "example": "tray"},
+        "on an object, by label or name, or on floor, table or plane:N",
+        "standing on",
     ),
     "in": Parameter({"type": "string", "example": "box"}, "in an object, by label or name", "in"),
     "beside": Parameter({"type": "string", "example": "7"}, "beside an object, by label or name", "beside"),
     "since": Parameter(
-        {"type": "string", "example": "2026-03-01"}, "last seen since a date, a time, or for 7d, 12h, 30min", "since"
+        {"type": "string", "example": "2026-03-01"},
+        "last seen since a date, a time, or for 7d, 12h, 30min",
+        "last seen since",
     ),
-    "until": Parameter({"type": "string", "example": "2026-04-01"}, "last seen before, written as since", "until"),
+    "until": Parameter(
+        {"type": "string", "example": "2026-04-01"}, "last seen before, written as since", "last seen before"
+    ),
     "near": Parameter(
         {"type": "string", "example": "1.5,0,0.8"}, "X,Y,Z: a place in the recordings' world, metres", "near, m"
     ),
@@ -87,9 +93,6 @@ QUESTION = Parameter(
     "names, colors, sizes, times, and on, in, beside or near something, in English",
     "question",
 )
-
-# The search form hides the fields of these until the user opens them.
-SELDOM = ("on", "in", "beside", "since", "until", "near", "near_object", "within", "min_probability", "limit")
 
 
 def given(asked: Mapping[str, str]) -> dict[str, str]:
@@ -140,6 +143,28 @@ def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filt
         text=text_query(asked.get(TEXT), model),
         limit=min(MAX_ROWS, read("limit", count, 50)),
     )
+
+
+def asked_of(filters: Filters) -> dict[str, str]:
+    """Return filters as the parameters of a request, the inverse of `filters_of`; without text and limit."""
+    low_m, high_m = filters.size_m or (0.0, MAX_SIZE_M)
+    near = filters.near is not None or filters.near_object is not None
+    values = {
+        **{name: getattr(filters, name) for name in ("name", "color", "recording")},
+        "min_size": f"{100 * low_m:g}cm" if low_m > 0.0 else None,
+        "max_size": f"{100 * high_m:g}cm" if high_m < MAX_SIZE_M else None,
+        "like": None if filters.like is None else "{}#{}".format(*filters.like),
+        "on": filters.on,
+        "in": filters.inside,
+        "beside": filters.beside,
+        "since": None if filters.since is None else f"{filters.since:%Y-%m-%dT%H:%M:%S}",
+        "until": None if filters.until is None else f"{filters.until:%Y-%m-%dT%H:%M:%S}",
+        "near": None if filters.near is None else ",".join(f"{value:g}" for value in filters.near),
+        "near_object": filters.near_object,
+        "within": f"{filters.within_m:g}m" if near else None,
+        "min_probability": None if filters.min_probability is None else f"{filters.min_probability:g}",
+    }
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def text_query(text: str | None, model: TextModel | None) -> TextQuery | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,16 +18,23 @@ from cuboid.method.text_search import TextModel, TextQuery
 from cuboid.results.files.queries import PointCloud
 from cuboid.services.queries.answers import About, Answer, FoundObject, FreePlace, History, Surface, TreeNode
 from cuboid.services.queries.changes import ChangeLog
-from cuboid.services.queries.english import understand
 from cuboid.services.queries.filters import LIMIT, Filters, is_surface
 from cuboid.services.queries.free import free_place
 from cuboid.services.queries.looking import vector
 from cuboid.services.queries.parameters import text_query
 from cuboid.services.queries.place_objects import PlaceObjects, answer_of
-from cuboid.services.queries.questions import find, last_seen, no_such_name
+from cuboid.services.queries.questions import (
+    answer,
+    counts_without,
+    find,
+    last_seen,
+    no_such_name,
+    understood_with,
+)
 from cuboid.services.queries.shared_map import SharedMap
 from cuboid.services.queries.snapshot import Snapshot
 from cuboid.services.queries.sources import Bearer, Source
+from cuboid.services.queries.standing import standing_in_words, surface_words
 from cuboid.services.queries.words import place
 
 # Default number of sightings in a history.
@@ -58,6 +66,7 @@ class Place:
         self._shared = SharedMap(source, model)
         self.changes = ChangeLog()
         self._compared: Snapshot | None = None
+        self._page: tuple[object, str | None] | None = None  # the 3D page, and the version of the map in it
         self.refresh()
 
     def refresh(self) -> None:
@@ -102,7 +111,7 @@ class Place:
         MissingExtraError
             ONNX Runtime or tokenizers is not installed.
         """
-        return find(PlaceObjects(self._shared, [to for _, to in filters.related()]), filters)
+        return find(self._objects_for(filters), filters)
 
     def object(self, label: int) -> FoundObject:
         """Return one object with its relations, by its label or by a label that was merged into it.
@@ -128,29 +137,43 @@ class Place:
         """
         return last_seen(PlaceObjects(self._shared), label_or_name)
 
+    def names(self) -> list[str]:
+        """Return the names and likely classes that objects have, in lower case."""
+        return PlaceObjects(self._shared).names()
+
     def no_such_name(self, name: str | None) -> str | None:
         """Return why no object is found by a name, in one line; None if that is not the reason."""
         return no_such_name(PlaceObjects(self._shared), name)
 
-    def ask(self, question: str, limit: int = LIMIT) -> Answer:
+    def ask(self, question: str, limit: int = LIMIT, also: Filters | None = None) -> Answer:
         """Return the answer to a question in English, such as "the blue bin beside the chair".
 
         Parameters
         ----------
         question : str
-            In the grammar of `cuboid.services.queries.english`.
+            In the grammar of `cuboid.services.queries.english`; an empty one has no conditions.
         limit : int
             Maximum number of objects.
+        also : Filters, optional
+            Further conditions; their limit does not count.
 
         Raises
         ------
         InputError
             A part of the question is not understood; or as `find` and `last_seen`.
         """
-        asked = understand(question, PlaceObjects(self._shared).names(), limit)
-        found = self.find(asked.filters) if asked.last is None else self.last_seen(asked.last)[:limit]
-        note = None if found else self.no_such_name(asked.filters.name)
+        also = replace(also or Filters(), limit=limit)
+        asked = understood_with(self._objects_for, question, also)
+        found, note = answer(self._objects_for, asked, also)
         return Answer(asked.said, tuple(found), note)
+
+    def without(self, question: str, also: Filters) -> tuple[Filters, Mapping[str, int]]:
+        """Return all conditions of a question, and how many objects there are without each, by field of the filters."""
+        filters = understood_with(self._objects_for, question, also).filters
+        return filters, counts_without(self._objects_for, filters)
+
+    def _objects_for(self, filters: Filters) -> PlaceObjects:
+        return PlaceObjects(self._shared, [to for _, to in filters.related()])
 
     def history(self, label: int, limit: int = SIGHTINGS) -> History:
         """Return the sightings of an object, and its past relations; raises the errors of `object`."""
@@ -197,6 +220,30 @@ class Place:
                 raise InputError(f"expected a surface, plane:0 to plane:{len(planes) - 1}, got {shown(surface)}")
             plane, boxes = planes[number_of(surface)], [item.box for item in now.living]
             return free_place(surface, plane, boxes, (length_m, width_m, height_m), self._near(now, near))
+
+    def surface_words(self) -> dict[str, str]:
+        """Return the supporting planes in words, such as "a table, 0.72 m high", by "plane:k"."""
+        up, bearers = self._shared.up(), _by_plane(self._shared.furniture())
+        with self._shared.lock:
+            return surface_words(tuple(self._source.map.planes), up, bearers)
+
+    def standing_on(self, labels: Sequence[int]) -> dict[int, str]:
+        """Return on or in what objects are, in words, by label; objects for which that is not known are omitted."""
+        if not labels:
+            return {}
+        relations, surfaces = self._shared.relations_to([str(label) for label in labels]), self.surface_words()
+        names = self._shared.snapshot().names
+        found = {label: standing_in_words(relations.get(label, ()), surfaces, names) for label in labels}
+        return {label: words for label, words in found.items() if words is not None}
+
+    def page(self) -> str | None:
+        """Return the 3D page of the place, as HTML; None during a run."""
+        with self._shared.lock:
+            version = self._source.version()
+        with self._shared.aside_lock:
+            if self._page is None or self._page[0] != version:
+                self._page = version, self._source.page()
+            return self._page[1]
 
     def tree(self) -> tuple[TreeNode, ...]:
         """Return the tree of the place: surfaces, the objects on them, and the objects on and in those."""

@@ -6,14 +6,16 @@ objects; one of a store is SQL.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
 from datetime import datetime
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.values import RelationKind
 from cuboid.results.files.naming import listed_names, nameless
-from cuboid.services.queries.filters import Filters, label_of
+from cuboid.services.queries.english import Understood, understand
+from cuboid.services.queries.filters import Filters, both, label_of
 
 C = TypeVar("C")
 F = TypeVar("F")
@@ -87,20 +89,90 @@ def no_such_name(source: ObjectSource[C, F], name: str | None) -> str | None:
     return f"no object has the name {shown(name)}; {listed_names(names)}" if names else nameless(name)
 
 
-def last_seen(source: ObjectSource[C, F], label_or_name: str) -> list[F]:
+def last_seen(source: ObjectSource[C, F], label_or_name: str, also: Filters | None = None) -> list[F]:
     """Return the objects with a label or name, gone ones included, with their last sightings, the latest first.
+
+    Parameters
+    ----------
+    source : ObjectSource
+    label_or_name : str
+    also : Filters, optional
+        Further conditions.
 
     Raises
     ------
     InputError
         No object has, or had, the label or name.
     """
-    found = source.latest([source.called(label_or_name)])
+    called = source.called(label_or_name)
+    found = source.latest([called])
+    further = [] if also is None else list(_conditions(source, also))
     if found:
-        return found
+        return source.latest([called, *further]) if further else found
     if label_of(label_or_name) is not None:
         raise InputError(f"no object has the label {label_or_name.strip()}")
     raise InputError(no_such_name(source, label_or_name) or f"no object has the name {shown(label_or_name)}")
+
+
+SourceOf = Callable[[Filters], ObjectSource[C, F]]
+
+
+def understood_with(source_of: SourceOf[C, F], question: str, also: Filters) -> Understood:
+    """Return a question in English together with further conditions; an empty question has none.
+
+    Parameters
+    ----------
+    source_of : callable
+        Returns the source for the filters of a search.
+    question : str
+        In the grammar of `cuboid.services.queries.english`.
+    also : Filters
+
+    Raises
+    ------
+    InputError
+        A part of the question is not understood, or it contradicts the further conditions.
+    """
+    if not question.strip():
+        return Understood(also, None, ())
+    asked = understand(question, source_of(Filters()).names(), also.limit)
+    return replace(asked, filters=both(asked.filters, also))
+
+
+def answer(source_of: SourceOf[C, F], asked: Understood, also: Filters) -> tuple[list[F], str | None]:
+    """Return the objects that a question asks for, and why there are none if a name is not known.
+
+    Parameters
+    ----------
+    source_of : callable
+        Returns the source for the filters of a search.
+    asked : Understood
+        From `understood_with`.
+    also : Filters
+        The further conditions in it.
+
+    Raises
+    ------
+    InputError
+        As `find` and `last_seen`.
+    """
+    source = source_of(asked.filters)
+    found = find(source, asked.filters) if asked.last is None else last_seen(source, asked.last, also)
+    return found[: also.limit], None if found else no_such_name(source, asked.filters.name)
+
+
+def counts_without(source_of: SourceOf[C, F], filters: Filters) -> Mapping[str, int]:
+    """Return how many objects pass the filters without one of them, by its field; fields without objects are omitted.
+
+    At most `filters.limit` are counted.
+    """
+    counts = {}
+    for one in fields(Filters):
+        if one.name not in ("limit", "within_m", "text", "like") and getattr(filters, one.name) is not None:
+            dropped: dict[str, Any] = {one.name: None}
+            without = replace(filters, **dropped)
+            counts[one.name] = len(find(source_of(without), without))
+    return {name: count for name, count in counts.items() if count}
 
 
 def _conditions(source: ObjectSource[C, F], filters: Filters) -> Iterator[C]:

@@ -71,12 +71,17 @@ def cells_of(row: Mapping[str, Any]) -> list[str]:
 
 def last_seen_lines(row: Mapping[str, Any]) -> list[str]:
     """Return what is known of an object since it was seen last, and where, when and from where that was."""
-    seen = _when_in_full(row["last_frame"], row.get("last_recording"), row["last_seen"])
-    of = f" of {row['camera']}" if row.get("camera") else ""
-    lines = [later_text(row), f"last seen at ({_text(row, 'center')}) in {seen}{of}"]
+    seen = _by_camera(row)
+    lines = [later_text(row), f"last seen at ({_text(row, 'center')}) in {seen}"]
     if row.get("camera_distance_m") is None:
         return lines
     return [*lines, f"{row['camera_distance_m']:.2f} m from the camera, which was at ({_text(row, 'camera')})"]
+
+
+def seen_text(row: Mapping[str, Any]) -> str:
+    """Return the frame, the time, the camera and the distance of the last sighting."""
+    away = row.get("camera_distance_m")
+    return _by_camera(row) + ("" if away is None else f", {away:.2f} m away")
 
 
 def later_text(row: Mapping[str, Any]) -> str:
@@ -108,6 +113,11 @@ def plain(row: Mapping[str, Any]) -> dict[str, Any]:
         else value
         for name, value in kept.items()
     }
+
+
+def _by_camera(row: Mapping[str, Any]) -> str:
+    of = f" of {row['camera']}" if row.get("camera") else ""
+    return _when_in_full(row["last_frame"], row.get("last_recording"), row["last_seen"]) + of
 
 
 def _when_in_full(frame: int | None, recording: int | None, time: datetime | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import TrackedObject, Wall
-from cuboid.ground.formats.folder import OBJECTS
+from cuboid.ground.formats.folder import OBJECTS, REPORT
 from cuboid.inputs.readers.reopen import reopen_recording
 from cuboid.method.text_search import TextModel
 from cuboid.results.files import Results
@@ -129,6 +130,10 @@ class Source(ABC):
         """Return the picture of an object in its last sighting, JPEG; None if there is none."""
         return None
 
+    def page(self) -> str | None:
+        """Return the 3D page of the map, as HTML; None if there is none."""
+        return None
+
     @abstractmethod
     def sightings(self, item: TrackedObject) -> list[SightingAnswer]:
         """Return the sightings of an object, in order."""
@@ -205,6 +210,20 @@ class ResultsSource(Source):
             return cut_picture(self.aside.recording, rows[-1].frame, rows[-1].rect_xyxy) if rows else None
         except InputError:
             return None
+
+    def page(self) -> str:
+        """Return the 3D page: that of the folder, else a new one."""
+        from cuboid.results.views.report import page_of, summarise
+
+        try:
+            return (self._folder / REPORT).read_text(encoding="utf-8")
+        except OSError:
+            pass
+        try:
+            read = self.aside.recording.read
+        except InputError:  # the recording is no longer there: a page without pictures
+            return page_of(summarise(self.aside, None))
+        return page_of(summarise(self.aside, read))
 
     def picture(self, item: TrackedObject) -> bytes | None:
         """Return the picture of an object, cut from the recording if that still exists."""
@@ -345,6 +364,16 @@ class SceneSource(Source):
         except InputError:
             return None
         return cut_picture(recording, seen[-1].frame, seen[-1].rect_xyxy)
+
+    def page(self) -> str | None:
+        """Return the 3D page of the scene after its last recording; None before the first one."""
+        from cuboid.results.views.report import page_of
+        from cuboid.runs.scene.viewing import scene_summary
+
+        if not self.aside.recordings:
+            return None
+        with tempfile.TemporaryDirectory(prefix="cuboid-page-") as work:
+            return page_of(scene_summary(self._path, Path(work) / "results"))
 
     def picture(self, item: TrackedObject) -> bytes | None:
         """Return the picture of an object."""

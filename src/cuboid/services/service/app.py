@@ -23,7 +23,7 @@ from cuboid.services.queries.api import guarded, refusal
 from cuboid.services.queries.place import Place
 from cuboid.services.queries.words import whole
 from cuboid.services.service.endpoints import ENDPOINTS, JSON, Endpoint
-from cuboid.services.service.front import front_page
+from cuboid.services.service.front import PAGE, front_page
 from cuboid.services.service.openapi import SOCKET, openapi
 
 # The map is compared with what it was this often, seconds: people and planners act more slowly.
@@ -47,10 +47,16 @@ def application(place: Place, *, token: str | None, hosts: tuple[str, ...] = LOC
     """
 
     async def front(request: Request) -> Response:
-        return HTMLResponse(await run_in_threadpool(front_page, place))
+        page, status = await run_in_threadpool(front_page, place, dict(request.query_params))
+        return HTMLResponse(page, status)
+
+    async def scene(request: Request) -> Response:
+        page = await run_in_threadpool(place.page)
+        return refusal("the 3D page is there when the run has ended", 404) if page is None else HTMLResponse(page)
 
     routes = [
         Route("/", front),
+        Route(PAGE, scene),
         *(Route(one.path, partial(_answered, place, one)) for one in ENDPOINTS),
         WebSocketRoute(SOCKET, partial(_changes, place)),
     ]

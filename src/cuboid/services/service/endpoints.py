@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from cuboid.ground.core.errors import InputError
 from cuboid.results.files.ply import cloud_ply
 from cuboid.services.queries.answers import About, Answer, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
+from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.parameters import PARAMETERS, QUESTION, TEXT, Parameter, filters_of
 from cuboid.services.queries.place import FREE_HEIGHT_M, ONLY_IN_A_STORE, SIGHTINGS, Place
 from cuboid.services.queries.words import count, length, whole
@@ -69,10 +70,26 @@ def _flag(asked: Asked, name: str) -> bool:
     return asked.get(name, "").lower() in ("1", "true", "yes")
 
 
-def _find(place: Place, asked: Asked) -> list[FoundObject]:
+def filters_in(place: Place, asked: Asked) -> Filters:
+    """Return the conditions of a request.
+
+    Raises
+    ------
+    InputError
+        A parameter is unknown or invalid, or it is for stores only.
+    """
+    unknown = [name for name in asked if name not in FILTERS]
+    if unknown:
+        raise InputError(f"unknown parameter '{unknown[0]}'; there are {', '.join(FILTERS)}")
     values = {name: value.strip() for name, value in asked.items() if value.strip()}
     text = place.text_query(values.pop(TEXT, None))
-    return place.find(replace(filters_of(values), text=text))
+    return replace(filters_of(values), text=text)
+
+
+def _ask(place: Place, asked: Asked) -> Answer:
+    question = _needed(asked, "q")
+    also = filters_in(place, {name: value for name, value in asked.items() if name != "q"})
+    return place.ask(question, also.limit, also)
 
 
 def _free(place: Place, asked: Asked) -> FreePlace | None:
@@ -97,6 +114,7 @@ def _cloud(place: Place, asked: Asked) -> bytes:
     return cloud_ply(cloud.xyz, cloud.rgb)
 
 
+_CONDITIONS = {name: PARAMETERS[name] for name in FILTERS}
 _CLOSE = {
     "form": _query("string", "form of the file", enum=list(MESHES), default="glb"),
     "close": _query("boolean", "extend the walls down to the support, and close the bottom"),
@@ -114,9 +132,9 @@ ENDPOINTS = (
     Endpoint(
         "/api/objects",
         "Objects, with the conditions of cuboid find",
-        _find,
+        lambda place, asked: place.find(filters_in(place, asked)),
         list[FoundObject],
-        {name: PARAMETERS[name] for name in FILTERS},
+        _CONDITIONS,
     ),
     Endpoint("/api/objects/{label}", "An object and its relations", lambda p, q: p.object(_label(q)), FoundObject),
     Endpoint(
@@ -148,10 +166,10 @@ ENDPOINTS = (
     ),
     Endpoint(
         "/api/ask",
-        "The answer to a question in English, with the conditions that were understood",
-        lambda place, asked: place.ask(_needed(asked, "q")),
+        "The answer to a question in English, with the conditions that were understood, and further conditions",
+        _ask,
         Answer,
-        {"q": QUESTION},
+        {"q": QUESTION, **_CONDITIONS},
     ),
     Endpoint("/api/surfaces", "The supporting planes", lambda place, _: place.surfaces(), list[Surface]),
     Endpoint("/api/surfaces/{number}/free", "The nearest free place on a surface", _free, FreePlace, _SIDES),

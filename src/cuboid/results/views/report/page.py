@@ -39,6 +39,7 @@ SCRIPTS = (
     "run.js",
     "picture.js",
     "main.js",
+    "link.js",
 )
 
 
@@ -62,42 +63,6 @@ def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
     )
 
 
-def document_page(title: str, header: str, main: str, *styles: str) -> str:
-    """Return a page of text and tables without scripts, as HTML.
-
-    Parameters
-    ----------
-    title : str
-    header, main : str
-        HTML of the line at the top, after the mark, and of the page below it.
-    *styles : str
-        CSS in addition to that of all pages.
-    """
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)} - cuboid</title>'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<link rel="icon" href="data:,">'  # otherwise browsers request /favicon.ico
-        f"<style>{style(*styles)}</style></head><body><header>{page_source('mark.svg')}{header}</header>"
-        f'<main class="document">{main}</main></body></html>\n'
-    )
-
-
-def table(names: Sequence[str], lines: Sequence[str], numbers: range) -> str:
-    """Return a table that scrolls, as HTML.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Headings of the columns.
-    lines : sequence of str
-        HTML of the rows.
-    numbers : range
-        The columns of numbers.
-    """
-    head = "".join(f"<th{' class=number' if k in numbers else ''}>{escape(name)}</th>" for k, name in enumerate(names))
-    return f'<div class="scrolls"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
-
-
 def page_source(name: str) -> str:
     """Return the text of a file of the page: HTML, style or script."""
     return (files("cuboid.results.views.report") / "page" / name).read_text(encoding="utf-8")
@@ -108,20 +73,24 @@ def style(*parts: str) -> str:
     return "\n".join((page_source("base.css"), *parts))
 
 
-def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str, Any]) -> str:
+def assembled(
+    html: str, css: str, scripts: Sequence[str], document: Mapping[str, Any], content: Mapping[str, str] | None = None
+) -> str:
     """Return a page assembled from its parts.
 
     Parameters
     ----------
     html : str
-        With placeholders in double braces for title, mark, style, view (the scene in 3D with its toolbar), data and
-        script.
+        With placeholders in double braces for the head of all pages, mark, view (the scene in 3D with its toolbar),
+        data and script.
     css : str
         From `style`.
     scripts : sequence of str
         In the order of their dependencies; they share one scope, apart from the global one.
     document : mapping
         The data of the scripts, ready for JSON; its "title" is the title of the page.
+    content : mapping of str to str, optional
+        HTML of further placeholders.
     """
     together = "\n".join(scripts)
     parts = {
@@ -131,8 +100,9 @@ def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str
         "view": page_source("view.html"),
         "data": page_json(document),
         "script": f'"use strict";\n(() => {{\n{together}\n}})();',
+        **(content or {}),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], html)
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], html.replace("{{head}}\n", page_source("head.html")))
 
 
 def write_report(path: PathLike, summary: Summary) -> None:
