@@ -22,6 +22,8 @@ from made_measures import PRESETS, VIEWS, Made, Thing, recording
 DISTANCES_M = (0.5, 0.8, 1.2)
 # An object is the true one if its centre is within this distance, metres, or this fraction of the longest side.
 NEAR_M, NEAR_FRACTION = 0.03, 0.35
+# An object is whole, neither cut nor joined with a neighbour, if its box laid upon the true one has this IoU.
+WHOLE_IOU = 0.5
 
 Array = npt.NDArray[np.float64]
 
@@ -33,8 +35,9 @@ def main() -> None:
     parser.add_argument("--views", default="above,side")
     parser.add_argument("--seeds", type=int, default=2)
     args = parser.parse_args()
-    print("| view | sensor | distance | found | median error l, w, h (mm) | bias (mm) | interval holds |")
-    print("|---|---|---|---|---|---|---|")
+    measured = "median error l, w, h (mm) | bias (mm) | interval holds | of whole objects (cases)"
+    print(f"| view | sensor | distance | found | {measured} |")
+    print("|---|---|---|---|---|---|---|---|")
     for view in (one for one in VIEWS if one in args.views.split(",")):
         for sensor in PRESETS:
             for distance_m in DISTANCES_M:
@@ -43,7 +46,8 @@ def main() -> None:
 
 def _row(work: Path, view: str, sensor: str, distance_m: float, seeds: int) -> None:
     errors: list[Array] = []
-    held: list[bool] = []
+    held: list[list[bool]] = []
+    whole: list[bool] = []
     total = 0
     for seed in range(seeds):
         made = recording(work, view, sensor, distance_m, seed)
@@ -51,13 +55,17 @@ def _row(work: Path, view: str, sensor: str, distance_m: float, seeds: int) -> N
         for thing, item in _pairs(made, posed=view != "hand"):
             error, sigma = _error_m(thing, item)
             errors.append(1e3 * error)
-            held += (np.abs(error) <= SIGMAS_95 * sigma).tolist()
+            held.append((np.abs(error) <= SIGMAS_95 * sigma).tolist())
+            whole.append(_iou(item.box.size, item.box.size - error) >= WHOLE_IOU)
     if not errors:
-        print(f"| {view} | {sensor} | {distance_m} m | 0 of {total} | | | |")
+        print(f"| {view} | {sensor} | {distance_m} m | 0 of {total} | | | | |")
         return
     median, bias = (_text(np.median(values, axis=0)) for values in (np.abs(errors), errors))
     found = f"{len(errors)} of {total}"
-    print(f"| {view} | {sensor} | {distance_m} m | {found} | {median} | {bias} | {np.mean(held):.2f} |", flush=True)
+    kept = np.array(held)[whole]
+    share = f"{kept.mean():.2f} ({kept.size})" if len(kept) else ""
+    row = (view, sensor, f"{distance_m} m", found, median, bias, f"{np.mean(held):.2f}", share)
+    print(f"| {' | '.join(row)} |", flush=True)
 
 
 def _pairs(made: Made, *, posed: bool) -> list[tuple[Thing, TrackedObject]]:
@@ -79,6 +87,12 @@ def _error_m(thing: Thing, item: TrackedObject) -> tuple[Array, Array]:
     """Return the errors of length, width and height, and their stated standard deviations: longer level side first."""
     true = np.array([*sorted(thing.box.size[:2], reverse=True), thing.box.size[2]])
     return np.asarray(item.box.size - true), np.array(item.size_sigma_m)
+
+
+def _iou(size: Array, other: Array) -> float:
+    """Return the IoU of two boxes that are laid upon each other."""
+    common = float(np.prod(np.minimum(size, other)))
+    return common / (float(np.prod(size) + np.prod(other)) - common)
 
 
 def _text(values: Array) -> str:

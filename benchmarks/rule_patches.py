@@ -205,7 +205,7 @@ RULES: tuple[Rule, ...] = (
         "box: faces",
         38,
         (
-            (BOXING, "return to_faces(round_box, points, trust, noise_m, top_alone=True)", "return round_box"),
+            (BOXING, "            round_box = to_faces(round_box, points, trust, noise_m, top_alone=True)\n", ""),
             (BOXING, "        box = to_faces(box, points, trust, noise_m, top_alone=False)\n", ""),
         ),
     ),

@@ -50,18 +50,16 @@ class Watched:
     requests : list of str
         Addresses, without those that hold their content themselves.
 
-    `strict` leaves the page's own content policy in force.
+    `strict` leaves the page's own content policy in force; `motion` lets it animate, as most readers do.
     """
 
-    def __init__(self, launched: Browser, scheme: str = "dark", *, strict: bool = False) -> None:
+    def __init__(self, launched: Browser, scheme: str = "dark", *, strict: bool = False, motion: bool = False) -> None:
         self.page: Page = launched.new_page(
             viewport=VIEWPORT,
             color_scheme="light" if scheme == "light" else "dark",
-            reduced_motion="reduce",
+            reduced_motion="no-preference" if motion else "reduce",
             bypass_csp=not strict,  # waiting for a condition evaluates it in the page, which its policy forbids
         )
-        self.page.set_default_timeout(10_000)
-        self.page.set_default_navigation_timeout(30_000)
         self.complaints: list[str] = []
         self.requests: list[str] = []
         self.page.on("console", lambda said: self._note(said.type, said.text))

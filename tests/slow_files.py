@@ -118,7 +118,7 @@ SLOW_FILES = frozenset(
         "synthetic/test_shapes.py",
         "views/test_crowd_page.py",
         "views/test_encoding.py",
-        "views/test_layout.py",
+        "views/test_page_layout.py",
         "views/test_live.py",
         "views/test_live_page.py",
         "views/test_projection.py",

@@ -52,7 +52,8 @@ def test_frames_keep_their_numbers_with_every_limit_and_skipped_ones(tmp_path: P
     recording = FakeRecording(20, broken={6: "color/000006.png: truncated"}, lost=(9,))
     track(recording, tmp_path / "out", TrackOptions(every=3, limit=6))
     run = read_run(tmp_path / "out" / "run.json")
-    assert recording.reads[:-1] == [0, 3, 6, 9, 12, 15]  # and one of them again, for the page's picture
+    assert recording.reads[:6] == [0, 3, 6, 9, 12, 15]
+    assert set(recording.reads[6:]) <= {3, 12, 15}, "frames that show the object again, for the pictures of the page"
     assert (run.frames_read, run.frames_used) == (6, 4)
     assert run.skipped == ((6, "color/000006.png: truncated"), (9, "the frame has no camera pose"))
     assert [row.frame for row in read_tracks(tmp_path / "out" / "tracks.csv")] == [3, 12, 15]
@@ -164,7 +165,7 @@ def test_stopping_writes_what_is_done_and_says_so(tmp_path: Path) -> None:
     run = read_run(tmp_path / "out" / "run.json")
     assert not run.complete
     assert run.frames_used == 4
-    assert len(recording.reads) < 10
+    assert max(recording.reads) < 10
     assert json.loads((tmp_path / "out" / "objects.json").read_text())["objects"][0]["frames_seen"] == 3
 
 

@@ -55,7 +55,7 @@ def test_a_batch_from_and_to_an_object_store(bucket: str, tmp_path: Path) -> Non
     assert sum(name.endswith("run.json") for name in files) == 2
     assert sum(name.endswith("report.html") for name in files) == 2
     assert place.read("index.html").startswith(b"<!doctype html>")
-    (thing, _) = find(Tables(place.url), Filters(size_m=(0.29, 0.31)), pictures=True)
+    (thing, _) = find(Tables(place.url), Filters(size_m=(0.29, 0.31)), more=("picture",))
     assert thing["picture"].startswith(b"\xff\xd8")
     before = content(place.url)
     again = run(*words)

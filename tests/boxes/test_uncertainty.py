@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from cuboid.ground.geometry.box import Box
-from cuboid.method.boxes.uncertainty import UNSEEN_FRACTION, Uncertainty, uncertainty_of
+from cuboid.method.boxes.uncertainty import EDGE_PX, UNSEEN_FRACTION, Uncertainty, uncertainty_of
+from cuboid.method.objects.boxing import MAP_NOISE, usual_distance_m
 
 BOX = Box(np.array([0.0, 0.0, 0.05]), np.array([0.2, 0.14, 0.1]), np.eye(3))
 DOWN, SLANTED = np.array([[0.0, 0.0, -1.0]]), np.array([[-0.6, 0.0, -0.8]])
-VOXEL_M = 0.01
+VOXEL_M, PIXEL_M = 0.01, 0.8 / 300.0
 
 
 def grid(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> np.ndarray:
@@ -21,16 +23,35 @@ TOP = grid((-0.1, 0.1), (-0.07, 0.07), (0.1, 0.1))
 END = grid((0.1, 0.1), (-0.07, 0.07), (0.0, 0.1))
 
 
-def sure(points: np.ndarray, directions: np.ndarray, noise_m: float = 0.001, rests: bool = True) -> Uncertainty:
-    return uncertainty_of(BOX, points, directions, noise_m, 0.8, VOXEL_M, rests=rests)
+def sure(
+    points: np.ndarray,
+    directions: np.ndarray,
+    noise_m: float = 0.001,
+    rests: bool = True,
+    pixel_m: float = PIXEL_M,
+    box: Box = BOX,
+    R_world_map: np.ndarray = np.eye(3),  # noqa: B008
+) -> Uncertainty:
+    return uncertainty_of(box, points, directions, noise_m, 0.8, pixel_m, VOXEL_M, rests=rests, R_world_map=R_world_map)
 
 
 def test_from_above_only_the_top_is_seen_and_all_measures_are_known() -> None:
     found = sure(TOP, DOWN)
     assert found.sides_seen == ("+z",)
     assert found.size_sigma_m.min() > 0.0005
-    assert found.size_sigma_m.max() < 0.004
+    # two edges, both outwards or both inwards
+    np.testing.assert_allclose(found.size_sigma_m[:2], 2.0 * EDGE_PX * PIXEL_M, rtol=0.02)
+    assert found.size_sigma_m[2] < 0.0035
     assert (found.center_sigma_m < found.size_sigma_m).all()
+
+
+def test_the_error_of_an_edge_is_in_pixels() -> None:
+    finer = sure(TOP, DOWN, pixel_m=PIXEL_M / 2.0)
+    np.testing.assert_allclose(finer.size_sigma_m[:2], EDGE_PX * PIXEL_M, rtol=0.02)
+
+
+def test_seen_obliquely_all_sides_but_the_foot_are_less_sure() -> None:
+    assert (sure(TOP, SLANTED).size_sigma_m > 1.2 * sure(TOP, DOWN).size_sigma_m).all()
 
 
 def test_a_seen_end_is_listed() -> None:
@@ -43,7 +64,7 @@ def test_a_side_without_points_is_wide_and_not_listed() -> None:
     half = TOP[TOP[:, 0] > -0.05]
     found = sure(half, DOWN)
     assert found.size_sigma_m[0] > UNSEEN_FRACTION * 0.2
-    assert found.size_sigma_m[1] < 0.004
+    assert found.size_sigma_m[1] < 0.008
     assert found.center_sigma_m[0] > 0.02
 
 
@@ -56,3 +77,25 @@ def test_noise_widens_and_views_narrow() -> None:
     assert sure(points, SLANTED, 0.008).size_sigma_m[0] > 1.2 * sure(points, SLANTED).size_sigma_m[0]
     more = np.array([[-0.6, 0.3, -0.74], [-0.6, -0.3, -0.74], [-0.8, 0.0, -0.6], *SLANTED])
     assert sure(points, more, 0.008).size_sigma_m[2] < sure(points, SLANTED, 0.008).size_sigma_m[2]
+
+
+@pytest.mark.parametrize("distance_m", [0.4, 0.9, 1.5])
+def test_the_distance_follows_from_noise_that_the_readings_of_a_voxel_share(distance_m: float) -> None:
+    noise_per_m, voxel_px_m = 0.0015, 0.01 * 300.0
+    readings = 0.5 * (voxel_px_m / distance_m) ** 2  # of a voxel that a surface fills by half
+    noise_m = MAP_NOISE * noise_per_m * distance_m**2 / np.sqrt(readings)
+    assert usual_distance_m(noise_m, noise_per_m, voxel_px_m) == pytest.approx(distance_m)
+
+
+def test_where_a_pixel_is_wider_than_a_voxel_each_voxel_has_one_reading() -> None:
+    assert usual_distance_m(MAP_NOISE * 0.0015 * 4.0**2, 0.0015, 3.0) == pytest.approx(4.0)
+
+
+def test_a_turned_map_changes_nothing_in_the_world() -> None:
+    c = np.sqrt(0.5)
+    turn = np.array([[c, -c, 0.0], [c, c, 0.0], [0.0, 0.0, 1.0]])
+    box = Box(turn @ BOX.center, BOX.size, turn)
+    turned = sure(TOP[:20] @ turn.T, DOWN, box=box, R_world_map=turn.T)
+    straight = sure(TOP[:20], DOWN)
+    assert turned.center_sigma_m == pytest.approx(straight.center_sigma_m)
+    assert straight.center_sigma_m[0] != pytest.approx(straight.center_sigma_m[1], rel=0.1)

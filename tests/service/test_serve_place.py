@@ -130,6 +130,8 @@ def test_what_is_wrong_is_one_line(address: str) -> None:
         ("objects?size=3", 400, "unknown parameter 'size'"),
         ("objects?on=lamp", 400, "the name 'lamp'"),
         ("objects?color=mauve", 400, "unknown color"),
+        ("objects?min_probability=7", 400, "min_probability: expected a number from 0 to 1, got '7'"),
+        ("objects?min_size=50cm&max_size=10cm", 400, "min_size 50cm is larger than max_size 10cm"),
         ("objects?recording=kitchen", 400, "unknown parameter 'recording'"),
         ("surfaces/7/free?length=1cm&width=1cm", 400, "plane:0 to plane:1"),
         ("surfaces/1/free?length=1cm", 400, "above 0 metres"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.error import HTTPError
@@ -89,16 +90,17 @@ def test_pages_and_api_rank_where_the_server_has_a_model(address: str, store: st
         rows = json.loads(answer.read())["objects"]
     assert rows[0]["label"] == 2
     assert rows[0]["text_score"] == pytest.approx(1.0, abs=1e-5)
-    with urlopen(f"{address}/objects?text=green&max_size=20cm", timeout=60) as answer:
+    with urlopen(f"{address}/?text=green&max_size=20cm", timeout=60) as answer:
         page = answer.read().decode()
     assert 'name="text"' in page
-    assert page.index("kitchen#1") > 0
-    assert "office#3" not in page
+    cards = re.findall(r'<p class="whose">(.*?)</p>.*?title="(#\d+)', page)
+    assert ("kitchen", "#1") in cards
+    assert ("office", "#3") not in cards
     with urlopen(f"{address}/openapi.json", timeout=60) as answer:
         names = {one["name"] for one in json.loads(answer.read())["paths"]["/api/objects"]["get"]["parameters"]}
     assert "text" in names
     with served(store) as bare:
-        with urlopen(f"{bare}/objects", timeout=60) as answer:
+        with urlopen(f"{bare}/", timeout=60) as answer:
             assert 'name="text"' not in answer.read().decode()
         with pytest.raises(HTTPError) as error:
             urlopen(f"{bare}/api/objects?text=blue", timeout=60)

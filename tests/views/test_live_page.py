@@ -12,7 +12,7 @@ from browser import VIEWPORT, Watched, browser, pixels
 from cuboid.cli import main
 from cuboid.results.views.live import LiveServer, LiveView
 from fakes import FakeTracker, write_recording
-from made_run import CAMERA, Going
+from going_run import CAMERA, Going
 
 
 @pytest.fixture(scope="module")

@@ -113,6 +113,17 @@ def test_the_scene_is_drawn(page: Page) -> None:
         assert near(shown, color_of(label)) > 60  # tag and edges
 
 
+def test_the_scene_is_drawn_for_readers_who_allow_motion_too(launched: Browser, results: Path) -> None:
+    found = Watched(launched, motion=True)
+    found.open(results / "report.html")
+    settle(found.page)
+    shown = pixels(found.page.locator("#canvas"))
+    found.page.close()
+    for label in COLORS:
+        assert points_of(shown, label).sum() > 100, label
+    assert found.complaints == []
+
+
 def test_points_are_colored_as_asked(page: Page) -> None:
     looks = {}
     for name in ("color", "heat", "label"):

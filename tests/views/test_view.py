@@ -182,7 +182,7 @@ def test_image_and_map_are_side_by_side_and_one_slider_moves_both(server: Thread
         places = [image.bounding_box(), canvas.bounding_box()]
         assert places[0] is not None
         assert places[1] is not None
-        assert places[0]["x"] + places[0]["width"] <= places[1]["x"] + 1
+        assert places[1]["x"] + places[1]["width"] <= places[0]["x"] + 1
         before = pixels(canvas).astype(int)
         page.locator("#slider").focus()
         page.keyboard.press("Home")

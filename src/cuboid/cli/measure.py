@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"use this time (default: {LIVE_S:g} of a camera, all of a recording)",
     )
     results.add_argument("--picture", type=Path, metavar="FILE", help="write the last frame with the dimensions drawn")
+    results.add_argument(
+        "--fixed", action="store_true", help="the camera stands still: no pose is estimated, and a bare surface will do"
+    )
     add_results(results)
     known = parser.add_argument_group("check with a known box")
     known.add_argument(
@@ -56,6 +60,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.results.files.measures import scale_of
 
     _check_output(args)
+    options = replace(tracking_from(args), fixed=args.fixed)
     with interruptible() as interruption:
         from cuboid.cli.progress import progress
         from cuboid.runs.pipeline.measuring import measure
@@ -65,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
             live = args.camera is not None
             time_s = args.seconds or (LIVE_S if live else None)
             stop = never if live else interruption
-            found = measure(source, tracking_from(args), seconds=time_s, progress=shown, stop=stop)
+            found = measure(source, options, seconds=time_s, progress=shown, stop=stop)
     if interruption.status:
         return interruption.status
     scale = None if args.known is None else scale_of(found.measures, args.known)
@@ -146,6 +151,7 @@ def _print(args: argparse.Namespace, found: Measured, scale: Scale | None) -> No
         out.print("nothing stands on a surface in view", markup=False)
     if scale is not None:
         out.print(scale.text(), markup=False, soft_wrap=True)
-    for file, what in ((args.picture, "the picture with dimensions"), (args.output, "the corrected camera")):
+    camera = "the corrected camera" if scale is not None and scale.clear else "the camera, not changed,"
+    for file, what in ((args.picture, "the picture with dimensions"), (args.output, camera)):
         if file is not None:
             out.print(f"{what} is {file}", markup=False, soft_wrap=True)

@@ -253,11 +253,14 @@ def names_in(tables: Tables) -> list[str]:
     return StoreObjects(tables).names()
 
 
-def without(tables: Tables, question: str, also: Filters) -> tuple[Filters, Mapping[str, int]]:
-    """Return all conditions of a question, and how many objects there are without each, by field of the filters."""
+def without(tables: Tables, question: str, also: Filters) -> tuple[Filters, Mapping[str, int] | None]:
+    """Return all conditions of a question, and how many objects there are without each, by field of the filters.
+
+    There are no such numbers, None, for a question of where one object is.
+    """
     source = StoreObjects(tables)
-    filters = questions.understood_with(lambda _: source, question, also).filters
-    return filters, questions.counts_without(lambda _: source, filters)
+    asked = questions.understood_with(lambda _: source, question, also)
+    return asked.filters, questions.counts_without(lambda _: source, asked.filters) if asked.last is None else None
 
 
 def picture_of(tables: Tables, recording: str, label: int, *, last: bool = False) -> bytes | None:

@@ -58,9 +58,14 @@ class WorkingImage:
         return np.asarray(np.clip(corners * self.step + first + end, 0, full), dtype=np.float64)
 
 
+def step_of(intrinsics: Intrinsics, width_px: int) -> int:
+    """Return the step of `WorkingImage` for at least `width_px` pixels on the longer side."""
+    return max(1, max(intrinsics.width, intrinsics.height) // width_px)
+
+
 def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> WorkingImage:
     """Subsample a frame to at least `width_px` pixels on its longer side; the frame counter `count` sets the phase."""
-    step = max(1, max(intrinsics.width, intrinsics.height) // width_px)
+    step = step_of(intrinsics, width_px)
     x, y = (p * step // 2 for p in _PHASES[count % len(_PHASES)])
     rows, columns = intrinsics.height // step, intrinsics.width // step
     depth = without_mixed(np.ascontiguousarray(frame.depth_m[y::step, x::step][:rows, :columns]))

@@ -15,6 +15,9 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.faces import lengthwise
 
+# Smallest cosine between up and the direction to a camera that sees an object from above, 30 degrees: sides are then
+# seen so obliquely that the edges of the top are more exact.
+FROM_ABOVE = 0.866
 # A side is a seen face, and not only an edge of the top, if this fraction of the readings near it lie below the top
 # layer.
 FACE_FRACTION = 0.3
@@ -119,6 +122,8 @@ def _round(box: Box, local: Float64Array, top: npt.NDArray[np.bool_], readings: 
         return box
     inside = _fraction(core_m - distance[top], voxel_m)
     density = float(readings[top] @ inside) / (math.pi * core_m**2)
+    if density <= 0.0:
+        return box
     rim_m = _limited(math.sqrt(float(readings[top].sum()) / (math.pi * density)), radius_m, voxel_m)
     return Box(box.center, np.array([2.0 * rim_m, 2.0 * rim_m, box.size[2]]), box.rotation)
 

@@ -1,8 +1,11 @@
 """How sure the measures of a box are: standard deviations of its sides and of its centre, and the sides that were seen.
 
 Each of the six sides has an error of its own. A side that was seen as a face has the noise of its points and the
-systematic error of depth. A side of which only the edge of the top was seen has the error of an edge: voxels, pixels,
-and readings that mix two surfaces. The foot has the error of the plane beneath. A side with neither is a guess.
+systematic error of depth. A side of which only the edge of the top was seen has the error of an edge: a pixel. The foot
+has the error of the plane beneath. A side with neither is a guess. Seen obliquely, sides are known to a voxel's part.
+
+The coefficients were chosen on made objects with known sides such that intervals of 1.96 standard deviations hold 95 %
+of the true lengths; see BENCHMARK.md, "Measures".
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.tolerances import MIN_READINGS, MIN_SIGMA_M
 from cuboid.ground.core.values import SideName
 from cuboid.ground.geometry.box import Box
+from cuboid.method.boxes.edges import FROM_ABOVE
 
 # The sides of a box in the order of all arrays here, and their outward normals in the axes of the box.
 SIDES: tuple[SideName, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -28,16 +32,18 @@ MIN_FACING = 0.26
 MIN_COVERED_FRACTION = 0.25
 # Points within this distance of a side, voxels, belong to it.
 NEAR_VOXELS = 1.2
-# Angular error of an edge, radians: one and a half pixels of a common camera (640 columns, 600 pixels of focal length).
-# Stereo widens near surfaces by as much, and time of flight loses as many pixels there.
-EDGE_RAD = 0.0025
-# Error of an edge from the voxels along it, voxels.
-EDGE_VOXELS = 0.1
+# Error of an edge, pixels of the working image: stereo widens near surfaces by about as much, and time of flight loses
+# as much there. All edges of an object move outwards, or all inwards.
+EDGE_PX = 1.25
+# Error of a side, as a face or an edge, of an object that was not seen from above, voxels: the outermost points lie
+# anywhere in their voxels, and the standard deviation of a uniform distribution is this fraction of its width.
+OBLIQUE_VOXELS = 0.29
 # Standard deviation of a side that was not seen, as a fraction of the box along its axis: evenly up to half more.
 UNSEEN_FRACTION = 0.29
-# Fraction of the noise of points that remains in a face: the noise of neighbouring readings is alike.
-FACE_NOISE_FRACTION = 0.5
-# Systematic error of depth as a fraction of the depth: calibration and temperature.
+# Error of a face, in standard deviations of its points: the outermost points of a noisy face stand out by as much, and
+# the noise of neighbouring readings is alike.
+FACE_SIGMAS = 2.5
+# Systematic error of depth as a fraction of the depth, and so of lengths: calibration and temperature.
 SCALE_FRACTION = 0.001
 
 
@@ -66,9 +72,11 @@ def uncertainty_of(
     directions: Float32Array | Float64Array,
     noise_m: float,
     distance_m: float,
+    pixel_m: float,
     voxel_m: float,
     *,
     rests: bool,
+    R_world_map: Float64Array,
 ) -> Uncertainty:
     """Return how sure a box is.
 
@@ -83,17 +91,23 @@ def uncertainty_of(
         Standard deviation of its points, metres.
     distance_m : float
         Usual distance of the camera, metres.
+    pixel_m : float
+        Width of a pixel of the working image at this distance, metres.
     voxel_m : float
         Edge of a voxel, metres.
     rests : bool
         Whether a supporting plane is known beneath it.
+    R_world_map : (3, 3) float64
+        Rotation from the frame of the box, the map, to the world.
     """
     local, half = (points - box.center) @ box.rotation, box.size / 2.0
     facing = -(directions @ box.rotation) @ NORMALS.T if len(directions) else np.zeros((1, 6))
     views = np.maximum(1, np.count_nonzero(facing > MIN_FACING, axis=0))
-    face_m = np.hypot(FACE_NOISE_FRACTION * noise_m / np.sqrt(views), MIN_SIGMA_M / np.sqrt(views))
-    edge_m = float(np.hypot(EDGE_VOXELS * voxel_m, EDGE_RAD * distance_m))
-    sigma, seen = np.empty(6), []
+    above = len(directions) > 0 and float((-(directions @ box.up)).max()) >= FROM_ABOVE
+    coarse_m = 0.0 if above else OBLIQUE_VOXELS * voxel_m
+    face_m = np.sqrt(((FACE_SIGMAS * noise_m) ** 2 + MIN_SIGMA_M**2) / views + coarse_m**2)
+    edge_m = float(np.hypot(coarse_m, EDGE_PX * pixel_m))
+    sigma, edges, seen = np.empty(6), np.zeros(6, bool), []
     for k, name in enumerate(SIDES):
         axis = k // 2
         near = half[axis] - NORMALS[k, axis] * local[:, axis] < NEAR_VOXELS * voxel_m
@@ -103,13 +117,15 @@ def uncertainty_of(
         elif name == "-z" and rests:
             sigma[k] = MIN_SIGMA_M
         elif np.count_nonzero(near) >= MIN_READINGS:
-            sigma[k] = edge_m
+            sigma[k], edges[k] = edge_m, True
         else:
             sigma[k] = UNSEEN_FRACTION * box.size[axis]
-    pairs = sigma.reshape(3, 2)
-    size_m = np.sqrt((pairs**2).sum(1) + (SCALE_FRACTION * box.size) ** 2)
+    pairs, moving = sigma.reshape(3, 2), (sigma * edges).reshape(3, 2)
+    # Errors of two edges have the same sign, so that they add up in the length; all others are independent.
+    together_m2 = 2.0 * moving.prod(1)
+    size_m = np.sqrt((pairs**2).sum(1) + together_m2 + (SCALE_FRACTION * box.size) ** 2)
     along_m = np.sqrt((pairs**2).sum(1) / 4.0 + (SCALE_FRACTION * distance_m) ** 2)
-    return Uncertainty(size_m, np.sqrt(box.rotation**2 @ along_m**2), tuple(seen))
+    return Uncertainty(size_m, np.sqrt((R_world_map @ box.rotation) ** 2 @ along_m**2), tuple(seen))
 
 
 def _covered(points: Float64Array, half: Float64Array, axis: int, voxel_m: float) -> bool:

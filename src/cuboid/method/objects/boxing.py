@@ -10,7 +10,7 @@ import numpy as np
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.denoising import denoised, is_thick
-from cuboid.method.boxes.edges import to_edges, to_top
+from cuboid.method.boxes.edges import FROM_ABOVE, to_edges, to_top
 from cuboid.method.boxes.faces import to_faces
 from cuboid.method.boxes.fit import fit_box
 from cuboid.method.boxes.hidden import as_deep_as_wide, is_clear_of, with_hidden
@@ -24,6 +24,8 @@ STRAY_FRACTION = 0.008
 MAP_NOISE = 0.8
 # Approximate largest number of voxels in a fit; more voxels of a large object do not change its box.
 BOX_VOXELS = 1500
+# Fraction of the usual voxel of a surface that the surface fills: voxels lie across it at random.
+FILLED = 0.5
 
 Plane = tuple[Float64Array, float]
 
@@ -75,9 +77,9 @@ class Boxing:
         points = places[sampled].astype(np.float64)
         voxel_m = self._voxels.voxel_m
         if eye is None or not is_thick(noise_m, voxel_m):
-            return self._fit(points, trust, readings, noise_m, plane, up, others), noise_m
+            return self._fit(points, trust, readings, noise_m, plane, up, others, eye), noise_m
         points, noise_m = denoised(points, trust, eye, noise_m, voxel_m)
-        box = self._fit(points, trust, readings, noise_m, plane, up, others)
+        box = self._fit(points, trust, readings, noise_m, plane, up, others, eye)
         # Points of adjacent voxels are at most two voxels apart.
         return as_deep_as_wide(box, eye, others, 2.0 * voxel_m), noise_m
 
@@ -90,6 +92,7 @@ class Boxing:
         plane: Plane | None,
         up: Float64Array,
         others: Sequence[Box],
+        eye: Float64Array | None,
     ) -> Box:
         if plane is None:
             return fit_box(points, up, None, STRAY_FRACTION, trust)
@@ -97,13 +100,18 @@ class Boxing:
         round_box = revolved(box, points, trust, plane, noise_m, self._voxels.voxel_m, STRAY_FRACTION)
         if round_box is not None and is_clear_of(round_box, others):
             round_box = to_faces(round_box, points, trust, noise_m, top_alone=True)
-            return self._to_tops(round_box, points, readings)
+            return self._to_tops(round_box, points, readings, eye)
         box = to_faces(box, points, trust, noise_m, top_alone=False)
-        box = self._to_tops(box, points, readings)
+        box = self._to_tops(box, points, readings, eye)
         return with_hidden(box, points, *plane, others, self._voxels)
 
-    def _to_tops(self, box: Box, points: Float64Array, readings: Float64Array) -> Box:
-        """Return a box that ends at the seen top and at its edges."""
+    def _to_tops(self, box: Box, points: Float64Array, readings: Float64Array, eye: Float64Array | None) -> Box:
+        """Return a box that ends at the seen top and at its edges, if the camera sees it from above."""
+        if eye is None:
+            return box
+        ray = eye - box.center
+        if float(ray @ box.up) < FROM_ABOVE * math.sqrt(ray @ ray):
+            return box
         box = to_top(box, points, readings, self._voxels.voxel_m)
         return to_edges(box, points, readings, self._voxels.voxel_m)
 
@@ -116,9 +124,21 @@ class Boxing:
         return trust, precision * hits, MAP_NOISE * self._voxels.noise_per_m / float(np.sqrt(usual))
 
 
-def usual_distance_m(noise_m: float, noise_per_m: float) -> float:
-    """Return the distance of the camera, metres, from the noise of an object's points; see `Boxing.fit`."""
-    return math.sqrt(noise_m / (MAP_NOISE * noise_per_m))
+def usual_distance_m(noise_m: float, noise_per_m: float, voxel_px_m: float) -> float:
+    """Return the distance of the camera, metres, from the noise of an object's points; see `Boxing.fit`.
+
+    The noise is that of the mean of a voxel's readings in one frame; their number follows from the distance.
+
+    Parameters
+    ----------
+    noise_m : float
+    noise_per_m : float
+        Noise of one reading divided by its depth squared, 1/metre.
+    voxel_px_m : float
+        Edge of a voxel times the focal length in working pixels: the distance at which a voxel is as wide as a pixel.
+    """
+    of_one_m = math.sqrt(noise_m / (MAP_NOISE * noise_per_m))
+    return max(of_one_m, float((FILLED * voxel_px_m**2 * of_one_m**4) ** (1.0 / 6.0)))
 
 
 def _middle(values: Float64Array) -> float:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
+
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, shown
 from cuboid.ground.core.frame import Frame, Intrinsics
@@ -93,6 +95,16 @@ class GivenPoses:
     def warnings(self) -> tuple[str, ...]:
         """Return no warnings: given poses are not checked."""
         return ()
+
+
+class FixedPoses(GivenPoses):
+    """The poses of a camera that stands still: the world is its frame, and poses that came with frames are ignored."""
+
+    given_with_frames = False
+
+    def locate(self, frame: Frame) -> Posed:
+        """Return the identity."""
+        return Posed(np.eye(4))
 
 
 class CorrectedPoses:

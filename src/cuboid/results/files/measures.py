@@ -39,8 +39,8 @@ class Measure:
 
     @property
     def within_m(self) -> Float64Array:
-        """Half the 95 % intervals of length, width and height, (3,) metres; NaN if unknown."""
-        return SIGMAS_95 * np.array(self.item.size_sigma_m or (np.nan,) * 3)
+        """Half the 95 % intervals of length, width and height, (3,) metres."""
+        return SIGMAS_95 * np.array(self.item.size_sigma_m)
 
     def text(self, unit: str) -> str:
         """Return the line that `cuboid measure` prints."""

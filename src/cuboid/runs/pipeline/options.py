@@ -34,6 +34,8 @@ class TrackOptions:
         Source of the camera poses, as for `Tracker`; by default given if the recording has poses, else estimated.
     bridge : bool
         Estimate poses from the video for frames without one.
+    fixed : bool
+        The camera stands still, and its frame is the world: no pose is needed or used. Not for a scene.
     config : TrackerConfig
     proposals : str or ProposalSource, optional
         Name of a source of 2D proposals, with its options, or the source itself.
@@ -58,6 +60,7 @@ class TrackOptions:
     scale: int = 1
     poses: str | None = None
     bridge: bool = False
+    fixed: bool = False
     config: TrackerConfig = field(default_factory=TrackerConfig)
     proposals: str | ProposalSource | None = None
     detector: str | Detector | None = None

@@ -10,7 +10,7 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.tolerances import DETECT_EVERY
-from cuboid.method.poses.sources import ESTIMATED, GIVEN, BridgedPoses, Poses, source_of_poses
+from cuboid.method.poses.sources import ESTIMATED, GIVEN, BridgedPoses, FixedPoses, Poses, source_of_poses
 from cuboid.runs.pipeline.options import TrackOptions
 from cuboid.runs.tracking.types import RecordingLike, lens_settings
 
@@ -54,6 +54,8 @@ class Plan:
 
     def source_of_poses(self) -> Poses:
         """Return the source of the poses."""
+        if self.options.fixed:
+            return FixedPoses()
         if self.options.bridge:
             return BridgedPoses(self.camera, self.recording.pose)
         return source_of_poses(self.poses, self.camera, self.config.voxel_m)
@@ -70,6 +72,7 @@ class Plan:
             "limit": options.limit,
             "scale": options.scale,
             "bridge": options.bridge,
+            **({"fixed": True} if options.fixed else {}),
             **lens_settings(self.recording),
             "proposals": source_name(self.proposals),
             **named,
@@ -87,8 +90,10 @@ def plan_for(recording: RecordingLike, options: TrackOptions) -> Plan:
     """
     if options.detector_every is not None and options.detector is None:
         raise InputError(f"{recording.path}: --detector-every needs --detector")
-    origin = options.poses or (GIVEN if recording.has_poses else ESTIMATED)
-    if origin != ESTIMATED and not recording.has_poses:
+    if options.fixed and (options.poses or options.bridge):
+        raise InputError(f"{recording.path}: --fixed needs no poses; leave out --poses and --bridge")
+    origin = options.poses or (GIVEN if recording.has_poses or options.fixed else ESTIMATED)
+    if not options.fixed and origin != ESTIMATED and not recording.has_poses:
         raise InputError(f"{recording.path}: has no camera poses; --poses estimated takes them from the video")
     if options.bridge and origin != GIVEN:
         raise InputError(f"{recording.path}: --bridge fills gaps between given poses, and there are none in use")

@@ -85,6 +85,8 @@ def track_recording(
     every = plan.options.every
     if into is not None and plan.poses in (AUTO, CORRECTED):
         raise InputError(f"{taken.path}: --poses {plan.poses} cannot go into a scene; use given or estimated")
+    if into is not None and plan.options.fixed:
+        raise InputError(f"{taken.path}: --fixed cannot go into a scene; use given or estimated poses")
     frames = _frames(plan)
     with ExitStack() as opened:
         corrected = plan.poses == ESTIMATED if into is None else into.corrects(plan.poses)

@@ -129,7 +129,7 @@ class PosedTracker(TrackedMap):
 
     NOT_SAVED = frozenset(
         {
-            *("intrinsics", "_memory_mb", "_propose", "_world_boxes"),
+            *("intrinsics", "_memory_mb", "_propose", "_world_boxes", "_sure"),
             # A detector must be set again; objects without depth readings are saved in the field `unread`.
             "_detecting",
             # Moving objects are followed only within a recording.
@@ -145,8 +145,7 @@ class PosedTracker(TrackedMap):
         *,
         memory_mb: float = MEMORY_MB,
     ) -> None:
-        super().__init__(config or TrackerConfig(), memory_mb)
-        self.intrinsics = intrinsics
+        super().__init__(intrinsics, config or TrackerConfig(), memory_mb)
         # Number of quarter turns of the images; unknown, and taken as 0, until the first frame with depth.
         self._turns: int | None = None
         self._propose = make_source(proposals, self.config)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.results import MapPoints, SupportPlane, TrackedObject
+from cuboid.ground.core.working import step_of
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import transform
 from cuboid.method.boxes.uncertainty import Uncertainty, uncertainty_of
@@ -36,19 +37,22 @@ class TrackedMap(MapQueries):
 
     Parameters
     ----------
+    intrinsics : Intrinsics
     config : TrackerConfig
     memory_mb : float
         Memory limit of the process, in units of 2**20 bytes, above which parts of the map out of view are evicted; they
         are loaded again when accessed.
     """
 
-    def __init__(self, config: TrackerConfig, memory_mb: float) -> None:
+    def __init__(self, intrinsics: Intrinsics, config: TrackerConfig, memory_mb: float) -> None:
+        self.intrinsics = intrinsics
         self.config = config
         self._memory_mb = memory_mb
         self._T_world_map: Float64Array | None = None
         # Boxes of each object in the map and in the world: the world box is reused while the map box is the same.
         self._world_boxes: dict[int, tuple[Box, Box]] = {}
-        self._sure: dict[int, tuple[Box, Uncertainty]] = {}
+        # How sure each object is, with the values from which it follows.
+        self._sure: dict[int, tuple[tuple[object, ...], Uncertainty]] = {}
         self._detecting = Detecting()
         self._furniture_labels: Labels = {}
         self._begin()
@@ -81,7 +85,9 @@ class TrackedMap(MapQueries):
     def objects(self) -> ObjectTable:
         """The objects of the map with a label and at least the probability `config.min_probability`, by label."""
         index_of = {identity: k for k, identity in enumerate(self.plane_identities)}
-        items = [self._tracked(entry, index_of) for entry in self._reported()]
+        reported = self._reported()
+        items = [self._tracked(entry, index_of) for entry in reported]
+        self._sure = {entry.label: self._sure[entry.label] for entry in reported}
         without_depth = self.objects_without_depth()
         items += without_depth
         return ObjectTable(sorted(items, key=lambda item: item.label) if without_depth else items)
@@ -107,20 +113,24 @@ class TrackedMap(MapQueries):
         )
 
     def _sure_of(self, entry: MapObject) -> Uncertainty:
-        """Return how sure the box of an object is, or the last result again while the box is the same."""
-        last = self._sure.get(entry.label)
-        if last is None or last[0] is not entry.box:
+        """Return how sure the box of an object is, or the last result again while its values are the same."""
+        last, values = self._sure.get(entry.label), (entry.box, entry.points, entry.directions, entry.plane)
+        if last is None or any(old is not new for old, new in zip(last[0], values, strict=True)):
+            voxel_m, k = self._voxels.voxel_m, self.intrinsics
+            focal_px = k.fx / step_of(k, self.config.working_width_px)
+            distance_m = usual_distance_m(entry.noise_m, self._voxels.noise_per_m, voxel_m * focal_px)
             found = uncertainty_of(
                 entry.box,
                 entry.points,
                 entry.directions,
                 entry.noise_m,
-                usual_distance_m(entry.noise_m, self._voxels.noise_per_m),
-                self._voxels.voxel_m,
+                distance_m,
+                distance_m / focal_px,
+                voxel_m,
                 rests=entry.plane is not None,
+                R_world_map=self.T_world_map[:3, :3],
             )
-            center_m = np.sqrt(self.T_world_map[:3, :3] ** 2 @ found.center_sigma_m**2)
-            last = self._sure[entry.label] = entry.box, replace(found, center_sigma_m=center_m)
+            last = self._sure[entry.label] = values, found
         return last[1]
 
     def _support_planes(self) -> Planes:

@@ -114,8 +114,8 @@ class FoundObject:
         What is known since then; None while a run goes on.
     size_sigma_m, center_sigma_m : (3,) or None
         Standard deviations of `size_m`, and of `center_m` along the axes of the world, metres; None if unknown.
-    sides_seen : tuple of str
-        Sides of the box that a camera saw as faces, by axis of the box: "+z" is the top.
+    sides_seen : tuple of str or None
+        Sides of the box that a camera saw as faces, by axis of the box: "+z" is the top; None if unknown.
     frames_seen : int
     distance_m : float or None
         Distance from the place or object of the query, metres; None if the query has none.
@@ -147,7 +147,7 @@ class FoundObject:
     later: Later | None = None
     size_sigma_m: Vector | None = None
     center_sigma_m: Vector | None = None
-    sides_seen: tuple[SideName, ...] = ()
+    sides_seen: tuple[SideName, ...] | None = None
 
 
 @dataclass(frozen=True)

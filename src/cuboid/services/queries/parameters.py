@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -125,8 +126,11 @@ def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filt
             raise InputError(f"{name}: {error}") from None
 
     sized = "min_size" in asked or "max_size" in asked
+    size_m = read("min_size", length, 0.0), read("max_size", length, MAX_SIZE_M)
+    if size_m[0] > size_m[1]:
+        raise InputError(f"min_size {asked['min_size']} is larger than max_size {asked['max_size']}")
     return Filters(
-        size_m=(read("min_size", length, 0.0), read("max_size", length, MAX_SIZE_M)) if sized else None,
+        size_m=size_m if sized else None,
         near=read("near", place, None),
         within_m=read("within", length, 0.5),
         recording=asked.get("recording"),
@@ -134,7 +138,7 @@ def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filt
         until=read("until", moment, None),
         color=asked.get("color"),
         name=asked.get("name"),
-        min_probability=read("min_probability", _number, None),
+        min_probability=read("min_probability", _probability, None),
         like=read("like", thing, None),
         on=asked.get("on"),
         inside=asked.get("in"),
@@ -190,8 +194,11 @@ def text_query(text: str | None, model: TextModel | None) -> TextQuery | None:
     return model.query(text)
 
 
-def _number(text: str) -> float:
+def _probability(text: str) -> float:
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
-        raise ValueError(f"expected a number, got '{text}'") from None
+        value = math.nan
+    if not 0.0 <= value <= 1.0:
+        raise ValueError(f"expected a number from 0 to 1, got '{text}'")
+    return value

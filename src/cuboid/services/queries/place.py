@@ -167,10 +167,13 @@ class Place:
         found, note = answer(self._objects_for, asked, also)
         return Answer(asked.said, tuple(found), note)
 
-    def without(self, question: str, also: Filters) -> tuple[Filters, Mapping[str, int]]:
-        """Return all conditions of a question, and how many objects there are without each, by field of the filters."""
-        filters = understood_with(self._objects_for, question, also).filters
-        return filters, counts_without(self._objects_for, filters)
+    def without(self, question: str, also: Filters) -> tuple[Filters, Mapping[str, int] | None]:
+        """Return all conditions of a question, and how many objects there are without each, by field of the filters.
+
+        There are no such numbers, None, for a question of where one object is.
+        """
+        asked = understood_with(self._objects_for, question, also)
+        return asked.filters, counts_without(self._objects_for, asked.filters) if asked.last is None else None
 
     def _objects_for(self, filters: Filters) -> PlaceObjects:
         return PlaceObjects(self._shared, [to for _, to in filters.related()])

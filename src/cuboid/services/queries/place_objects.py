@@ -222,7 +222,7 @@ def answer_of(
         later=source.later(item, state),
         size_sigma_m=vector(item.size_sigma_m) if item.size_sigma_m else None,
         center_sigma_m=vector(item.center_sigma_m) if item.center_sigma_m else None,
-        sides_seen=item.sides_seen,
+        sides_seen=item.sides_seen if item.size_sigma_m else None,
         relations=None if of_item is None else tuple(_related(relation, now) for relation in of_item),
     )
 

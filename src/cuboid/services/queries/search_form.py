@@ -60,7 +60,7 @@ def _field(name: str, value: str, surfaces: Mapping[str, str]) -> str:
     shared = f'id="field-{name}" name="{name}" title="{escape(parameter.meaning)}"'
     choices = surfaces if name == "on" else {str(one): str(one) for one in parameter.schema.get("enum", ())}
     if name == "min_probability":
-        slider = f'<input type="range" min="0" max="1" step="0.05" {shared} value="{escape(value or "0")}">'
+        slider = f'<input type="range" min="0" max="1" step="0.01" {shared} value="{escape(value or "0")}">'
         return f'<div class="field range">{label}{slider}<output for="field-{name}"></output></div>'
     if choices:
         every = {"": "any", **({value: value} if value else {}), **choices}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -12,13 +11,19 @@ from urllib.parse import quote, urlencode
 
 from cuboid.ground.core.errors import InputError
 from cuboid.results.views.report.page import assembled, page_source, style
+from cuboid.results.views.report.pictures import jpeg_address
 from cuboid.services.queries.cards import Card, cards_html
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.parameters import MAX_ROWS, PARAMETERS, asked_of
 from cuboid.services.queries.search_form import ASK
 
 # Parameters of a field of the filters, where the names differ.
-_NAMES = {"size_m": ("min_size", "max_size"), "inside": ("in",)}
+_NAMES = {
+    "size_m": ("min_size", "max_size"),
+    "inside": ("in",),
+    "near": ("near", "within"),
+    "near_object": ("near_object", "within"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +57,7 @@ def searched(
     asked: Mapping[str, str],
     read: Callable[[Mapping[str, str]], Filters],
     find: Callable[[str, Filters], Found],
-    without: Callable[[str, Filters], tuple[Filters, Mapping[str, int]]],
+    without: Callable[[str, Filters], tuple[Filters, Mapping[str, int] | None]],
     surfaces: Mapping[str, str],
 ) -> Searched:
     """Return the parts of the page that answer a request; a mistake of the user is one line in them.
@@ -66,7 +71,8 @@ def searched(
     find : callable
         Returns the objects for a question and conditions.
     without : callable
-        Returns all conditions, and how many objects there are without each (`counts_without`).
+        Returns all conditions, and how many objects there are without each (`counts_without`); None for a question of
+        where one object is.
     surfaces : mapping of str to str
         Surfaces in words, by the values of the parameter `on`.
     """
@@ -75,7 +81,7 @@ def searched(
     try:
         filters = read(conditions)
         found = find(question, replace(filters, limit=filters.limit + 1))
-        every: tuple[Filters, Mapping[str, int]] = (
+        every: tuple[Filters, Mapping[str, int] | None] = (
             (filters, {}) if found.cards else without(question, replace(filters, limit=MAX_ROWS))
         )
     except InputError as error:
@@ -91,6 +97,7 @@ def searched(
     tried = "" if asked else "".join(_link({ASK: one}, one, "pill") for one in examples_of(cards))
     if tried:
         parts.append(f'<p class="try">Try: {tried}</p>')
+    more = more and filters.limit < MAX_ROWS
     further = _link({**asked, "limit": str(min(2 * filters.limit, MAX_ROWS))}, "Show more") if more else ""
     return Searched("".join(parts), cards_html(cards) + _further(further))
 
@@ -98,7 +105,7 @@ def searched(
 def _nothing(
     note: str | None,
     filters: Filters,
-    counts: Mapping[str, int],
+    counts: Mapping[str, int] | None,
     asked: Mapping[str, str],
     surfaces: Mapping[str, str],
 ) -> str:
@@ -108,6 +115,8 @@ def _nothing(
     every = asked_of(filters) | {name: asked[name] for name in ("text",) if name in asked}
     if not every:
         return '<p class="empty">There is no object yet.</p>'
+    if counts is None:
+        return f'<p class="empty loosen">No object matches. {_link({}, "Show all")}</p>'
     links = []
     for name, count in counts.items():
         dropped = [one for one in _NAMES.get(name, (name,)) if one in every]
@@ -123,7 +132,8 @@ def _pills(asked: Mapping[str, str], surfaces: Mapping[str, str]) -> str:
     pills = []
     for name, value in asked.items():
         if name in PARAMETERS and name != "limit":
-            rest, words = {one: asked[one] for one in asked if one != name}, escape(_words(name, value, surfaces))
+            dropped, words = _NAMES.get(name, (name,)), escape(_words(name, value, surfaces))
+            rest = {one: asked[one] for one in asked if one not in dropped}
             pills.append(f'<a class="pill" href="{_address(rest)}" aria-label="Remove {words}">{words} ×</a>')
     return f"<p>{''.join(pills)}</p>" if pills else ""
 
@@ -228,9 +238,9 @@ def found_page(rows: Sequence[Mapping[str, Any]], title: str) -> str:
 
 
 def _inside(row: Mapping[str, Any]) -> str | None:
-    """Return the picture of a row as a data URL (RFC 2397)."""
+    """Return the picture of a row as a data URL."""
     picture = row.get("picture")
-    return None if not picture else f"data:image/jpeg;base64,{base64.b64encode(picture).decode('ascii')}"
+    return jpeg_address(picture) if picture else None
 
 
 def _source(name: str) -> str:

@@ -37,7 +37,7 @@ def front_page(place: Place, query: Mapping[str, str]) -> tuple[str, int]:
         answer = place.ask(question, also.limit, also)
         last = "?last=true" if WHERE in answer.understood else ""
         standing = place.standing_on([one.label for one in answer.objects])
-        shown_in = None if about.kind == "run" else PAGE[1:]
+        shown_in = None if about.kind == "run" or about.running else PAGE[1:]
         cards = [
             Card(
                 str(one.label),

@@ -32,7 +32,7 @@ ASPECT = 1.5
 
 
 # Pictures of an object through time: at most so many, and at most so many on a page, of this width and JPEG quality.
-# 4 kB each, so that a page of many objects grows by 1.4 MB at most (base64), and frames of a long recording are few.
+# 2 to 4 kB each: a page of many objects grows by 1.4 MB at most (base64), and few frames of a long recording are read.
 STRIP = 6
 MAX_STRIP_PICTURES = 240
 STRIP_WIDTH_PX = 150
@@ -218,7 +218,7 @@ def _read_rows(rows: Iterable[TrackRow], read: Callable[[int], Frame]) -> Iterat
     for frame, group in groupby(sorted(rows, key=lambda row: row.frame), lambda row: row.frame):
         try:
             color = read(frame).color
-        except CuboidError:
+        except (CuboidError, IndexError):  # the results may be those of another recording
             continue
         for row in group:
             x0, y0, x1, y1 = window(color, row.rect_xyxy)

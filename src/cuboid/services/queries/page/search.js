@@ -10,7 +10,8 @@ function addressOfForm() {
     const text = value.trim();
     if (text && !(name === "min_probability" && Number(text) === 0)) asked.set(name, text);
   }
-  return `${location.pathname}${asked.size ? `?${asked}` : ""}`;
+  const query = asked.toString();
+  return `${location.pathname}${query ? `?${query}` : ""}`;
 }
 
 /** The picture of a card that has changed is moved if it is the same: it does not flicker. */

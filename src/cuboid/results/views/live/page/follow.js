@@ -99,7 +99,7 @@ class LiveScene extends Scene {
   }
 
   seenFrom() {
-    return Array.from({ length: this.path.length / 3 }, (_, i) => ({ place: Array.from(this.path.subarray(3 * i, 3 * i + 3)) }));
+    return someOf(this.path.length / 3, (i) => ({ place: Array.from(this.path.subarray(3 * i, 3 * i + 3)) }));
   }
 
   takeMap(points) {

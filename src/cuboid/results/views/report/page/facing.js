@@ -13,10 +13,15 @@ const AGREEING = 0.6;
 const VIEWPOINTS = 100;
 const IN_PICTURE = 0.6;
 
+/** Some of a number of places, evenly spread: at most `VIEWPOINTS`. */
+function someOf(count, placeOf) {
+  const step = Math.max(1, Math.ceil(count / VIEWPOINTS));
+  return Array.from({ length: Math.ceil(count / step) }, (_, i) => placeOf(i * step));
+}
+
 /** Positions and axes of the camera, evenly along its path. */
 function viewpoints() {
-  const step = Math.max(1, Math.ceil(frames.length / VIEWPOINTS));
-  return Array.from({ length: Math.ceil(frames.length / step) }, (_, i) => poseOf(i * step));
+  return someOf(frames.length, poseOf);
 }
 
 /** The direction of the smallest variance of a symmetric matrix [xx, xy, xz, yy, yz, zz]; null if it is not flat. */

@@ -126,7 +126,7 @@ function setUpScene() {
   canvas.addEventListener("webglcontextrestored", () => location.reload());
   renderer.fit();
   return scene.load().then(() => {
-    if (untouched) lookAtAll(0);
+    if (untouched && canvas.clientWidth) lookAtAll(0);
     document.body.dataset.ready = "true";
     redraw();
   });

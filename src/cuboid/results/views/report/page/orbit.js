@@ -94,7 +94,7 @@ class Orbit {
     to.yaw = from.yaw + turn - 2 * Math.PI * Math.round(turn / (2 * Math.PI));
     const begun = performance.now();
     const step = (now) => {
-      const share = calm.matches ? 1 : clamp((now - begun) / milliseconds, 0, 1);
+      const share = calm.matches || !milliseconds ? 1 : clamp((now - begun) / milliseconds, 0, 1);
       const s = share * share * (3 - 2 * share);
       const between = (name) => from[name] + (to[name] - from[name]) * s;
       this.place = { target: mix(from.target, to.target, s) };

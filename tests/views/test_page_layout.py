@@ -27,8 +27,8 @@ from cuboid.results.views.report import summarise, write_report
 from cuboid.results.views.report.server import Viewer
 from cuboid.results.views.report.server import make_server as view_server
 from cuboid.results.views.serving import PageServer
+from going_run import CAMERA, Going
 from made_crowd import write_crowd
-from made_run import CAMERA, Going
 
 COUNT = 12
 PAGES = ("report", "view", "live", "annotate")
