@@ -35,7 +35,7 @@ EVERY_S = 15
 # Number of recordings on the page, the worst first, and of further ones; `cuboid sql` has all.
 WORST, MORE = 10, 490
 
-# What the indicators of a recording mean.
+# The meanings of the indicators of a recording.
 _FAULTS = {
     "overlapping": "inside another object by a third or more of the smaller box",
     "floating": "on no surface, and touching no other object",
@@ -187,8 +187,8 @@ def _recording(row: Mapping[str, Any]) -> str:
         name = f'<a href="{quote(row["results"])}/{REPORT}">{name}</a>'
     counts = f"{counted(row['objects'] or 0)}, {row['frames_used']} of {row['frames_read']} frames used"
     faults = "".join(f"<li>{escape(fault)}</li>" for fault in _faults(row))
-    told = f"<ul>{faults}</ul>" if faults else '<span class="fine">nothing to check</span>'
-    return f'<li><span>{name}</span><span class="fine">{counts}</span>{told}</li>'
+    checks = f"<ul>{faults}</ul>" if faults else '<span class="fine">nothing to check</span>'
+    return f'<li><span>{name}</span><span class="fine">{counts}</span>{checks}</li>'
 
 
 def _faults(row: Mapping[str, Any]) -> list[str]:

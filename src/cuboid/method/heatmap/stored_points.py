@@ -444,10 +444,8 @@ class StoredPoints:
     def have_rows(self, numbers: Sequence[int], min_rows: Sequence[int]) -> list[bool]:
         """Return whether each object (n,) has at least `min_rows` (n,) rows: faster than `rows_of`."""
         of = [self.owned_blocks.of(number) for number in numbers]
-        blocks, ends = (
-            np.concatenate([np.zeros(0, np.int64), *of]),
-            np.cumsum([len(each) for each in of], dtype=np.int64),
-        )
+        blocks = np.concatenate([np.zeros(0, np.int64), *of])
+        ends = np.cumsum([len(each) for each in of], dtype=np.int64)
         self.load(self.cubes.cube_of[blocks].astype(np.int64))
         found = np.empty(len(of), np.bool_)
         wanted = np.array(numbers, np.int64), np.array(min_rows, np.int64)

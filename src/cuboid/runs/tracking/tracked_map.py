@@ -98,11 +98,10 @@ class TrackedMap(MapQueries):
 
     def _tracked(self, entry: MapObject, index_of: Mapping[int, int]) -> TrackedObject:
         """Return an object as results contain it; `index_of` gives the index of a plane by its identity."""
-        plane, box = self._planes.find(entry.plane), self._box_in_world(entry.label, entry.box)
-        sure = self._sure_of(entry)
+        plane, sure = self._planes.find(entry.plane), self._sure_of(entry)
         return TrackedObject(
             **same_fields(entry),
-            box=box,
+            box=self._box_in_world(entry.label, entry.box),
             heat=entry.heat,
             points=len(self._voxels.stored.rows_of(entry.number)),
             mean_color=entry.mean_color,

@@ -31,7 +31,7 @@ QUALITY = 82
 ASPECT = 1.5
 
 
-# Pictures of an object through time: at most so many, and at most so many on a page, of this width and JPEG quality.
+# Pictures of an object through time: the largest number for an object and for a page, their width and JPEG quality.
 # 2 to 4 kB each: a page of many objects grows by 1.4 MB at most (base64), and few frames of a long recording are read.
 STRIP = 6
 MAX_STRIP_PICTURES = 240
