@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import Generator
 from pathlib import Path
@@ -38,8 +39,14 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep the order of files that is set below; pytest-xdist would begin with the files of most tests."""
+    """Keep the order of files that is set below, and compile the kernels of tracking on all cores.
+
+    pytest-xdist would begin with the files of most tests.
+    """
     config.option.loadscopereorder = False
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        # Otherwise each process of the tests would wait for the others' kernels, one after the other.
+        subprocess.run([sys.executable, "-m", "cuboid", "compile"], check=False, stdout=subprocess.DEVNULL)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -33,7 +33,7 @@ ROOMS = {
     "cli": (),
 }
 # Modules that stand in a room without a package, below its packages.
-GROUND = {"arrays.py", "version.py"}
+GROUND = {"arrays.py", "locks.py", "version.py"}
 PACKAGES = [f"cuboid.{room}.{package}" for room, packages in ROOMS.items() for package in packages] + ["cuboid.cli"]
 MODULES = {
     ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts).removesuffix(".__init__"): path

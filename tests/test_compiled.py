@@ -1,19 +1,28 @@
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+from numba import types
 
+from cuboid.ground import locks
 from cuboid.ground.compiling import compiletime, kernelcache
 from cuboid.ground.compiling.compiled import KERNELS
 from cuboid.ground.compiling.kernelcache import KEPT_VERSIONS, UNUSED_S, cache_folder, prune
 from cuboid.ground.compiling.kernelstamp import stamp_of
+from cuboid.ground.compiling.signatures import decode, encode
+from cuboid.ground.core.kernels.regions import Borders
+from cuboid.runs.pipeline import ahead
 
 SOURCE = """
 from typing import NamedTuple
@@ -193,19 +202,90 @@ def test_compiling_a_kernel_is_timed_and_told(folder: Path) -> None:
     assert compiletime.compiling_s() > before_s
 
 
-# Kernels that only scenes of an earlier format need.
-NOT_WARMED_UP = {"allocate_rows"}
+def test_a_kernel_that_another_process_compiles_is_awaited_and_loaded(folder: Path) -> None:
+    module().outer(1.0)
+    made = module()
+    cache = KERNELS["made_kernels.outer"].cache
+    hidden = cache.index.rename(folder / "hidden")
+    handle = locks.lock_file(folder / f"{cache.index.stem}.lock")
+    assert cache.busy
+    with ThreadPoolExecutor() as pool:
+        called = pool.submit(made.outer, 1.0)
+        time.sleep(0.2)
+        assert not called.done()
+        hidden.rename(cache.index)
+        locks.release(handle, folder / f"{cache.index.stem}.lock")
+        assert called.result() == 5.0
+    assert not compiled("outer")
+    assert not cache.busy
+    assert not list(folder.glob("*.lock"))
 
-WARM_UP = """
-from cuboid.runs.pipeline.warmup import compile_kernels
-compile_kernels()
-from cuboid.ground.compiling.compiled import KERNELS
-assert len(KERNELS) > 100
-print(*sorted(kernel.function.__name__ for kernel in KERNELS.values() if not kernel.cached))
-"""
+
+def test_a_process_that_stands_still_is_not_awaited_for_ever(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernelcache, "MAX_WAIT_S", 0.1)
+    made = module()
+    folder.mkdir()
+    path = folder / f"{KERNELS['made_kernels.outer'].cache.index.stem}.lock"
+    handle = locks.lock_file(path)
+    assert made.outer(1.0) == 5.0
+    assert compiled("outer")
+    locks.release(handle, path)
 
 
-def test_the_warm_up_compiles_all_kernels_of_tracking() -> None:
-    done = subprocess.run([sys.executable, "-c", WARM_UP], capture_output=True, text=True, check=False)
+def test_types_become_json_and_back() -> None:
+    items = (types.float32[:, ::1], types.int64, types.boolean, types.Array(types.int32, 2, "F"))
+    pair = types.NamedTuple(items, Borders)
+    for value in (
+        types.float64,
+        types.boolean,
+        types.uint8[:, :, ::1],
+        types.float32[:],
+        pair,
+        types.UniTuple(pair, 2),
+    ):
+        assert decode(json.loads(json.dumps(encode(value)))) == value
+    with pytest.raises(TypeError, match="no JSON for the type"):
+        encode(types.unicode_type)
+
+
+@dataclass
+class FakeKernel:
+    cached: bool
+
+
+@pytest.mark.parametrize(
+    ("missing", "processes", "helpers"),
+    [
+        (ahead.MIN_MISSING, 2, 1),
+        (ahead.MIN_MISSING, 64, ahead.MAX_PROCESSES - 1),
+        (ahead.MIN_MISSING, 1, 0),
+        (ahead.MIN_MISSING - 1, 4, 0),
+    ],
+)
+def test_other_processes_help_where_many_kernels_are_missing(
+    monkeypatch: pytest.MonkeyPatch, missing: int, processes: int, helpers: int
+) -> None:
+    monkeypatch.setattr(ahead, "listed_kernels", lambda: [FakeKernel(k >= missing) for k in range(80)])
+    assert ahead.useful_helpers(processes) == helpers
+
+
+def test_helpers_end_with_the_work_that_they_help() -> None:
+    with ahead.helpers(2) as running:
+        assert len(running) == 2
+    assert all(process.returncode is not None for process in running)
+
+
+def test_listed_kernels_are_compiled_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    last = ahead.listed()[-2:]
+    monkeypatch.setattr(ahead, "listed", lambda: last)
+    told: list[tuple[int, int]] = []
+    ahead.compile_listed(0.5, lambda done, total: told.append((done, total)))
+    assert told == [(0, 2), (1, 2), (2, 2)]
+    assert all(KERNELS[name].cached for name, _ in last)
+
+
+def test_the_list_of_kernels_is_that_of_tracking() -> None:
+    """If this fails, run `benchmarks/list_kernels.py`."""
+    script = Path(__file__).resolve().parents[1] / "benchmarks" / "list_kernels.py"
+    done = subprocess.run([sys.executable, script, "--check"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert set(done.stdout.split()) <= NOT_WARMED_UP

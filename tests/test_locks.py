@@ -13,12 +13,12 @@ from types import ModuleType
 
 import pytest
 
-from cuboid.ground.core import locks
+from cuboid.ground import locks
 
 HOLDER = """
 import sys
 from pathlib import Path
-from cuboid.ground.core import locks
+from cuboid.ground import locks
 handle = locks.{call}(Path({path!r}))
 print("locked", flush=True)
 sys.stdin.read()

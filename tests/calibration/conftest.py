@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,10 +26,11 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 def posed(recording: Recording) -> Posed:
     """Return a function that gives the frames to compare, with poses as they are or with noise."""
     T = np.array([recording.pose(k) for k in range(len(recording))])
+    read = cache(recording.read)
 
     def frames(noise: str = "none", count: int = 30, depth: float = 1.0) -> list[Frame]:
         noisy = dict(enumerate(POSE_NOISES[noise](T, np.random.default_rng(5))))
-        chosen = [replace(recording.read(k), T_world_camera=noisy[k]) for k in spread_out(noisy, count)]
+        chosen = [replace(read(k), T_world_camera=noisy[k]) for k in spread_out(noisy, count)]
         return [replace(frame, depth_m=(frame.depth_m * np.float32(depth)).astype(np.float32)) for frame in chosen]
 
     return frames

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -13,19 +13,22 @@ from cuboid.cli import progress as module
 from cuboid.cli.progress import COMPILING, CompileCount, LineProgress, TerminalProgress, about_left
 from cuboid.ground.compiling import compiled, compiletime
 from cuboid.ground.core.results import FrameResult
+from cuboid.runs.pipeline import ahead
 from fakes import INTRINSICS, FakeRecording, FakeTracker
 
 
 @dataclass
-class FakeCache:
-    compiled: bool = False
-
-
-@dataclass
 class FakeKernel:
+    name: str
     cached: bool = False
     size: int = 100
-    cache: FakeCache = field(default_factory=FakeCache)
+
+
+def listed(monkeypatch: pytest.MonkeyPatch, kernels: list[FakeKernel]) -> None:
+    """Let these be all kernels of tracking."""
+    monkeypatch.setattr(compiled, "KERNELS", {kernel.name: kernel for kernel in kernels})
+    monkeypatch.setattr(ahead, "listed", lambda: [(kernel.name, []) for kernel in kernels])
+    monkeypatch.setattr(ahead, "useful_helpers", lambda processes: 0)
 
 
 def results(count: int) -> list[FrameResult]:
@@ -49,16 +52,15 @@ def test_the_bar_shows_frames_rate_and_objects() -> None:
 def test_compiling_is_counted_on_the_terminal_and_in_lines(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    kernels = {str(k): FakeKernel() for k in range(4)}
-    monkeypatch.setattr(compiled, "KERNELS", kernels)
+    kernels = [FakeKernel(str(k)) for k in range(4)]
+    listed(monkeypatch, kernels)
     screen = io.StringIO()
     for bar in (TerminalProgress(Console(file=screen, force_terminal=True, width=120)), LineProgress()):
         with bar:
             bar.start(4)
-            for kernel in kernels.values():
-                kernel.cache.compiled = False
+            kernels[0].cached = False
             compiletime.begin()
-            kernels["0"].cache.compiled = True
+            kernels[0].cached = True  # by this process or another
             compiletime.end()
             compiletime.begin()
             compiletime.end()
@@ -68,7 +70,7 @@ def test_compiling_is_counted_on_the_terminal_and_in_lines(
 
 
 def test_no_total_is_given_while_most_kernels_are_compiled_already(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiled, "KERNELS", {str(k): FakeKernel(cached=k > 0) for k in range(4)})
+    listed(monkeypatch, [FakeKernel(str(k), cached=k > 0) for k in range(4)])
     count = CompileCount()
     assert count.text() == ""
     compiletime.begin()

@@ -15,9 +15,12 @@ import cuboid
 import made_shapes
 from cuboid.cli import main
 from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.ground.core.results import TrackedObject
+from cuboid.method.shapes.mesh import ObjectMesh
 from cuboid.results.exports import EXPORTS, export
-from cuboid.results.exports.shapes import HULL_VERTICES, upright
+from cuboid.results.exports.shapes import HULL_VERTICES, collision_of, upright
 from cuboid.results.files import Results
+from made_scenes import upright as upright_box
 from made_shapes import BOXES
 
 NAMES = {1: "object_001", 2: "object_002_tea_box"}
@@ -152,12 +155,19 @@ def test_urdf_is_loaded_by_a_simulator_and_an_object_rests_on_its_foot(run: Resu
     assert mass == pytest.approx(BOXES[2].volume * 400.0, rel=0.1)
 
 
-def test_parts_are_convex_and_cover_the_object(run: Results, tmp_path: Path) -> None:
-    export(run, "glb", tmp_path / "parts.glb", complete=True, collision="parts")
-    scene = trimesh.load(tmp_path / "parts.glb")
-    parts = [mesh for name, mesh in scene.geometry.items() if name.startswith(f"{NAMES[1]}_collision_")]
-    assert parts
-    assert sum(mesh.volume for mesh in parts) == pytest.approx(BOXES[1].volume, rel=0.15)
+def test_parts_are_convex_and_cover_the_object() -> None:
+    plan = [(0, 0), (0.2, 0), (0.2, 0.1), (0.1, 0.1), (0.1, 0.2), (0, 0.2)]  # an L
+    vertices = np.array([(x, y, z) for z in (0.0, 0.1) for x, y in plan])
+    foot = np.array([(0, 2, 1), (0, 3, 2), (0, 4, 3), (0, 5, 4)])
+    sides = [(k, (k + 1) % 6, (k + 1) % 6 + 6) for k in range(6)] + [(k, (k + 1) % 6 + 6, k + 6) for k in range(6)]
+    faces = np.vstack([foot, foot[:, ::-1] + 6, sides]).astype(np.int32)
+    mesh = ObjectMesh(1, None, vertices, faces, np.zeros((12, 3), np.uint8), np.zeros(len(faces), bool), 1)
+    box = upright_box((0.1, 0.1), (0.2, 0.2, 0.1))
+    item = TrackedObject(1, box, 0.9, 0.8, 0, 1, 2, 40, np.zeros(3), 0)
+    parts = [trimesh.Trimesh(*part) for part in collision_of(mesh, item, "parts")]
+    assert len(parts) == 2
+    assert all(part.is_convex for part in parts)
+    assert sum(part.volume for part in parts) == pytest.approx(3e-3, rel=0.01)
 
 
 def test_up_becomes_z_by_the_smallest_turn() -> None:

@@ -199,8 +199,12 @@ def test_kernels_are_kept_in_the_cache_of_the_user_or_else_in_the_temporary_fold
     shutil.copytree(SOURCE, copy, ignore=shutil.ignore_patterns("__pycache__"))
     for folder in [copy, *copy.rglob("*/")]:
         folder.chmod(0o555)
-    code = f"import sys; sys.path.insert(0, {str(copy)!r}); from cuboid.cli import main; sys.exit(main(['doctor']))"
-    words = bound([sys.executable, "-B", "-c", code])
+    lines = (
+        f"import sys; sys.path.insert(0, {str(copy)!r})",
+        "from cuboid.ground.compiling.kernelcache import cache_folder",  # `doctor` prints it
+        "print(cache_folder())",
+    )
+    words = bound([sys.executable, "-B", "-c", "; ".join(lines)])
     home = tmp_path / "home"
     home.mkdir()
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("XDG", "NUMBA"))}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -57,12 +58,13 @@ def test_killed_at_any_step_of_gathering(tmp_path: Path, monkeypatch: pytest.Mon
     class Killed(BaseException):
         pass
 
+    start = filled(tmp_path / "start", 1)
+    compact(start)
+    put_run(start, 5, [thing(1)])
+    put_run(start, 6, [thing(3)])
+    before = rows(start.url)
     for step in range(100):
-        place = filled(tmp_path / str(step), 1)
-        compact(place)
-        put_run(place, 5, [thing(1)])
-        put_run(place, 6, [thing(3)])
-        before, left = rows(place.url), [step]
+        place, left = Place(str(shutil.copytree(start.url, tmp_path / str(step)))), [step]
 
         def deadly(what: Any, left: list[int] = left) -> Any:
             def step_or_die(*args: Any, **options: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 
 EXAMPLE = "cuboid compile"
 
@@ -18,21 +19,28 @@ def run(args: argparse.Namespace) -> int:
     """Compile, and print the folder of the kernels."""
     from cuboid.cli.progress import counting
     from cuboid.cli.results import give
-    from cuboid.ground.core.threads import limit_threads
+    from cuboid.ground.core.threads import cores, limit_threads
 
     limit_threads(1)
-    from cuboid.runs.pipeline.warmup import compile_kernels
-
-    with counting("tracking a made recording") as progress:
-        compile_kernels(progress)
     from cuboid.ground.compiling.compiled import KERNELS
-    from cuboid.ground.compiling.compiletime import compiling_s
     from cuboid.ground.compiling.kernelcache import cache_folder
+    from cuboid.runs.pipeline.ahead import compile_all, listed_kernels
 
-    done = sum(kernel.cache.compiled for kernel in KERNELS.values())
-    there = sum(kernel.cached for kernel in KERNELS.values())
-    folder, seconds = str(cache_folder()), compiling_s()
+    begun_s = time.perf_counter()
+    listed_kernels()
+    before = cached_count()
+    with counting("kernels") as progress:
+        compile_all(cores(), progress)
+    done, seconds, folder = cached_count() - before, time.perf_counter() - begun_s, str(cache_folder())
+    there = before + done
     document = {"compiled": done, "seconds": seconds, "cached": there, "kernels": len(KERNELS), "folder": folder}
     line = f"{done} kernels compiled in {seconds:.0f} s; {there} of {len(KERNELS)} kernels are in {folder}"
     give(args, document, lambda: print(line))
     return 0
+
+
+def cached_count() -> int:
+    """Return how many kernels of the imported modules are in the cache."""
+    from cuboid.ground.compiling.compiled import KERNELS
+
+    return sum(kernel.cached for kernel in KERNELS.values())

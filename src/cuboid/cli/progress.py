@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -18,7 +18,11 @@ from cuboid.ground.compiling import compiletime
 from cuboid.ground.compiling.compiletime import working_s
 from cuboid.ground.core.errors import counted
 from cuboid.ground.core.results import FrameResult
+from cuboid.ground.core.threads import cores
 from cuboid.runs.tracking.types import Progress
+
+if TYPE_CHECKING:
+    from cuboid.ground.compiling.compiled import Kernel
 
 COMPILING = "compiling kernels"
 # Seconds of compiling before the remaining time is estimated.
@@ -28,30 +32,32 @@ MIN_MEASURED_S = 5.0
 class CompileCount:
     """Counts the compiled and the missing kernels, and estimates the remaining time.
 
-    It is unknown in advance which kernels of the imported modules a run needs. If fewer than half of them are
-    missing, no total is shown.
+    A run needs those kernels of the list (`cuboid.runs.pipeline.ahead`) whose modules are imported. If fewer than half
+    of them are missing, no total is shown. Kernels that other processes compile count as well.
     """
 
     def __init__(self) -> None:
         self._kernel_count = 0
-        self._missing: set[str] = set()
+        self._missing: dict[str, Kernel] = {}
 
     def text(self) -> str:
-        """Return the state of compiling, such as "compiling kernels 37 of 119, about 40 s left"; else ""."""
+        """Return the state of compiling, such as "compiling kernels 37 of 80, about 40 s left"; else ""."""
         if not compiletime.compiling():
             return ""
         from cuboid.ground.compiling.compiled import KERNELS
+        from cuboid.runs.pipeline import ahead
 
         if len(KERNELS) != self._kernel_count:  # another module was imported
             self._kernel_count = len(KERNELS)
-            self._missing = {name for name, kernel in KERNELS.items() if not kernel.cached}
-        done = [kernel for kernel in KERNELS.values() if kernel.cache.compiled]
-        missing = [KERNELS[name] for name in self._missing if not KERNELS[name].cache.compiled]
-        if 2 * (len(done) + len(missing)) < len(KERNELS) or not missing:
+            self._listed = [KERNELS[name] for name in dict(ahead.listed()) if name in KERNELS]
+            self._missing |= {kernel.name: kernel for kernel in self._listed if not kernel.cached}
+        done = [kernel for kernel in self._missing.values() if kernel.cached]
+        left = [kernel for kernel in self._missing.values() if not kernel.cached]
+        total = len(self._missing)
+        if 2 * total < len(self._listed) or not left:
             return COMPILING
-        left = sum(one.size for one in missing) / max(sum(one.size for one in done), 1)
-        total = len(done) + len(missing)
-        return f"{COMPILING} {min(len(done) + 1, total)} of {total}{about_left(compiletime.compiling_s(), left)}"
+        part = sum(one.size for one in left) / max(sum(one.size for one in done), 1)
+        return f"{COMPILING} {len(done) + 1} of {total}{about_left(compiletime.compiling_s(), part)}"
 
 
 def about_left(spent_s: float, left: float) -> str:
@@ -74,7 +80,10 @@ def about_left(spent_s: float, left: float) -> str:
 
 @contextmanager
 def showing_compilation(show: Callable[[str], None]) -> Iterator[None]:
-    """Call `show` with the state of compiling whenever it changes, and with "" when the run continues."""
+    """Call `show` with the state of compiling whenever it changes, and with "" when the run continues.
+
+    If many kernels are missing, other processes help to compile them, one for each further core.
+    """
     count, last = CompileCount(), ""
 
     def changed() -> None:
@@ -84,8 +93,26 @@ def showing_compilation(show: Callable[[str], None]) -> Iterator[None]:
             last = text
             show(text)
 
-    with compiletime.listening(changed):
+    with compiletime.listening(changed), _helped():
         yield
+
+
+@contextmanager
+def _helped() -> Iterator[None]:
+    """Start helpers when the first kernel is compiled, if they are worth it."""
+    begun = False
+    with ExitStack() as helping:
+
+        def begin() -> None:
+            nonlocal begun
+            if not begun:
+                begun = True
+                from cuboid.runs.pipeline import ahead
+
+                helping.enter_context(ahead.helpers(ahead.useful_helpers(cores())))
+
+        with compiletime.listening(begin):
+            yield
 
 
 # Seconds between lines of progress without a terminal: a log stays short, and still shows that the run proceeds.

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from cuboid.fleet.store.place import Place
 from cuboid.ground.core.errors import CuboidError
-from cuboid.ground.core.locks import lock_file, release
 from cuboid.ground.formats.folder import writing
+from cuboid.ground.locks import lock_file, release
 
 # The lock of a store; other commands leave hidden files alone.
 LOCK = ".batch.lock"

@@ -15,6 +15,8 @@ from typing import Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
+from cuboid.ground import locks
+from cuboid.ground.compiling import compiletime
 from cuboid.ground.compiling.kernelstamp import stamp_of
 
 # The environment variable of numba that names its cache folder; a user who sets it has chosen the folder.
@@ -23,6 +25,11 @@ VARIABLE = "NUMBA_CACHE_DIR"
 KEPT_VERSIONS = 3
 # Kernels that no run has used for this long are removed, seconds: they belong to versions no longer installed.
 UNUSED_S = 30 * 24 * 3600.0
+# How long a process waits for another one that compiles the same kernel, seconds; the slowest takes 5 s on a free core.
+# It then compiles the kernel itself: the other process may be stopped.
+MAX_WAIT_S = 60.0
+# Pause between two tries to lock a kernel, seconds.
+RETRY_S = 0.02
 # Hexadecimal digits of the stamp in a file name; the full stamp is inside the file.
 STAMP_DIGITS = 20
 
@@ -103,16 +110,19 @@ class KernelCache(FunctionCache):
 
     Attributes
     ----------
+    name : str
+        Module and function, joined by a point.
     compiled : bool
         Whether this process has compiled it.
     """
 
     def __init__(self, function: FunctionType, options: Mapping[str, Any]) -> None:
-        self._name = f"{function.__module__}.{function.__qualname__}"
+        self.name = f"{function.__module__}.{function.__qualname__}"
         self._py_func = function
         self._options = options
         self._impl = _Results(function)
         self._cache_path = str(cache_folder())
+        self._lock: int | None = None
         self.compiled = False
         self.enable()
 
@@ -127,15 +137,49 @@ class KernelCache(FunctionCache):
         return cache_folder() / f"{self._base}.nbi"
 
     @property
+    def busy(self) -> bool:
+        """Whether another process is compiling the kernel."""
+        try:
+            locks.release(locks.lock_file(self._lock_path), self._lock_path)
+        except BlockingIOError:
+            return True
+        except OSError:  # nothing can be written
+            return False
+        return False
+
+    @property
     def _base(self) -> str:
-        return f"{self._name}-{self.stamp[:STAMP_DIGITS]}"
+        return f"{self.name}-{self.stamp[:STAMP_DIGITS]}"
 
     @cached_property
     def _cache_file(self) -> Any:  # type: ignore[override]
         return IndexDataCacheFile(self._cache_path, self._base, self.stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the cached code for a signature; None if it must be compiled."""
+        """Return the cached code for a signature; None if this process must compile it.
+
+        The kernel is then locked until `save_overload`: another process that needs it waits, and loads it.
+        """
+        found = self._load(sig, target_context)
+        if found is None and self._lock_or_wait():
+            found = self._load(sig, target_context)
+            if found is not None:
+                self._unlock()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save compiled code; if the disk is full or not writable, the run continues without saving it."""
+        self.compiled = True
+        try:
+            with suppress(OSError):
+                new = not self.index.exists()
+                super().save_overload(sig, data)
+                if new:
+                    prune(self.name, self.index)
+        finally:
+            self._unlock()
+
+    def _load(self, sig: Any, target_context: Any) -> Any:
         try:
             found = super().load_overload(sig, target_context)
         except Exception:  # a damaged file may raise anything: the kernel is compiled again
@@ -147,14 +191,41 @@ class KernelCache(FunctionCache):
                 os.utime(self.index)
         return found
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Save compiled code; if the disk is full or not writable, the run continues without saving it."""
-        self.compiled = True
-        with suppress(OSError):
-            new = not self.index.exists()
-            super().save_overload(sig, data)
-            if new:
-                prune(self._name, self.index)
+    @property
+    def _lock_path(self) -> Path:
+        return cache_folder() / f"{self._base}.lock"
+
+    def _lock_or_wait(self) -> bool:
+        """Lock the kernel; return whether another process had it, so that it may be in the cache now."""
+        if self._lock is not None:  # it calls itself with other types
+            return False
+        try:
+            if self._try_lock():
+                return False
+            compiletime.begin()
+            try:
+                self._wait()
+            finally:
+                compiletime.end()
+        except OSError:  # nothing can be written: each process compiles for itself
+            return False
+        return True
+
+    def _wait(self) -> None:
+        """Wait until no other process compiles the kernel, and lock it; give up after `MAX_WAIT_S`."""
+        begun_s = time.perf_counter()
+        while not self._try_lock() and time.perf_counter() - begun_s < MAX_WAIT_S:
+            time.sleep(RETRY_S)
+
+    def _try_lock(self) -> bool:
+        with suppress(BlockingIOError):
+            self._lock = locks.lock_file(self._lock_path)
+        return self._lock is not None
+
+    def _unlock(self) -> None:
+        if self._lock is not None:
+            locks.release(self._lock, self._lock_path)
+            self._lock = None
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Return numba's key plus the field names of named tuples in the arguments: the code depends on their order."""

@@ -24,8 +24,8 @@ from pathlib import Path
 from types import TracebackType
 
 from cuboid.ground.core.errors import OutputError
-from cuboid.ground.core.locks import lock_folder, release
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.locks import lock_folder, release
 
 RUN = "run.json"
 OBJECTS = "objects.json"

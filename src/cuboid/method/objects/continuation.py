@@ -31,7 +31,7 @@ def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Arra
     owned : (M,) uint8
         1 for each object number whose voxels are not structure.
     """
-    points = points[:: 1 + len(points) // SAMPLE_POINTS]
+    points = np.ascontiguousarray(points[:: 1 + len(points) // SAMPLE_POINTS])
     beyond_m = BEYOND_VOXELS * voxels.voxel_m
     places, counts = np.empty((5 * len(beyond_m) * len(points), 3)), np.empty(5, np.int64)
     # Lower points lie beside the surface on which the object stands.

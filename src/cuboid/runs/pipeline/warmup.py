@@ -1,8 +1,7 @@
-"""Compilation of the tracking kernels before the first run, by tracking a small synthetic recording."""
+"""A small synthetic recording, and the use of all kernels of a live run before its camera starts."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -79,22 +78,6 @@ class WarmUpRecording:
         return WarmUpRecording(poses=False, noise=self._noise)
 
 
-def compile_kernels(progress: Callable[[int, int], None] = lambda done, parts: None) -> None:
-    """Compile all kernels that tracking may need (a minute or more); kernels in the cache are only loaded.
-
-    Parameters
-    ----------
-    progress : callable, optional
-        Called with the number of finished parts, from 0, and the total number.
-    """
-    parts = (_track, _estimate_poses, _revisit, _correct, _register)
-    with tempfile.TemporaryDirectory(prefix="cuboid-compile-") as folder:
-        for done, part in enumerate(parts):
-            progress(done, len(parts))
-            part(Path(folder))
-    progress(len(parts), len(parts))
-
-
 def load_kernels(progress: Callable[[int, int], None]) -> None:
     """Load the kernels of tracking and of pose estimation, and compile the missing ones, before a live camera starts.
 
@@ -111,60 +94,6 @@ def load_kernels(progress: Callable[[int, int], None]) -> None:
     for index in range(FRAMES):
         progress(index, FRAMES)
         tracker.update(recording.read(index))
-
-
-def _track(folder: Path) -> None:
-    """Track with the recording's own poses."""
-    from cuboid.runs.pipeline.options import ResultOptions
-    from cuboid.runs.pipeline.run import track_recording
-
-    track_recording(WarmUpRecording(), folder / "given", results=ResultOptions(page=False))
-
-
-def _estimate_poses(folder: Path) -> None:
-    """Track with poses from the video."""
-    from cuboid.runs.pipeline.options import ResultOptions
-    from cuboid.runs.pipeline.run import track_recording
-
-    track_recording(WarmUpRecording(poses=False), folder / "estimated", results=ResultOptions(page=False))
-
-
-def _revisit(folder: Path) -> None:
-    """Track two noisy recordings into one scene, the second with all parts of the map out of view evicted."""
-    from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
-    from cuboid.runs.pipeline.run import track_recording
-    from cuboid.runs.scene.running import IntoScene
-
-    for visit, memory_mb in enumerate((1e6, 0.0)):
-        recording, into = WarmUpRecording(noise=0.03), IntoScene(folder / "scene.cuboid")
-        options, results = TrackOptions(memory_mb=memory_mb), ResultOptions(page=False)
-        track_recording(recording, folder / f"visit-{visit}", options, results=results, into=into)
-
-
-def _correct(_: Path) -> None:
-    """Track a few frames, with a correction of the keyframes to which they are anchored."""
-    from cuboid.runs.tracking.posed_tracker import PosedTracker
-
-    recording, tracker = WarmUpRecording(), PosedTracker(CAMERA)
-    for index in range(FRAMES):
-        if index == FRAMES // 2:
-            T_new_old = np.eye(4)
-            T_new_old[0, 3] = 0.03
-            tracker.apply_correction({1: T_new_old, 2: T_new_old})
-        tracker.update(recording.read(index), 1 + index // (FRAMES // 4))
-    tracker.map_points()
-
-
-def _register(_: Path) -> None:
-    """Register a depth image to the color camera beside it."""
-    from cuboid.inputs.readers.depth_camera import DepthCamera
-    from cuboid.inputs.readers.registration import Registration
-
-    T_color_depth = np.eye(4)
-    T_color_depth[0, 3] = 0.02
-    c = CAMERA
-    depth = DepthCamera(c.fx, c.fy, c.cx, c.cy, (c.width, c.height), T_color_depth)
-    Registration(depth, c)(WarmUpRecording().read(0).depth_m, "warm-up")
 
 
 def _pose(index: int) -> Float64Array:

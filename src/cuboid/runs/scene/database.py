@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.ground.core.errors import InputError, OutputError
-from cuboid.ground.core.locks import lock_file, release
 from cuboid.ground.formats.reading import kind_of, real_path
+from cuboid.ground.locks import lock_file, release
 from cuboid.results.files.pending import PendingFile
 from cuboid.runs.scene.schema import APPLICATION_ID, TABLES, VERSION
 from cuboid.runs.scene.validation import DamagedError

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.kernels.cells import AREA, CX, CY, CZ, NX, NY, NZ, RMS
 from cuboid.ground.core.kernels.segments import FAR, NONE, PLANE, SURFACE
+from cuboid.ground.core.kernels.sorting import stable_order
 from cuboid.ground.core.tolerances import SIGMAS
 
 # Fewest cells that define a plane to which other cells can be joined.
@@ -52,7 +53,7 @@ def grow_planes(cells, shape, camera, noise, bias, flat, least_area, planes, mem
     member[:] = -1
     tried = np.zeros((rows, columns), np.int32)
     queue = np.empty(rows * columns, np.int32)
-    order = np.argsort(cells[:, RMS], kind="mergesort")
+    order = stable_order(cells[:, RMS])
     count = 0
     attempt = 0
     for seed in order:

@@ -19,7 +19,9 @@ def drop_mixed(depth, jump, out):
     `jump` times z squared, plus `JUMP_M`.
     """
     height, width = depth.shape
-    out[:] = depth
+    for v in range(height):
+        for u in range(width):
+            out[v, u] = depth[v, u]
     for v in range(1, height - 1):
         above, row, below, clean = depth[v - 1], depth[v], depth[v + 1], out[v]
         # No branches, so that the compiler can vectorise the loop.

@@ -205,7 +205,8 @@ def mean_colors(labels, color, step, means):
                 for c in range(3):
                     means[k, c] += color[v * step, u * step, c]
     for k in range(len(means)):
-        means[k] /= max(1, counts[k])
+        for c in range(3):
+            means[k, c] /= max(1, counts[k])
 
 
 @kernel(error_model="numpy", inline="always")

@@ -51,7 +51,9 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, groove, smooth, marks):
     mark_jumps(inverse, kind, noise, jump, smooth, marks)
     # A margin without surface surrounds the image, so that no arm ends outside.
     wide = np.zeros((height + 2 * LONGEST, width + 2 * LONGEST), np.float32)
-    wide[LONGEST:-LONGEST, LONGEST:-LONGEST] = smooth
+    for v in range(height):
+        for u in range(width):
+            wide[v + LONGEST, u + LONGEST] = smooth[v, u]
     # The ends of the arms lie within three arm lengths of the crease in depth: no jump lies between.
     lengths = np.arange(LONGEST + 1)
     reaches, sags = 3.0 * lengths / focal, 2.0 * bend * lengths / focal
@@ -103,7 +105,9 @@ def mark_jumps(inverse, kind, noise, jump, smooth, marks):
     jump, noise_limit, none = np.float32(jump), np.float32(JUMP_SIGMAS * noise), np.float32(0.0)
     # A margin without readings surrounds the image, so that neighbours need no bounds check.
     wide = np.zeros((height + 3, width + 3), np.float32)
-    wide[1:-2, 1:-2] = inverse
+    for v in range(height):
+        for u in range(width):
+            wide[v + 1, u + 1] = inverse[v, u]
     for v in range(height):
         above, row, below, next_ = wide[v], wide[v + 1], wide[v + 2], wide[v + 3]
         # No branches, so that the compiler can vectorise the loop.

@@ -96,7 +96,8 @@ def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weigh
     for i in range(n):
         layer_trust[layer[i]] += trust[i]
     for _ in range(3 if trim else 0):
-        away[:] = np.abs(residual)
+        for i in range(n):
+            away[i] = abs(residual[i])
         limit = SIGMAS * max(1.48 * weighted_median(away, weights), noise, MIN_SIGMA_M)
         layer_near[:] = 0.0
         for i in range(n):

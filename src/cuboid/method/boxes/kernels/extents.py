@@ -70,7 +70,8 @@ def spans(points, directions, low, high):
             third, fourth = xk * x[d] + yk * y[d], xm * x[d] + ym * y[d]
             smallest[d] = min(smallest[d], min(min(first, second), min(third, fourth)))
             largest[d] = max(largest[d], max(max(first, second), max(third, fourth)))
-    low[:], high[:] = smallest, largest
+    for d in range(x.size):
+        low[d], high[d] = smallest[d], largest[d]
 
 
 @kernel

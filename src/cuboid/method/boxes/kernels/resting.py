@@ -100,7 +100,8 @@ def fit(points, weights, normal, offset, fraction, directions, solvers, box):
             along = x * directions[d, 0] + y * directions[d, 1]
             low[d], high[d] = min(low[d], along - radius), max(high[d], along + radius)
     upright, bottom, top = np.zeros((n, 2)), np.empty(1), np.empty(1)
-    upright[:, 0] = heights
+    for i in range(n):
+        upright[i, 0] = heights[i]
     reach(upright, weights, np.array([[1.0, 0.0]]), fraction, bottom, top)
     # An object that lies completely below the plane rests on something else.
     if bottom[0] + offset < REST_M and top[0] + offset > 0.0:

@@ -46,7 +46,8 @@ def fit_axis(plan, layer, weights, rounds, center, radius, residual):
         mean[k, 2] += w * (x * x + y * y)
     for k in range(layers):
         if total[k] > 0.0:
-            mean[k] /= total[k]
+            for axis in range(3):
+                mean[k, axis] /= total[k]
     aa = ab = bb = ac = bc = 0.0
     for i in range(count):
         k, w = layer[i], weights[i]
@@ -72,7 +73,8 @@ def fit_axis(plan, layer, weights, rounds, center, radius, residual):
             mean[k, 2] += w * r
         for k in range(layers):
             if total[k] > 0.0:
-                mean[k] /= total[k]
+                for axis in range(3):
+                    mean[k, axis] /= total[k]
         spread = whole = 0.0
         for i in range(count):
             residual[i] = out[i] - mean[layer[i], 2]
@@ -94,7 +96,8 @@ def fit_axis(plan, layer, weights, rounds, center, radius, residual):
             return False
         cx, cy = cx + (ac * bb - bc * ab) / det, cy + (bc * aa - ac * ab) / det
     center[0], center[1] = cx, cy
-    radius[:] = mean[:, 2]
+    for k in range(radius.size):
+        radius[k] = mean[k, 2]
     return True
 
 

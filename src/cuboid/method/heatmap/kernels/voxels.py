@@ -274,7 +274,8 @@ def pack(cube, cubes, rows, points):
         if points.weight[row] > 0.0:
             to = row_of(cube, kept, cubes.blocks)
             if to != row:
-                rows[to] = rows[row]
+                for byte in range(rows.shape[1]):
+                    rows[to, byte] = rows[row, byte]
             kept += 1
     for k in range(kept, count):
         rows[row_of(cube, k, cubes.blocks)] = 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.ground.compiling.compiled import kernel
+from cuboid.ground.core.kernels.sorting import stable_order
 from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.method.objects.kernels.nearness import count_near
@@ -76,7 +77,8 @@ def longest(plan):
 @kernel
 def width(plan, x, y):
     """Return the extent of points (N, 2) along a direction, without the outermost ones at either end."""
-    along = np.sort(plan[:, 0] * x + plan[:, 1] * y)
+    along = plan[:, 0] * x + plan[:, 1] * y
+    along = along[stable_order(along)]
     return at_fraction(along, 1.0 - END_FRACTION) - at_fraction(along, END_FRACTION)
 
 

@@ -54,7 +54,8 @@ def join(segments, borders, count, focal, largest, members, found, parts):
         if segments[k, READINGS] == 0:
             continue
         members[n, k] = 1
-        found[n] = segments[k]
+        for m in range(found.shape[1]):
+            found[n, m] = segments[k, m]
         parts[n, 0] = parts[n, 1] = -1
         current[k] = n
         alive[k] = extent(segments[k], focal) <= largest
@@ -87,7 +88,8 @@ def join(segments, borders, count, focal, largest, members, found, parts):
                 grooves[k, i] = grooves[i, k]
         for k in range(1, count + 1):
             members[n, k] = members[current[i], k] | members[current[j], k]
-        found[n] = first
+        for m in range(found.shape[1]):
+            found[n, m] = first[m]
         parts[n, 0], parts[n, 1] = current[i], current[j]
         current[i] = n
         n += 1
@@ -249,7 +251,8 @@ def cut_masks(labels, members, chosen, boxes, masks):
     # For each label, from the last plane's on, whether it belongs to the region.
     inside = np.zeros(2 * last + 1, np.uint8)
     for row in range(chosen.size):
-        inside[:last] = inside[last + 1 :] = members[chosen[row]]
+        for k in range(last):
+            inside[k] = inside[last + 1 + k] = members[chosen[row], k]
         x0, y0, x1, y1 = boxes[row]
         for v in range(y0, y1):
             line, seen = masks[at : at + x1 - x0], labels[v, x0:x1]
