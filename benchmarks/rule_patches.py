@@ -178,7 +178,7 @@ RULES: tuple[Rule, ...] = (
         (
             (
                 FITTING,
-                "box = seen_box if rests is None else with_hidden_foot(seen_box, *rests, parts, self._voxels)",
+                "box = seen_box if rests is None else with_hidden_foot(seen_box, *rests, parts, self._voxels, max_height_m)",
                 "box = seen_box",
             ),
         ),

@@ -89,9 +89,18 @@ ABOVE = [(0.0, 1e-3, 1.0)]
 def test_a_thing_of_which_only_the_top_is_seen_reaches_down_to_the_table() -> None:
     whole = upright((0.0, 0.0), (0.14, 0.08, 0.26))
     slab = upright((0.0, 0.0), (0.14, 0.08, 0.003), z=0.257)
-    box = with_hidden_foot(slab, UP, 0.0, [], seen_from(ABOVE, [whole]))
+    box = with_hidden_foot(slab, UP, 0.0, [], seen_from(ABOVE, [whole]), 1.0)
     np.testing.assert_allclose(box.center, whole.center, atol=1e-9)
     np.testing.assert_allclose(box.size, whole.size, atol=1e-9)
+
+
+def test_no_foot_is_assumed_that_would_make_a_thing_too_large() -> None:
+    """A mug on an espresso machine, with the floor far beneath that no frame has seen."""
+    mug = upright((0.0, 0.0), (0.1, 0.08, 0.1), z=1.6)
+    nothing = VoxelMap(0.01, 1.425e-3, 3.5)
+    assert hidden_foot_m(mug, UP, 0.0, [], nothing) == 0.0
+    assert with_hidden_foot(mug, UP, 0.0, [], nothing, 1.0) is mug
+    assert with_hidden_foot(mug, UP, 0.0, [], nothing, 2.0).size[2] == pytest.approx(1.7)
 
 
 def test_a_foot_may_be_narrower_than_its_object_if_it_stands_beneath_the_middle() -> None:
@@ -108,7 +117,7 @@ def test_a_thing_above_another_one_stands_on_it_and_one_beside_it_does_not() -> 
     voxels = seen_from(ABOVE, [lower, upper])
     top = upright((0.0, 0.0), (0.08, 0.08, 0.01), z=0.24)
     assert hidden_foot_m(top, UP, 0.0, [lower], voxels) == pytest.approx(0.1)
-    assert with_hidden_foot(top, UP, 0.0, [lower], voxels).size[2] == pytest.approx(0.15)
+    assert with_hidden_foot(top, UP, 0.0, [lower], voxels, 1.0).size[2] == pytest.approx(0.15)
     # The neighbour that reaches beyond the foot from below may hold it, as a teapot its spout; one above is no support.
     beside = upright((0.03, 0.0), (0.1, 0.1, 0.3))
     assert hidden_foot_m(top, UP, 0.0, [beside], voxels) is None

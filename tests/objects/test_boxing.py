@@ -29,7 +29,7 @@ def floor(hidden: np.ndarray | None = None) -> np.ndarray:
 def fitted(voxels: VoxelMap, plane: tuple[np.ndarray, float] | None, others: list[Box] | None = None) -> Box:
     rows = voxels.stored.rows_of(THING)
     box = Boxing(voxels).fit(rows, voxels.stored.xyz(rows), plane, UP, others or [])[0]
-    return box if plane is None else with_hidden_foot(box, *plane, others or [], voxels)
+    return box if plane is None else with_hidden_foot(box, *plane, others or [], voxels, 1.0)
 
 
 def test_what_was_seen_all_round_has_its_own_box() -> None:
@@ -76,3 +76,18 @@ def test_a_can_far_away_has_the_box_of_a_can_not_that_of_noise(seed: int) -> Non
     places = voxels.stored.xyz(rows)
     from_there = Boxing(voxels).fit(rows, places, GROUND, UP, [], np.array([0.0, -4.0, 0.06]))[0]
     assert iou(from_there, can) > max(0.75, iou(fitted(voxels, GROUND), can) + 0.2)
+
+
+@pytest.mark.parametrize("shows", [True, False], ids=["ground shows", "ground hidden"])
+def test_a_half_ring_is_a_whole_disc_only_where_no_frame_saw_the_ground(shows: bool) -> None:
+    """A banana from above, and a can from its side: both show half a ring of 8 cm radius."""
+    ring = grid((-0.09, 0.09), (-0.09, 0.005), (0.0, 0.04))
+    ring = ring[np.abs(np.hypot(*ring[:, :2].T) - 0.075) < 0.008]
+    ground = grid((-0.6, 0.6), (-0.6, 0.6), (-0.01, 0.0))
+    beyond = (np.hypot(*ground[:, :2].T) < 0.1) & (ground[:, 1] > -0.06)
+    box = fitted(map_of((ground if shows else ground[~beyond], 0), (ring, THING)), GROUND)
+    assert box.size[0] == pytest.approx(0.16, abs=0.015)
+    if shows:
+        assert box.size[1] < 0.1
+    else:
+        assert box.size[1] == pytest.approx(0.16, abs=0.015)

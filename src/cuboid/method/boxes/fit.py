@@ -23,7 +23,7 @@ ARC_DESIGNS = np.dstack([np.concatenate([DIRECTIONS, -DIRECTIONS])[ARCS], np.one
 ARC_SOLVERS = np.linalg.pinv(ARC_DESIGNS)
 # Normal, and offset or None if no known plane lies beneath.
 Resting = tuple[Float64Array, float | None]
-_NO_SIDE, _NO_TRUST = np.zeros((0, 2)), np.zeros(0)
+_NO_SIDE, _NO_TRUST, _NO_ARCS = np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3, ARCS.shape[1]))
 
 
 def fit_box(
@@ -32,6 +32,8 @@ def fit_box(
     offset: float | None,
     fraction: float,
     weights: Float64Array | None = None,
+    *,
+    discs: bool = True,
 ) -> Box:
     """Fit the box of minimal footprint whose third axis is a plane's normal.
 
@@ -48,6 +50,8 @@ def fit_box(
         does not rest on the plane, at the bottom: outliers.
     weights : (N,) float64, optional
         Weight of each point.
+    discs : bool
+        Whether a footprint that is a part of a disc is extended to the whole disc.
 
     Returns
     -------
@@ -58,7 +62,8 @@ def fit_box(
     trust = np.ones(len(cloud)) if weights is None else weights
     row = np.empty(15)
     rest = math.nan if offset is None else offset
-    kernel.fit(cloud, trust, np.ascontiguousarray(normal), rest, fraction, DIRECTIONS, ARC_SOLVERS, row)
+    solvers = ARC_SOLVERS if discs else _NO_ARCS
+    kernel.fit(cloud, trust, np.ascontiguousarray(normal), rest, fraction, DIRECTIONS, solvers, row)
     return _box(row)
 
 

@@ -26,7 +26,7 @@ BESIDE_FRACTION = 0.2
 TOP_LAYER_FRACTION = 0.1
 # Fraction of the points that may stick out on one side only, as a handle does.
 STICKING_OUT_FRACTION = 0.1
-# A foot may be hidden if at most this fraction of the ground beneath the middle was seen.
+# A foot, or the rest of a disc, may be hidden if at most this fraction of the ground beneath it was seen.
 GROUND_SEEN_FRACTION = 0.2
 # A foot carries the middle of its object. It may be narrower than the object, as a stem or a pot, but free space
 # beneath this middle part of the footprint, as a fraction of each side, shows that there is no foot.
@@ -34,6 +34,9 @@ MIDDLE_FRACTION = 0.5
 # Sample places on the ground beneath a box, per side, as fractions of the box from its middle.
 _STEPS = MIDDLE_FRACTION * ((np.arange(MIN_READINGS) + 0.5) / MIN_READINGS - 0.5)
 _ALONG, _ACROSS = (places.reshape(-1, 1) for places in np.meshgrid(_STEPS, _STEPS))
+# Sample places in a disc of unit diameter, (N, 2), 1/16 apart.
+_DISC = (np.mgrid[:16, :16].reshape(2, -1).T + 0.5) / 16.0 - 0.5
+_DISC = _DISC[np.hypot(*_DISC.T) < 0.5]
 
 
 def with_hidden(
@@ -90,8 +93,14 @@ def is_clear_of(box: Box, near: Sequence[Box]) -> bool:
     return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= BESIDE_FRACTION)
 
 
-def with_hidden_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
-    """Return a box extended down to the surface below, unless evidence shows that it floats; see `hidden_foot_m`."""
+def with_hidden_foot(
+    box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap, max_height_m: float
+) -> Box:
+    """Return a box extended down to the surface below, unless evidence shows that it floats; see `hidden_foot_m`.
+
+    No foot is assumed that would make it higher than `max_height_m`, metres: what is far above the surface stands on
+    something that is not known.
+    """
     foot_m = box.foot_m(normal, offset)
     if foot_m <= MIN_GAP_M:
         return box
@@ -99,7 +108,36 @@ def with_hidden_foot(box: Box, normal: Float64Array, offset: float, near: Sequen
     if surface_m is None or surface_m >= foot_m:
         return box
     gap_m = foot_m - surface_m
+    if box.size[2] + gap_m > max_height_m:
+        return box
     return Box(box.center - 0.5 * gap_m * normal, box.size + np.array([0.0, 0.0, gap_m]), box.rotation)
+
+
+def is_unseen_beyond(round_box: Box, box: Box, normal: Float64Array, offset: float, voxels: VoxelMap) -> bool:
+    """Return whether a body of revolution can be larger than its seen part.
+
+    It cannot if frames saw the ground where the rest of it would stand. A banana, or a handle alone, has the side of a
+    body of revolution too, but the ground beside it shows.
+
+    Parameters
+    ----------
+    round_box : Box
+        The box of the whole body.
+    box : Box
+        The box of its seen part.
+    normal : (3,) float64
+        Normal of its supporting plane, unit.
+    offset : float
+        The plane is normal.p + offset = 0.
+    voxels : VoxelMap
+    """
+    across = _DISC * round_box.size[:2] @ round_box.rotation[:, :2].T
+    # Points of adjacent voxels are at most two voxels apart: the ground next to the part may hold points of the part.
+    added = (round_box.center + across)[_beyond(round_box.center + across, box) > 2.0 * voxels.voxel_m]
+    if not len(added):
+        return True
+    seen = _seen(added - np.outer(added @ normal + offset, normal), normal, voxels)
+    return bool(np.count_nonzero(seen) <= GROUND_SEEN_FRACTION * len(seen))
 
 
 def mirrored_points(

@@ -13,7 +13,7 @@ from cuboid.method.boxes.denoising import denoised, is_thick
 from cuboid.method.boxes.edges import FROM_ABOVE, to_edges, to_top
 from cuboid.method.boxes.faces import to_faces
 from cuboid.method.boxes.fit import fit_box
-from cuboid.method.boxes.hidden import as_deep_as_wide, is_clear_of, with_hidden
+from cuboid.method.boxes.hidden import as_deep_as_wide, is_clear_of, is_unseen_beyond, with_hidden
 from cuboid.method.boxes.revolved import revolved
 from cuboid.method.heatmap.stored_points import Rows
 from cuboid.method.heatmap.voxel_map import VoxelMap
@@ -96,14 +96,27 @@ class Boxing:
     ) -> Box:
         if plane is None:
             return fit_box(points, up, None, STRAY_FRACTION, trust)
-        box = fit_box(points, *plane, STRAY_FRACTION, trust)
+        box = self._standing(points, trust, plane)
         round_box = revolved(box, points, trust, plane, noise_m, self._voxels.voxel_m, STRAY_FRACTION)
-        if round_box is not None and is_clear_of(round_box, others):
+        if (
+            round_box is not None
+            and is_clear_of(round_box, others)
+            and is_unseen_beyond(round_box, box, *plane, self._voxels)
+        ):
             round_box = to_faces(round_box, points, trust, noise_m, top_alone=True)
             return self._to_tops(round_box, points, readings, eye)
         box = to_faces(box, points, trust, noise_m, top_alone=False)
         box = self._to_tops(box, points, readings, eye)
         return with_hidden(box, points, *plane, others, self._voxels)
+
+    def _standing(self, points: Float64Array, trust: Float64Array, plane: Plane) -> Box:
+        """Return the box of points on a plane; that of a whole disc only if the rest of the disc can be hidden."""
+        box = fit_box(points, *plane, STRAY_FRACTION, trust)
+        # The box of a whole disc has equal sides.
+        if box.size[0] - box.size[1] > self._voxels.voxel_m:
+            return box
+        part = fit_box(points, *plane, STRAY_FRACTION, trust, discs=False)
+        return box if is_unseen_beyond(box, part, *plane, self._voxels) else part
 
     def _to_tops(self, box: Box, points: Float64Array, readings: Float64Array, eye: Float64Array | None) -> Box:
         """Return a box that ends at the seen top and at its edges, if the camera sees it from above."""

@@ -107,7 +107,8 @@ class Fitting:
         others = [o.box for o in beside]
         seen_box, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others, eye)
         parts = [] if rests is None else [seen_part(o, rests[0]) for o in beside]
-        box = seen_box if rests is None else with_hidden_foot(seen_box, *rests, parts, self._voxels)
+        max_height_m = self._config.max_size_m
+        box = seen_box if rests is None else with_hidden_foot(seen_box, *rests, parts, self._voxels, max_height_m)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
             # A floating object may stand on a plane that was not known yet: estimate its support again from later
             # sightings.

@@ -28,9 +28,11 @@ from cuboid.method.surfaces.frustum_planes import FrustumPlanes, crop_planes, fr
 from cuboid.method.surfaces.plane import ON_PLANE_M, REACH_M, Plane
 from cuboid.method.surfaces.plane_rules import is_lid, largest_level, merge_duplicates
 from cuboid.method.surfaces.standing import SAME_COS, FlatAreas
-from cuboid.method.surfaces.up import REFRESH_FRAMES, UpVote
+from cuboid.method.surfaces.up import UpVote
 from cuboid.method.surfaces.windows import Windows, window_of
 
+# Well-known planes are updated once in this many frames.
+REFRESH_FRAMES = 8
 # A plane that is not in use is removed when it was not seen for more frames than this.
 MAX_UNSEEN_FRAMES = 60
 # The plan frame is rotated when the plane with most evidence is tilted in it by more than half the rotation error of
@@ -176,9 +178,9 @@ class PlaneTracker:
         tracker._changed = {planes[identity] for identity in state.changed}
         return tracker
 
-    def vote_is_due(self) -> bool:
-        """Count a frame and return whether it should vote for up."""
-        return self._vote.is_due()
+    def vote_is_due(self, weight: float) -> bool:
+        """Add the weight of a frame and return whether it should vote for up."""
+        return self._vote.is_due(weight)
 
     def vote_up(self, areas: FlatAreas, T_world_camera: Float64Array, up_camera: Float64Array | None = None) -> bool:
         """Update the vote for up with a frame's flat areas; if up changes, reset all planes and return True."""

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.state import Record
-from cuboid.ground.core.tolerances import MIN_READINGS
+from cuboid.ground.core.state import ADDED, Record
 from cuboid.method.surfaces.standing import ENOUGH, SAME_COS, FlatAreas
 
 # A direction nearer than 45 degrees to another one is a noisy version of it: real ones are at right angles (cosine).
@@ -22,28 +21,33 @@ HELD_FRACTION = 0.5
 LEVEL_IN_IMAGES_COS, MIN_LEVEL_M2 = 0.5, 0.2
 # Another direction becomes up if its likelihood is larger by this ratio.
 MIN_LIKELIHOOD_RATIO = 2.0
-# Well-known planes, and a known up, are updated once in this many frames.
-REFRESH_FRAMES = 8
+# A frame votes when the frames since the last vote have the first weight together, that of one frame from a new
+# viewpoint; once up is sure, the second one: a search for flat areas takes as long as all other steps of the planes.
+VOTE_WEIGHT, SURE_WEIGHT = 1.0, 8.0
+# Up can be sure after votes of this weight: fewer may show one object alone.
+MIN_VOTES = 8.0
 
 
 @dataclass(slots=True, eq=False)
 class UpVote(Record):
     """Collects the normals of flat areas, with the evidence that objects stand on them.
 
+    A vote has the weight of all frames since the last one: a side does not become up because more frames show it.
+
     Attributes
     ----------
     seen : (N, 5) float64
-        A row per direction: unit vector (3), area, evidence.
+        A row per direction: unit vector (3), sums over the votes of weight times area, and of weight times evidence.
     axes : (3, 3) float64
-        Sum of the rotations of the cameras.
+        Sum over the votes of the rotations of the cameras times their weights.
     measured : (3,) float64
-        Sum of the measured up directions.
+        Sum over the votes of the measured up directions times their weights.
     up : (3,) float64 or None
         Up in the world; None while unknown.
-    frames : int
-        Number of frames so far.
-    votes : int
-        Number of frames that voted.
+    waiting : float
+        Weight of the frames since the last vote.
+    votes : float
+        Weight of the frames that voted.
     changed : bool
         Whether the last vote has changed `up`.
     """
@@ -52,8 +56,8 @@ class UpVote(Record):
     axes: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
     measured: Float64Array = field(default_factory=lambda: np.zeros(3))
     up: Float64Array | None = None
-    frames: int = 0
-    votes: int = 0
+    waiting: float = field(default_factory=float, metadata=ADDED)
+    votes: float = 0.0
     changed: bool = False
 
     @property
@@ -62,17 +66,17 @@ class UpVote(Record):
         norm = float(np.linalg.norm(self.axes[:, 1]))
         return np.asarray(-self.axes[:, 1] / norm if norm > 0 else np.array([0.0, 0.0, 1.0]))
 
-    def is_due(self) -> bool:
-        """Count a frame and return whether it should vote."""
-        self.frames += 1
-        return not self._is_sure() or self.frames % REFRESH_FRAMES == 0
+    def is_due(self, weight: float) -> bool:
+        """Add the weight of a frame and return whether it should vote."""
+        self.waiting += weight
+        return self.waiting >= VOTE_WEIGHT and (self.waiting >= SURE_WEIGHT or not self._is_sure())
 
     def update(
         self, areas: FlatAreas, T_world_camera: Float64Array, up_camera: Float64Array | None = None
     ) -> Float64Array | None:
         """Add a frame's flat areas; return up (3,) in the world, or None while unknown.
 
-        `changed` is True if up differs from before.
+        The frame stands for all frames that wait. `changed` is True if up differs from before.
 
         Parameters
         ----------
@@ -82,14 +86,15 @@ class UpVote(Record):
             Unit vector up (opposite to gravity) in the camera, if measured: it takes precedence over surfaces.
         """
         self.changed = False
-        self.axes += T_world_camera[:3, :3]
-        self.votes += 1
+        weight, self.waiting = self.waiting or VOTE_WEIGHT, 0.0
+        self.axes += weight * T_world_camera[:3, :3]
+        self.votes += weight
         if up_camera is not None:
-            self.measured += T_world_camera[:3, :3] @ up_camera
+            self.measured += weight * (T_world_camera[:3, :3] @ up_camera)
         normals = areas.normal @ T_world_camera[:3, :3].T
         for normal, area_m2, evidence in zip(normals, areas.area_m2, areas.evidence, strict=True):
-            # An area counts for at most one square metre a frame: a near wall is no better evidence than a table.
-            self._add(np.array([*normal, min(1.0, area_m2), evidence]))
+            # An area counts for at most one square metre for each unit of weight: a near wall is no better evidence than a table.
+            self._add(np.array([*normal, weight * min(1.0, area_m2), weight * evidence]))
         best = self._best()
         if self.up is not None and (best is None or best @ self.up <= SAME_COS):
             self.changed = True
@@ -103,17 +108,17 @@ class UpVote(Record):
             return self.up is not None
         likely, near_up = self._likelihood(), self.seen[:, :3] @ self.up > NOISE_COS
         clear = likely[near_up].max(initial=0.0) >= MIN_LIKELIHOOD_RATIO * likely[~near_up].max(initial=0.0)
-        return bool(self.votes >= MIN_READINGS and clear and self._mean_evidence(near_up) >= ENOUGH)
+        return bool(self.votes >= MIN_VOTES and clear and self._mean_evidence(near_up) >= ENOUGH)
 
     def _mean_evidence(self, directions: npt.NDArray[np.bool_]) -> float:
-        """Return the largest evidence among some directions (N,), as a mean over all frames."""
+        """Return the largest evidence among some directions (N,), as a weighted mean over all votes."""
         return float(self.seen[directions, 4].max(initial=0.0)) / max(1, self.votes)
 
     def _best(self) -> Float64Array | None:
         """Return the direction (3,) that is up according to all evidence so far; None while it is unknown.
 
         A direction becomes up if at least the fraction `ENOUGH` of the readings off flat areas, as a mean over all
-        frames, shows objects that stand in it; up becomes unknown below half of that. Level areas in the images count
+        votes, shows objects that stand in it; up becomes unknown below half of that. Level areas in the images count
         as just enough evidence for the images' up: the side of a shelf rises from its back as an object rises from a
         table.
         """

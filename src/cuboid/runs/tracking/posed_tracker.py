@@ -452,7 +452,7 @@ class PosedTracker(TrackedMap):
         """Track the supporting planes; return the planes on and beneath which pixels lie."""
         c, planes, image, T_world_camera = self.config, self._planes, seen.still, seen.T_world_camera
         source = image.depth, T_world_camera, c.depth_noise_per_m, c.max_depth_m
-        if planes.vote_is_due():
+        if planes.vote_is_due(seen.weight):
             areas = find_flat_areas(image.depth, c)
             if planes.vote_up(areas, T_world_camera, seen.up_camera):
                 self._map.reset_supports()
@@ -544,7 +544,8 @@ class PosedTracker(TrackedMap):
         foot_m = box.foot_m(normal, offset)
         whole = Box(box.center - 0.5 * foot_m * normal, box.size + np.array([0.0, 0.0, foot_m]), box.rotation)
         near = [o for o in self._map.store.near(whole, 0.0) if o.confirmed and o.number != owner]
-        return with_hidden_foot(box, normal, offset, [seen_part(o, normal) for o in near], self._voxels)
+        parts, max_height_m = [seen_part(o, normal) for o in near], self.config.max_size_m
+        return with_hidden_foot(box, normal, offset, parts, self._voxels, max_height_m)
 
     def _refine(
         self, seen: Observation, heat: Float32Array, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
