@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from cuboid import Tracker
 from cuboid.ground.core.results import TrackedObject
-from cuboid.results.files.measures import SIGMAS_95
+from cuboid.ground.core.sizes import SIGMAS_95
 from made_measures import PRESETS, VIEWS, Made, Thing, recording
 
 DISTANCES_M = (0.5, 0.8, 1.2)

@@ -75,6 +75,7 @@ def test_the_quick_check_tells_wrong_from_right(recording: Recording, posed: Pos
         verdict = quick_check(frames, scaled(truth, factor))
         assert verdict.wrong
         assert verdict.focal == pytest.approx(truth.fx, rel=0.02)
+        assert verdict.depth_scale is None, "no other cause is named"
 
 
 @pytest.mark.parametrize("noise", ["none", "drift", "jumps"])

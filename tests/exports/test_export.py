@@ -27,7 +27,7 @@ from cuboid.results.files import Results, TrackRow, read_map
 from cuboid.results.files.objects import write_objects
 from cuboid.results.files.rows import EVENTS_HEADER
 
-OWN = ("coco", "csv", "graphml", "json", "kitti", "mcap", "ply")
+OWN = ("boxer", "coco", "csv", "graphml", "json", "kitti", "mcap", "ply")
 SUFFIXES = {name: form.suffix for name, form in EXPORTS.items()}
 
 

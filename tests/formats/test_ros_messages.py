@@ -10,6 +10,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.formats.ros_messages import OWN, SERVICES, VISION, RosMessages, request_of, response_of
+from cuboid.ground.geometry.box import Box
+from cuboid.results.views.ros_objects import detection
 
 # All that a node sends or takes.
 KINDS = (
@@ -82,3 +84,11 @@ def test_bytes_that_are_no_message_are_a_frame_error(messages: RosMessages) -> N
     for cut in (0, 3, 10, len(data) - 1):
         with pytest.raises(FrameError, match=r"a message is no sensor_msgs/msg/Image: "):
             messages.decode(data[:cut], "sensor_msgs/msg/Image")
+
+
+def test_the_covariance_of_a_detection_has_the_variances_of_its_centre(messages: RosMessages) -> None:
+    box = Box(np.zeros(3), np.ones(3), np.eye(3))
+    known = detection(messages, 1, "cup", box, 0.9, 0, "map", (0.002, 0.003, 0.004)).results[0].pose.covariance
+    assert np.flatnonzero(known).tolist() == [0, 7, 14]
+    np.testing.assert_allclose(known[[0, 7, 14]], [4e-6, 9e-6, 16e-6])
+    assert not detection(messages, 1, "cup", box, 0.9, 0, "map").results[0].pose.covariance.any()

@@ -29,7 +29,11 @@ from cuboid.services.queries.parameters import filters_of
 from cuboid.services.service.app import application
 from cuboid.services.service.mcp import server_of
 from made_answers import BEGIN_S, THINGS, into_scene, label_of, put_results, track
+from made_place import BEGIN_S as PLACE_BEGIN_S
+from made_place import write_place
 
+# Conditions of where an object is.
+PLACES = {"on", "beside", "near_object"}
 TABLE_THINGS = {"bin", "box", "red cup", "can"}
 
 
@@ -130,7 +134,11 @@ def of_page(app: Any) -> Callable[[Question], tuple[list[Any], list[Any]]]:
         assert status == 200, page
         labels = [int(one) for one in re.findall(r'<span class="chip"[^>]*>#(\d+)', page)]
         recordings = re.findall(r'<p class="whose">([^<]*)', page) or [""] * len(labels)
-        return [{"label": one, "recording": name} for one, name in zip(labels, recordings, strict=True)]
+        states = ["gone" if "looked for and gone" in one else "present" for one in page.split('<li class="card"')[1:]]
+        return [
+            {"label": label, "recording": name, "state": state}
+            for label, name, state in zip(labels, recordings, states, strict=True)
+        ]
 
     def ask(question: Question) -> tuple[list[Any], list[Any]]:
         last = question.asked.get("last")
@@ -212,11 +220,18 @@ def test_results_answer_alike(made: Made, question: Question, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question.english)
-def test_a_scene_answers_for_its_last_visit(made: Made, question: Question) -> None:
-    """The can is not there on the second day, but it is still known where it was."""
-    present = question.answer if "last" in question.asked else question.answer - {"can"}
-    for found in of_python(str(made.scene))(question):
-        assert {one["label"] for one in found} == {made.in_scene[name] for name in present}
+def test_a_scene_answers_for_its_last_visit(made: Made, question: Question, capsys: pytest.CaptureFixture[str]) -> None:
+    """The can is not there on the second day: on nothing, near nothing, and said to be gone."""
+    gone = set() if PLACES & set(question.asked) else question.answer & {"can"}
+    expected = {made.in_scene[name] for name in question.answer - {"can"} | gone}
+    path = str(made.scene)
+    place = open_place(path)
+    app = application(place, token=None)
+    for ask in (of_command(path, capsys), of_http(app), of_page(app), of_mcp(server_of(place)), of_python(path)):
+        for found in ask(question):
+            assert {one["label"] for one in found} == expected
+            states = [one["state"] for one in found]
+            assert states == ["present"] * (len(found) - len(gone)) + ["gone"] * len(gone)
 
 
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question.english)
@@ -259,6 +274,36 @@ def test_where_and_when_is_the_same_everywhere(made: Made, capsys: pytest.Captur
     assert "looked for and gone since recording 2, frame" in capsys.readouterr().out
     assert main(["find", made.store, "where is the parcel"]) == 0
     assert capsys.readouterr().out.count("not looked at since") == 2
+
+
+def test_what_left_during_a_recording_is_in_every_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    results = write_place(tmp_path)
+    document = json.loads((results / "objects.json").read_text())
+    document["objects"] = [one for one in document["objects"] if one["label"] != 4]
+    (results / "objects.json").write_text(json.dumps(document))
+    header = "frame,timestamp,event,label,from_x,from_y,from_z,to_x,to_y,to_z,score"
+    (results / "events.csv").write_text(f"{header}\n4,{PLACE_BEGIN_S + 4},gone,4,2,0,0.1,,,,1\n")
+    store = str(tmp_path / "store")
+    put_results(store, results, "morning", 1)
+    place = open_place(str(results))
+    stored, app = store_application(store, token=None), application(place, token=None)
+    for path, asks in (
+        (str(results), (of_http(app), of_page(app), of_mcp(server_of(place)), of_python(str(results)))),
+        (store, (of_http(stored), of_page(stored), of_mcp(store_server(store)), of_python_store(store))),
+    ):
+        for question, expected in (
+            (Question("things larger than 25 cm", {"min_size": "25cm"}, set()), [(1, "present"), (4, "gone")]),
+            (Question("things on the crate", {"on": "crate"}, set()), []),
+            (Question("where is 4", {"last": "4"}, set()), [(4, "gone")]),
+        ):
+            for ask in (*asks, of_command(path, capsys)):
+                for found in ask(question):
+                    assert [(one["label"], one["state"]) for one in found] == expected
+        assert main(["find", path]) == 0
+        assert "gone since frame 4" in capsys.readouterr().out
+    tables = Tables(store)
+    assert [row["n"] for row in tables.rows("select count(*) as n from objects")] == [4]
+    assert [row["label"] for row in tables.rows("select label from all_objects where gone")] == [4]
 
 
 def test_the_picture_of_that_moment(made: Made, tmp_path: Path) -> None:

@@ -302,7 +302,7 @@ def test_a_ceiling_is_cut_for_an_eye_above_it_and_sizes_have_their_errors(
     assert points_of(pixels(page.locator("#canvas")), 2).sum() < 20
     assert page.inner_text('.object[data-label="2"] .size') == "15.0 × 15.0 × 10"
     page.click('.object[data-label="2"]')
-    assert "15.0 ± 0.2 × 15.0 ± 0.1 × 10 ± 2 cm" in page.inner_text("#card")
+    assert "15.0 ± 0.4 × 15.0 ± 0.2 × 10 ± 4 cm" in page.inner_text("#card")
     assert watched.complaints == []
     page.close()
 

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "question",
         nargs="?",
         metavar="QUESTION",
-        help="a question in English instead of conditions, such as 'the blue bin beside the chair'",
+        help="a question in English, such as 'the blue bin beside the chair'; further conditions must hold as well",
     )
     parser.add_argument(
         "--last",
@@ -65,9 +65,9 @@ def run(args: argparse.Namespace) -> int:
     text = text_query(args.text, model)
     filters = Filters(**{field: getattr(args, field) for _, field, *_ in CONDITIONS}, text=text, limit=args.limit)
     conditions = filters != Filters(within_m=filters.within_m, limit=args.limit)
-    if sum((conditions, args.last is not None, args.question is not None)) > 1:
+    if args.last is not None and (conditions or args.question is not None):
         raise InputError(
-            "expected one of: a question in English, --last, conditions such as --name ('cuboid find --help')"
+            "expected --last alone, or a question in English or conditions such as --name ('cuboid find --help')"
         )
     answer = _in_place(args, filters, model) if is_place(args.place) else _in_store(args, filters)
     if args.html is not None:
@@ -125,7 +125,7 @@ def _in_store(args: argparse.Namespace, filters: Filters) -> Answered:
     understood: tuple[str, ...] = ()
     note: str | None = None
     if args.question is not None:
-        understood, rows, note = ask(tables, args.question, limit=args.limit, more=more)
+        understood, rows, note = ask(tables, args.question, limit=args.limit, more=more, also=filters)
     elif args.last is not None:
         rows = last_seen(tables, args.last, more)[: args.limit]
     else:
@@ -146,7 +146,7 @@ def _in_place(args: argparse.Namespace, filters: Filters, model: TextModel | Non
     understood: tuple[str, ...] = ()
     note: str | None = None
     if args.question is not None:
-        answer = place.ask(args.question, args.limit)
+        answer = place.ask(args.question, args.limit, filters)
         understood, found, note = answer.understood, list(answer.objects), answer.note
     elif args.last is not None:
         found = place.last_seen(args.last)[: args.limit]
@@ -178,21 +178,25 @@ def _show(args: argparse.Namespace, answer: Answered) -> None:
 def _table(rows: list[dict[str, Any]]) -> Table:
     """Return the table; in a narrow terminal without the columns that matter least."""
     from cuboid.cli.tables import console, fits, new_table
-    from cuboid.results.files.object_table import SIZE_HEADING
+    from cuboid.results.files.object_table import SIZE_HEADING, SURE_SIZE_HEADING
     from cuboid.services.queries.rows import cells_of
 
     last = next((name for name in ("text_score", "unlike", "distance_m") if name in rows[0]), None)
-    names = ["object", SIZE_HEADING, "position x, y, z (m)", "color", "probability", "frames", "last seen (UTC)"]
-    cells = [[*cells_of(row), *([f"{row[last]:.3f}"] if last else [])] for row in rows]
-    if all(row["run"] is None for row in rows):  # the objects of one place
-        for row, found in zip(cells, rows, strict=True):
-            row[0] = row[0].removeprefix(found["recording"])
+    middle = ["position x, y, z (m)", "color", "probability", "frames", "last seen (UTC)", "since then"]
+    one_place = all(row["run"] is None for row in rows)
     table = new_table()
-    for least in ((), ("frames",), ("frames", "probability"), ("frames", "probability", "color")):
-        kept = [k for k, name in enumerate([*names, *([last] if last else [])]) if name not in least]
-        table = new_table(*([*names, last or ""][k] for k in kept))
-        for row in cells:
-            table.add_row(*(row[k] for k in kept))
+    for errors, least in (
+        (True, ()),
+        (False, ()),
+        *((False, ("frames", "probability", "color", "position x, y, z (m)")[:count]) for count in range(1, 5)),
+    ):
+        names = ["object", SURE_SIZE_HEADING if errors else SIZE_HEADING, *middle, *([last] if last else [])]
+        kept = [k for k, name in enumerate(names) if name not in least]
+        table = new_table(*(names[k] for k in kept))
+        for row in rows:
+            cells = [*cells_of(row, errors=errors), *([f"{row[last]:.3f}"] if last else [])]
+            cells[0] = cells[0].removeprefix(row["recording"]) if one_place else cells[0]
+            table.add_row(*(cells[k] for k in kept))
         if fits(table, console()):
             break
     return table

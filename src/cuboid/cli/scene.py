@@ -108,7 +108,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
 
     from cuboid.cli.tables import new_table
     from cuboid.ground.core.errors import printable
-    from cuboid.results.files.object_table import SIZE_HEADING
+    from cuboid.results.files.object_table import SURE_SIZE_HEADING, size_cell
 
     found = [item for item in scene.all_objects if args.all or item.state == "present"]
     document = {"objects": [object_document(item) for item in found]}
@@ -119,7 +119,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
         "label",
         "name",
         *state,
-        SIZE_HEADING,
+        SURE_SIZE_HEADING,
         "position x, y, z (m)",
         "last seen",
         "probability",
@@ -128,7 +128,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
     for item in found:
         state_text = item.state if item.merged_into is None else f"merged into {item.merged_into}"
         seen = "recording {}, frame {}".format(*item.last_seen)
-        cells = (item.box.size_text, item.box.center_text, seen, f"{item.probability:.2f}")
+        cells = (size_cell(item), item.box.center_text, seen, f"{item.probability:.2f}")
         table.add_row(str(item.label), escape(printable(item.name or "")), *((state_text,) if args.all else ()), *cells)
     return document, [table]
 
@@ -214,7 +214,7 @@ def _find(scene: Scene, args: argparse.Namespace) -> Answer:
 
     from cuboid.cli.tables import new_table
     from cuboid.ground.core.errors import printable
-    from cuboid.results.files.object_table import SIZE_HEADING
+    from cuboid.results.files.object_table import SURE_SIZE_HEADING, size_cell
     from cuboid.runs.scene import SceneObject
 
     found = scene.find(args.text, args.text_model)[: args.limit]
@@ -222,9 +222,9 @@ def _find(scene: Scene, args: argparse.Namespace) -> Answer:
     rows = [{**object_document(objects[item.label]), "text_score": round(score, 6)} for item, score in found]
     if not found:
         return {"objects": rows}, ["no object"]
-    table = new_table("label", "name", SIZE_HEADING, "position x, y, z (m)", "text score", left=2)
+    table = new_table("label", "name", SURE_SIZE_HEADING, "position x, y, z (m)", "text score", left=2)
     for item, score in found:
-        cells = (item.box.size_text, item.box.center_text, f"{score:.3f}")
+        cells = (size_cell(item), item.box.center_text, f"{score:.3f}")
         table.add_row(str(item.label), escape(printable(item.name or "")), *cells)
     return {"objects": rows}, [table]
 

@@ -15,7 +15,7 @@ from cuboid.ground.core.errors import counted, printable
 from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.formats.folder import EVENTS
 from cuboid.results.files import RunReport, Timing
-from cuboid.results.files.object_table import SIZE_HEADING, cells_of
+from cuboid.results.files.object_table import SIZE_HEADING, SURE_SIZE_HEADING, cells_of
 from cuboid.results.files.rows import EventRow
 from cuboid.runs.tracking.measuring import DETECTOR_BUDGET, DetectorCost
 
@@ -86,12 +86,17 @@ def fits(table: Table, out: Console) -> bool:
 
 
 def objects_table(objects: Iterable[TrackedObject]) -> Table:
-    """Return the map of objects: label, size, position, frames seen, probability."""
+    """Return the map of objects: label, size, position, frames seen, probability; in a narrow terminal without ±."""
     found = list(objects)
     name = ("name",) if any(item.name for item in found) else ()
-    table = new_table("label", SIZE_HEADING, "position x, y, z (m)", "frames seen", "probability", *name, left=0)
-    for item in found:
-        table.add_row(str(item.label), *cells_of(item), *((escape(printable(item.name or "")),) if name else ()))
+    table = new_table()
+    for errors, size in ((True, SURE_SIZE_HEADING), (False, SIZE_HEADING)):
+        table = new_table("label", size, "position x, y, z (m)", "frames seen", "probability", *name, left=0)
+        for item in found:
+            cells = cells_of(item, errors=errors)
+            table.add_row(str(item.label), *cells, *((escape(printable(item.name or "")),) if name else ()))
+        if fits(table, console()):
+            break
     return table
 
 

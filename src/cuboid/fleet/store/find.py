@@ -10,16 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cuboid.fleet.store.query import SUPERSEDED, Tables
-from cuboid.fleet.store.schema import OBJECTS, RUNS
+from cuboid.fleet.store.schema import ALL_OBJECTS, OBJECTS, RUNS
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.values import RelationKind
 from cuboid.method.text_search import TextQuery
 from cuboid.services.queries import questions
 from cuboid.services.queries.filters import LIKELY, LIMIT, Filters, is_kind, is_surface, label_of
 from cuboid.services.queries.likeness import COLOR_WORDS, COLORED, colors_of
+from cuboid.services.queries.rows import CENTER, sigma_names
+from cuboid.services.queries.rows import SIDES as LWH
 
-SIDES, CENTER = ("longest_m", "middle_m", "shortest_m"), ("center_x_m", "center_y_m", "center_z_m")
-LWH = ("length_m", "width_m", "height_m")
+SIDES = ("longest_m", "middle_m", "shortest_m")
 # Columns that are never null; all columns that are shown.
 NEVER_NULL = ("recording", "label", *SIDES, *CENTER, "frames_seen")
 SHOWN = (
@@ -27,9 +28,11 @@ SHOWN = (
     *LWH,
     *("frames_seen", "first_frame", "last_frame", "last_seen", "run"),
     *("camera_x_m", "camera_y_m", "camera_z_m", "camera_distance_m", "later", "later_frame"),
+    *("state", *sigma_names(LWH), *sigma_names(CENTER), "sides_seen"),
 )
-# Rows of older versions have the probability as their score alone.
-AS = {"probability": "score as probability"}
+# Rows of older versions have the probability as their score alone, and are all present.
+GONE = "coalesce(gone, false)"
+AS = {"probability": "score as probability", "state": f"if({GONE}, 'gone', 'present') as state"}
 
 # Objects of recordings without dates are ordered by frame.
 LATEST = "last_seen desc nulls last, last_frame desc"
@@ -63,10 +66,6 @@ class StoreObjects:
     def __init__(self, tables: Tables, more: Sequence[str] = ()) -> None:
         self._tables, self._more = tables, more
 
-    def present(self) -> Sql:
-        """Return the objects at the end of a run: a store has no others."""
-        return Sql("true")
-
     def sized(self, low_m: float, high_m: float) -> Sql:
         """Return the objects whose longest side is within a range."""
         return Sql("longest_m between ? and ?", (low_m, high_m))
@@ -97,7 +96,7 @@ class StoreObjects:
 
     def near(self, point: tuple[float, float, float], within_m: float) -> Sql:
         """Return the objects whose boxes are near a point."""
-        return Sql(f"{_distance(_coordinates(point))} <= ?", (within_m,))
+        return Sql(f"not {GONE} and {_distance(_coordinates(point))} <= ?", (within_m,))
 
     def near_object(self, label_or_name: str, within_m: float) -> Sql:
         """Return the objects whose boxes are near the centre of another one of their recording."""
@@ -134,8 +133,8 @@ class StoreObjects:
         return found
 
     def _read_names(self) -> list[str]:
-        given = f"select lower(name) as one from {OBJECTS} where name is not null and {NEWEST}"
-        likely = f"select unnest(names) as next from {OBJECTS} where {NEWEST}"
+        given = f"select lower(name) as one from {ALL_OBJECTS} where name is not null and {NEWEST}"
+        likely = f"select unnest(names) as next from {ALL_OBJECTS} where {NEWEST}"
         classes = f"select lower(next.name) as one from ({likely}) where next.score >= ?"
         rows = self._tables.rows(f"select distinct one from ({given} union all {classes}) order by one", [LIKELY])
         return [row["one"] for row in rows]
@@ -150,7 +149,10 @@ class StoreObjects:
         return Sql("not (run = ? and label = ?)", (one["run"], one["label"]))
 
     def select(self, conditions: Sequence[Sql], by: Filters) -> list[dict[str, Any]]:
-        """Return rows: the best match of a text first, else the most similar, else the nearest, else the last seen."""
+        """Return rows: the best match of a text first, else the most similar, else the nearest, else the last seen.
+
+        Gone objects are last.
+        """
         kept, extra, order = [*conditions], dict[str, Sql](), LATEST
         if by.near is not None:
             extra["distance_m"], order = Sql(_distance(_coordinates(by.near))), "distance_m"
@@ -163,7 +165,7 @@ class StoreObjects:
             extra["text_score"] = Sql(FITTING.format(n=len(by.text.vector)), [by.text.vector.tolist()])
             order = "text_score desc"
             kept.append(Sql("embedding_model = ?", (by.text.model,)))
-        return self._rows(kept, order, extra, by.limit)
+        return self._rows(kept, f"{GONE}, {order}", extra, by.limit)
 
     def latest(self, conditions: Sequence[Sql]) -> list[dict[str, Any]]:
         """Return rows, the last seen first."""
@@ -178,7 +180,7 @@ class StoreObjects:
         chosen = ", ".join([*(AS.get(name, name) for name in SHOWN), *named, *self._more])
         where = " and ".join([*(one.text for one in conditions), NEWEST])
         most = "" if limit is None else f" limit {limit}"
-        question = f"select {chosen} from {OBJECTS} where {where} order by {order}, recording, label{most}"
+        question = f"select {chosen} from {ALL_OBJECTS} where {where} order by {order}, recording, label{most}"
         values = [value for one in (*extra.values(), *conditions) for value in one.values]
         found = self._tables.rows(question, values)
         for row in found:
@@ -310,7 +312,7 @@ def the_one(tables: Tables, recording: str, label: int, *columns: str) -> dict[s
     """Return some columns of an object that is named by its recording and label."""
     selected = ", ".join(columns)
     found = tables.rows(
-        f"select {selected} from {OBJECTS} where recording = ? and label = ? and {NEWEST}", [recording, label]
+        f"select {selected} from {ALL_OBJECTS} where recording = ? and label = ? and {NEWEST}", [recording, label]
     )
     if len(found) == 1:
         return found[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, TypeVar
 
@@ -19,7 +19,7 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.version import __version__
 from cuboid.method.text_search import TextModel
 from cuboid.services.queries.parameters import text_query
-from cuboid.services.queries.rows import SIDES
+from cuboid.services.queries.rows import CENTER, SIDES, sigma_names
 from cuboid.services.queries.words import moment, thing
 from cuboid.services.service.mcp import (
     READ_ONLY,
@@ -39,6 +39,7 @@ INSTRUCTIONS = (
     "Lengths are metres, in the world of each recording; times are UTC. Begin with describe_store."
 )
 
+CAMERA = ("camera_x_m", "camera_y_m", "camera_z_m")
 Recording = Annotated[str, Field(description="name of a recording")]
 
 
@@ -70,6 +71,7 @@ class StoredObject:
     recording: str
     label: int
     name: str | None
+    state: str
     color: str | None
     colors: list[str]
     center_m: tuple[float, float, float]
@@ -82,6 +84,9 @@ class StoredObject:
     camera_m: tuple[float, float, float] | None = None
     camera_distance_m: float | None = None
     later: str | None = None
+    size_sigma_m: tuple[float, float, float] | None = None
+    center_sigma_m: tuple[float, float, float] | None = None
+    sides_seen: list[str] | None = None
     later_frame: int | None = None
     distance_m: float | None = None
     unlike: float | None = None
@@ -207,10 +212,11 @@ def _object(row: dict[str, Any]) -> StoredObject:
     seen = row["last_seen"]
     values = {one.name: row[one.name] for one in fields(StoredObject) if one.name in row}
     values |= {name: round(row[name], 4) for name in ("distance_m", "unlike", "text_score") if name in row}
-    values |= {"center_m": (x, y, z), "size_m": size, "camera_m": _camera(row)}
+    values |= {"center_m": (x, y, z), "size_m": size, "camera_m": _three(row, CAMERA)}
+    values |= {"size_sigma_m": _three(row, sigma_names(SIDES)), "center_sigma_m": _three(row, sigma_names(CENTER))}
     return StoredObject(**{**values, "last_seen": None if seen is None else seen.isoformat()})
 
 
-def _camera(row: dict[str, Any]) -> tuple[float, ...] | None:
-    place = tuple(row[f"camera_{axis}_m"] for axis in "xyz")
-    return None if None in place else tuple(round(value, 4) for value in place)
+def _three(row: dict[str, Any], names: Sequence[str]) -> tuple[float, ...] | None:
+    values = tuple(row[name] for name in names)
+    return None if None in values else tuple(round(value, 4) for value in values)

@@ -11,17 +11,17 @@ from urllib.parse import quote, urlencode
 from cuboid.fleet.store.find import ask, names_in, without
 from cuboid.fleet.store.place import Place
 from cuboid.fleet.store.query import Tables
-from cuboid.fleet.store.schema import OBJECTS, RUNS
+from cuboid.fleet.store.schema import ALL_OBJECTS, RUNS
 from cuboid.fleet.store.summary import StoreSummary, summarise_store, totals_of
-from cuboid.ground.core.results import tag_of
+from cuboid.ground.core.results import Relation
 from cuboid.ground.formats.folder import REPORT
 from cuboid.method.text_search import TextModel
-from cuboid.services.queries.cards import Card
-from cuboid.services.queries.english import WHERE
+from cuboid.services.queries.cards import Card, card_of
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.parameters import TEXT, filters_of, given
 from cuboid.services.queries.search_form import FIELDS, search_form
 from cuboid.services.queries.search_page import Found, Searched, counted, page_html, searched
+from cuboid.services.queries.standing import standing_in_words
 
 NAME = "index.html"
 SURFACES = {"floor": "the floor", "table": "a table"}
@@ -70,8 +70,7 @@ def objects_page(tables: Tables, query: Mapping[str, str], model: TextModel | No
 
     def find(question: str, also: Filters) -> Found:
         answer = ask(tables, question, limit=also.limit, more=PAGE_COLUMNS, also=also)
-        last = "?last=true" if WHERE in answer.understood else ""
-        return Found(answer.understood, _cards(tables, answer.rows, last), answer.note)
+        return Found(answer.understood, _cards(tables, answer.rows, answer.understood), answer.note)
 
     found = searched(
         asked,
@@ -94,26 +93,27 @@ def objects_page(tables: Tables, query: Mapping[str, str], model: TextModel | No
     return page, found.status
 
 
-def _cards(tables: Tables, rows: Sequence[Mapping[str, Any]], last: str) -> list[Card]:
+def _cards(tables: Tables, rows: Sequence[Mapping[str, Any]], understood: Sequence[str]) -> list[Card]:
     """Return rows as cards, each with links to the page of its recording and to similar objects."""
     runs = sorted({row["run"] for row in rows})
     of_runs = "where run in (select unnest(?))"
     results = {one["run"]: one["results"] for one in tables.rows(f"select run, results from {RUNS} {of_runs}", [runs])}
-    named = tables.rows(f"select run, label, name from {OBJECTS} {of_runs} and name is not null", [runs])
+    named = tables.rows(f"select run, label, name from {ALL_OBJECTS} {of_runs} and name is not null", [runs])
     names = {(one["run"], one["label"]): one["name"] for one in named}
     cards = []
     for row in rows:
         folder, which = results.get(row["run"]), f"{row['recording']}#{row['label']}"
         picture = f"api/objects/{quote(row['recording'], safe='/')}/{row['label']}/picture"
         cards.append(
-            Card(
-                f"{row['run']}#{row['label']}",
+            card_of(
                 row,
-                picture + last if row["has_picture"] else None,
+                picture if row["has_picture"] else None,
                 None if folder is None else f"{quote(folder)}/{REPORT}#{row['label']}",
                 _standing(row, names),
-                row["recording"],
-                {"Similar": f"?{urlencode({'like': which})}"},
+                understood,
+                key=f"{row['run']}#{row['label']}",
+                recording=row["recording"],
+                links={"Similar": f"?{urlencode({'like': which})}"} if row["colors"] else {},
             )
         )
     return cards
@@ -121,16 +121,15 @@ def _cards(tables: Tables, rows: Sequence[Mapping[str, Any]], last: str) -> list
 
 def _standing(row: Mapping[str, Any], names: Mapping[tuple[str, int], str]) -> str | None:
     """Return on or in what an object is, in words; None if it is not known."""
-    found = []
-    for one in row["relations"] or ():
-        if one["kind"] in ("on", "in"):
-            label, surface = one["label"], one["surface"]
-            if label is not None:
-                found.append(f"{one['kind']} {tag_of(label, names.get((row['run'], label)))}")
-            else:
-                found.append(f"{one['kind']} {SURFACES.get(surface, 'a surface')}")
-    known = [one for one in found if one != "on a surface"]
-    return ", ".join(dict.fromkeys(known or found)) or None
+    found = [
+        Relation(to=one["surface"] if one["label"] is None else one["label"], kind=one["kind"], score=one["score"])
+        for one in row["relations"] or ()
+    ]
+    planes = {one.to: "a surface" for one in found if isinstance(one.to, str) and one.to not in SURFACES}
+    # a surface has a row of its own as the floor, a table or furniture
+    known = [one for one in found if one.kind in ("on", "in") and one.to not in planes]
+    of_run = {label: name for (run, label), name in names.items() if run == row["run"]}
+    return standing_in_words(known or found, {**SURFACES, **planes}, of_run)
 
 
 def summary_page(summary: StoreSummary, title: str, asked: Mapping[str, str] | None = None) -> str:

@@ -12,7 +12,7 @@ import msgspec
 import pyarrow as pa
 
 from cuboid.fleet.store.place import Place
-from cuboid.fleet.store.schema import DONE, OBJECTS, RUNS, TABLES
+from cuboid.fleet.store.schema import ALL_OBJECTS, DONE, OBJECTS, RUNS, TABLES
 from cuboid.fleet.store.snapshot import ATTEMPTS, Snapshot, snapshot
 from cuboid.ground.core.errors import InputError, one_line
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, UnreadableError, opened
@@ -75,9 +75,12 @@ class Tables:
     def _connect(self) -> None:
         self._connection = connected(self._place, {"threads": self._threads, "memory_limit": MEMORY_LIMIT})
         for table, kind in TABLES.items():
-            self._connection.execute(f"create view {table} as {self._select(table, self._files)}")
-            self._refuse_other(table, kind.schema)
+            view = ALL_OBJECTS if table == OBJECTS else table
+            self._connection.execute(f"create view {view} as {self._select(table, self._files)}")
+            self._refuse_other(view, kind.schema)
         self._put_names()
+        there = f"select * from {ALL_OBJECTS} where not coalesce(gone, false)"
+        self._connection.execute(f"create view {OBJECTS} as {there}")
         self.kept = {}
         self._connection.execute("set parquet_metadata_cache = true")
         self._connection.execute(
@@ -98,7 +101,7 @@ class Tables:
         columns = "coalesce(given, name) as name, case when given is null then name_score end as name_score"
         both = f"({self._select(OBJECTS, self._files)}) left join given_names using (run, label)"
         chosen = f"select * exclude (given) replace ({columns}) from {both}"
-        self._connection.execute(f"create or replace view {OBJECTS} as {chosen}")
+        self._connection.execute(f"create or replace view {ALL_OBJECTS} as {chosen}")
 
     def _refuse_other(self, table: str, schema: pa.Schema) -> None:
         """Raise InputError if a table lacks required columns."""

@@ -25,9 +25,10 @@ from cuboid.results.files import Results, RunReport
 from cuboid.results.files.queries import saved_relations
 from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.report.pictures import Picture
-from cuboid.services.queries.in_results import later_in_results, seen_in_results
+from cuboid.services.queries.in_results import gone_objects, later_in_results, seen_in_results
 from cuboid.services.queries.likeness import color_fractions, color_word, shape_distribution
 from cuboid.services.queries.looking import CALENDAR_S
+from cuboid.services.queries.rows import CENTER, SIDES, sigma_names
 
 # Maximum side of a picture in a table, pixels, and JPEG quality: enough for a list; a million pictures take 3 GB.
 PICTURE_PX, PICTURE_QUALITY = 120, 75
@@ -218,29 +219,42 @@ def _boxes(boxes: Sequence[Box]) -> list[dict[str, float]]:
 def _objects(
     results: Results, pictures: Mapping[int, Picture], last_pictures: Mapping[int, Picture]
 ) -> list[dict[str, Any]]:
-    rows = []
     found = results.found
     objects = found.objects
     bearers = {f"plane:{k}": piece.label for piece in found.furniture for k in piece.planes}
     kinds = {f"plane:{k}": kind for k, kind in enumerate(surface_kinds(found.planes, found.up)) if kind}
     relations = saved_relations(objects) or find_relations(objects, found.planes, found.up)
-    for item, box in zip(objects, _boxes([item.box for item in objects]), strict=True):
-        longest, middle, shortest = sorted(map(float, item.box.size), reverse=True)
-        rows.append(
-            {
-                **box,
-                "longest_m": longest,
-                "middle_m": middle,
-                "shortest_m": shortest,
-                "names": [{"name": name, "score": score} for name, score in item.names],
-                "relations": _relations(relations.get(item.label, ()), bearers, kinds),
-                **values_of(item),
-                **_seen(results, item),
-                **_look(item, results),
-                **_pictures(pictures.get(item.label), last_pictures.get(item.label)),
-            }
-        )
-    return rows
+    rows = [
+        {
+            "gone": False,
+            "relations": _relations(relations.get(item.label, ()), bearers, kinds),
+            **_look(item, results),
+            **_pictures(pictures.get(item.label), last_pictures.get(item.label)),
+        }
+        for item in objects
+    ]
+    gone = gone_objects(results)
+    lasting = [last_pictures.get(item.label) for item in gone]
+    rows += [{"gone": True, **_pictures(last, last)} for last in lasting]
+    every = [*objects, *gone]
+    boxes = _boxes([item.box for item in every])
+    return [{**_object(results, item), **box, **row} for item, box, row in zip(every, boxes, rows, strict=True)]
+
+
+def _object(results: Results, item: TrackedObject) -> dict[str, Any]:
+    """Return the columns that present and gone objects have, without those of the box."""
+    longest, middle, shortest = sorted(map(float, item.box.size), reverse=True)
+    return {
+        "longest_m": longest,
+        "middle_m": middle,
+        "shortest_m": shortest,
+        "names": [{"name": name, "score": score} for name, score in item.names],
+        "sides_seen": list(item.sides_seen) or None,
+        **dict(zip(sigma_names(SIDES), item.size_sigma_m or (None,) * 3, strict=True)),
+        **dict(zip(sigma_names(CENTER), item.center_sigma_m or (None,) * 3, strict=True)),
+        **values_of(item),
+        **_seen(results, item),
+    }
 
 
 def _seen(results: Results, item: TrackedObject) -> dict[str, Any]:

@@ -24,6 +24,8 @@ LATER = (
     "(its place was in view: it is hidden, or not recognised)"
 )
 
+# The view of all rows of the table of objects; the view `objects` has those that were there at the end of their run.
+ALL_OBJECTS = "all_objects"
 # Outcomes of a recording.
 DONE, FAILED, SET_ASIDE = "done", "failed", "set aside"
 
@@ -86,6 +88,14 @@ _BOX = (
     Column("qy", SMALL, ""),
     Column("qz", SMALL, ""),
 )
+_SIGMAS = {
+    "length_sigma_m": "standard deviations of `length_m`, `width_m` and `height_m`; null if unknown",
+    "width_sigma_m": "",
+    "height_sigma_m": "",
+    "center_x_sigma_m": "standard deviations of the centre; null if unknown",
+    "center_y_sigma_m": "",
+    "center_z_sigma_m": "",
+}
 _SKIPPED = pa.list_(pa.struct([("frame", COUNT), ("reason", TEXT)]))
 _CLASSES = pa.list_(pa.struct([("name", TEXT), ("score", SMALL)]))
 _RELATIONS = pa.list_(pa.struct([("kind", TEXT), ("label", COUNT), ("surface", TEXT), ("score", SMALL)]))
@@ -179,7 +189,8 @@ TABLES = {
         ),
         TableKind(
             OBJECTS,
-            "an object of the map at the end of a run",
+            "an object of the map at the end of a run; in the view `all_objects`, and in the files, also one that was "
+            "gone by then",
             (
                 *_WHOSE,
                 _LABEL,
@@ -188,6 +199,7 @@ TABLES = {
                 Column("middle_m", SMALL, ""),
                 Column("shortest_m", SMALL, ""),
                 *_OBJECT,
+                Column("gone", pa.bool_(), "whether it was gone at the end; null in older files: no", added=True),
                 Column("names", _CLASSES, "the next most likely classes, with their probabilities", added=True),
                 Column(
                     "relations",
@@ -204,6 +216,8 @@ TABLES = {
                 Column("camera_distance_m", SMALL, "distance of that camera from the centre of its box", added=True),
                 Column("later", TEXT, LATER, added=True),
                 Column("later_frame", COUNT, "for `not seen` and `gone` the first such frame", added=True),
+                *(Column(name, SMALL, meaning, added=True) for name, meaning in _SIGMAS.items()),
+                Column("sides_seen", pa.list_(TEXT), "sides of the box that a camera saw as faces", added=True),
                 Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
                 Column("green", pa.uint8(), ""),
                 Column("blue", pa.uint8(), ""),

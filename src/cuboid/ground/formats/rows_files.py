@@ -11,6 +11,7 @@ from cuboid.ground.core.records import columns_of
 from cuboid.ground.core.results import ObjectEvent, Proposal3D, Sighting
 from cuboid.ground.core.values import (
     Count,
+    Fraction,
     FrameNumber,
     Label,
     LabelOrNone,
@@ -42,6 +43,29 @@ class BoxEntry(Row, frozen=True):
 
     def __post_init__(self) -> None:
         refuse_no_quaternion(self.qw, self.qx, self.qy, self.qz)
+
+
+class BoxerEntry(Row, frozen=True):
+    """A box in the table of Boxer (https://github.com/facebookresearch/boxer) and WildDet3D."""
+
+    time_ns: int
+    tx_world_object: Metres
+    ty_world_object: Metres
+    tz_world_object: Metres
+    qw_world_object: QuaternionPart
+    qx_world_object: QuaternionPart
+    qy_world_object: QuaternionPart
+    qz_world_object: QuaternionPart
+    scale_x: Side
+    scale_y: Side
+    scale_z: Side
+    name: str | None
+    instance: int
+    sem_id: int
+    prob: Fraction
+
+    def __post_init__(self) -> None:
+        refuse_no_quaternion(self.qw_world_object, self.qx_world_object, self.qy_world_object, self.qz_world_object)
 
 
 class OwnBoxEntry(BoxEntry, frozen=True):

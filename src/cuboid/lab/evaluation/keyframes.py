@@ -20,6 +20,7 @@ from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.formats.json_validation import checked, format_in, read_json
 from cuboid.ground.formats.keyframes_file import FORMAT, KeyframeEntry, KeyframesDocument
 from cuboid.inputs.readers.recording import Recording
+from cuboid.lab.evaluation.boxer import is_boxer
 
 # The frame number in a file name: the first number, which may be a timestamp.
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
@@ -114,8 +115,8 @@ class Keyframes:
 
 
 def is_keyframes(path: Path) -> bool:
-    """Return whether a file declares the keyframes format; raise InputError if it is no JSON object."""
-    return path.is_file() and format_in(path) == FORMAT
+    """Return whether a file declares the keyframes format; raise InputError if it is neither JSON nor Boxer's table."""
+    return path.is_file() and not is_boxer(path) and format_in(path) == FORMAT
 
 
 def read_keyframes(path: PathLike) -> Keyframes:

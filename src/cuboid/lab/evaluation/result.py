@@ -17,6 +17,7 @@ from cuboid.ground.formats.rows_files import BoxEntry, OwnBoxEntry, OwnRectEntry
 from cuboid.ground.formats.table_validation import read_table
 from cuboid.ground.geometry.overlap import pack
 from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
+from cuboid.lab.evaluation.boxer import is_boxer, read_boxer
 from cuboid.lab.evaluation.probabilities import of_labels, read_probabilities
 from cuboid.results.files import Results
 from cuboid.results.files.rows import EventRow, read_events
@@ -128,9 +129,10 @@ class Result:
 
 
 def read_result(path: PathLike) -> Result:
-    """Read a result folder (``docs/commands.md``), or a CSV with at least the columns of `BoxEntry`.
+    """Read a result folder (``docs/commands.md``), a CSV with at least the columns of `BoxEntry`, or Boxer's table.
 
-    The map of a plain CSV contains each label's last box, with the number of the label's frames as score.
+    The map of a plain CSV contains each label's last box, with the number of the label's frames as score. Boxer's table
+    has a map alone.
 
     Raises
     ------
@@ -138,6 +140,12 @@ def read_result(path: PathLike) -> Result:
         A file is missing or malformed; the message names file and line.
     """
     path = as_path(path)
+    if not path.is_dir() and is_boxer(path):
+        found = read_boxer(path)
+        labels, scores = np.array([one.label for one in found], np.int64), [one.probability for one in found]
+        none = np.zeros(0, np.int64)
+        seen = BoxRows(none, none, np.zeros((0, 15)))
+        return Result(path, seen, MapBoxes(labels, pack([one.box for one in found]), np.array(scores, np.float64)))
     if not path.is_dir():
         tracks = read_boxes(path)
         return Result(path, tracks, _last_boxes(tracks))

@@ -28,6 +28,7 @@ from cuboid.ground.formats.truth_file import (
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.polygons import lie_inside
 from cuboid.ground.geometry.se3 import compose
+from cuboid.lab.evaluation.boxer import is_boxer, read_boxer
 
 NAME = "truth.json"
 
@@ -222,7 +223,7 @@ class Truth:
 
 
 def read_truth(path: PathLike) -> Truth:
-    """Read a truth file, or the file `NAME` in a folder.
+    """Read a truth file, the file `NAME` in a folder, or Boxer's table of boxes.
 
     Raises
     ------
@@ -231,6 +232,9 @@ def read_truth(path: PathLike) -> Truth:
     """
     path = as_path(path)
     path = path / NAME if path.is_dir() else path
+    if is_boxer(path):
+        things = tuple(TruthObject(one.label, one.name or str(one.label), True, one.box) for one in read_boxer(path))
+        return Truth(path, printable(path.stem), None, things, None, (), None)
     document = read_json(path, TruthDocument)
     objects = sorted(document.objects, key=lambda item: item.id)
     seen = document.visibility

@@ -10,6 +10,7 @@ from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.formats.folder import OUTPUT_NAMES
 from cuboid.ground.formats.reading import real_path
 from cuboid.results.exports import (
+    boxer,
     coco,
     csv_table,
     glb,
@@ -32,6 +33,7 @@ __all__ = [
     "EXPORTS",
     "Export",
     "Results",
+    "boxer",
     "coco",
     "csv_table",
     "export",

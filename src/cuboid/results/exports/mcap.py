@@ -110,9 +110,11 @@ def _markers(
 
 def _detections(bag: RosBag, run: Results, rows: list[TrackRow], names: Mapping[int, str], time_ns: int) -> Any:
     detections = []
+    sigmas_m = {item.label: item.center_sigma_m for item in run.found.objects}
     for row in rows:
-        score = run.probability_of(row)
-        detections.append(detection(bag, row.label, names.get(row.label, ""), row.box, score, time_ns, WORLD_FRAME))
+        score, sigma_m = run.probability_of(row), sigmas_m.get(row.label, ())
+        name = names.get(row.label, "")
+        detections.append(detection(bag, row.label, name, row.box, score, time_ns, WORLD_FRAME, sigma_m))
     return detection_array(bag, detections, time_ns, WORLD_FRAME)
 
 

@@ -13,10 +13,9 @@ import numpy as np
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import MapPoints, TrackedObject
+from cuboid.ground.core.sizes import SIGMAS_95
 from cuboid.ground.geometry.box import Box
 
-# Half the 95 % interval of a normal distribution, standard deviations.
-SIGMAS_95 = 1.96
 # Metres and digits after the point of each unit of length.
 UNITS = {"mm": (0.001, 1), "cm": (0.01, 2), "in": (0.0254, 2)}
 # An object is the known one if no side differs by more than this fraction.

@@ -11,12 +11,15 @@ from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.extras import require
 from cuboid.ground.core.records import box_numbers, names_in, table_columns_of
 from cuboid.ground.core.results import TrackedObject
+from cuboid.ground.core.sizes import size_text, unseen_text
 
 # Width of the plan in a notebook, pixels; free margin around the objects, fraction of the width.
 PLAN_PX, MARGIN = 320, 0.08
 # Length and width along the axes of the box, and height along the normal of its support.
 SIZE_HEADING = "length x width x height (cm)"
-HEADINGS = ("label", SIZE_HEADING, "centre x, y, z (m)", "frames seen", "probability")
+# With half the 95 % interval of each.
+SURE_SIZE_HEADING = "length x width x height (cm), ± 95 %"
+HEADINGS = ("label", SURE_SIZE_HEADING, "centre x, y, z (m)", "frames seen", "probability")
 
 
 class ObjectTable(list[TrackedObject]):
@@ -102,9 +105,15 @@ def _cells(item: TrackedObject) -> tuple[str, ...]:
     return f'<span style="color:{hex_of(item.label)}">&#9632;</span> {_title(item)}', *cells_of(item)
 
 
-def cells_of(item: TrackedObject) -> tuple[str, ...]:
+def cells_of(item: TrackedObject, *, errors: bool = True) -> tuple[str, ...]:
     """Return size (cm), position (m), number of frames and probability of an object for printed tables."""
-    return item.box.size_text, item.box.center_text, str(item.frames_seen), f"{item.probability:.2f}"
+    return size_cell(item, errors=errors), item.box.center_text, str(item.frames_seen), f"{item.probability:.2f}"
+
+
+def size_cell(item: TrackedObject, *, errors: bool = True) -> str:
+    """Return the size of an object (cm) for printed tables, and whether a side was not seen."""
+    size = size_text(item.box.size, item.size_sigma_m, errors=errors)
+    return ", ".join(filter(None, (size, unseen_text(item.sides_seen, item.size_sigma_m))))
 
 
 _NAMED = tuple(column for column in table_columns_of(TrackedObject) if column.name in ("label", "name"))

@@ -30,7 +30,16 @@ DEPTH_HEADER = bytes(12)
 DEPTH_FORMAT = "16UC1; compressedDepth png"
 
 
-def detection(make: RosMessages, label: int, name: str, box: Box, score: float, time_ns: int, frame: str) -> Any:
+def detection(
+    make: RosMessages,
+    label: int,
+    name: str,
+    box: Box,
+    score: float,
+    time_ns: int,
+    frame: str,
+    center_sigma_m: Sequence[float] = (),
+) -> Any:
     """Return an object as vision_msgs/Detection3D.
 
     Parameters
@@ -48,10 +57,15 @@ def detection(make: RosMessages, label: int, name: str, box: Box, score: float, 
         Time of the image that shows it.
     frame : str
         Name of the world.
+    center_sigma_m : sequence of float
+        Standard deviations of the centre along the axes of the world, metres: its variances are in the covariance of
+        the pose. Empty if they are unknown: zeros, as those of the rotation.
     """
     pose = make.pose(box_pose(box))
     hypothesis = make.make("vision_msgs/ObjectHypothesis", class_id=name or UNNAMED, score=score)
-    placed = make.make("geometry_msgs/PoseWithCovariance", pose=pose, covariance=np.zeros(36))
+    covariance = np.zeros((6, 6))
+    covariance[range(len(center_sigma_m)), range(len(center_sigma_m))] = np.square(center_sigma_m)
+    placed = make.make("geometry_msgs/PoseWithCovariance", pose=pose, covariance=covariance.ravel())
     return make.make(
         "vision_msgs/Detection3D",
         header=make.header(frame, time_ns),

@@ -172,7 +172,16 @@ class RosStream:
     def detections(self, objects: Iterable[TrackedObject], time_ns: int) -> Any:
         """Return objects as vision_msgs/Detection3DArray."""
         made = [
-            detection(self._messages, item.label, self._name_of(item), item.box, item.probability, time_ns, self.world)
+            detection(
+                self._messages,
+                item.label,
+                self._name_of(item),
+                item.box,
+                item.probability,
+                time_ns,
+                self.world,
+                item.center_sigma_m,
+            )
             for item in objects
         ]
         return detection_array(self._messages, made, time_ns, self.world)

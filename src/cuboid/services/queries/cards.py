@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
 from cuboid.ground.core.palette import color_of, hex_of, ink_on
 from cuboid.ground.core.results import tag_of
+from cuboid.services.queries.english import WHERE
 from cuboid.services.queries.likeness import WORDS
-from cuboid.services.queries.rows import SIDES, later_text, seen_text
+from cuboid.services.queries.rows import later_text, seen_text, size_of, unseen_of
 
 LIKELY = "probability that it is one whole object"
 
@@ -46,6 +47,43 @@ class Card:
     links: Mapping[str, str] = field(default_factory=dict)
 
 
+def card_of(
+    row: Mapping[str, Any],
+    picture: str | None,
+    page: str | None,
+    standing: str | None,
+    understood: Collection[str],
+    *,
+    key: str | None = None,
+    recording: str | None = None,
+    links: Mapping[str, str] | None = None,
+) -> Card:
+    """Return the card of an object that answers a question: with its last picture if the question is where it is.
+
+    Parameters
+    ----------
+    row : mapping
+        Columns of `cuboid find`.
+    picture : str or None
+        Address of its best picture; the last one has `?last=true` behind it.
+    page, standing, recording
+        As in `Card`.
+    understood : collection of str
+        The conditions of the question, in words.
+    key : str, optional
+        As in `Card` (default: the label).
+    links : mapping of str to str, optional
+        Further links.
+    """
+    last = None if picture is None else f"{picture}?last=true"
+    of_last = WHERE in understood
+    further = {} if last is None or of_last else {"Last picture": last}
+    # a page of the map shows the objects that are still in it
+    page = page if row["state"] == "present" else None
+    shown = last if of_last else picture
+    return Card(key or str(row["label"]), row, shown, page, standing, recording, {**further, **(links or {})})
+
+
 def cards_html(cards: Iterable[Card]) -> str:
     """Return the list of cards as HTML."""
     return f'<ol id="cards">{"".join(map(_card, cards))}</ol>'
@@ -66,7 +104,7 @@ def _card(card: Card) -> str:
     lines = [
         "" if card.recording is None else f'<p class="whose">{escape(card.recording)}</p>',
         f'<div class="title">{chip}<span class="likely" title="{LIKELY}">{likely}</span></div>',
-        f'<p title="length, width, height">{_size(row)}</p>',
+        _size(row),
     ]
     looks = " · ".join(filter(None, (_colors(row["colors"]), escape(card.standing or ""))))
     lines += [f"<p>{looks}</p>" if looks else "", _seen(row)]
@@ -85,7 +123,11 @@ def _chip(label: int) -> str:
 
 
 def _size(row: Mapping[str, Any]) -> str:
-    return " × ".join(f"{100 * row[side]:.1f}" for side in SIDES) + " cm"
+    """Return the size, and as a hint half the 95 % interval of each side."""
+    unseen = unseen_of(row)
+    hint = f"length, width, height: {size_of(row, ' × ', errors=True)} cm"
+    behind = f'<span class="fine"> · {unseen}</span>' if unseen else ""
+    return f'<p title="{hint}">{size_of(row, " × ")} cm{behind}</p>'
 
 
 def _colors(words: Iterable[str]) -> str:

@@ -20,7 +20,7 @@ from math import inf
 from typing import Any
 
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.services.queries.filters import LIMIT, Filters
+from cuboid.services.queries.filters import LIMIT, Filters, is_kind
 from cuboid.services.queries.likeness import COLOR_WORDS
 from cuboid.services.queries.words import length, moment
 
@@ -180,7 +180,8 @@ class _Reader:
             raise InputError(f"{shown(self._question)}: {text.format('what')}? Expected a name, a label, or floor")
         found = self._take(_SURFACE) or self._take(_LABEL)
         name = found[1] if found is not None else self._name()
-        self.put(field, name, text.replace("{}", "'{}'") if found is None else text)
+        quoted = f"the {name}" if is_kind(name) else f"'{name}'"
+        self.put(field, name, text.replace("{}", quoted) if found is None else text)
 
     def size(self, low_m: float, high_m: float, text: str) -> None:
         """Set a range of the longest side, within the one that was set before."""

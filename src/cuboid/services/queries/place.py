@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from threading import Lock
 
 import numpy as np
 
@@ -67,6 +68,7 @@ class Place:
         self.changes = ChangeLog()
         self._compared: Snapshot | None = None
         self._page: tuple[object, str | None] | None = None  # the 3D page, and the version of the map in it
+        self._page_lock = Lock()  # a page takes seconds, and other questions do not wait for it
         self.refresh()
 
     def refresh(self) -> None:
@@ -243,7 +245,7 @@ class Place:
         """Return the 3D page of the place, as HTML; None during a run."""
         with self._shared.lock:
             version = self._source.version()
-        with self._shared.aside_lock:
+        with self._page_lock:
             if self._page is None or self._page[0] != version:
                 self._page = version, self._source.page()
             return self._page[1]

@@ -1,4 +1,8 @@
-"""The objects of a place at one moment, as a source of the questions: conditions are masks over them."""
+"""The objects of a place at one moment, as a source of the questions: conditions are masks over them.
+
+Gone objects are among them. They meet conditions of what they are (name, size, color, time), and none of where they
+are.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from datetime import datetime
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
@@ -39,10 +44,6 @@ class PlaceObjects:
         self._shared, self._targets, self._now = shared, targets, shared.snapshot()
         self._distances: Float64Array | None = None
 
-    def present(self) -> Mask:
-        """Return the present objects."""
-        return self._now.present
-
     def sized(self, low_m: float, high_m: float) -> Mask:
         """Return the objects whose longest side is within a range."""
         longest = self._now.longest_m()
@@ -57,8 +58,8 @@ class PlaceObjects:
         return self._now.mask(lambda item: name.strip().lower() in names_of(item))
 
     def called(self, label_or_name: str) -> Mask:
-        """Return the objects with a label or a name, gone ones included."""
-        return self._now.mask(lambda item: is_called(item, label_or_name), gone=True)
+        """Return the objects with a label or a name."""
+        return self._now.mask(lambda item: is_called(item, label_or_name))
 
     def colored(self, word: str) -> Mask:
         """Return the objects of whose points enough have a color; of those without points, the mean color counts."""
@@ -90,9 +91,9 @@ class PlaceObjects:
         return self._within(distances, within_m)
 
     def _within(self, distances_m: Float64Array, within_m: float) -> Mask:
-        """Return the objects that are near enough; the first distances rank them."""
+        """Return the present objects that are near enough; the first distances rank them."""
         self._distances = distances_m if self._distances is None else self._distances
-        return np.asarray(distances_m <= within_m)
+        return np.asarray((distances_m <= within_m) & self._now.present)
 
     def related(self, kind: RelationKind, to: str) -> Mask:
         """Return the objects with a relation to an object or a surface."""
@@ -152,8 +153,11 @@ class PlaceObjects:
         return f"no surface is known as the {to.strip().lower()}, and no object is named so; surfaces: {listed}"
 
     def select(self, conditions: Sequence[Mask], by: Filters) -> list[FoundObject]:
-        """Return the objects that meet all conditions, by match with a text, else by distance, else by label."""
-        rows = np.flatnonzero(np.logical_and.reduce(conditions))
+        """Return the objects that meet all conditions, by match with a text, else by distance, else by label.
+
+        Gone objects are last.
+        """
+        rows = self._rows(conditions)
         if self._distances is not None:
             rows = rows[np.argsort(self._distances[rows], kind="stable")]
         chosen, fits = rows.tolist(), dict[int, float]()
@@ -162,18 +166,20 @@ class PlaceObjects:
             matches = ranked([self._now.known[k][0] for k in chosen], self._shared.vectors(), by.text)
             fits = {row_of[match.item.label]: match.score for match in matches}
             chosen = list(fits)
+        chosen.sort(key=lambda k: not self._now.present[k])
         relations, colors = self._relations if self._targets else None, self._shared.colors()
         with self._shared.lock:
             return [self._answer(k, colors, relations, fits.get(k)) for k in chosen[: by.limit]]
 
     def latest(self, conditions: Sequence[Mask]) -> list[FoundObject]:
         """Return the objects that meet all conditions, the last seen first."""
-        last = [
-            (self._now.known[k][0].last_frame, k) for k in np.flatnonzero(np.logical_and.reduce(conditions)).tolist()
-        ]
+        last = [(self._now.known[k][0].last_frame, k) for k in self._rows(conditions).tolist()]
         colors = self._shared.colors()
         with self._shared.lock:
             return [self._answer(k, colors) for _, k in sorted(last, reverse=True)]
+
+    def _rows(self, conditions: Sequence[Mask]) -> npt.NDArray[np.intp]:
+        return np.flatnonzero(np.logical_and.reduce([np.ones(len(self._now.known), bool), *conditions]))
 
     def _answer(
         self,

@@ -22,10 +22,11 @@ F = TypeVar("F")
 
 
 class ObjectSource(Protocol[C, F]):
-    """Objects of one moment; the methods that return a condition raise InputError if the source cannot have it."""
+    """Objects of one moment; the methods that return a condition raise InputError if the source cannot have it.
 
-    def present(self) -> C:
-        """Return the condition that an object is still there."""
+    Gone objects are among them. They meet conditions of what they are (name, size, color, time), and none of where they
+    are: near a point, or in a relation.
+    """
 
     def sized(self, low_m: float, high_m: float) -> C:
         """Return the condition that the longest side is within a range."""
@@ -64,21 +65,24 @@ class ObjectSource(Protocol[C, F]):
         """Return the condition that it is not this object, with which the others are compared."""
 
     def select(self, conditions: Sequence[C], by: Filters) -> list[F]:
-        """Return the objects that meet all conditions, best first by the ranking filters, at most `by.limit`."""
+        """Return the objects that meet all conditions, best first by the ranking filters, at most `by.limit`.
+
+        Gone objects are last.
+        """
 
     def latest(self, conditions: Sequence[C]) -> list[F]:
         """Return the objects that meet all conditions, the last seen first."""
 
 
 def find(source: ObjectSource[C, F], filters: Filters) -> list[F]:
-    """Return the present objects that pass all filters.
+    """Return the objects that pass all filters; gone ones are last, and say so.
 
     Raises
     ------
     InputError
         A named object does not exist, or the source cannot answer one of the filters.
     """
-    return source.select([source.present(), *_conditions(source, filters)], filters)
+    return source.select(list(_conditions(source, filters)), filters)
 
 
 def no_such_name(source: ObjectSource[C, F], name: str | None) -> str | None:
@@ -97,7 +101,7 @@ def last_seen(source: ObjectSource[C, F], label_or_name: str, also: Filters | No
     source : ObjectSource
     label_or_name : str
     also : Filters, optional
-        Further conditions.
+        Further conditions; with a text or `like`, the best match is first.
 
     Raises
     ------
@@ -106,9 +110,12 @@ def last_seen(source: ObjectSource[C, F], label_or_name: str, also: Filters | No
     """
     called = source.called(label_or_name)
     found = source.latest([called])
-    further = [] if also is None else list(_conditions(source, also))
+    if found and also is not None:
+        conditions = [called, *_conditions(source, also)]
+        ranked = also.text is not None or also.like is not None
+        return source.select(conditions, also) if ranked else source.latest(conditions)
     if found:
-        return source.latest([called, *further]) if further else found
+        return found
     if label_of(label_or_name) is not None:
         raise InputError(f"no object has the label {label_or_name.strip()}")
     raise InputError(no_such_name(source, label_or_name) or f"no object has the name {shown(label_or_name)}")

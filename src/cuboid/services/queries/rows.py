@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from cuboid.ground.core.sizes import size_text, unseen_text
 from cuboid.services.queries.answers import FoundObject, Vector
 
 SIDES = ("length_m", "width_m", "height_m")
+CENTER = ("center_x_m", "center_y_m", "center_z_m")
 
 
 def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict[str, Any]:
@@ -30,6 +32,7 @@ def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict
         **dict(zip(SIDES, found.size_m, strict=True)),
         **_place("center", found.center_m),
         "name": found.name,
+        "state": found.state,
         "color": found.color,
         "colors": list(found.colors),
         "score": found.score,
@@ -46,9 +49,9 @@ def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict
         "later": None if later is None else later.state,
         "later_frame": None if at is None else at.frame,
         "later_recording": None if at is None else at.recording,
-        **({} if found.size_sigma_m is None else {"size_sigma_m": list(found.size_sigma_m)}),
-        **({} if found.center_sigma_m is None else {"center_sigma_m": list(found.center_sigma_m)}),
-        **({"sides_seen": list(found.sides_seen)} if found.sides_seen else {}),
+        **_sigmas(SIDES, found.size_sigma_m),
+        **_sigmas(CENTER, found.center_sigma_m),
+        "sides_seen": list(found.sides_seen or ()) or None,
         **({} if found.distance_m is None else {"distance_m": found.distance_m}),
         **({} if found.text_score is None else {"text_score": found.text_score}),
         **({} if picture is None else {"picture": picture}),
@@ -61,12 +64,35 @@ def tag(row: Mapping[str, Any]) -> str:
     return f"{row['recording']}#{row['label']}{name}"
 
 
-def cells_of(row: Mapping[str, Any]) -> list[str]:
-    """Return the cells of an object in tables: name, size, position, color, probability, frames, last sighting."""
-    size = " x ".join(f"{100 * row[side]:.1f}" for side in SIDES)
+def sigma_names(of: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns of standard deviations of some columns in metres."""
+    return tuple(f"{name.removesuffix('_m')}_sigma_m" for name in of)
+
+
+def size_of(row: Mapping[str, Any], times: str = " x ", *, errors: bool = False) -> str:
+    """Return the size of an object in text, rounded to what it is worth, centimetres."""
+    return size_text([row[side] for side in SIDES], _known_sigmas(row), times=times, errors=errors)
+
+
+def unseen_of(row: Mapping[str, Any]) -> str:
+    """Return "back not seen" if that is known of an object, else an empty text."""
+    return unseen_text(row.get("sides_seen") or (), _known_sigmas(row))
+
+
+def cells_of(row: Mapping[str, Any], *, errors: bool = False) -> list[str]:
+    """Return the cells of an object in tables: name, size, position, color, probability, frames, last sighting, since.
+
+    Parameters
+    ----------
+    row : mapping
+    errors : bool
+        Whether each size is followed by half its 95 % interval.
+    """
+    size = ", ".join(filter(None, (size_of(row, errors=errors), unseen_of(row))))
     likely = "" if row["probability"] is None else f"{row['probability']:.2f}"
     first = [tag(row), size, _text(row, "center"), " and ".join(row["colors"]), likely]
-    return [*first, str(row["frames_seen"]), when(row["last_frame"], row.get("last_recording"), row["last_seen"])]
+    seen = when(row["last_frame"], row.get("last_recording"), row["last_seen"])
+    return [*first, str(row["frames_seen"]), seen, later_text(row, brief=True)]
 
 
 def last_seen_lines(row: Mapping[str, Any]) -> list[str]:
@@ -84,17 +110,19 @@ def seen_text(row: Mapping[str, Any]) -> str:
     return _by_camera(row) + ("" if away is None else f", {away:.2f} m away")
 
 
-def later_text(row: Mapping[str, Any]) -> str:
-    """Return what is known of an object after its last sighting, in words."""
+def later_text(row: Mapping[str, Any], *, brief: bool = False) -> str:
+    """Return what is known of an object after its last sighting, in words; brief for a column."""
     frame = row.get("later_frame")
     since = "" if frame is None else f" since {_when_in_full(frame, row.get('later_recording'), None)}"
-    return {
+    brief_texts = {"there": "still there", "gone": f"gone{since}", "not seen": f"not seen{since}", None: ""}
+    texts = {
         "there": "still there at the end",
         "gone": f"looked for and gone{since}",
         "not looked at": "not looked at since",
         "not seen": f"in view{since}, but not seen: hidden, or not recognised",
         None: "not known since",
-    }[row.get("later")]
+    }
+    return (texts | brief_texts if brief else texts)[row.get("later")]
 
 
 def when(frame: int | None, recording: int | None, time: datetime | None) -> str:
@@ -128,6 +156,15 @@ def _when_in_full(frame: int | None, recording: int | None, time: datetime | Non
 
 def _place(of: str, values: Vector | None) -> dict[str, float | None]:
     return dict(zip((f"{of}_x_m", f"{of}_y_m", f"{of}_z_m"), values or (None, None, None), strict=True))
+
+
+def _known_sigmas(row: Mapping[str, Any]) -> list[float] | None:
+    sigmas = [row.get(name) for name in sigma_names(SIDES)]
+    return None if None in sigmas else sigmas  # type: ignore[return-value]  # no None is left
+
+
+def _sigmas(of: Sequence[str], sigma_m: Vector | None) -> dict[str, float | None]:
+    return dict(zip(sigma_names(of), sigma_m or (None,) * 3, strict=True))
 
 
 def _text(row: Mapping[str, Any], of: str) -> str:

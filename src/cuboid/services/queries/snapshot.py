@@ -99,9 +99,9 @@ class Snapshot:
             near |= self.distances_m(item.box.center) <= NEAR_M + float(np.linalg.norm(item.box.size)) / 2.0
         return [self.known[k][0] for k in np.flatnonzero(near & self.present)]
 
-    def mask(self, holds: Callable[[TrackedObject], bool], *, gone: bool = False) -> Mask:
-        """Return for each known object, (N,), whether a condition holds; of gone ones only if asked for."""
-        return np.array([(gone or state == "present") and holds(item) for item, state in self.known], bool)
+    def mask(self, holds: Callable[[TrackedObject], bool]) -> Mask:
+        """Return for each known object, (N,), whether a condition holds."""
+        return np.array([holds(item) for item, _ in self.known], bool)
 
     def longest_m(self) -> Float64Array:
         """Return the longest side of each box, metres, (N,)."""

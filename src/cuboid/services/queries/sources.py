@@ -131,7 +131,7 @@ class Source(ABC):
         return None
 
     def page(self) -> str | None:
-        """Return the 3D page of the map, as HTML; None if there is none."""
+        """Return the 3D page of the map, as HTML; None if there is none; any thread may call it."""
         return None
 
     @abstractmethod
@@ -219,11 +219,12 @@ class ResultsSource(Source):
             return (self._folder / REPORT).read_text(encoding="utf-8")
         except OSError:
             pass
+        results = Results(self._folder)
         try:
-            read = self.aside.recording.read
+            read = results.recording.read
         except InputError:  # the recording is no longer there: a page without pictures
-            return page_of(summarise(self.aside, None))
-        return page_of(summarise(self.aside, read))
+            return page_of(summarise(results, None))
+        return page_of(summarise(results, read))
 
     def picture(self, item: TrackedObject) -> bytes | None:
         """Return the picture of an object, cut from the recording if that still exists."""
@@ -235,7 +236,7 @@ class ResultsSource(Source):
             rows = {item.label: best[item.label]} if item.label in best else {}
             try:
                 read, boxes = results.recording.read, {item.label: item.box}
-                found = cut_pictures(rows, read, boxes, results.poses, results.found.intrinsics)
+                found, _ = cut_pictures(rows, read, boxes, results.poses, results.found.intrinsics)
             except InputError:
                 found = {}
             self._pictures[item.label] = found[item.label].jpeg if found else None
@@ -370,7 +371,7 @@ class SceneSource(Source):
         from cuboid.results.views.report import page_of
         from cuboid.runs.scene.viewing import scene_summary
 
-        if not self.aside.recordings:
+        if not self._recordings:
             return None
         with tempfile.TemporaryDirectory(prefix="cuboid-page-") as work:
             return page_of(scene_summary(self._path, Path(work) / "results"))

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from html import escape
 from pathlib import PurePath
 
-from cuboid.services.queries.cards import Card
-from cuboid.services.queries.english import WHERE
+from cuboid.services.queries.cards import card_of
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.parameters import TEXT
 from cuboid.services.queries.place import Place
@@ -35,18 +34,15 @@ def front_page(place: Place, query: Mapping[str, str]) -> tuple[str, int]:
 
     def find(question: str, also: Filters) -> Found:
         answer = place.ask(question, also.limit, also)
-        last = "?last=true" if WHERE in answer.understood else ""
         standing = place.standing_on([one.label for one in answer.objects])
         shown_in = None if about.kind == "run" or about.running else PAGE[1:]
         cards = [
-            Card(
-                str(one.label),
+            card_of(
                 row_of(one, about.title),
-                f"api/objects/{one.label}/picture{last}",
-                # a page of the map shows the objects that are still in it
-                f"{shown_in}#{one.label}" if shown_in and one.state == "present" else None,
+                f"api/objects/{one.label}/picture",
+                f"{shown_in}#{one.label}" if shown_in else None,
                 standing.get(one.label),
-                links={"Last picture": f"api/objects/{one.label}/picture?last=true"} if shown_in and not last else {},
+                answer.understood,
             )
             for one in answer.objects
         ]

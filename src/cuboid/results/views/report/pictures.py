@@ -86,14 +86,20 @@ def last_sightings(rows: Iterable[TrackRow]) -> dict[int, TrackRow]:
     return {row.label: row for row in rows}
 
 
+Strips = dict[int, list[tuple[int, bytes]]]
+
+
 def cut_pictures(
     best: Mapping[int, TrackRow],
     read: Callable[[int], Frame],
     boxes: Mapping[int, Box],
     poses: Mapping[int, PoseRow],
     intrinsics: Intrinsics,
-) -> dict[int, Picture]:
-    """Return the pictures of labels; a frame that cannot be read gives no picture.
+    chosen: Mapping[int, Sequence[TrackRow]] | None = None,
+) -> tuple[dict[int, Picture], Strips]:
+    """Return the pictures of labels, and small ones through time; each frame is read once.
+
+    A frame that cannot be read gives no picture.
 
     Parameters
     ----------
@@ -107,16 +113,31 @@ def cut_pictures(
         By frame.
     intrinsics : Intrinsics
         Of the color images.
+    chosen : mapping of int to sequence of TrackRow, optional
+        From `through_time`.
+
+    Returns
+    -------
+    pictures : dict of int to Picture
+    strips : dict of int to list of (int, bytes)
+        Frame and JPEG of the small pictures, by label and frame.
     """
+    chosen = chosen or {}
+    through = {(row.label, row.frame) for rows in chosen.values() for row in rows}
+    every = {(row.label, row.frame): row for rows in (best.values(), *chosen.values()) for row in rows}
     pictures: dict[int, Picture] = {}
-    for row, color in _read_rows(best.values(), read):
+    strips: Strips = {label: [] for label in chosen}
+    for row, color in _read_rows(every.values(), read):
         x0, y0, x1, y1 = window(color, row.rect_xyxy)
-        picture = shrunk(color[y0:y1, x0:x1], WIDTH_PX)
-        edges = wireframes([boxes[row.label]], poses[row.frame].T_world_camera, intrinsics)[0].front.reshape(-1, 4)
-        scale = picture.shape[1] / (x1 - x0)
-        shown = (edges - (x0, y0, x0, y0)) * scale
-        pictures[row.label] = Picture(row.frame, encode_jpeg(picture, QUALITY), picture.shape[1::-1], shown)
-    return pictures
+        if (row.label, row.frame) in through:
+            small = shrunk(color[y0:y1, x0:x1], STRIP_WIDTH_PX)
+            strips[row.label].append((row.frame, encode_jpeg(small, STRIP_QUALITY)))
+        if row.label in best and best[row.label].frame == row.frame:
+            picture = shrunk(color[y0:y1, x0:x1], WIDTH_PX)
+            edges = wireframes([boxes[row.label]], poses[row.frame].T_world_camera, intrinsics)[0].front.reshape(-1, 4)
+            shown = (edges - (x0, y0, x0, y0)) * (picture.shape[1] / (x1 - x0))
+            pictures[row.label] = Picture(row.frame, encode_jpeg(picture, QUALITY), picture.shape[1::-1], shown)
+    return pictures, strips
 
 
 def through_time(
@@ -149,26 +170,6 @@ def through_time(
         chosen[label] = [_representative(found[i:j], frames) for i, j in pairwise(bounds)]
         frames.update(row.frame for row in chosen[label])
     return chosen
-
-
-def cut_strips(
-    chosen: Mapping[int, Sequence[TrackRow]], read: Callable[[int], Frame]
-) -> dict[int, list[tuple[int, bytes]]]:
-    """Return the small pictures of rows: frame and JPEG, by label and frame.
-
-    Parameters
-    ----------
-    chosen : mapping of int to sequence of TrackRow
-        From `through_time`.
-    read : callable
-        Returns a frame of the recording; a frame that cannot be read gives no picture.
-    """
-    strips: dict[int, list[tuple[int, bytes]]] = {label: [] for label in chosen}
-    for row, color in _read_rows([row for rows in chosen.values() for row in rows], read):
-        x0, y0, x1, y1 = window(color, row.rect_xyxy)
-        jpeg = encode_jpeg(shrunk(color[y0:y1, x0:x1], STRIP_WIDTH_PX), STRIP_QUALITY)
-        strips[row.label].append((row.frame, jpeg))
-    return strips
 
 
 def jpeg_address(jpeg: bytes) -> str:

@@ -21,9 +21,9 @@ from cuboid.results.files.rows import EventRow
 from cuboid.results.files.text import rounded_list
 from cuboid.results.views.report.pictures import (
     Picture,
+    Strips,
     best_sightings,
     cut_pictures,
-    cut_strips,
     jpeg_address,
     through_time,
 )
@@ -168,6 +168,7 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
     InputError
         A file of the results is missing, malformed, or inconsistent with the others.
     """
+    pictures, strips = ({}, {}) if read is None else _pictures_and_strips(results, read)
     return Summary(
         report=results.report,
         found=results.found,
@@ -175,10 +176,10 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
         poses=tuple(results.poses.values()),
         tracks=tuple(results.tracks),
         points=pack_points(results.map_points()),
-        pictures={} if read is None else pictures_of(results, read),
+        pictures=pictures,
         changes=tuple(changes),
         events=tuple(results.events),
-        strips={} if read is None else _strips_of(results, read),
+        strips=strips,
     )
 
 
@@ -186,19 +187,29 @@ def pictures_of(
     results: Results,
     read: Callable[[int], Frame],
     choose: Callable[[Iterable[TrackRow]], dict[int, TrackRow]] = best_sightings,
+    gone: Iterable[TrackedObject] = (),
 ) -> dict[int, Picture]:
     """Return a picture of each object, by label: the best one, or of another choice of sightings.
 
-    The other parameters and errors are as in `summarise`.
+    Parameters
+    ----------
+    results, read
+        As in `summarise`, with its errors.
+    choose : callable
+        Returns a row for each label.
+    gone : iterable of TrackedObject
+        Objects that are no longer in the map, for pictures of them as well.
     """
-    boxes = {item.label: item.box for item in results.found.objects}
+    boxes = {item.label: item.box for item in (*results.found.objects, *gone)}
     best = {label: row for label, row in choose(results.tracks).items() if label in boxes}
-    return cut_pictures(best, read, boxes, results.poses, results.found.intrinsics)
+    return cut_pictures(best, read, boxes, results.poses, results.found.intrinsics)[0]
 
 
-def _strips_of(results: Results, read: Callable[[int], Frame]) -> dict[int, list[tuple[int, bytes]]]:
-    labels = {item.label for item in results.found.objects}
-    return cut_strips(through_time(results.tracks, labels, best_sightings(results.tracks)), read)
+def _pictures_and_strips(results: Results, read: Callable[[int], Frame]) -> tuple[dict[int, Picture], Strips]:
+    boxes = {item.label: item.box for item in results.found.objects}
+    best = {label: row for label, row in best_sightings(results.tracks).items() if label in boxes}
+    chosen = through_time(results.tracks, boxes, best)
+    return cut_pictures(best, read, boxes, results.poses, results.found.intrinsics, chosen)
 
 
 def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tuple[int, int]]]:

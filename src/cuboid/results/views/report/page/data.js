@@ -40,27 +40,31 @@ const cm = (metres) => (100 * metres).toFixed(1);
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
 const likely = (object) => fixed(object.probability, 2);
 
-// From this standard deviation on, metres, a size has no decimal place of a centimetre.
+// Half the 95 % interval of a size, in standard deviations; from this half interval on, metres, a size has no decimal
+// place of a centimetre; and the smallest one that is shown, metres.
+const SIGMAS_95 = 1.96;
 const COARSE_M = 0.01;
+const FINEST_M = 0.001;
 
-/** A length in centimetres, rounded to what it is worth with a standard deviation, if that is known. */
-const worth = (metres, sigma) => (sigma >= COARSE_M ? (100 * metres).toFixed(0) : cm(metres));
+/** A length in centimetres, rounded to what it is worth if it is known within a length. */
+const worth = (metres, within) => (within >= COARSE_M ? (100 * metres).toFixed(0) : cm(metres));
 const sigmasOf = ({ size_sigma_m: sigmas }) => (sigmas && sigmas.length ? sigmas : null);
 
-/** The sides of a box in centimetres; with `errors`, each with its standard deviation, if that is known. */
+/** The sides of a box in centimetres; with `errors`, each with half its 95 % interval, if that is known. */
 function sizeOf(object, errors = false) {
   const sigmas = sigmasOf(object);
   const side = (metres, k) => {
     if (!sigmas) return cm(metres);
-    const error = errors ? ` ± ${worth(Math.max(sigmas[k], 0.001), sigmas[k])}` : "";
-    return worth(metres, sigmas[k]) + error;
+    const within = Math.max(SIGMAS_95 * sigmas[k], FINEST_M);
+    return worth(metres, within) + (errors ? ` ± ${worth(within, within)}` : "");
   };
   return object.size.map(side).join(" × ");
 }
 
 /** How many sides of an object a camera saw, without its bottom; "" if that is unknown. */
-function sidesSeen({ sides_seen: seen }) {
-  if (!seen || !seen.length) return "";
+function sidesSeen(object) {
+  if (!sigmasOf(object)) return "";
+  const seen = object.sides_seen || [];
   const around = ["+x", "-x", "+y", "-y"].filter((side) => seen.includes(side)).length;
   const count = around + (seen.includes("+z") ? 1 : 0);
   return `${count} of 5${around < 4 ? "; back not seen" : ""}`;

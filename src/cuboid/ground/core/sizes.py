@@ -1,0 +1,49 @@
+"""Sizes of boxes as text, rounded to what their uncertainty is worth: the same in tables, cards and lines."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from cuboid.ground.arrays import Float64Array
+
+# Half the 95 % interval of a normal distribution, standard deviations.
+SIGMAS_95 = 1.96
+# If half the 95 % interval of a size is at least this wide, metres, the size has no decimal place of a centimetre.
+COARSE_M = 0.01
+# Smallest half interval that is printed, metres: that of the last printed digit.
+FINEST_M = 0.001
+AROUND = ("+x", "-x", "+y", "-y")
+
+
+def size_text(
+    size_m: Float64Array | Sequence[float],
+    sigma_m: Sequence[float] | None = None,
+    *,
+    errors: bool = False,
+    times: str = " x ",
+) -> str:
+    """Return length, width and height as text, centimetres.
+
+    Parameters
+    ----------
+    size_m : (3,)
+    sigma_m : (3,), optional
+        Their standard deviations, metres; empty or None if they are not known.
+    errors : bool
+        Whether each size is followed by half its 95 % interval, if that is known.
+    times : str
+        Text between the sizes.
+    """
+    if not sigma_m:
+        return times.join(f"{100 * side:.1f}" for side in size_m)
+    parts = []
+    for side, sigma in zip(size_m, sigma_m, strict=True):
+        within = max(SIGMAS_95 * sigma, FINEST_M)
+        digits = 0 if within >= COARSE_M else 1
+        parts.append(f"{100 * side:.{digits}f}" + (f" ± {100 * within:.{digits}f}" if errors else ""))
+    return times.join(parts)
+
+
+def unseen_text(sides_seen: Collection[str], sigma_m: Sequence[float] | None) -> str:
+    """Return "back not seen" if a side around the box was not seen as a face; empty without standard deviations."""
+    return "back not seen" if sigma_m and any(side not in sides_seen for side in AROUND) else ""

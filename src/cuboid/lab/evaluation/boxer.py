@@ -1,0 +1,74 @@
+"""The table of 3D boxes of Boxer and WildDet3D as a result, and as a truth."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.formats.reading import text_lines
+from cuboid.ground.formats.rows_files import BoxerEntry
+from cuboid.ground.formats.table_validation import read_table
+from cuboid.ground.geometry.box import Box
+from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
+
+
+@dataclass(frozen=True, slots=True)
+class BoxerObject:
+    """An object of the table.
+
+    Attributes
+    ----------
+    label : int
+        Its instance; if the smallest instance is below 1, all are shifted so that it is 1.
+    name : str
+    box : Box
+        In the world; the one of its last time.
+    probability : float
+    """
+
+    label: int
+    name: str
+    box: Box
+    probability: float
+
+
+def is_boxer(path: Path) -> bool:
+    """Return whether a file is such a table: its header has the column `time_ns`."""
+    if path.suffix.lower() != ".csv":
+        return False
+    with closing(text_lines(path)) as lines:
+        return "time_ns" in next(iter(lines), "")
+
+
+def read_boxer(path: Path) -> list[BoxerObject]:
+    """Return the objects of a table, by label: of each instance the box of its last time.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or a row is malformed; or one time has two boxes of an instance, as in detections that
+        were not fused or tracked.
+    """
+    last: dict[int, BoxerEntry] = {}
+    for line, row in read_table(path, BoxerEntry, any_order=True):
+        before = last.get(row.instance)
+        if before is not None and before.time_ns == row.time_ns:
+            raise InputError(
+                f"{path}:{line}: instance {row.instance} stands twice at time {row.time_ns}: these are detections of "
+                "single frames; expected the objects that Boxer's --fuse or --track writes"
+            )
+        if before is None or before.time_ns < row.time_ns:
+            last[row.instance] = row
+    shift = 1 - min(last, default=1)
+    return [_object(row, instance + max(shift, 0)) for instance, row in sorted(last.items())]
+
+
+def _object(row: BoxerEntry, label: int) -> BoxerObject:
+    center = np.array([row.tx_world_object, row.ty_world_object, row.tz_world_object])
+    quat_wxyz = (row.qw_world_object, row.qx_world_object, row.qy_world_object, row.qz_world_object)
+    size = np.array([row.scale_x, row.scale_y, row.scale_z])
+    return BoxerObject(label, row.name or "", Box(center, size, rotation_from_quat_wxyz(quat_wxyz)), row.prob)
