@@ -14,6 +14,7 @@ import numpy as np
 from cuboid.cli import main
 from made_models import made_model
 from made_parcels import write_parcels
+from made_rigs import write_rig
 from made_text_models import made_text_model
 
 # Length and size of all that is made here, and of what `cuboid synth` and `cuboid demo` make when a page runs them.
@@ -72,6 +73,7 @@ class Given:
             "RECORDINGS": self._recordings,
             "TRUTHS": self._truths,
             "PARCELS": self._parcels,
+            "RIG": self._rig,
             "STORE": self._store,
             "walk.mcap": self._bag,
             "scans.zip": self._zip,
@@ -112,6 +114,9 @@ class Given:
 
     def _parcels(self, path: Path) -> None:
         write_parcels(path)
+
+    def _rig(self, path: Path) -> None:
+        write_rig(path)
 
     def _model(self, path: Path) -> None:
         made_model(path, np.zeros((1, 84, 2100), np.float32))

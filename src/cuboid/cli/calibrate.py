@@ -1,4 +1,4 @@
-"""`cuboid calibrate`: estimate the intrinsics of a recording from its frames."""
+"""`cuboid calibrate`: estimate the intrinsics of a recording, or the poses of the cameras of a rig, from the frames."""
 
 from __future__ import annotations
 
@@ -23,9 +23,18 @@ UNKNOWN_FOCAL_FRACTION = 0.83
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     results = parser.add_argument_group("results")
-    add_output(results, type=Path, required=True, metavar="FILE", help="the camera.json to write, for --intrinsics")
+    output = "the camera.json to write, for --intrinsics; with --rig the rig.json"
+    add_output(results, type=Path, required=True, metavar="FILE", help=output)
     add_results(results)
-    reading = add_reading(parser, tracked=False)
+    parser.add_argument(
+        "--rig",
+        nargs="+",
+        type=Path,
+        metavar="RECORDING",
+        help="find the poses of fixed cameras from one recording of each, in place of the intrinsics of one; a picture "
+        "of their points, a color for each camera, lies beside FILE",
+    )
+    reading = add_reading(parser, tracked=False, required=False)
     reading.add_argument(
         "--poses",
         choices=("given", "auto", "corrected", "estimated"),
@@ -35,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate, write, and print the result with its errors."""
-    from cuboid.ground.core.errors import OutputError
+    from cuboid.ground.core.errors import InputError, OutputError
     from cuboid.ground.core.threads import limit_threads
 
     limit_threads(1)
@@ -45,6 +54,10 @@ def run(args: argparse.Namespace) -> int:
         raise OutputError(f"{args.output}: the folder {args.output.parent} does not exist")
     if args.output.exists() and not args.force:
         raise OutputError(f"{args.output}: exists; --force replaces it")
+    if args.rig is not None:
+        return _calibrate_rig(args)
+    if args.recording is None:
+        raise InputError("name a RECORDING, or the recordings of a rig's cameras with --rig")
     from cuboid.cli.progress import counting
     from cuboid.inputs.readers.calibration import write_camera
     from cuboid.inputs.readers.undistortion import rescaled
@@ -63,6 +76,47 @@ def run(args: argparse.Namespace) -> int:
     with new_file(args.output, force=args.force) as file:
         write_camera(file, found.intrinsics, units, distortion, recording.depth_camera)
     give(args, _document(found, units, args.output), lambda: _print(found, recording, args.output))
+    return 0
+
+
+def _calibrate_rig(args: argparse.Namespace) -> int:
+    """Find the poses of a rig's cameras, write them with a picture, and print their errors."""
+    import json
+
+    import cv2
+    import numpy as np
+
+    from cuboid.cli.tables import console, new_table
+    from cuboid.ground.core.errors import InputError
+    from cuboid.inputs.recordings.opening import open_recording
+    from cuboid.results.files.pending import new_file
+    from cuboid.runs.pipeline.rig_calibrating import calibrate_rig, names_of, overlay, rig_document
+
+    if args.recording is not None:
+        raise InputError(f"with --rig, name all recordings after it; got {args.recording} too")
+    recordings = [open_recording(path, register=args.register) for path in args.rig]
+    names = names_of(recordings)
+    fit, views = calibrate_rig(recordings, names)
+    document = rig_document(fit, recordings, names, args.output)
+    with new_file(args.output, force=args.force) as file:
+        file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    picture = args.output.with_suffix(".png")
+    with new_file(picture, force=args.force) as file:
+        content = cv2.imencode(".png", overlay(views, fit.T_rig_camera)[..., ::-1])[1]
+        file.write_bytes(content.tobytes())
+    errors = [
+        {"name": name, "error_mm": 1000 * float(error_m), "error_degrees": float(np.degrees(error_rad))}
+        for name, error_m, error_rad in zip(names, fit.error_m, fit.error_rad, strict=True)
+    ]
+
+    def show() -> None:
+        table = new_table("camera", "position +-, mm", "direction +-, degrees", "points confirmed")
+        for one, confirmed in zip(errors, fit.confirmed.tolist(), strict=True):
+            table.add_row(str(one["name"]), f"{one['error_mm']:.1f}", f"{one['error_degrees']:.2f}", str(confirmed))
+        console().print(table)
+        console().print(f"the first camera is the rig; written: {args.output}, {picture}", markup=False)
+
+    give(args, {"output": str(args.output), "picture": str(picture), "cameras": errors, "rig": document}, show)
     return 0
 
 

@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_camera(parser)
     add_recording(parser, default_threads=min(2, cores()), required=False)
+    parser.set_defaults(rig=None)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -19,9 +19,14 @@ if TYPE_CHECKING:
     from cuboid.runs.pipeline.options import TrackOptions
 
 
-def add_recording(parser: argparse.ArgumentParser, default_threads: int, *, required: bool = True) -> None:
-    """Add the recording (optional if not `required`), and the options for reading and tracking it."""
-    add_reading(parser, required=required)
+def add_recording(
+    parser: argparse.ArgumentParser, default_threads: int, *, required: bool = True, several: bool = False
+) -> None:
+    """Add the recording (optional if not `required`), and the options for reading and tracking it.
+
+    With `several` there may be one for each camera of a rig, and `args.recording` is a list.
+    """
+    add_reading(parser, required=required, several=several)
     add_threads(add_tracking(parser), default_threads)
 
 
@@ -96,7 +101,12 @@ def add_furniture(parser: argparse._ActionsContainer) -> None:
 
 
 def add_reading(
-    parser: argparse.ArgumentParser, *, thinned: bool = True, required: bool = True, tracked: bool = True
+    parser: argparse.ArgumentParser,
+    *,
+    thinned: bool = True,
+    required: bool = True,
+    tracked: bool = True,
+    several: bool = False,
 ) -> argparse._ArgumentGroup:
     """Add the recording and the options for reading it; return the group of the options.
 
@@ -108,12 +118,14 @@ def add_reading(
     required : bool
     tracked : bool
         By default register depth that is clearly displaced from color; if false, only with `--register`.
+    several : bool
+        Allow several recordings, for the cameras of a rig.
     """
     parser.add_argument(
         "recording",
         type=Path,
         metavar="RECORDING",
-        nargs=None if required else "?",
+        nargs="*" if several else None if required else "?",
         help="folder, file, archive or URL of the RGB-D recording",
     )
     return add_reading_options(parser, thinned=thinned, tracked=tracked)
@@ -158,11 +170,16 @@ def add_reading_options(
     return reading
 
 
-def open_from(args: argparse.Namespace) -> Recording:
-    """Open the recording that the arguments name."""
+def open_from(args: argparse.Namespace, *, rigs: bool = False) -> Recording:
+    """Open the recording that the arguments name; a rig of several cameras only with `rigs`."""
     from cuboid.inputs.recordings.opening import open_recording
+    from cuboid.inputs.recordings.rig import RigRecording
 
-    return open_recording(args.recording, **reading_from(args))
+    recording = open_recording(args.recording, **reading_from(args))
+    if isinstance(recording, RigRecording) and not rigs:
+        first = recording.parts[0].recording.path
+        raise InputError(f"{args.recording}: is a rig; name the recording of one camera, such as {first}")
+    return recording
 
 
 def reading_from(args: argparse.Namespace) -> dict[str, Any]:

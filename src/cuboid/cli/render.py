@@ -11,6 +11,7 @@ from cuboid.cli.results import add_output, add_results, give, refuse_existing
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
+    from cuboid.ground.arrays import UInt8Array
     from cuboid.results.views.encoding import VideoWriter
     from cuboid.results.views.replay import Replay
 
@@ -44,6 +45,8 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.tables import console
     from cuboid.ground.core.errors import InputError, counted
     from cuboid.ground.core.threads import limit_threads
+    from cuboid.inputs.recordings.rig import RigRecording
+    from cuboid.results.views.mosaic import Mosaic
     from cuboid.results.views.redraw import drawer
     from cuboid.results.views.replay import Replay
     from cuboid.results.views.tags import SteadyNames
@@ -52,13 +55,24 @@ def run(args: argparse.Namespace) -> int:
     path = _path(args)
     replay = Replay(args.results, args.recording)
     recording = replay.recording
-    draw, drawn = drawer(args.show, args.results, replay, steady=SteadyNames()), 0
+    cameras = [part.camera for part in recording.parts] if isinstance(recording, RigRecording) else []
+    names = [camera.name for camera in cameras] or [""]
+    draw = {name: drawer(args.show, args.results, replay, steady=SteadyNames()) for name in names}
+    mosaic, drawn = Mosaic(cameras) if cameras else None, 0
     seen = replay.frames(recording.timestamp_s)
     shown = Console(stderr=True)
     with _writer(path, replay) as video:
         for found in track(seen, "drawing", len(replay), console=shown, transient=True, disable=not shown.is_terminal):
-            video.add(draw(recording.read(found.index), found))
+            frame = recording.read(found.index)
+            picture: UInt8Array | None = draw[frame.camera_name](frame, found)
+            if mosaic is not None and picture is not None:
+                picture = mosaic.add(frame.camera_name, picture)
+            if picture is not None:
+                video.add(picture)
             drawn += 1
+        last = None if mosaic is None else mosaic.last()
+        if last is not None:
+            video.add(last)
     if drawn == 0:
         raise InputError(f"{args.results}: no frame of {recording.path} is in its trajectory")
     line = f"{counted(drawn, 'frame')} drawn; video in {path}"

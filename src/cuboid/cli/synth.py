@@ -61,6 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     camera.add_argument(
         "--sensor", choices=SENSORS, default=SENSORS[0], help=f"noise model of the depth sensor (default: {SENSORS[0]})"
     )
+    camera.add_argument(
+        "--rig",
+        type=_rig,
+        metavar="[moving:]N",
+        help="N cameras: fixed around the first surface, or moving together; --frames is then for each camera",
+    )
     faulty = parser.add_argument_group("faults")
     faulty.add_argument(
         "--pose-noise",
@@ -89,14 +95,20 @@ def run(args: argparse.Namespace) -> int:
     limit_threads(1)
     from cuboid.cli.progress import counting
     from cuboid.cli.tables import console
-    from cuboid.ground.core.errors import counted
-    from cuboid.lab.synthetic import make_scene, render_recording
+    from cuboid.ground.core.errors import InputError, counted
+    from cuboid.lab.synthetic import make_rig, make_scene, render_recording
     from cuboid.lab.synthetic.user_meshes import load_meshes
 
     meshes = load_meshes(args.meshes) if args.meshes else ()
+    if args.visits and args.rig:
+        raise InputError("--visits and --rig cannot be combined")
     if args.visits:
         return _visits(args, meshes)
-    scene = make_scene(args.kind, args.seed, meshes=meshes, **_made_as(args))
+    if args.rig:
+        moving, cameras = args.rig
+        scene = make_rig(args.kind, args.seed, cameras, moving=moving, meshes=meshes, **_made_as(args))
+    else:
+        scene = make_scene(args.kind, args.seed, meshes=meshes, **_made_as(args))
     with counting("rendering") as progress:
         render_recording(scene, args.output, progress=progress, **_rendered_as(args))
     counts = {"frames": scene.frames, "objects": len(scene.objects), "surfaces": len(scene.surfaces)}
@@ -145,6 +157,14 @@ def _seed(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"expected a whole number of at least 0, got '{text}'")
     return int(text)
+
+
+def _rig(text: str) -> tuple[bool, int]:
+    """Parse N or moving:N: whether the cameras move, and their number."""
+    kind, _, count = text.rpartition(":")
+    if kind not in ("", "fixed", "moving") or not count.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a number of cameras such as 3 or moving:2, got '{text}'")
+    return kind == "moving", int(count)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -67,14 +67,14 @@ def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[
         The arguments name neither source, or both, or an option of the other source.
     """
     if args.camera is None:
-        if args.recording is None:
+        if not args.recording and args.rig is None:
             raise InputError("name a RECORDING, or a live camera with --camera")
         if args.record is not None:
             raise InputError("--record stores the frames of --camera; use 'cuboid convert' to copy a recording")
-        yield open_from(args)
+        yield recording_of(args)
         return
-    if args.recording is not None:
-        raise InputError(f"a run has one source: either the recording {args.recording} or --camera {args.camera}")
+    if args.recording:
+        raise InputError(f"a run has one source: either the recording {_recordings(args)[0]} or --camera {args.camera}")
     for name, default in OF_RECORDINGS.items():
         if getattr(args, name) != default:
             raise InputError(f"--{name.replace('_', '-')} is for recordings only; a camera provides this value")
@@ -85,6 +85,28 @@ def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[
         interruption.on_signal = camera.close
         load_kernels()
         yield camera
+
+
+def recording_of(args: argparse.Namespace) -> Recording:
+    """Open the recording, or those of a rig's cameras."""
+    recordings = _recordings(args)
+    if args.rig is None:
+        if len(recordings) > 1:
+            raise InputError(f"{len(recordings)} recordings need --rig rig.json; 'cuboid calibrate --rig' makes it")
+        one = argparse.Namespace(**{**vars(args), "recording": recordings[0]})
+        return open_from(one, rigs=isinstance(args.recording, list))
+    for name in ("format", "intrinsics", "depth_scale", "pose_convention", "topics"):
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name.replace('_', '-')} is for one camera; leave it out with --rig")
+    from cuboid.inputs.recordings.opening import open_rig
+
+    return open_rig(args.rig, recordings, register=args.register)
+
+
+def _recordings(args: argparse.Namespace) -> list[Path]:
+    """Return the recordings that the arguments name; a command of one recording has no list."""
+    found = args.recording
+    return list(found) if isinstance(found, list) else [found]
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
@@ -141,7 +163,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     memory += f"file (default: {MEMORY_MB:g})"
     results.add_argument("--memory", type=megabytes, default=MEMORY_MB, metavar="MB", help=memory)
     add_camera(parser)
-    add_recording(parser, default_threads=min(2, cores()), required=False)
+    rig = parser.add_argument_group("several cameras")
+    rig.add_argument(
+        "--rig", type=Path, metavar="FILE", help="rig.json of the cameras; RECORDING ... are theirs, in its order"
+    )
+    add_recording(parser, default_threads=min(2, cores()), required=False, several=True)
 
 
 def run(args: argparse.Namespace) -> int:

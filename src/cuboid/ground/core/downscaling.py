@@ -38,4 +38,5 @@ def downscale(frame: Frame, factor: int) -> Frame:
     small = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
     for _ in range(factor.bit_length() - 1):
         depth_m = halved(depth_m)
-    return Frame(frame.index, frame.timestamp_s, small, depth_m, frame.T_world_camera, frame.up_camera)
+    camera = None if frame.camera is None else frame.camera.downscaled(factor)
+    return Frame(frame.index, frame.timestamp_s, small, depth_m, frame.T_world_camera, frame.up_camera, camera)

@@ -100,6 +100,26 @@ class Intrinsics(Pinhole):
 
 
 @dataclass(frozen=True, slots=True)
+class RigCamera:
+    """A camera of a rig: frames of several cameras carry the one that took them.
+
+    Attributes
+    ----------
+    name : str
+        Name in the rig.
+    intrinsics : Intrinsics
+        Intrinsics of its frames.
+    """
+
+    name: str
+    intrinsics: Intrinsics
+
+    def downscaled(self, factor: int) -> RigCamera:
+        """Return the camera whose pixels are blocks of `factor` x `factor` pixels of this one."""
+        return RigCamera(self.name, self.intrinsics.downscaled(factor))
+
+
+@dataclass(frozen=True, slots=True)
 class Frame:
     """One color image with its aligned depth image and its camera pose, if known.
 
@@ -118,6 +138,8 @@ class Frame:
         rotation are removed.
     up_camera : (3,) float64 or None
         Unit vector up (opposite to gravity) in camera coordinates; None if it was not measured.
+    camera : RigCamera or None
+        The camera that took it; None if all frames are of one camera.
 
     Raises
     ------
@@ -132,6 +154,7 @@ class Frame:
     depth_m: Float32Array
     T_world_camera: Float64Array | None = None
     up_camera: Float64Array | None = None
+    camera: RigCamera | None = None
 
     def __repr__(self) -> str:
         height, width = self.depth_m.shape
@@ -141,6 +164,15 @@ class Frame:
     def _repr_png_(self) -> bytes:
         """Show color and depth side by side, in a notebook."""
         return png_of(self)
+
+    @property
+    def camera_name(self) -> str:
+        """Name of its camera in the rig; empty if all frames are of one camera."""
+        return "" if self.camera is None else self.camera.name
+
+    def intrinsics_or(self, intrinsics: Intrinsics) -> Intrinsics:
+        """Return the intrinsics of its camera in the rig; without a rig, these."""
+        return intrinsics if self.camera is None else self.camera.intrinsics
 
     @property
     def has_depth(self) -> bool:

@@ -174,6 +174,8 @@ class FrameResult:
         Events of objects at this frame.
     agents : tuple of Box
         Boxes of moving things that are not objects: people, hands, doors.
+    camera : str
+        Name of the frame's camera in the rig; empty if all frames are of one camera.
     """
 
     index: int
@@ -188,6 +190,7 @@ class FrameResult:
     size: tuple[int, int] | None = None
     events: tuple[ObjectEvent, ...] = ()
     agents: tuple[Box, ...] = ()
+    camera: str = ""
 
     def __repr__(self) -> str:
         labels = ", ".join(f"#{seen.label}" for seen in self.sightings) or "nothing"

@@ -10,6 +10,7 @@ import msgspec
 from cuboid.ground.formats.camera_file import CameraDocument
 from cuboid.ground.formats.keyframes_file import KeyframesDocument
 from cuboid.ground.formats.objects_file import ObjectsDocument
+from cuboid.ground.formats.rig_file import RigDocument
 from cuboid.ground.formats.rows_files import AgentEntry, BoxEntry, EventEntry, PoseEntry, ProposalEntry, TrackEntry
 from cuboid.ground.formats.run_file import RunDocument
 from cuboid.ground.formats.table_validation import Row, header_of
@@ -24,6 +25,7 @@ DOCUMENTS: dict[str, type[msgspec.Struct]] = {
     "camera.json": CameraDocument,
     "keyframes.json": KeyframesDocument,
     "visits.json": VisitsDocument,
+    "rig.json": RigDocument,
 }
 TABLES: dict[str, type[Row]] = {
     "tracks.csv": TrackEntry,
@@ -67,13 +69,13 @@ HEAD = """# File formats
 The program validates files by the descriptions on this page; `python docs/make_formats.py` makes the page from the
 code. The same descriptions as JSON Schemas: [camera](schemas/camera.schema.json),
 [objects](schemas/objects.schema.json), [run](schemas/run.schema.json), [truth](schemas/truth.schema.json),
-[keyframes](schemas/keyframes.schema.json), [visits](schemas/visits.schema.json). A file that does not match is refused
-with a message of one line that names the field.
+[keyframes](schemas/keyframes.schema.json), [visits](schemas/visits.schema.json), [rig](schemas/rig.schema.json). A file
+that does not match is refused with a message of one line that names the field.
 
 Numbers are finite. JSON documents have at most 64 MB. Fields that are not listed here are ignored, except in
-`camera.json`, where they are refused. Text files are UTF-8, with lines of at most 10,000 characters. `map.ply` is a
-binary little-endian PLY with one element `vertex`: float `x y z`, uchar `red green blue`, float `heat` (0 to 1) and
-int `label` (0: none), in this order.
+`camera.json` and `rig.json`, where they are refused. Text files are UTF-8, with lines of at most 10,000 characters.
+`map.ply` is a binary little-endian PLY with one element `vertex`: float `x y z`, uchar `red green blue`, float `heat`
+(0 to 1) and int `label` (0: none), in this order.
 
 Images are PNG or JPEG, with at most 64 megapixels and 256 MB. Only regular files are opened, no devices or FIFOs."""
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import msgspec
+from msgspec import Meta
 
 from cuboid.ground.core.records import columns_of
 from cuboid.ground.core.results import ObjectEvent, Proposal3D, Sighting
@@ -22,6 +23,7 @@ from cuboid.ground.core.values import (
     Side,
     refuse_no_quaternion,
 )
+from cuboid.ground.formats.rig_file import CameraName
 from cuboid.ground.formats.table_validation import Row
 
 
@@ -122,7 +124,9 @@ _Agent: Any = _of_a_frame(*_BOX)
 
 
 class TrackEntry(_Track, frozen=True):  # type: ignore[misc, call-arg]
-    """A sighting of a confirmed object in a frame: `tracks.csv`."""
+    """A sighting of a confirmed object in a frame: `tracks.csv`. Only a rig of several cameras has the last column."""
+
+    camera: Annotated[CameraName | None, Meta(description="name of the camera in the rig")] = None
 
     def __post_init__(self) -> None:
         _refuse_line(self)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
+from pathlib import Path
 
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.paths import as_path
 from cuboid.ground.core.pose_convention import convention_names
 from cuboid.inputs.calibration.registering import Misregistration, displaced, is_off, register_recording
 from cuboid.inputs.readers import Recording
 from cuboid.inputs.readers import open_recording as read_recording
+from cuboid.inputs.recordings.rig import FORMAT as RIG
+from cuboid.inputs.recordings.rig import RigRecording, is_rig, read_rig, recordings_of
 
 AUTO, ON, OFF = "auto", "on", "off"
 # Values of `--register` and `open_recording(register=...)`.
@@ -29,7 +34,7 @@ def open_recording(
     Parameters
     ----------
     path : str or path
-        A folder, a file, an archive or a URL.
+        A folder, a file, an archive or a URL; or a ``rig.json``, or a folder with one: see `open_rig`.
     format : str, optional
         Name of the format, if it is not recognised. Options of the format follow a colon, as in
         "ros-bag:color=/camera/color/image_raw".
@@ -68,6 +73,10 @@ def open_recording(
     """
     if register not in REGISTER:
         raise ValueError(f"register must be one of {', '.join(REGISTER)}, got '{register}'")
+    if format in (None, RIG) and is_rig(as_path(path)):
+        if intrinsics is not None or depth_scale is not None or pose_convention is not None:
+            raise InputError(f"{path}: the cameras of a rig differ; describe each in the camera.json of its recording")
+        return open_rig(path, register=register)
     recording = read_recording(path, format=format, intrinsics=intrinsics, depth_scale=depth_scale)
     if pose_convention is not None:
         recording = recording.with_pose_convention(convention_names(pose_convention))
@@ -84,6 +93,31 @@ def open_recording(
         views = 0 if found is None else found.views
         return recording.with_warning(f"depth is not clearly displaced from color ({views} views); it is not changed")
     return recording
+
+
+def open_rig(path: str | PathLike[str], recordings: Sequence[Path] = (), *, register: str = AUTO) -> RigRecording:
+    """Open the recordings of a rig's cameras as one.
+
+    Parameters
+    ----------
+    path : str or path
+        A ``rig.json``, or a folder with one.
+    recordings : sequence of Path
+        Recordings of the cameras, in the order of the file; by default those that the file names.
+    register : {"auto", "on", "off"}
+        As for `open_recording`, for each camera.
+
+    Raises
+    ------
+    InputError
+        The file is malformed, or a recording cannot be used; the message is one line.
+    """
+    file, rig = read_rig(as_path(path))
+    opened = [open_recording(one, register=register) for one in recordings_of(file, rig, recordings)]
+    nested = next((one for one in opened if isinstance(one, RigRecording)), None)
+    if nested is not None:
+        raise InputError(f"{file}: {nested.path} is a rig itself; name the recording of one camera")
+    return RigRecording(file, rig, opened)
 
 
 def _said(found: Misregistration, registered: Recording) -> str:

@@ -9,7 +9,8 @@ from __future__ import annotations
 from cuboid.lab.synthetic.demo import demo_scene
 from cuboid.lab.synthetic.kinds import KINDS, make_scene
 from cuboid.lab.synthetic.recording import render_recording
+from cuboid.lab.synthetic.rigs import make_rig
 from cuboid.lab.synthetic.scene import Scene
 from cuboid.lab.synthetic.visits import make_visits, render_visits
 
-__all__ = ["KINDS", "Scene", "demo_scene", "make_scene", "make_visits", "render_recording", "render_visits"]
+__all__ = ["KINDS", "Scene", "demo_scene", "make_rig", "make_scene", "make_visits", "render_recording", "render_visits"]

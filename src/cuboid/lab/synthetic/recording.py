@@ -6,6 +6,7 @@
       camera.json  color/000000.jpg  depth/000000.png  poses.txt     the recording (docs/recordings.md)
       truth.json  true_trajectory.txt  true_cloud.ply                what it shows
       faults.json                                                    what was broken on purpose, if anything
+      rig.json  camera-1/ camera-2/ ...                              of a rig: a recording with a truth for each camera
 """
 
 from __future__ import annotations
@@ -34,13 +35,16 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.formats.folder import ResultFolder, writing
 from cuboid.ground.geometry import se3
+from cuboid.inputs.recordings.rig import RIG_FILE
 from cuboid.lab.synthetic import truth
 from cuboid.lab.synthetic.faults import named, spoil
 from cuboid.lab.synthetic.paths import POSE_NOISES
 from cuboid.lab.synthetic.raycast import EXTRA, MODULES
-from cuboid.lab.synthetic.scene import Scene
+from cuboid.lab.synthetic.rigs import document, name_of, of_camera
+from cuboid.lab.synthetic.scene import FRAMES_PER_S, Scene
 from cuboid.lab.synthetic.sensors import SENSORS
 from cuboid.lab.synthetic.view import Rendered, SceneView
+from cuboid.results.files.text import LENGTH, number
 
 # Units of the depth images: 0.2 mm, a seventh of a structured-light step at 0.7 m; up to 13 m.
 DEPTH_UNITS_PER_M = 5000
@@ -84,28 +88,30 @@ class Shown:
 class _Renderer:
     """Renders frames of a scene into the files of a folder."""
 
-    def __init__(self, scene: Scene, intrinsics: Intrinsics, sensor: str, folder: Path) -> None:
-        self._view = SceneView(scene, intrinsics)
+    def __init__(self, scene: Scene, size: tuple[int, int], sensor: str, folder: Path) -> None:
+        count = 1 if scene.rig is None else scene.rig.cameras
+        self._views = [SceneView(scene, scene.intrinsics(*size, camera=k)) for k in range(count)]
+        self._folders = [folder] if scene.rig is None else [folder / name_of(k) for k in range(count)]
         self._T_world_room = scene.T_world_room
         self._sensor = sensor
-        self._folder = folder
 
     def __call__(self, frame: int) -> _Done:
-        rendered = self._view.render(frame, self._sensor)
-        name = f"{frame:06d}"
-        (self._folder / "color" / f"{name}.jpg").write_bytes(encode_color(rendered.color))
-        (self._folder / "depth" / f"{name}.png").write_bytes(encode_depth(rendered.depth_m))
-        fractions = self._view.visible_fractions(frame, rendered.hits)
-        empty = self._view.empty_fractions(frame, rendered.hits)
-        return _Done(fractions, empty, self._cloud(rendered) if frame % CLOUD_EVERY_FRAMES == 0 else None)
+        turn, k = divmod(frame, len(self._views))
+        view, folder, name = self._views[k], self._folders[k], f"{turn:06d}"
+        rendered = view.render(frame, self._sensor)
+        (folder / "color" / f"{name}.jpg").write_bytes(encode_color(rendered.color))
+        (folder / "depth" / f"{name}.png").write_bytes(encode_depth(rendered.depth_m))
+        fractions = view.visible_fractions(frame, rendered.hits)
+        empty = view.empty_fractions(frame, rendered.hits)
+        return _Done(fractions, empty, self._cloud(view, rendered) if turn % CLOUD_EVERY_FRAMES == 0 else None)
 
-    def _cloud(self, rendered: Rendered) -> CloudPart:
+    def _cloud(self, view: SceneView, rendered: Rendered) -> CloudPart:
         each = (slice(None, None, CLOUD_EVERY_PIXELS),) * 2
         hits, depth = rendered.hits, rendered.hits.depth_m[each]
         # Moving bodies have no fixed place, so they are left out of the cloud.
-        seen = (depth > 0) & ~self._view.face_moves[hits.face[each]]
+        seen = (depth > 0) & ~view.face_moves[hits.face[each]]
         points = se3.transform(self._T_world_room, (hits.eye + hits.rays[each] * depth[..., None])[seen])
-        return points.astype(np.float32), rendered.color[each][seen], self._view.labels(hits)[each][seen]
+        return points.astype(np.float32), rendered.color[each][seen], view.labels(hits)[each][seen]
 
 
 def render_recording(
@@ -121,6 +127,9 @@ def render_recording(
     progress: Progress | None = None,
 ) -> Shown:
     """Render a scene into a plain recording folder; the same arguments write the same bytes.
+
+    A scene with a rig becomes a folder with a `rig.json` and a recording for each camera. The truth beside `rig.json`
+    counts the frames of all cameras; each recording also has its own.
 
     Parameters
     ----------
@@ -156,32 +165,38 @@ def render_recording(
     path = as_path(path)
     _check(sensor, pose_noise, size)
     require(MODULES[0], "cuboid synth", EXTRA)  # raised here, not in the rendering processes
-    named(faults, scene.frames)
+    named(faults, scene.frames // (1 if scene.rig is None else scene.rig.cameras))
     if force and (path / truth.TRUTH).is_file():
         with writing(path):
             shutil.rmtree(path)
-    intrinsics = scene.intrinsics(*size)
     with ResultFolder(path) as folder, writing(path):
         work = folder.file("")
-        (work / "color").mkdir()
-        (work / "depth").mkdir()
+        cameras = _cameras(scene, work)
+        for camera, _ in cameras:
+            (camera / "color").mkdir(parents=True)
+            (camera / "depth").mkdir()
         done: list[_Done] = []
         if progress is not None:
             progress(0, scene.frames)
-        with _results(partial(_Renderer, scene, intrinsics, sensor, work), scene.frames, workers) as results:
+        with _results(partial(_Renderer, scene, size, sensor, work), scene.frames, workers) as results:
             for result in results:
                 done.append(result)
                 if progress is not None:
                     progress(len(done), scene.frames)
-        _write_texts(work, scene, intrinsics, pose_noise)
-        truth.write_truth(work / truth.TRUTH, scene, intrinsics, np.array([one.fractions for one in done]))
+        fractions = np.array([one.fractions for one in done])
+        for k, (camera, seen) in enumerate(cameras):
+            _write_texts(camera, seen, seen.intrinsics(*size), pose_noise)
+            truth.write_truth(camera / truth.TRUTH, seen, seen.intrinsics(*size), fractions[k :: len(cameras)])
+        if scene.rig is not None:
+            _write_rig(work, scene, size, fractions)
         cloud = truth.LabelledCloud()
         for one in done:
             if one.cloud is not None:
                 cloud.add(*one.cloud)
         cloud.write(work / truth.CLOUD)
         if faults:
-            spoil(work, faults, scene.frames, np.random.default_rng([scene.seed, 3]))
+            first, seen = cameras[0]
+            spoil(first, faults, seen.frames, np.random.default_rng([scene.seed, 3]))
         folder.commit()
     return Shown(
         {
@@ -193,6 +208,25 @@ def render_recording(
             for k, body in enumerate(scene.ghosts)
         },
     )
+
+
+def _cameras(scene: Scene, folder: Path) -> list[tuple[Path, Scene]]:
+    """Return the folder of each camera's recording, with the scene that this camera sees."""
+    if scene.rig is None:
+        return [(folder, scene)]
+    return [(folder / name_of(k), of_camera(scene, k)) for k in range(scene.rig.cameras)]
+
+
+def _write_rig(folder: Path, scene: Scene, size: tuple[int, int], fractions: Float64Array) -> None:
+    """Write `rig.json`, the times of the cameras' frames, and the truth of all frames."""
+    assert scene.rig is not None
+    (folder / RIG_FILE).write_text(json.dumps(document(scene), indent=1) + "\n", encoding="utf-8")
+    for k in range(scene.rig.cameras):
+        frames = range(k, scene.frames, scene.rig.cameras)
+        lines = "".join(f"{j} {number(i / FRAMES_PER_S, LENGTH)}\n" for j, i in enumerate(frames))
+        (folder / name_of(k) / "timestamps.txt").write_text(lines, encoding="utf-8")
+    truth.write_truth(folder / truth.TRUTH, scene, scene.intrinsics(*size), fractions)
+    truth.write_trajectory(folder / truth.TRAJECTORY, scene.T_world_camera)
 
 
 def encode_color(color: UInt8Array) -> bytes:

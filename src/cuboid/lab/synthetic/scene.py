@@ -153,6 +153,29 @@ class SceneEvent:
 
 
 @dataclass(frozen=True, slots=True)
+class Rig:
+    """Several cameras that take turns: frame i of the scene is of camera i modulo their number.
+
+    Attributes
+    ----------
+    moving : bool
+    T_rig_camera : (N, 4, 4) float64
+        In the rig; the rig of fixed cameras is the world.
+    focal : tuple of float
+        Focal length of each camera as a multiple of the scene's.
+    """
+
+    moving: bool
+    T_rig_camera: Float64Array
+    focal: tuple[float, ...]
+
+    @property
+    def cameras(self) -> int:
+        """Number of cameras."""
+        return len(self.T_rig_camera)
+
+
+@dataclass(frozen=True, slots=True)
 class Scene:
     """A room, and the path of a camera through it.
 
@@ -177,6 +200,8 @@ class Scene:
         Parts of people.
     events : tuple of SceneEvent
         Events of objects, in the order of their ends.
+    rig : Rig or None
+        Several cameras, if frames are of several.
     """
 
     name: str
@@ -193,6 +218,7 @@ class Scene:
     ghosts: tuple[SceneObject, ...] = ()
     agents: tuple[Agent, ...] = ()
     events: tuple[SceneEvent, ...] = ()
+    rig: Rig | None = None
 
     @property
     def placed(self) -> tuple[Placed, ...]:
@@ -210,9 +236,9 @@ class Scene:
         poses: Float64Array = self.T_world_room @ self.T_room_camera
         return poses
 
-    def intrinsics(self, width: int = 640, height: int = 480) -> Intrinsics:
-        """Return the intrinsics for an image size, with the same horizontal field of view."""
-        focal = self.focal_px * width / 640
+    def intrinsics(self, width: int = 640, height: int = 480, camera: int = 0) -> Intrinsics:
+        """Return the intrinsics of a camera of the rig for an image size, with the same horizontal field of view."""
+        focal = self.focal_px * width / 640 * (1.0 if self.rig is None else self.rig.focal[camera])
         return Intrinsics(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)
 
     def plane(self, surface: int) -> tuple[Float64Array, float]:

@@ -109,13 +109,15 @@ class VoxelMap:
         self.voxel_m, self.noise_per_m, self._max_depth_m = stored.voxel_m, noise_per_m, max_depth_m
         self.stored, self.anchors, self.levels = stored, stored.anchors, levels
         self.moving, self.fine = MovingPoints(stored, levels), FinePoints(stored)
-        # First cube and first fine cube of the next carving pass; number of frames since the last pass.
-        self._next_look = self._next_fine_look = self._waiting = 0
+        # First cube and first fine cube of the next carving pass.
+        self._next_look = self._next_fine_look = 0
+        # Number of frames of each camera of the rig since its last pass.
+        self._waiting: dict[str, int] = {}
 
     def state(self) -> VoxelMapState:
         """Return the current state; later updates do not change it."""
         parts = self.stored.state(), self.anchors.state(), self.levels.state()
-        return VoxelMapState(*parts, self._waiting, self._next_look, self._next_fine_look)
+        return VoxelMapState(*parts, self._waiting.get("", 0), self._next_look, self._next_fine_look)
 
     @classmethod
     def from_state(
@@ -125,7 +127,7 @@ class VoxelMap:
         voxels = cls.__new__(cls)
         stored = StoredPoints.from_state(state.stored, voxel_m, Anchors.from_state(state.anchors), memory_mb)
         voxels._assemble(stored, Levels.from_state(state.levels, stored), noise_per_m, max_depth_m)
-        voxels._waiting, voxels._next_look = state.waiting, state.next_look
+        voxels._waiting, voxels._next_look = {"": state.waiting}, state.next_look
         voxels._next_fine_look = state.next_fine_look
         return voxels
 
@@ -204,32 +206,40 @@ class VoxelMap:
         self.levels.schedule_thinning(np.concatenate([seen, np.arange(used, stored.cubes.used[0])]))
         return slots
 
-    def carve_free_space(self, image: WorkingImage, T_camera_world: Float64Array, new_viewpoint: bool = True) -> None:
+    def carve_free_space(
+        self, image: WorkingImage, T_camera_world: Float64Array, new_viewpoint: bool = True, camera: str = ""
+    ) -> None:
         """Carve free space: count the points that rays of this frame pass, and remove those passed more often than hit.
 
-        A frame from the same viewpoint as the last pass (`new_viewpoint` is False) would carve the same points: the
-        next pass counts for it, too.
+        A frame from the same viewpoint as the last pass of its camera (`new_viewpoint` is False) would carve the same
+        points: the next pass of this camera counts for it, too.
         """
         self.stored.carving_passes += 1
-        self._waiting += 1
+        waiting = self._waiting[camera] = self._waiting.get(camera, 0) + 1
         if not new_viewpoint:
             return
         seen = self._cubes_in_frustum(image, T_camera_world)
         self.levels.load(seen)
         fine = self.stored.is_fine(seen)
-        self._next_look = self._carve_in_turn(seen[~fine], self._next_look, image, T_camera_world)
-        self._next_fine_look = self._carve_in_turn(seen[fine], self._next_fine_look, image, T_camera_world)
-        self._waiting = 0
+        view = image, T_camera_world, waiting
+        self._next_look = self._carve_in_turn(seen[~fine], self._next_look, *view)
+        self._next_fine_look = self._carve_in_turn(seen[fine], self._next_fine_look, *view)
+        self._waiting[camera] = 0
 
-    def _carve_in_turn(self, seen: Rows, first: int, image: WorkingImage, T_camera_world: Float64Array) -> int:
-        """Carve the points of cubes (N,) within the limit of a pass, from cube `first` on; return the next cube."""
+    def _carve_in_turn(
+        self, seen: Rows, first: int, image: WorkingImage, T_camera_world: Float64Array, frames: int
+    ) -> int:
+        """Carve the points of cubes (N,) within the limit of a pass, from cube `first` on; return the next cube.
+
+        The pass counts for `frames` frames.
+        """
         in_turn = np.concatenate([seen[seen >= first], seen[seen < first]])
         stored = self.stored
         count = np.cumsum(stored.cubes.rows[in_turn])
         chosen = in_turn[: 1 + int(np.searchsorted(count, MAX_CARVED_POINTS))]
         turns = max(1, -(-int(count[-1]) // MAX_CARVED_POINTS)) if len(count) else 1
         T, noise, cubes, points = np.ascontiguousarray(T_camera_world), self.noise_per_m, stored.cubes, stored.points
-        margin_m, step, view = 2 * self.voxel_m, turns * self._waiting, (image.depth_m, image.camera.pinhole, T)
+        margin_m, step, view = 2 * self.voxel_m, turns * frames, (image.depth_m, image.camera.pinhole, T)
         kernel.carve_free_space(chosen, *view, noise, margin_m, step, self.voxel_m, cubes, points)
         return int(chosen[-1]) + 1 if len(chosen) < len(in_turn) else 0
 

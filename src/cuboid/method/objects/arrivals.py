@@ -31,7 +31,6 @@ VIEW_EVERY_S, MAX_VIEWS = 2.0, 64
 class _View:
     """The depth of an earlier frame, every other pixel in both directions, with its camera."""
 
-    time_s: float
     depth_m: Float32Array
     pinhole: Float64Array
     T_camera_world: Float64Array
@@ -49,15 +48,23 @@ class Arrivals:
     def __init__(self, noise_per_m: float) -> None:
         self._noise_per_m = noise_per_m
         self._views: deque[_View] = deque(maxlen=MAX_VIEWS)
+        # Time of the last stored view of each camera of the rig, seconds.
+        self._stored_s: dict[str, float] = {}
         self._cells: dict[int, None] = {}
+
+    def raise_noise(self, noise_per_m: float) -> None:
+        """Use this larger noise from now on."""
+        self._noise_per_m = noise_per_m
 
     def note_view(self, seen: Observation, time_s: float) -> None:
         """Store the depth of a frame, if the last one was stored long enough ago."""
-        if self._views and time_s - self._views[-1].time_s < VIEW_EVERY_S:
+        last_s = self._stored_s.get(seen.camera)
+        if last_s is not None and time_s - last_s < VIEW_EVERY_S:
             return
+        self._stored_s[seen.camera] = time_s
         depth_m = np.ascontiguousarray(seen.image.depth_m[::2, ::2])
         T_camera_world = np.ascontiguousarray(seen.T_camera_world)
-        self._views.append(_View(time_s, depth_m, seen.image.camera.pinhole / 2, T_camera_world))
+        self._views.append(_View(depth_m, seen.image.camera.pinhole / 2, T_camera_world))
 
     def note_motion(self, points: Float32Array) -> None:
         """Store the cells in which points (N, 3), in the world, move."""

@@ -145,8 +145,8 @@ class Following:
         self._gone: list[_Gone] = []
         # Times of the first and the last frame with motion near each object, by number, seconds.
         self._motion_s: dict[int, tuple[float, float]] = {}
-        # Time since which each object has left in all frames, by number, seconds.
-        self._departed_s: dict[int, float] = {}
+        # Time since which each object has left in all frames of a camera, by number and camera, seconds.
+        self._departed_s: dict[tuple[int, str], float] = {}
         # Objects that came to rest, each with the time until which readings in its place count as still.
         self._settled: list[tuple[MapObject, float]] = []
         # Time of the last frame with motion at each candidate, by number.
@@ -162,6 +162,11 @@ class Following:
         self._events: list[ObjectEvent] = []
         self._levels: tuple[Level, ...] | None = None
         self.agents: list[Box] = []
+
+    def raise_noise(self, config: TrackerConfig) -> None:
+        """Use a configuration with more depth noise: a camera of the rig has more than the earlier ones."""
+        self._config = config
+        self._arrivals.raise_noise(config.depth_noise_per_m)
 
     def take_events(self) -> list[ObjectEvent]:
         """Return the events since the last call, in the world of the map."""
@@ -224,9 +229,9 @@ class Following:
             stays, passed = count_passed(points, image.depth_m, pinhole, T, IN_PLACE_M, noise)
             enough = passed >= MIN_READINGS
             if enough and passed >= DEPARTED_FRACTION * (stays + passed):
-                self._departed_s.setdefault(entry.number, time_s)
+                self._departed_s.setdefault((entry.number, seen.camera), time_s)
             else:
-                self._departed_s.pop(entry.number, None)
+                self._departed_s.pop((entry.number, seen.camera), None)
             if enough and passed >= MOVING_FRACTION * (stays + passed):
                 self._let_go(entry, seen, time_s)
 
@@ -254,7 +259,7 @@ class Following:
             self._remove(entry)
             followed = _Followed(entry, profile, cluster, box, entry.points, time_s, time_s)
             self._followed.append(followed)
-        elif time_s - self._departed_s.get(entry.number, time_s) >= DEPARTED_S:
+        elif time_s - self._departed_s.get((entry.number, seen.camera), time_s) >= DEPARTED_S:
             self._remove(entry)
             if not young:
                 self._gone.append(_Gone(entry, color_profile_of(entry), entry.box, time_s))
@@ -264,7 +269,7 @@ class Following:
         return since_s is not None and time_s - since_s < YOUNG_S
 
     def _remove(self, entry: MapObject) -> None:
-        self._departed_s.pop(entry.number, None)
+        self._departed_s = {key: at_s for key, at_s in self._departed_s.items() if key[0] != entry.number}
         self._settled = [settled for settled in self._settled if settled[0] is not entry]
         self._store.lift(entry)
 

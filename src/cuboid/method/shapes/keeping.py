@@ -17,7 +17,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,7 @@ DATE = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptView:
-    """A stored view: the fields of `Candidate`, and its encoded images."""
+    """A stored view: the fields of `Candidate`, its encoded images, and the camera of its frame if that is of a rig."""
 
     frame: int
     box: Box
@@ -57,6 +57,7 @@ class KeptView:
     at: tuple[int, int]
     png: bytes
     jpeg: bytes
+    rig_camera: Intrinsics | None = None
 
     @property
     def size(self) -> int:
@@ -64,7 +65,8 @@ class KeptView:
         return len(self.png) + len(self.jpeg)
 
     def opened(self, camera: Intrinsics, T_world_camera: Float64Array) -> ObjectView:
-        """Return the view with decoded images; `camera` is that of the whole frame."""
+        """Return the view with decoded images; `camera` is that of the whole frame without a rig."""
+        camera = self.rig_camera or camera
         raw = cv2.imdecode(np.frombuffer(self.png, np.uint8), cv2.IMREAD_UNCHANGED)
         color = cv2.imdecode(np.frombuffer(self.jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
         if raw is None or color is None or raw.shape != color.shape[:2] or raw.dtype != np.uint16:
@@ -116,15 +118,17 @@ class ViewKeeper:
         apart_rad = self._apart_rad.setdefault(seen.label, APART_RAD)
         if not _is_new(T_world_camera, views, seen.box, apart_rad):
             return
-        view = view_of(frame, self.camera, T_world_camera, seen.box)
+        camera = frame.intrinsics_or(self.camera)
+        view = view_of(frame, camera, T_world_camera, seen.box)
         if view is None:
             return
-        at = round(self.camera.cx - view.camera.cx), round(self.camera.cy - view.camera.cy)
+        at = round(camera.cx - view.camera.cx), round(camera.cy - view.camera.cy)
         png, jpeg = _encoded(view)
         if self._bytes + len(png) + len(jpeg) > MAX_BYTES:
             self._left_out[seen.label] = self._left_out.get(seen.label, 0) + 1
             return
-        views.append(KeptView(frame.index, seen.box, seen.visible, T_world_camera, at, png, jpeg))
+        of_rig = None if frame.camera is None else camera
+        views.append(KeptView(frame.index, seen.box, seen.visible, T_world_camera, at, png, jpeg, of_rig))
         self._bytes += views[-1].size
         while len(views) > MAX_VIEWS:
             self._apart_rad[seen.label] *= WIDER
@@ -154,9 +158,9 @@ class ViewKeeper:
                     archive.writestr(zipfile.ZipInfo(f"{name}.png", DATE), view.png)
                     archive.writestr(zipfile.ZipInfo(f"{name}.jpg", DATE), view.jpeg)
                     box = [float(value) for value in pack([view.box])[0]]
-                    rows.append(
-                        {"label": label, "frame": view.frame, "visible": view.visible, "box": box, "at": view.at}
-                    )
+                    row = {"label": label, "frame": view.frame, "visible": view.visible, "box": box, "at": view.at}
+                    of_rig = view.rig_camera
+                    rows.append(row if of_rig is None else row | {"camera": asdict(of_rig)})
             archive.writestr(zipfile.ZipInfo(INDEX, DATE), json.dumps(rows, indent=0))
         return target.getvalue()
 
@@ -185,7 +189,9 @@ def read_views(
                 box = unpack(np.array([row["box"]], np.float64).reshape(1, 15))[0]
                 png, jpeg = (archive.read(f"{number:06d}.{kind}") for kind in ("png", "jpg"))
                 x0, y0 = (int(value) for value in row["at"])
-                kept.append(KeptView(int(row["frame"]), box, float(row["visible"]), np.eye(4), (x0, y0), png, jpeg))
+                of_rig = Intrinsics(**row["camera"]) if "camera" in row else None
+                values = int(row["frame"]), box, float(row["visible"]), np.eye(4), (x0, y0), png, jpeg, of_rig
+                kept.append(KeptView(*values))
         return opened(kept, camera, item.box, T_world_camera, most)
     except (OSError, zipfile.BadZipFile, KeyError, TypeError, ValueError, cv2.error, InputError) as error:
         raise InputError(f"{path}: expected views of objects, as 'cuboid track --shapes' keeps them: {error}") from None

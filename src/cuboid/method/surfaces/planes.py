@@ -143,7 +143,8 @@ class PlaneTracker:
         # The last frame whose cells were used, and the planes as that frame saw them, by identity: normal and offset in
         # the plan frame.
         self._last_update = -1
-        self._as_seen: dict[int, Float64Array] = {}
+        # By camera of the rig: its last processed frame decides.
+        self._as_seen: dict[str, dict[int, Float64Array]] = {}
         # Planes with unprocessed readings, and planes processed since the last search for duplicates.
         self._stale: set[Plane] = set()
         self._changed: set[Plane] = set()
@@ -159,7 +160,7 @@ class PlaneTracker:
             windows=snapshot(self._windows),
             main=None if self._main is None else self._main.identity,
             last_update=self._last_update,
-            as_seen=dict(self._as_seen),
+            as_seen=dict(self._as_seen.get("", {})),
             stale=tuple(sorted(plane.identity for plane in self._stale)),
             changed=tuple(sorted(plane.identity for plane in self._changed)),
         )
@@ -172,7 +173,8 @@ class PlaneTracker:
         tracker.T_plan_world = state.T_plan_world
         tracker.planes = list(planes.values())
         tracker._of = {identity: planes[absorber] for identity, absorber in state.of.items()}
-        tracker._windows, tracker._last_update, tracker._as_seen = state.windows, state.last_update, state.as_seen
+        tracker._windows, tracker._last_update = state.windows, state.last_update
+        tracker._as_seen = {"": state.as_seen}
         tracker._main = None if state.main is None else planes[state.main]
         tracker._stale = {planes[identity] for identity in state.stale}
         tracker._changed = {planes[identity] for identity in state.changed}
@@ -195,8 +197,8 @@ class PlaneTracker:
             return True
         return self._vote.changed
 
-    def update(self, frame: int, cells: Cells, keyframe: int = 0) -> npt.NDArray[np.int32]:
-        """Update the planes with the flat cells of a frame that is anchored to a keyframe.
+    def update(self, frame: int, cells: Cells, keyframe: int = 0, camera: str = "") -> npt.NDArray[np.int32]:
+        """Update the planes with the flat cells of a frame of a camera that is anchored to a keyframe.
 
         Returns
         -------
@@ -220,7 +222,7 @@ class PlaneTracker:
             matched = self._match(level)
         owner[cells.places[flat]] = matched[:, None]
         self._last_update = frame
-        self._as_seen = self._adapted(level, matched)
+        self._as_seen[camera] = self._adapted(level, matched)
         return owner.reshape(rows, columns)
 
     def _adapted(self, cells: LevelCells, matched: npt.NDArray[np.int32]) -> dict[int, Float64Array]:
@@ -231,27 +233,27 @@ class PlaneTracker:
             for k in enough
         }
 
-    @property
-    def well_known(self) -> bool:
-        """Whether the last processed frame shows planes, and all these planes are well known.
+    def well_known(self, camera: str = "") -> bool:
+        """Whether the last processed frame of a camera shows planes, and all these planes are well known.
 
         Then further frames from the same viewpoint need no processing: until the camera has moved by the pose error,
         the planes keep their places, and newly visible parts of them are smaller than the rim that extends beyond the
         seen area, see `grid.RIM_M`.
         """
-        seen = [self._of[identity] for identity in self._as_seen]
-        return bool(seen) and all(plane.frames >= REFRESH_FRAMES for plane in seen)
+        seen = [self._of.get(identity) for identity in self._as_seen.get(camera, ())]
+        return bool(seen) and all(plane is not None and plane.frames >= REFRESH_FRAMES for plane in seen)
 
-    def in_camera(self, view: FrustumPlanes, T_world_camera: Float64Array) -> Float64Array:
-        """Return the planes in view as current frames see them, (K, 4): normal and offset in the camera frame.
+    def in_camera(self, view: FrustumPlanes, T_world_camera: Float64Array, camera: str = "") -> Float64Array:
+        """Return the planes in view as current frames of a camera see them, (K, 4): normal and offset in its frame.
 
         Because of pose drift, a table in the frame may be a centimetre off its plane in the map. Each plane is shifted
         and tilted to its cells in the last processed frame, as far as the priors of drift allow.
         """
         assert self.T_plan_world is not None
         T, planes = self.T_plan_world @ T_world_camera, np.empty((len(view.planes), 4))
+        as_seen = self._as_seen.get(camera, {})
         for row, plane in zip(planes, view.planes, strict=True):
-            adapted = self._as_seen.get(plane.identity)
+            adapted = as_seen.get(plane.identity)
             normal, offset = (plane.normal, plane.offset) if adapted is None else (adapted[:3], adapted[3])
             row[:3], row[3] = normal @ T[:3, :3], normal @ T[:3, 3] + offset
         return planes

@@ -29,6 +29,7 @@ from cuboid.ground.formats.folder import (
 )
 from cuboid.inputs.readers.recording import Recording
 from cuboid.inputs.readers.reopen import reopen_recording
+from cuboid.inputs.recordings.rig import FORMAT as RIG
 from cuboid.method.poses.sources import LOST
 from cuboid.results.files.naming import name_object
 from cuboid.results.files.object_table import ObjectTable
@@ -246,8 +247,11 @@ class Results(MapQueries):
             It does not exist, or is another one.
         """
         report = self.report
+        path = self.recording_path or Path(report.recording)
+        if report.format == RIG:
+            return self._rig(path)
         return reopen_recording(
-            self.recording_path or Path(report.recording),
+            path,
             report.format,
             self.found.intrinsics,
             report.distortion,
@@ -255,6 +259,18 @@ class Results(MapQueries):
             self.last_frame,
             report.depth_units_per_metre,
         )
+
+    def _rig(self, path: Path) -> Recording:
+        """Return the recordings of a rig as one, from this path or from the paths of its cameras during the run."""
+        from cuboid.inputs.recordings.opening import open_rig
+
+        paths = [] if self.recording_path is not None else [Path(one) for one in self.report.rig_recordings]
+        rig = open_rig(path, paths)
+        if len(rig) <= self.last_frame:
+            raise InputError(
+                f"{path}: is not the rig of the results: expected frame {self.last_frame}, got {len(rig)} frames"
+            )
+        return rig
 
     def embed(self, model: PathLike | TextModel | None = None) -> Embeddings:
         """Embed pictures of the objects with an image-text model, store the vectors beside the results, return them.
@@ -314,7 +330,7 @@ class Results(MapQueries):
                 frame = self.recording.read(sighting.frame)
             except FrameError:
                 continue
-            view = view_of(frame, self.found.intrinsics, sighting.T_world_camera, item.box)
+            view = view_of(frame, frame.intrinsics_or(self.found.intrinsics), sighting.T_world_camera, item.box)
             if view is not None:
                 views.append(view)
         return views

@@ -117,6 +117,11 @@ class RunReport:
         return depth_camera_of(msgspec.convert(self.config, ConfigEntry))
 
     @property
+    def rig_recordings(self) -> tuple[str, ...]:
+        """Paths of the recordings of a rig's cameras; empty without a rig."""
+        return tuple(self.config.get("rig", {}).get("recordings", ()))
+
+    @property
     def every(self) -> int:
         """Every n-th frame of the recording was used."""
         return int(self.config.get("every", 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,7 +20,8 @@ from cuboid.results.files.text import DIRECTION, LENGTH, number, numbers
 
 R = TypeVar("R", "TrackRow", "ProposalRow")
 
-TRACKS_HEADER = header_of(TrackEntry)
+RIG_TRACKS_HEADER = header_of(TrackEntry)
+TRACKS_HEADER = RIG_TRACKS_HEADER.removesuffix(",camera")
 PROPOSALS_HEADER = header_of(ProposalEntry)
 EVENTS_HEADER = header_of(EventEntry)
 AGENTS_HEADER = header_of(AgentEntry)
@@ -38,17 +39,20 @@ class TrackRow(Sighting):
         Number of the frame in the recording.
     timestamp_s : float
         Seconds.
+    camera : str
+        Name of the frame's camera in the rig; empty if all frames are of one camera.
     """
 
     frame: int
     timestamp_s: float
+    camera: str = field(default="", kw_only=True)
 
     def __repr__(self) -> str:
         return f"TrackRow(frame {self.frame}, {tag_of(self.label)}: {self.box.text()}; {self.visible:.0%} visible)"
 
     def line(self) -> str:
-        """Return the line without its end."""
-        return _line(self)
+        """Return the line without its end; a row of a rig has one more column."""
+        return f"{_line(self)},{self.camera}" if self.camera else _line(self)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -192,7 +196,11 @@ def read_tracks(path: Path) -> list[TrackRow]:
     InputError
         The file is missing or a line of it is malformed; the message names file and line.
     """
-    return [_row(TrackRow, row) for _, row in read_table(path, TrackEntry)]
+    return [
+        replace(found, camera=row.camera) if row.camera else found
+        for row in (row for _, row in read_table(path, TrackEntry))
+        for found in (_row(TrackRow, row),)
+    ]
 
 
 def read_proposals(path: Path) -> list[ProposalRow]:

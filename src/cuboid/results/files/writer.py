@@ -35,6 +35,7 @@ from cuboid.results.files.rows import (
     AGENTS_HEADER,
     EVENTS_HEADER,
     PROPOSALS_HEADER,
+    RIG_TRACKS_HEADER,
     TRACKS_HEADER,
     AgentRow,
     EventRow,
@@ -68,6 +69,8 @@ class ResultWriter:
     corrected : bool
         Whether poses are corrected after their frames: then the first pose of each frame goes to
         `trajectory_online.txt`, and `finish` gets the corrected ones.
+    rig : bool
+        Whether frames come from several cameras: then `tracks.csv` names the camera of each row.
 
     Raises
     ------
@@ -75,7 +78,7 @@ class ResultWriter:
         The folder exists and `force` is not given, or it cannot be written.
     """
 
-    def __init__(self, path: PathLike, *, force: bool = False, corrected: bool = False) -> None:
+    def __init__(self, path: PathLike, *, force: bool = False, corrected: bool = False, rig: bool = False) -> None:
         self._folder = ResultFolder(path, force=force)
         self._shown = self._folder.path
         self._online = TRAJECTORY_ONLINE if corrected else TRAJECTORY
@@ -84,7 +87,7 @@ class ResultWriter:
             with writing(self._shown):
                 names = TRACKS, PROPOSALS, self._online
                 self._files = {name: stack.enter_context(self._open(name)) for name in names}
-                self._files[TRACKS].write(TRACKS_HEADER + "\n")
+                self._files[TRACKS].write((RIG_TRACKS_HEADER if rig else TRACKS_HEADER) + "\n")
                 self._files[PROPOSALS].write(PROPOSALS_HEADER + "\n")
             stack.pop_all()
         self._keep: Callable[[str, str], None] = lambda name, text: None
@@ -258,7 +261,8 @@ def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], ...]:
 
 def _track_row(seen: Sighting, pixels: int, result: FrameResult) -> TrackRow:
     values = seen.label, seen.box, seen.iou, seen.visible, seen.rect_xyxy * pixels
-    return TrackRow(*values, result.index, result.timestamp_s, probability=seen.probability)
+    frame = result.index, result.timestamp_s
+    return TrackRow(*values, *frame, probability=seen.probability, camera=result.camera)
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -34,10 +34,10 @@ def drawer(kind: str, results: Path, replay: Replay, *, steady: SteadyNames | No
     steady : SteadyNames, optional
         State of the names, if the frames of a video are drawn in order.
     """
-    K = replay.intrinsics
     points = read_map(results / MAP) if kind == "heat" else None
 
     def background(frame: Frame, found: ReplayedFrame) -> UInt8Array:
+        K = frame.intrinsics_or(replay.intrinsics)
         if points is not None:
             return heat_over(frame.color, map_heat(points, frame.depth_m, found.T_world_camera, K))
         if kind == "planes":
@@ -45,6 +45,7 @@ def drawer(kind: str, results: Path, replay: Replay, *, steady: SteadyNames | No
         return depth_picture(frame.depth_m, K) if kind == "depth" else frame.color
 
     def draw(frame: Frame, found: ReplayedFrame) -> UInt8Array:
+        K = frame.intrinsics_or(replay.intrinsics)
         status = Status(found.index, len(found.sightings), found.objects_known)
         if kind == "proposals":
             return draw_proposals(frame.color, found.T_world_camera, K, found.proposals, status)

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import OutputError
-from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics, RigCamera
 from cuboid.ground.core.results import FrameResult, TrackedObject, names_of
 from cuboid.results.views.drawing import Status, draw_frame, hidden_objects
 from cuboid.results.views.encoding import Mp4Writer
+from cuboid.results.views.mosaic import Mosaic
 from cuboid.results.views.tags import SteadyNames
 
 # RGB-D cameras run at 30 frames/s. If only every n-th frame is used, the video keeps the speed of the scene, down to
@@ -36,7 +38,7 @@ class FrameSink(Protocol):
 
 
 class VideoView:
-    """Writes every frame with its labelled boxes into an MP4.
+    """Writes every frame with its labelled boxes into an MP4; pictures of a rig's cameras are side by side.
 
     Parameters
     ----------
@@ -46,12 +48,15 @@ class VideoView:
         Of the frames that will be shown.
     fps : float
         Frame rate of the video, frames/s.
+    cameras : sequence of RigCamera
+        Cameras of the frames, if there are several.
     """
 
-    def __init__(self, path: Path, intrinsics: Intrinsics, fps: float) -> None:
+    def __init__(self, path: Path, intrinsics: Intrinsics, fps: float, cameras: Sequence[RigCamera] = ()) -> None:
         self._intrinsics = intrinsics
         self._writer = Mp4Writer(path, fps)
-        self._steady = SteadyNames()
+        self._mosaic = Mosaic(cameras) if cameras else None
+        self._steady: dict[str, SteadyNames] = {}
 
     def show(self, frame: Frame, result: FrameResult, objects: Sequence[TrackedObject]) -> None:
         """Append a frame.
@@ -70,14 +75,18 @@ class VideoView:
         picture = draw_frame(
             frame.color,
             result.T_world_camera,
-            self._intrinsics,
+            frame.intrinsics_or(self._intrinsics),
             result.sightings,
             hidden,
             status,
             names=names_of(objects),
-            steady=self._steady,
+            steady=self._steady.setdefault(frame.camera_name, SteadyNames()),
         )
-        self._writer.add(picture)
+        self._add(picture if self._mosaic is None else self._mosaic.add(frame.camera_name, picture))
+
+    def _add(self, picture: UInt8Array | None) -> None:
+        if picture is not None:
+            self._writer.add(picture)
 
     def close(self, complete: bool) -> None:
         """Finish the file with the frames shown so far.
@@ -94,4 +103,6 @@ class VideoView:
             The file cannot be written; only for a complete run.
         """
         with contextlib.nullcontext() if complete else contextlib.suppress(OutputError):
+            if self._mosaic is not None:
+                self._add(self._mosaic.last())
             self._writer.close()

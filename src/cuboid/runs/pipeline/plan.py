@@ -10,7 +10,18 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.tolerances import DETECT_EVERY
-from cuboid.method.poses.sources import ESTIMATED, GIVEN, BridgedPoses, FixedPoses, Poses, source_of_poses
+from cuboid.ground.formats.rig_file import FIXED
+from cuboid.inputs.recordings.rig import RigRecording
+from cuboid.method.poses.rig_poses import RigPoses
+from cuboid.method.poses.sources import (
+    ESTIMATED,
+    GIVEN,
+    MIN_CORRECTION,
+    BridgedPoses,
+    FixedPoses,
+    Poses,
+    source_of_poses,
+)
 from cuboid.runs.pipeline.options import TrackOptions
 from cuboid.runs.tracking.types import RecordingLike, lens_settings
 
@@ -56,6 +67,9 @@ class Plan:
         """Return the source of the poses."""
         if self.options.fixed:
             return FixedPoses()
+        if isinstance(self.recording, RigRecording) and self.poses == ESTIMATED:
+            shift_m = MIN_CORRECTION * self.config.voxel_m
+            return RigPoses(self.camera, self.recording.T_rig_camera, shift_m)
         if self.options.bridge:
             return BridgedPoses(self.camera, self.recording.pose)
         return source_of_poses(self.poses, self.camera, self.config.voxel_m)
@@ -74,6 +88,7 @@ class Plan:
             "bridge": options.bridge,
             **({"fixed": True} if options.fixed else {}),
             **lens_settings(self.recording),
+            **({"rig": self.recording.settings()} if isinstance(self.recording, RigRecording) else {}),
             "proposals": source_name(self.proposals),
             **named,
             "tracker": self.config.to_dict(),
@@ -90,6 +105,8 @@ def plan_for(recording: RecordingLike, options: TrackOptions) -> Plan:
     """
     if options.detector_every is not None and options.detector is None:
         raise InputError(f"{recording.path}: --detector-every needs --detector")
+    if isinstance(recording, RigRecording):
+        _check_rig(recording, options)
     if options.fixed and (options.poses or options.bridge):
         raise InputError(f"{recording.path}: --fixed needs no poses; leave out --poses and --bridge")
     origin = options.poses or (GIVEN if recording.has_poses or options.fixed else ESTIMATED)
@@ -99,6 +116,20 @@ def plan_for(recording: RecordingLike, options: TrackOptions) -> Plan:
         raise InputError(f"{recording.path}: --bridge fills gaps between given poses, and there are none in use")
     config, proposals = _at_scale(options)
     return Plan(recording, options, config, proposals, origin, options.detector_every or DETECT_EVERY)
+
+
+def _check_rig(rig: RigRecording, options: TrackOptions) -> None:
+    """Raise InputError if the options do not fit a rig of several cameras."""
+    if options.fixed or options.bridge:
+        option = "--fixed" if options.fixed else "--bridge"
+        raise InputError(f"{rig.path}: {option} is for one camera; the 'kind' in rig.json says whether a rig moves")
+    if rig.kind == FIXED and options.poses not in (None, GIVEN):
+        raise InputError(f"{rig.path}: a fixed rig has the poses of its cameras; leave out --poses {options.poses}")
+    if options.poses not in (None, GIVEN, ESTIMATED):
+        raise InputError(f"{rig.path}: --poses {options.poses} is for one camera; a rig takes given or estimated")
+    estimated = options.poses == ESTIMATED or not rig.has_poses
+    if estimated and not rig.T_rig_camera:
+        raise InputError(f"{rig.path}: estimated poses need the 'T_rig_camera' of each camera")
 
 
 def _at_scale(options: TrackOptions) -> tuple[TrackerConfig, str | ProposalSource | None]:

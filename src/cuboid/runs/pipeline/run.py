@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 from cuboid.ground.compiling.compiletime import working_s
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import InputError, OutputError
-from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.frame import Intrinsics, RigCamera
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.formats.folder import VIDEO
 from cuboid.ground.formats.reading import real_path
 from cuboid.ground.version import __version__
+from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.sources import AUTO, CORRECTED, ESTIMATED, GIVEN, Poses
 from cuboid.results.files import Results, ResultWriter, RunReport
 from cuboid.runs.pipeline.loop import Decoded, Pipeline, decode
@@ -98,7 +99,8 @@ def track_recording(
         planned = None if isinstance(taken, Stream) else len(frames)
         hooks.progress.start(planned)
         bare = taken if source.given_with_frames else taken.without_poses()
-        make_view = (hooks.make_view or _video) if results.video else None
+        cameras = [part.camera for part in taken.parts] if isinstance(taken, RigRecording) else []
+        make_view = (hooks.make_view or partial(_video, cameras=cameras)) if results.video else None
         with (
             _view(writer, taken, every, make_view) as view,
             closing(_decode(bare, frames, plan.options)) as decoded,
@@ -221,7 +223,9 @@ def _writer(
         return None
     if real_path(output) == real_path(Path(recording.path)):
         raise OutputError(f"{output}: is the recording itself; name another output folder")
-    return opened.enter_context(ResultWriter(output, force=force, corrected=corrected))
+    return opened.enter_context(
+        ResultWriter(output, force=force, corrected=corrected, rig=isinstance(recording, RigRecording))
+    )
 
 
 @contextmanager
@@ -257,7 +261,7 @@ def _use_detector(mapper: TrackerLike, plan: Plan) -> None:
     mapper.use_detector(plan.options.detector, plan.detector_every)
 
 
-def _video(path: Path, intrinsics: Intrinsics, every: int) -> FrameSink:
+def _video(path: Path, intrinsics: Intrinsics, every: int, cameras: Sequence[RigCamera] = ()) -> FrameSink:
     from cuboid.results.views.video import VideoView, video_rate
 
-    return VideoView(path, intrinsics, video_rate(every))
+    return VideoView(path, intrinsics, video_rate(every), cameras)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.formats.rig_file import FIXED
+from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.sources import ESTIMATED, LOST, NO_POSE
 from cuboid.runs.tracking.diagnosis import RunFacts, diagnose, explains, median_or_none
 from cuboid.runs.tracking.running import RunningTracker
 from cuboid.runs.tracking.types import RecordingLike
-
-if TYPE_CHECKING:
-    from cuboid.inputs.calibration.pose_fit import PoseFit
 
 
 def checked_warnings(tracker: RunningTracker, recording: RecordingLike, every: int) -> tuple[str, ...]:
@@ -30,22 +30,60 @@ def checked_warnings(tracker: RunningTracker, recording: RecordingLike, every: i
     every : int
         Step between the frames that were read.
     """
+    from cuboid.inputs.calibration.rig_check import knocked_warning
+
+    facts, poses = run_facts(tracker, recording, every), tracker.trajectory
+    if not isinstance(recording, RigRecording):
+        found = diagnose(_checked(facts, tracker, recording, recording.intrinsics, poses))
+        return (*found, *tracker.pose_warnings, *tracker.view_warnings)
+    warnings = dict.fromkeys(diagnose(facts))
+    for camera in (part.camera for part in recording.parts):
+        of_camera = {k: T for k, T in poses.items() if tracker.camera_of.get(k) == camera.name}
+        moves = recording.kind != FIXED
+        checked = _checked(facts, tracker, recording, camera.intrinsics, of_camera, moves=moves) if of_camera else facts
+        knocked = None if moves else knocked_warning(recording.of(camera.name), camera.name)
+        warnings |= {} if knocked is None else {knocked: None}
+        warnings |= {f"camera {camera.name}: {line}": None for line in diagnose(checked) if line not in warnings}
+    return (*warnings, *tracker.pose_warnings, *tracker.view_warnings)
+
+
+def _checked(
+    facts: RunFacts,
+    tracker: RunningTracker,
+    recording: RecordingLike,
+    intrinsics: Intrinsics,
+    poses: Mapping[int, Float64Array],
+    *,
+    moves: bool = True,
+) -> RunFacts:
+    """Return the facts of a run with what frames of one camera, which are read again, tell.
+
+    Parameters
+    ----------
+    facts : RunFacts
+    tracker : RunningTracker
+    recording : RecordingLike
+    intrinsics : Intrinsics
+        Intrinsics of this camera.
+    poses : mapping of int to (4, 4) float64
+        Poses of its frames.
+    moves : bool
+        Whether it moves: only then frames tell whether intrinsics and given poses fit.
+    """
     from cuboid.inputs.calibration.check import intrinsics_warning
     from cuboid.inputs.calibration.pose_fit import pose_fit
     from cuboid.inputs.calibration.registering import DISPLACED, registration_warning
 
-    estimated, poses, fit = tracker.poses == ESTIMATED, tracker.trajectory, None
-    if not estimated:  # poses as given: drift correction would adapt them to a wrong depth scale
+    estimated, fit, calibration, registration = tracker.poses == ESTIMATED, None, None, None
+    if moves and not estimated:  # poses as given: drift correction would adapt them to a wrong depth scale
         given = ((frame, recording.pose(frame)) for frame in poses if _has_pose(recording, frame))
-        fit = pose_fit(recording.read, recording.intrinsics, {k: T for k, T in given if T is not None})
-    calibration = registration = None
-    if fit is None or explains(fit):
+        fit = pose_fit(recording.read, intrinsics, {k: T for k, T in given if T is not None})
+    if moves and (fit is None or explains(fit)):
         units = None if estimated else recording.depth_units_per_metre
-        calibration = intrinsics_warning(recording.read, recording.intrinsics, poses, units)
-    if not any(line.startswith(DISPLACED) for line in recording.warnings):
-        registration = registration_warning(recording.read, recording.intrinsics, sorted(poses))
-    facts = replace(run_facts(tracker, recording, every, fit), calibration=calibration, registration=registration)
-    return (*diagnose(facts), *tracker.pose_warnings, *tracker.view_warnings)
+        calibration = intrinsics_warning(recording.read, intrinsics, poses, units)
+    if not any(DISPLACED in line for line in recording.warnings):
+        registration = registration_warning(recording.read, intrinsics, sorted(poses))
+    return replace(facts, pose_fit=fit, calibration=calibration, registration=registration)
 
 
 def own_warnings(tracker: RunningTracker) -> tuple[str, ...]:
@@ -53,9 +91,7 @@ def own_warnings(tracker: RunningTracker) -> tuple[str, ...]:
     return (*diagnose(run_facts(tracker)), *tracker.pose_warnings, *tracker.view_warnings)
 
 
-def run_facts(
-    tracker: RunningTracker, recording: RecordingLike | None = None, every: int = 1, fit: PoseFit | None = None
-) -> RunFacts:
+def run_facts(tracker: RunningTracker, recording: RecordingLike | None = None, every: int = 1) -> RunFacts:
     """Return the facts of a run for its diagnosis; without the recording, only those that the tracker knows."""
     reasons = [reason for _, reason in tracker.log.skipped]
     return RunFacts(
@@ -67,15 +103,27 @@ def run_facts(
         depth_fraction=median_or_none(tracker.counts.depth_fraction),
         depth_median_m=median_or_none(tracker.counts.depth_median_m),
         depth_units_per_metre=1.0 if recording is None else recording.depth_units_per_metre,
-        pose_fit=fit,
+        pose_fit=None,
         misfit=tracker.pose_misfit,
         up_known=tracker.up is not None,
         planes=len(tracker.planes),
         proposals=tracker.counts.proposals,
         objects=len(tracker.objects),
-        untimely=tuple(b for (_, before), (b, after) in pairwise(tracker.times_s.items()) if after <= before),
+        untimely=_untimely(tracker),
         farthest_m=max((float(np.abs(T[:3, 3]).max()) for T in tracker.T_world_camera.values()), default=0.0),
     )
+
+
+def _untimely(tracker: RunningTracker) -> tuple[int, ...]:
+    """Return the frames whose time is not later than that of the frame before of the same camera."""
+    last_s: dict[str, float] = {}
+    found = []
+    for frame, time_s in tracker.times_s.items():
+        camera = tracker.camera_of.get(frame, "")
+        if time_s <= last_s.get(camera, -np.inf):
+            found.append(frame)
+        last_s[camera] = time_s
+    return tuple(found)
 
 
 def _without_pose(tracker: RunningTracker, recording: RecordingLike | None) -> int:

@@ -29,7 +29,6 @@ from cuboid.method.boxes.hidden import with_hidden_foot
 from cuboid.method.boxes.quantiles import quantile
 from cuboid.method.detection.types import Detector
 from cuboid.method.heatmap.anchors import LAST_KEYFRAME
-from cuboid.method.heatmap.motion import Motion
 from cuboid.method.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.method.heatmap.voxel_map import PixelVoxels, VoxelMap, VoxelMapState
 from cuboid.method.objects.association import Association, SegmentedFrame, prior_of
@@ -48,6 +47,7 @@ from cuboid.method.surfaces.grid import CELL_M
 from cuboid.method.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.method.surfaces.planes import PlaneTracker, PlaneTrackerState
 from cuboid.method.surfaces.standing import find_flat_areas
+from cuboid.runs.tracking.camera_memory import CameraMemory
 from cuboid.runs.tracking.measuring import FrameClock
 from cuboid.runs.tracking.rolling import Roll, farther_up
 from cuboid.runs.tracking.tracked_map import TrackedMap
@@ -113,7 +113,7 @@ class PosedTracker(TrackedMap):
     Parameters
     ----------
     intrinsics : Intrinsics
-        Intrinsics of every frame.
+        Intrinsics of every frame that does not come with a camera of a rig.
     config : TrackerConfig, optional
     proposals : str or ProposalSource, optional
         Name of a 2D proposal source, or any callable from (frame, intrinsics) to `Proposals`.
@@ -129,11 +129,13 @@ class PosedTracker(TrackedMap):
 
     NOT_SAVED = frozenset(
         {
-            *("intrinsics", "_memory_mb", "_propose", "_world_boxes", "_sure"),
+            *("intrinsics", "_memory_mb", "_propose", "_world_boxes", "_sure", "_nominal"),
             # A detector must be set again; objects without depth readings are saved in the field `unread`.
             "_detecting",
             # Moving objects are followed only within a recording.
-            *("_motion", "_following", "_last"),
+            "_following",
+            # Of the memories of cameras, only that of a single camera is saved.
+            *("_cameras", "_camera"),
         }
     )
 
@@ -145,16 +147,15 @@ class PosedTracker(TrackedMap):
         *,
         memory_mb: float = MEMORY_MB,
     ) -> None:
-        super().__init__(intrinsics, config or TrackerConfig(), memory_mb)
-        # Number of quarter turns of the images; unknown, and taken as 0, until the first frame with depth.
-        self._turns: int | None = None
+        # Before the first frame of a camera, its depth noise is that of this configuration.
+        self._nominal = config or TrackerConfig()
+        # Memories of the cameras by name, and that of the present frame; without a rig there is one, without a name.
+        self._camera = CameraMemory(intrinsics, self._nominal)
+        self._cameras = {"": self._camera}
+        super().__init__(intrinsics, self._nominal, memory_mb)
         self._propose = make_source(proposals, self.config)
+        # Number of frames of all cameras.
         self._count = 0
-        self._position: Float64Array | None = None
-        self._time_s: float | None = None
-        self._viewpoint: Float64Array | None = None
-        self._due = True
-        self._last: tuple[Frame, FrameResult] | None = None
 
     def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
         """Use a detector on each n-th frame; objects get names, and objects without depth readings get labels.
@@ -185,25 +186,27 @@ class PosedTracker(TrackedMap):
 
     def _begin_motion(self) -> None:
         """Reset the detection and tracking of motion."""
-        self._motion = Motion(self.config.depth_noise_per_m)
+        for camera in self._cameras.values():
+            camera.begin_motion()
         self._following = Following(self.config, self._map.store, self._voxels, self._planes)
 
     def state(self) -> PosedTrackerState:
         """Return the current state; see `ObjectStore.state`."""
+        camera = self._cameras[""]
         return PosedTrackerState(
             config=self.config,
-            turns=self._turns,
+            turns=camera.turns,
             T_world_map=self._T_world_map,
             count=self._count,
-            position=self._position,
-            viewpoint=self._viewpoint,
-            due=self._due,
+            position=camera.position,
+            viewpoint=camera.viewpoint,
+            due=camera.due,
             planes=self._planes.state(),
             voxels=self._voxels.state(),
             map=self._map.state(),
             unread=self._map.store.state_without_depth(),
             furniture_labels=dict(self._furniture_labels),
-            time_s=self._time_s,
+            time_s=camera.time_s,
         )
 
     @classmethod
@@ -224,10 +227,10 @@ class PosedTracker(TrackedMap):
         tracker._detecting.begin(tracker._map.store, c.max_depth_m)
         tracker._map.store.restore_without_depth(state.unread)
         tracker._furniture_labels = dict(state.furniture_labels)
-        tracker._turns, tracker._T_world_map = state.turns, state.T_world_map
-        tracker._count, tracker._due = state.count, state.due
-        tracker._position, tracker._viewpoint = state.position, state.viewpoint
-        tracker._time_s = state.time_s
+        tracker._T_world_map, tracker._count = state.T_world_map, state.count
+        camera = tracker._cameras[""]
+        camera.turns, camera.count, camera.due = state.turns, state.count, state.due
+        camera.position, camera.viewpoint, camera.time_s = state.position, state.viewpoint, state.time_s
         return tracker
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
@@ -236,7 +239,7 @@ class PosedTracker(TrackedMap):
         Parameters
         ----------
         frame : Frame
-            Its images must not change later: the next frame is compared with them.
+            Its images must not change later: the next frame of its camera is compared with them.
         anchor : int
             Keyframe to which the frame's pose is anchored, if poses are estimated; see `apply_correction`. Numbers
             beyond `LAST_KEYFRAME`, after hours of video, are not distinguished.
@@ -246,12 +249,13 @@ class PosedTracker(TrackedMap):
         FrameError
             If the frame has no pose, a pose beyond the reach of the map, or another size than the intrinsics.
         """
+        camera = self._camera = self._memory_of(frame)
         T_world_camera = self._checked_pose(frame)
-        if self._last is not None and frame.repeats(self._last[0]):
-            self._last = frame, self._repeat(frame, self._last[1])
-            return self._last[1]
-        if self._turns is None:
-            self._turns = farther_up(frame.depth_m)
+        if camera.last is not None and frame.repeats(camera.last[0]):
+            camera.last = frame, self._repeat(frame, camera.last[1])
+            return camera.last[1]
+        if camera.turns is None:
+            camera.turns = farther_up(frame.depth_m)
         roll = self._roll
         if self._T_world_map is None:
             self._T_world_map = roll.pose(T_world_camera)
@@ -268,8 +272,15 @@ class PosedTracker(TrackedMap):
             events=tuple([event.moved(self.T_world_map) for event in result.events]),
             agents=tuple([self.in_world(box) for box in result.agents]),
         )
-        self._last = frame, result
+        camera.last = frame, result
         return result
+
+    def _memory_of(self, frame: Frame) -> CameraMemory:
+        """Return the memory of the camera of a frame."""
+        name = frame.camera_name
+        if name not in self._cameras:
+            self._cameras[name] = CameraMemory(frame.intrinsics_or(self.intrinsics), self._nominal)
+        return self._cameras[name]
 
     def _repeat(self, frame: Frame, last: FrameResult) -> FrameResult:
         """Return the result of the last frame for an exact repetition of it: it shows the same objects again."""
@@ -280,7 +291,7 @@ class PosedTracker(TrackedMap):
 
     @property
     def _roll(self) -> Roll:
-        return Roll(self.intrinsics, self._turns or 0)
+        return Roll(self._camera.intrinsics, self._camera.turns or 0)
 
     def _update(self, frame: Frame, given: Frame, anchor: int) -> FrameResult:
         """Process a frame rotated by `_roll`; see `update`."""
@@ -294,18 +305,20 @@ class PosedTracker(TrackedMap):
         planes = self._find_planes(seen)
         clock.lap("planes")
         candidate = self._candidates(seen, planes)
-        weighed = weigh(seen.solid, candidate, proposals, self.config)
+        weighed = weigh(seen.solid, candidate, proposals, self._camera.config)
         heat = pixel_heat(seen.solid, weighed)
         clock.lap("heat")
         # The map is refreshed one frame later: a frame from a new viewpoint already updates planes and boxes.
-        due, self._due = self._due, seen.new_viewpoint
+        due, self._camera.due = self._camera.due, seen.new_viewpoint
         slots = self._fuse(seen, heat, due)
         voxels = self._voxels.look_up(slots)
         clock.lap("fuse")
         in_frustum = self._map.objects_in_frustum(seen.image, seen.T_camera_world)
         objects = self._map.prune_candidates(in_frustum)
         prior = prior_of(objects, voxels.owner, weighed)
-        segments = segment_frame(seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self.config)
+        segments = segment_frame(
+            seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self._camera.config
+        )
         boxes = self._boxes(segments.segments, voxels, seen)
         clock.lap("boxes")
         left_out = {
@@ -328,6 +341,7 @@ class PosedTracker(TrackedMap):
         clock.lap("matching")
         sightings = self._detect(given, visible, seen, sightings, clock)
         self._count += 1
+        self._camera.count += 1
         return FrameResult(
             index=frame.index,
             timestamp_s=time_s,
@@ -341,6 +355,7 @@ class PosedTracker(TrackedMap):
             size=(self._roll.camera.width, self._roll.camera.height),
             events=tuple(self._following.take_events()),
             agents=tuple(self._following.agents),
+            camera=frame.camera_name,
         )
 
     def _fuse(self, seen: Observation, heat: Float32Array, due: bool) -> npt.NDArray[np.int32]:
@@ -348,7 +363,7 @@ class PosedTracker(TrackedMap):
         # On a later visit any frame may show a change: nothing is deferred.
         refresh_map = due or self._voxels.stored.revisited or seen.moving is not None
         slots = self._voxels.fuse(seen.still, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
-        self._voxels.carve_free_space(seen.image, seen.T_camera_world, refresh_map)
+        self._voxels.carve_free_space(seen.image, seen.T_camera_world, refresh_map, seen.camera)
         self._following.claim(slots, seen)
         return slots
 
@@ -361,7 +376,7 @@ class PosedTracker(TrackedMap):
         clock: FrameClock,
     ) -> tuple[Sighting, ...]:
         """Run the detector, if it is due; return the sightings with those of objects without depth readings."""
-        if self._detecting.is_due(self._count):
+        if self._detecting.is_due(self._camera.count):
             self._detecting.detect(given, self._roll, visible, seen)
             clock.lap("detector")
         if self._detecting.is_used:
@@ -370,11 +385,11 @@ class PosedTracker(TrackedMap):
         return sightings
 
     def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:
-        """Prepare a frame for all stages; the first frame also gives the noise of the sensor."""
+        """Prepare a frame for all stages; the first frame of a camera also gives the noise of its sensor."""
         T_world_camera = frame.T_world_camera
         assert T_world_camera is not None
-        image = thin(frame, camera, self.config.working_width_px, self._count)
-        if self._count == 0:
+        image = thin(frame, camera, self.config.working_width_px, self._camera.count)
+        if self._camera.count == 0:
             self._estimate_noise(image)
         return Observation(
             frame=frame.index,
@@ -385,11 +400,12 @@ class PosedTracker(TrackedMap):
             keyframe=keyframe,
             new_viewpoint=self._is_new_viewpoint(T_world_camera),
             weight=self._weight(image, T_world_camera, frame.timestamp_s),
+            camera=frame.camera_name,
         )
 
     def _find_motion(self, seen: Observation, time_s: float) -> Observation:
         """Return a frame with its moving readings marked; moving objects are followed."""
-        moving = self._motion.find(seen.image, seen.T_world_camera, time_s)
+        moving = self._camera.motion.find(seen.image, seen.T_world_camera, time_s)
         if moving is not None:
             seen = dataclasses.replace(seen, moving=moving)
         return self._following.begin_frame(seen, time_s)
@@ -412,19 +428,29 @@ class PosedTracker(TrackedMap):
         self._map.apply_correction(in_map)
         self._detecting.apply_correction(in_map)
         self._begin_motion()
-        self._last = None
+        for camera in self._cameras.values():
+            camera.last = None
 
     def _estimate_noise(self, image: WorkingImage) -> None:
-        """Estimate from the first frame how much the sensor's noise exceeds the configured noise."""
-        nominal = self.config.depth_noise_per_m
+        """Estimate from the first frame of a camera how much its noise exceeds the configured noise.
+
+        Stages that compare with the map use the noise of the noisiest camera of a rig.
+        """
+        nominal = self._nominal.depth_noise_per_m
         excess = excess_noise(image.depth, nominal, self.config.max_depth_m)
-        if excess > 1.0:
-            self.config = self.config.within_range(depth_noise_per_m=excess * nominal)
+        self._camera.set_noise(max(excess, 1.0) * nominal)
+        if self._camera.config.depth_noise_per_m <= self.config.depth_noise_per_m:
+            return
+        self.config = self._camera.config
+        if self._count == 0:
             self._begin()
+        else:
+            self._voxels.noise_per_m = self.config.depth_noise_per_m
+            self._following.raise_noise(self.config)
 
     def _checked_pose(self, frame: Frame) -> Float64Array:
         """Return the pose of a frame; raises FrameError if it has no pose, or another size."""
-        expected = (self.intrinsics.height, self.intrinsics.width)
+        expected = (self._camera.intrinsics.height, self._camera.intrinsics.width)
         if frame.depth_m.shape != expected:
             raise FrameError(
                 f"frame {frame.index} is {frame.depth_m.shape[1]} x {frame.depth_m.shape[0]} pixels, "
@@ -443,14 +469,15 @@ class PosedTracker(TrackedMap):
         """Return the proposals of a rotated frame; all sources but the depth segmentation get the unrotated frame."""
         if isinstance(self._propose, DepthSegmentation):
             return self._propose(frame, self._roll.camera)
-        proposals, c = self._propose(given, self.intrinsics), self.intrinsics
+        c = self._camera.intrinsics
+        proposals = self._propose(given, c)
         if len(proposals) and (proposals.boxes_xyxy[:, 2:] > (c.width, c.height)).any():
             raise ValueError(f"proposals of frame {frame.index} lie outside its {c.width} x {c.height} pixels")
         return self._roll.proposals(proposals)
 
     def _find_planes(self, seen: Observation) -> PixelPlanes:
         """Track the supporting planes; return the planes on and beneath which pixels lie."""
-        c, planes, image, T_world_camera = self.config, self._planes, seen.still, seen.T_world_camera
+        c, planes, image, T_world_camera = self._camera.config, self._planes, seen.still, seen.T_world_camera
         source = image.depth, T_world_camera, c.depth_noise_per_m, c.max_depth_m
         if planes.vote_is_due(seen.weight):
             areas = find_flat_areas(image.depth, c)
@@ -458,17 +485,17 @@ class PosedTracker(TrackedMap):
                 self._map.reset_supports()
         patch = patch_pixels(image.camera)
         patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
-        renew = seen.new_viewpoint or not planes.well_known
+        renew = seen.new_viewpoint or not planes.well_known(seen.camera)
         if renew:
             cells = find_cells(*source)
             if planes.up is not None:
                 cells = with_level_patches(cells, planes.up, *source)
-            patches = planes.update(self._count, cells, seen.keyframe)
+            patches = planes.update(self._count, cells, seen.keyframe, seen.camera)
         if planes.T_plan_world is None or not planes.planes:
             return PixelPlanes.none(image.depth_m.shape)
         k, on_plane, support = image.camera, *(np.empty(image.depth_m.shape, np.int32) for _ in range(2))
         view = planes.planes_in_frustum(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
-        in_camera = planes.in_camera(view, T_world_camera)
+        in_camera = planes.in_camera(view, T_world_camera, seen.camera)
         in_view = PlanesInView(in_camera, view.numbers, view.ground, view.origin, CELL_M, patches, patch)
         T_plan_camera = planes.T_plan_world @ T_world_camera
         limits = c.depth_noise_per_m, c.min_height_m, BIAS_M, c.max_depth_m
@@ -498,20 +525,21 @@ class PosedTracker(TrackedMap):
         Within the pose error the map cannot distinguish the two viewpoints: planes, boxes and free space need no
         update.
         """
-        last = self._viewpoint
+        last = self._camera.viewpoint
         if last is not None and not moved_beyond(last, T_world_camera, DRIFT_M, DRIFT_RAD):
             return False
-        self._viewpoint = T_world_camera
+        self._camera.viewpoint = T_world_camera
         return True
 
     def _weight(self, image: WorkingImage, T_world_camera: Float64Array, time_s: float) -> float:
         """Return the weight of a frame as evidence; the first one has full weight."""
-        last, self._position = self._position, T_world_camera[:3, 3]
-        last_s, self._time_s = self._time_s, time_s
+        camera = self._camera
+        last, camera.position = camera.position, T_world_camera[:3, 3]
+        last_s, camera.time_s = camera.time_s, time_s
         distance_m = 0.0 if last is None else _median_depth_m(image.depth_m)
         if last is None or last_s is None or distance_m == 0.0:
             return 1.0
-        return weight_of(time_s - last_s, math.dist(self._position, last) / distance_m)
+        return weight_of(time_s - last_s, math.dist(camera.position, last) / distance_m)
 
     def _boxes(self, segments: Sequence[FrameSegment], voxels: PixelVoxels, seen: Observation) -> list[Box]:
         """Return the boxes of a frame's segments, from a sample of their points, each on the surface beneath.
@@ -555,7 +583,7 @@ class PosedTracker(TrackedMap):
         small = [o.number for o in in_frustum if o.confirmed and max(o.box.size.tolist()) <= voxels.fine.small_m]
         if small:
             # The phases of subsampled frames compensate a step of two.
-            far_m = resolves_m(voxels.fine.fine_m, self.config.depth_noise_per_m, min(step, 2) * fx)
+            far_m = resolves_m(voxels.fine.fine_m, self._camera.config.depth_noise_per_m, min(step, 2) * fx)
             numbers = np.zeros(max(small) + 1, bool)
             numbers[small] = True
             voxels.fine.refine(seen, heat, slots, numbers, far_m)
@@ -566,7 +594,7 @@ class PosedTracker(TrackedMap):
         """Record the objects of the map that the frame shows, and return them with their visibility."""
         objects = [o for o in in_frustum if len(o.points)]
         boxes, owner = self._map.store.boxes_of(objects), self._voxels.stored.owner
-        visibilities = measure_visibility(objects, boxes, seen, slots, owner, self.config.depth_noise_per_m)
+        visibilities = measure_visibility(objects, boxes, seen, slots, owner, self._camera.config.depth_noise_per_m)
         visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
         labelled = self._map.record_seen(
             seen.frame, [entry for entry, _ in visible], lambda entry: self._following.has_rested(entry, time_s)
@@ -590,10 +618,9 @@ class PosedTracker(TrackedMap):
     def begin_visit(self) -> None:
         """Begin a later visit to the place: objects may have been moved, taken away or added."""
         self._map.begin_visit()
-        self._last = None
-        self._position = self._viewpoint = self._turns = None  # the camera may be held in another orientation
+        for camera in self._cameras.values():
+            camera.begin_visit()
         self._begin_motion()
-        self._due = True
 
 
 def _median_depth_m(depth_m: Float32Array) -> float:

@@ -36,7 +36,7 @@ class RunningTracker(KeptMap):
     Parameters
     ----------
     intrinsics : Intrinsics
-        Intrinsics of every frame.
+        Intrinsics of every frame that does not come with a camera of a rig.
     config : TrackerConfig
     mapper : TrackerLike
         Processes the posed frames.
@@ -73,8 +73,10 @@ class RunningTracker(KeptMap):
         self.log, self.counts = FrameLog(), Counts()
         self.times_s: dict[int, float] = {}
         self.T_world_camera: dict[int, Float64Array] = {}
-        # The last used frame with its pose; for each repetition of a frame, the index of that frame.
-        self._last: tuple[Frame, Posed] | None = None
+        # The last used frame of each camera with its pose; for each repetition of a frame, the index of that frame.
+        self._last: dict[str, tuple[Frame, Posed]] = {}
+        # Name of the camera of each frame of a rig, by index.
+        self.camera_of: dict[int, str] = {}
         self._repeated: dict[int, int] = {}
 
     def update(self, frame: Frame | SkippedFrame) -> FrameResult | SkippedFrame:
@@ -119,6 +121,8 @@ class RunningTracker(KeptMap):
 
     def _step(self, frame: Frame, clock: FrameClock) -> FrameResult | SkippedFrame:
         self.times_s[frame.index] = frame.timestamp_s
+        if frame.camera is not None:
+            self.camera_of[frame.index] = frame.camera.name
         if not frame.has_depth:
             return self.skip(frame.index, NO_DEPTH)
         # A copy: a camera may write the next frame into the same memory.
@@ -144,14 +148,14 @@ class RunningTracker(KeptMap):
         return result
 
     def _located(self, frame: Frame) -> Posed:
-        """Return the pose of a frame; an exact repetition of the last one has the same."""
-        if self._last is not None and frame.repeats(self._last[0]):
-            last, posed = self._last
+        """Return the pose of a frame; an exact repetition of the last one of its camera has the same."""
+        last, posed = self._last.get(frame.camera_name, (None, None))
+        if last is not None and posed is not None and frame.repeats(last):
             self._repeated[frame.index] = self._repeated.get(last.index, last.index)
             posed = replace(posed, moved={})
         else:
             posed = self._poses_for(frame).locate(frame)
-        self._last = frame, posed
+        self._last[frame.camera_name] = frame, posed
         return posed
 
     def skip(self, index: int, reason: str) -> SkippedFrame:
@@ -178,11 +182,10 @@ class RunningTracker(KeptMap):
         if self._last_index is not None and frame.index <= self._last_index:
             raise FrameError(f"frame {frame.index} comes after frame {self._last_index}; indices must increase")
         if isinstance(frame, Frame):
-            height, width = frame.depth_m.shape
-            if (width, height) != (self.intrinsics.width, self.intrinsics.height):
+            (height, width), expected = frame.depth_m.shape, frame.intrinsics_or(self.intrinsics)
+            if (width, height) != (expected.width, expected.height):
                 raise FrameError(
-                    f"frame {frame.index} is {width} x {height} pixels, "
-                    f"expected {self.intrinsics.width} x {self.intrinsics.height}"
+                    f"frame {frame.index} is {width} x {height} pixels, expected {expected.width} x {expected.height}"
                 )
             refuse_other_units(frame)
 

@@ -58,7 +58,8 @@ def save_results(
     """
     corrected = tracker.corrected_trajectory()
     read = _no_frame if recording is None else recording.read
-    with ResultWriter(output, force=force, corrected=corrected is not None) as writer:
+    rig = bool(tracker.camera_of)
+    with ResultWriter(output, force=force, corrected=corrected is not None, rig=rig) as writer:
         writer.go_on(rows.texts(corrected=corrected is not None))
         every, skipped = _counted(tracker)
         lens = {} if recording is None else lens_settings(recording)

@@ -28,7 +28,7 @@ class Tracker(RunningTracker):
     Parameters
     ----------
     intrinsics : Intrinsics
-        Intrinsics of every frame.
+        Intrinsics of every frame that does not come with a camera of a rig (`Frame.camera`).
     config : TrackerConfig, optional
     proposals : str or ProposalSource, optional
         Name of a source of 2D proposals, with its options, or any callable from (frame, intrinsics) to `Proposals`.

@@ -112,7 +112,7 @@ def cut_pictures(
     poses : mapping of int to PoseRow
         By frame.
     intrinsics : Intrinsics
-        Of the color images.
+        Of the color images, if frames do not come with a camera of a rig.
     chosen : mapping of int to sequence of TrackRow, optional
         From `through_time`.
 
@@ -127,14 +127,16 @@ def cut_pictures(
     every = {(row.label, row.frame): row for rows in (best.values(), *chosen.values()) for row in rows}
     pictures: dict[int, Picture] = {}
     strips: Strips = {label: [] for label in chosen}
-    for row, color in _read_rows(every.values(), read):
+    for row, frame in _read_rows(every.values(), read):
+        color = frame.color
         x0, y0, x1, y1 = window(color, row.rect_xyxy)
         if (row.label, row.frame) in through:
             small = shrunk(color[y0:y1, x0:x1], STRIP_WIDTH_PX)
             strips[row.label].append((row.frame, encode_jpeg(small, STRIP_QUALITY)))
         if row.label in best and best[row.label].frame == row.frame:
             picture = shrunk(color[y0:y1, x0:x1], WIDTH_PX)
-            edges = wireframes([boxes[row.label]], poses[row.frame].T_world_camera, intrinsics)[0].front.reshape(-1, 4)
+            camera = frame.intrinsics_or(intrinsics)
+            edges = wireframes([boxes[row.label]], poses[row.frame].T_world_camera, camera)[0].front.reshape(-1, 4)
             shown = (edges - (x0, y0, x0, y0)) * (picture.shape[1] / (x1 - x0))
             pictures[row.label] = Picture(row.frame, encode_jpeg(picture, QUALITY), picture.shape[1::-1], shown)
     return pictures, strips
@@ -211,17 +213,17 @@ def _representative(rows: Sequence[TrackRow], frames: Collection[int]) -> TrackR
     return max(shared, key=_shown_px, default=best)
 
 
-def _read_rows(rows: Iterable[TrackRow], read: Callable[[int], Frame]) -> Iterator[tuple[TrackRow, UInt8Array]]:
-    """Yield rows, by frame, with the color image of their frame; each frame is read once.
+def _read_rows(rows: Iterable[TrackRow], read: Callable[[int], Frame]) -> Iterator[tuple[TrackRow, Frame]]:
+    """Yield rows, by frame, with their frame; each frame is read once.
 
     Rows of a frame that cannot be read, and rows outside of the image, are left out.
     """
-    for frame, group in groupby(sorted(rows, key=lambda row: row.frame), lambda row: row.frame):
+    for index, group in groupby(sorted(rows, key=lambda row: row.frame), lambda row: row.frame):
         try:
-            color = read(frame).color
+            frame = read(index)
         except (CuboidError, IndexError):  # the results may be those of another recording
             continue
         for row in group:
-            x0, y0, x1, y1 = window(color, row.rect_xyxy)
+            x0, y0, x1, y1 = window(frame.color, row.rect_xyxy)
             if x0 < x1 and y0 < y1:
-                yield row, color
+                yield row, frame

@@ -78,7 +78,7 @@ class Summary:
         """Return the document of the page, ready for JSON."""
         recording = Path(self.report.recording)
         kept = {item.label for item in self.found.objects}
-        seen = spans(self.tracks, self.frames)
+        seen = spans(self.tracks, self.frames, max(1, len(self.report.rig_recordings)))
         matrices = np.array([pose.T_world_camera[:3] for pose in self.poses], dtype="<f4")
         return {
             "title": recording.name,
@@ -96,6 +96,7 @@ class Summary:
             ],
             **self._furniture(),
             "frames": packed(np.array(self.frames, dtype="<i4")),
+            **self._cameras(),
             "poses": packed(matrices),
             "points": self.points.to_dict(),
             "inferno": packed(inferno()),
@@ -103,6 +104,15 @@ class Summary:
             "events": [event_document(event) for event in self.events],
             **self._tree(),
         }
+
+    def _cameras(self) -> dict[str, Any]:
+        """Return which camera of a rig took each frame, -1 for frames without a sighting; empty without a rig."""
+        of_frame = {row.frame: row.camera for row in self.tracks if row.camera}
+        if not of_frame:
+            return {}
+        names = sorted(set(of_frame.values()))
+        numbers = [names.index(of_frame[k]) if k in of_frame else -1 for k in self.frames]
+        return {"rig": {"names": names, "cameras": packed(np.array(numbers, dtype="<i4"))}}
 
     def _furniture(self) -> dict[str, Any]:
         """Return the furniture; empty if the run did not search for it."""
@@ -212,7 +222,7 @@ def _pictures_and_strips(results: Results, read: Callable[[int], Frame]) -> tupl
     return cut_pictures(best, read, boxes, results.poses, results.found.intrinsics, chosen)
 
 
-def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tuple[int, int]]]:
+def spans(rows: Iterable[TrackRow], frames: Sequence[int], cameras: int = 1) -> dict[int, list[tuple[int, int]]]:
     """Return the spans of frames in which each label is seen.
 
     Parameters
@@ -221,6 +231,8 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
         In frame order.
     frames : sequence of int
         The used frames, ascending.
+    cameras : int
+        Number of cameras that take turns: a span lasts while each of them, or one, sees the label in its turns.
 
     Returns
     -------
@@ -231,7 +243,7 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
     found: dict[int, list[tuple[int, int]]] = {}
     for row in rows:
         runs = found.setdefault(row.label, [])
-        if runs and place[row.frame] - place[runs[-1][1]] <= 1:
+        if runs and place[row.frame] - place[runs[-1][1]] <= cameras:
             runs[-1] = (runs[-1][0], row.frame)
         else:
             runs.append((row.frame, row.frame))

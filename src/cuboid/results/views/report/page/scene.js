@@ -215,9 +215,12 @@ class Scene {
 
   pathLines(ground, ratio) {
     const lines = [];
-    for (let i = 1; i < frames.length; i++) {
-      const color = colorOf(ground.path, 0.25 + 0.6 * (i / frames.length));
-      lines.push([poseOf(i - 1).place, poseOf(i).place, color, [1.6 * ratio, 0]]);
+    const last = new Map(); // the last frame of each camera
+    for (let i = 0; i < frames.length; i++) {
+      if (cameras[i] < 0) continue;
+      const color = colorOf(ground.path, 0.25 + 0.6 * (i / frames.length)), before = last.get(cameras[i]);
+      if (before !== undefined) lines.push([poseOf(before).place, poseOf(i).place, color, [1.6 * ratio, 0]]);
+      last.set(cameras[i], i);
     }
     const color = colorOf(ground.path, 0.4);
     return lines.concat(this.milestones.flatMap((i) => pyramidLines(poseOf(i), this.size, color, ratio)));

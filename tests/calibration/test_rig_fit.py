@@ -1,0 +1,54 @@
+"""Poses of a rig's cameras from the scene that they see."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cuboid.cli import main
+from cuboid.ground.geometry.se3 import angle, inverse
+from cuboid.inputs.calibration.rig_check import knocked_warning
+from cuboid.inputs.recordings.opening import open_recording
+from cuboid.inputs.recordings.rig import RigRecording
+from made_rigs import POSES, WIDE, write_camera, write_rig
+from made_scenes import look_at
+
+
+def test_the_scene_gives_the_poses_of_the_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = write_rig(tmp_path / "rig")
+    output = tmp_path / "found.json"
+    assert main(["calibrate", "--rig", str(rig / "left"), str(rig / "right"), "--output", str(output), "--json"]) == 0
+    found = open_recording(output)
+    assert isinstance(found, RigRecording)
+    true = inverse(POSES[0]) @ POSES[1]
+    error = inverse(true) @ found.T_rig_camera["right"]
+    assert np.linalg.norm(error[:3, 3]) < 0.003
+    assert np.degrees(angle(error)) < 0.2
+    assert found.read(1).camera_name == "right"
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["cameras"][1]["error_mm"] < 5
+    assert Path(printed["picture"]).read_bytes().startswith(b"\x89PNG")
+
+
+def test_cameras_that_see_different_things_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_camera(tmp_path / "a", WIDE, [POSES[0]] * 3, [0.0, 0.1, 0.2])
+    away = look_at((0.0, 0.0, 0.4), (0.0, 3.0, 0.0))
+    write_camera(tmp_path / "b", WIDE, [away] * 3, [0.0, 0.1, 0.2])
+    call = ["calibrate", "--rig", str(tmp_path / "a"), str(tmp_path / "b"), "--output", str(tmp_path / "rig.json")]
+    assert main(call) == 2
+    assert "camera b: " in capsys.readouterr().err
+
+
+def test_a_knocked_camera_is_named(tmp_path: Path) -> None:
+    still, moved = POSES[0], POSES[0].copy()
+    moved[:3, 3] += (0.0, 0.03, 0.0)
+    times_s = [*np.arange(8) / 30, *(90.0 + np.arange(8) / 30)]
+    stood = open_recording(write_camera(tmp_path / "stood", WIDE, [still] * 16, times_s))
+    knocked = open_recording(write_camera(tmp_path / "knocked", WIDE, [still] * 8 + [moved] * 8, times_s))
+    assert knocked_warning(stood, "left") is None
+    warning = knocked_warning(knocked, "left")
+    assert warning is not None
+    assert warning.startswith("camera left was knocked: 90 s after its start it sees the scene 3")
