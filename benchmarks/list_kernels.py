@@ -94,10 +94,10 @@ def main() -> int:
     entries = called_kernels()
     if any(kernel.cache.compiled for kernel in KERNELS.values()):  # kernels compiled for others were not seen
         os.execv(sys.executable, [sys.executable, *sys.argv])
-    text = "[\n" + ",\n".join(json.dumps(entry) for entry in entries) + "\n]\n"
-    if args.check:
-        return int(LIST.read_text(encoding="utf-8") != text)
-    LIST.write_text(text, encoding="utf-8")
+    lines = [json.dumps(entry) for entry in entries]
+    if args.check:  # the order of the first calls is no matter of right and wrong
+        return int(sorted(map(json.dumps, json.loads(LIST.read_bytes()))) != sorted(lines))
+    LIST.write_text("[\n" + ",\n".join(lines) + "\n]\n", encoding="utf-8")
     return 0
 
 

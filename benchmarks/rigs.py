@@ -111,7 +111,7 @@ def row_of(path: Path, work: Path) -> Row:
 
 
 def labels_of(rig: RigRecording, found: Results, path: Path) -> tuple[int, float]:
-    """Return the number of objects that two cameras see, and the fraction with one label in all pictures."""
+    """Return the number of objects that two cameras see, and the fraction with one label in all their pictures."""
     truth = json.loads((path / "truth.json").read_text(encoding="utf-8"))
     cameras, judged = len(rig.parts), {item["id"] for item in truth["objects"] if item["judged"]}
     seen: dict[int, set[int]] = {}
@@ -119,6 +119,7 @@ def labels_of(rig: RigRecording, found: Results, path: Path) -> tuple[int, float
         values = np.concatenate([np.full(int(length), value) for value, length in runs])
         counts = [int((values[k::cameras] >= SEEN_FRACTION).sum()) for k in range(cameras)]
         seen[int(number)] = {k for k, count in enumerate(counts) if count >= SEEN_FRAMES}
+    names = [part.camera.name for part in rig.parts]
     shared = [item for item in read_truth(path).objects if item.id in judged and len(seen[item.id]) > 1]
     rows = list(found.tracks)
     overlap = iou_matrix(pack([item.box for item in shared]), pack([row.box for row in rows]))
@@ -126,7 +127,10 @@ def labels_of(rig: RigRecording, found: Results, path: Path) -> tuple[int, float
     for k, item in enumerate(shared):
         for j in np.flatnonzero(overlap[k] >= SAME_IOU).tolist():
             labels[item.id][rows[j].camera][rows[j].label] += 1
-    one = sum(len({counts.most_common(1)[0][0] for counts in labels[item.id].values()}) == 1 for item in shared)
+    one = 0
+    for item in shared:
+        of = {camera: counts.most_common(1)[0][0] for camera, counts in labels[item.id].items()}
+        one += all(names[k] in of for k in seen[item.id]) and len(set(of.values())) == 1
     return len(shared), one / max(len(shared), 1)
 
 

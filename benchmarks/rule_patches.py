@@ -283,7 +283,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "round: beside neighbours",
         1,
-        ((BOXING, "if round_box is not None and is_clear_of(round_box, others):", "if round_box is not None:"),),
+        ((BOXING, "            and is_clear_of(round_box, others)\n", ""),),
     ),
     # Planes and up.
     Rule(
@@ -311,7 +311,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "planes: as the frame sees them",
         32,
-        (("method/surfaces/planes.py", "adapted = self._as_seen.get(plane.identity)", "adapted = None"),),
+        (("method/surfaces/planes.py", "adapted = as_seen.get(plane.identity)", "adapted = None"),),
     ),
     Rule("planes: level", 11, (("method/surfaces/planes.py", "        self._level()\n", ""),)),
     Rule(

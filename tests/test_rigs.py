@@ -15,6 +15,7 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import RigCamera
 from cuboid.inputs.recordings.opening import open_recording, open_rig
 from cuboid.inputs.recordings.rig import RigRecording
+from cuboid.results.exports import EXPORTS, export
 from cuboid.results.files import Results
 from cuboid.results.views.mosaic import Mosaic
 from made_rigs import NAMES, POSES, SMALL, THINGS, WIDE, rig_document, write_camera, write_rig
@@ -131,7 +132,7 @@ def test_the_poses_of_one_camera_move_the_others(tmp_path: Path) -> None:
         ({"cameras": [{"name": "a"}]}, "camera 'a' has no 'T_rig_camera'; each camera of a fixed rig needs one"),
         ({"cameras": [{"name": "a,b", "T_rig_camera": np.eye(4).tolist()}]}, "name"),
         ({"cameras": [{"name": "a", "T_rig_camera": (0.5 * np.eye(4)).tolist()}]}, "'T_rig_camera' of a"),
-        ({"cameras": [{"name": "a", "T_rig_camera": np.eye(4).tolist()}] * 2}, "camera 'a' is there twice"),
+        ({"cameras": [{"name": "a", "T_rig_camera": np.eye(4).tolist()}] * 2}, "camera 'a' is named twice"),
     ],
 )
 def test_a_malformed_rig_is_refused_in_one_line(tmp_path: Path, change: dict[str, object], message: str) -> None:
@@ -146,9 +147,27 @@ def test_options_of_one_camera_are_refused(rig: Path, tmp_path: Path, capsys: py
     for options, message in (
         (["--poses", "estimated"], "a fixed rig has the poses of its cameras"),
         (["--intrinsics", "1,1,1,1"], "the cameras of a rig differ"),
+        (["--every", "2"], "--every is for one camera"),
     ):
         assert main(["track", str(rig), "--output", str(tmp_path / "none"), *options]) == 2
         assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["coco", "kitti", "mcap", "rerun"])
+def test_exports_that_need_the_camera_of_each_picture_refuse_a_rig(results: Results, tmp_path: Path, name: str) -> None:
+    path = tmp_path / f"out{EXPORTS.get(name).suffix}"
+    with pytest.raises(InputError, match=f"'{name}' is for results of one camera, and these are of a rig"):
+        export(results, name, path)
+    assert not path.exists()
+
+
+def test_a_calibration_of_a_rig_refuses_options_of_one_camera(
+    rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["calibrate", "--rig", str(rig / "left"), str(rig / "right"), "--output", str(tmp_path / "rig.json")]
+    for option in (["--depth-scale", "77"], ["--every", "2"], ["--poses", "given"]):
+        assert main([*words, *option]) == 2
+        assert f"{option[0]} is for one camera; leave it out with --rig" in capsys.readouterr().err
 
 
 def test_a_repeated_frame_is_compared_with_the_last_one_of_its_camera(rig: Path) -> None:

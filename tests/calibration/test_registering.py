@@ -132,9 +132,10 @@ def untouched(table, tmp_path_factory):
     return open_results(output).objects
 
 
-# A side that no camera saw is guessed with the help of color, which lies elsewhere here: its box moves by 1.1 cm. A run
-# without any color moves it by 1.05 cm.
-GUESSED_M, SEEN_M = 0.012, 0.005
+# Largest displacement of an object whose unseen side is guessed with the help of color, and of the others. Color is
+# displaced from depth here, so the guess differs: by 1.1 cm (1.05 cm in a run without color). Objects that were placed
+# by displaced color moved by 9 to 19 cm.
+GUESSED_M, SEEN_M = 0.02, 0.005
 
 
 @pytest.mark.parametrize("px", [25, 40])

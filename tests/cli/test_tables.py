@@ -6,10 +6,11 @@ import io
 
 import numpy as np
 import pytest
+from rich.console import Console
 from rich.table import Table
 
 from cuboid.cli import tables
-from cuboid.cli.tables import EVENTS_SHOWN, event_lines, new_table
+from cuboid.cli.tables import EVENTS_SHOWN, event_lines, new_table, sized_table
 from cuboid.results.files.rows import EventRow
 
 HEADINGS = ("map, IoU", "precision", "recall", "F1", "AP", "found", "wrong", "mean IoU", "centre off", "size off")
@@ -46,3 +47,16 @@ def test_events_are_told_in_lines_and_many_are_counted() -> None:
     lines = event_lines([gone] * 20)
     assert len(lines) == EVENTS_SHOWN + 1
     assert lines[-1] == "and 12 other events, in events.csv"
+
+
+@pytest.mark.parametrize(("columns", "interval"), [(80, True), (24, False)])
+def test_a_table_of_sizes_has_no_intervals_where_the_terminal_is_narrow(
+    monkeypatch: pytest.MonkeyPatch, columns: int, interval: bool
+) -> None:
+    def build(size: str, errors: bool) -> Table:
+        table = new_table("label", size)
+        table.add_row("1", "12.3 ± 0.4 x 12.3 ± 0.4 x 12 ± 2" if errors else "12.3 x 12.3 x 12")
+        return table
+
+    monkeypatch.setattr(tables, "console", lambda: Console(width=columns))
+    assert ("±" in next(iter(sized_table(build).columns[1].cells))) == interval

@@ -26,7 +26,7 @@ def test_a_map_is_the_same_when_it_is_written_and_read(tmp_path: Path, capsys: p
     assert header == HEADER
     assert all(row.split(",")[0] == "0" and len(row.split(",")) == 15 for row in rows)
     for one, made in zip(read_boxer(table), OBJECTS, strict=True):
-        assert (one.label, one.name) == (made.label, made.name or "anything")
+        assert (one.label, one.name) == (made.label, made.name or "")
         assert one.probability == pytest.approx(made.score, abs=1e-6)
         np.testing.assert_allclose(one.box.corners(), made.box.corners(), atol=1e-5)
     for result in (results, table):
@@ -60,4 +60,12 @@ def test_a_bad_table_is_one_line(tmp_path: Path, rows: list[str], said: str) -> 
     path = tmp_path / "frames.csv"
     path.write_text("\n".join((HEADER, *rows)) + "\n")
     with pytest.raises(InputError, match="frames.csv" + said.replace(".", r"\.")):
+        read_boxer(path)
+
+
+def test_two_boxes_of_an_instance_at_one_time_are_refused_wherever_they_stand(tmp_path: Path) -> None:
+    path = tmp_path / "detections.csv"
+    rows = [f"{time},0,0,0,1,0,0,0,1,1,1,cup,3,5,0.9" for time in (5, 9, 5)]
+    path.write_text("\n".join([HEADER, *rows]) + "\n")
+    with pytest.raises(InputError, match="instance 3 stands twice at time 5"):
         read_boxer(path)

@@ -95,7 +95,7 @@ def test_wrong_calls_are_one_line(run: Results, tmp_path: Path, capsys: pytest.C
         return err
 
     there = tmp_path / "out.json"
-    assert "unknown export 'pdf'; there are: coco, csv," in call(run.folder, "--to", "pdf", "--output", there)
+    assert "unknown export 'pdf'; there are: boxer, coco, csv," in call(run.folder, "--to", "pdf", "--output", there)
     assert "must end with .txt for 'kitti'" in call(run.folder, "--to", "kitti", "--output", there)
     assert "makes a folder of files" in call(run.folder, "--to", "ply", "--output", tmp_path / "a.ply")
     assert "expected a folder with the results" in call(tmp_path / "none", "--to", "json", "--output", there)

@@ -301,6 +301,13 @@ def test_what_left_during_a_recording_is_in_every_answer(tmp_path: Path, capsys:
                     assert [(one["label"], one["state"]) for one in found] == expected
         assert main(["find", path]) == 0
         assert "gone since frame 4" in capsys.readouterr().out
+        assert main(["find", path, "--beside", "4"]) == 2
+        assert "no present object has the label or the name '4'" in capsys.readouterr().err
+    capsys.readouterr()
+    assert main(["find", store, "--like", "morning#1"]) == 0
+    assert "#4" not in capsys.readouterr().out
+    assert main(["find", store, "--like", "morning#4"]) == 2
+    assert "morning#4: a gone object has no shape and colors" in capsys.readouterr().err
     tables = Tables(store)
     assert [row["n"] for row in tables.rows("select count(*) as n from objects")] == [4]
     assert [row["label"] for row in tables.rows("select label from all_objects where gone")] == [4]

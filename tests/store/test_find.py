@@ -118,7 +118,8 @@ def test_by_what_things_are_on_in_and_beside(capsys: pytest.CaptureFixture[str],
     assert found(capsys, store, "--in", "TRAY") == ["kitchen#3"]
     assert found(capsys, store, "--beside", "cup", "--in", "1") == ["kitchen#3"]
     assert set(found(capsys, store, "--on", "plane:1")) == {"kitchen#1", "office#2"}
-    assert found(capsys, store, "--on", "lamp") == []
+    assert main(["find", store, "--on", "lamp"]) == 2
+    assert "no present object has the label or the name 'lamp'" in capsys.readouterr().err
     assert set(found(capsys, store, "--near-object", "jar", "--within", "14cm")) == {"kitchen#2"}
     assert set(found(capsys, store, "--near-object", "3", "--within", "25cm")) == {"kitchen#1", "kitchen#2"}
 

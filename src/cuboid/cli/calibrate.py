@@ -87,20 +87,27 @@ def _calibrate_rig(args: argparse.Namespace) -> int:
     import numpy as np
 
     from cuboid.cli.tables import console, new_table
-    from cuboid.ground.core.errors import InputError
+    from cuboid.ground.core.errors import InputError, OutputError
     from cuboid.inputs.recordings.opening import open_recording
     from cuboid.results.files.pending import new_file
     from cuboid.runs.pipeline.rig_calibrating import calibrate_rig, names_of, overlay, rig_document
 
     if args.recording is not None:
         raise InputError(f"with --rig, name all recordings after it; got {args.recording} too")
+    for name in ("format", "intrinsics", "depth_scale", "pose_convention", "topics", "limit", "poses"):
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name.replace('_', '-')} is for one camera; leave it out with --rig")
+    if args.every != 1:
+        raise InputError("--every is for one camera; leave it out with --rig")
+    picture = args.output.with_suffix(".png")
+    if picture.exists() and not args.force:
+        raise OutputError(f"{picture}: exists; --force replaces it")
     recordings = [open_recording(path, register=args.register) for path in args.rig]
     names = names_of(recordings)
     fit, views = calibrate_rig(recordings, names)
     document = rig_document(fit, recordings, names, args.output)
     with new_file(args.output, force=args.force) as file:
         file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    picture = args.output.with_suffix(".png")
     with new_file(picture, force=args.force) as file:
         content = cv2.imencode(".png", overlay(views, fit.T_rig_camera)[..., ::-1])[1]
         file.write_bytes(content.tobytes())

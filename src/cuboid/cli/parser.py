@@ -30,7 +30,7 @@ class Parser(argparse.ArgumentParser):
         message = message.replace("-o/--output", "--output")
         if self._nothing_given and "required: " in message:
             listed, named = message.split("required: ")
-            others = [str(one.metavar) for one in self._actions if not one.option_strings and one.nargs == "?"]
+            others = [str(one.metavar) for one in self._actions if not one.option_strings and one.nargs in ("?", "*")]
             message = f"{listed}required: {', '.join([*others, *named.split(', ')])}"
         shown = f"; for example: {self.example}" if "required: " in message else ""
         line = one_line(f"cuboid: error: {message}{shown} (see '{self.prog} --help')")

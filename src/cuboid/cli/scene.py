@@ -106,31 +106,28 @@ def _print(lines: list[str | Table]) -> None:
 def _list(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
-    from cuboid.cli.tables import new_table
+    from cuboid.cli.tables import new_table, sized_table
     from cuboid.ground.core.errors import printable
-    from cuboid.results.files.object_table import SURE_SIZE_HEADING, size_cell
+    from cuboid.results.files.object_table import size_cell
 
     found = [item for item in scene.all_objects if args.all or item.state == "present"]
     document = {"objects": [object_document(item) for item in found]}
     if not found:
         return document, ["no object"]
     state = ("state",) if args.all else ()
-    table = new_table(
-        "label",
-        "name",
-        *state,
-        SURE_SIZE_HEADING,
-        "position x, y, z (m)",
-        "last seen",
-        "probability",
-        left=2 + args.all,
-    )
-    for item in found:
-        state_text = item.state if item.merged_into is None else f"merged into {item.merged_into}"
-        seen = "recording {}, frame {}".format(*item.last_seen)
-        cells = (size_cell(item), item.box.center_text, seen, f"{item.probability:.2f}")
-        table.add_row(str(item.label), escape(printable(item.name or "")), *((state_text,) if args.all else ()), *cells)
-    return document, [table]
+
+    def build(size: str, errors: bool) -> Table:
+        others = ("position x, y, z (m)", "last seen", "probability")
+        table = new_table("label", "name", *state, size, *others, left=2 + args.all)
+        for item in found:
+            state_text = item.state if item.merged_into is None else f"merged into {item.merged_into}"
+            seen = "recording {}, frame {}".format(*item.last_seen)
+            named = (escape(printable(item.name or "")), *((state_text,) if args.all else ()))
+            cells = (size_cell(item, errors=errors), item.box.center_text, seen, f"{item.probability:.2f}")
+            table.add_row(str(item.label), *named, *cells)
+        return table
+
+    return document, [sized_table(build)]
 
 
 def _show(scene: Scene, args: argparse.Namespace) -> Answer:
@@ -212,9 +209,9 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
 def _find(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
-    from cuboid.cli.tables import new_table
+    from cuboid.cli.tables import new_table, sized_table
     from cuboid.ground.core.errors import printable
-    from cuboid.results.files.object_table import SURE_SIZE_HEADING, size_cell
+    from cuboid.results.files.object_table import size_cell
     from cuboid.runs.scene import SceneObject
 
     found = scene.find(args.text, args.text_model)[: args.limit]
@@ -222,11 +219,15 @@ def _find(scene: Scene, args: argparse.Namespace) -> Answer:
     rows = [{**object_document(objects[item.label]), "text_score": round(score, 6)} for item, score in found]
     if not found:
         return {"objects": rows}, ["no object"]
-    table = new_table("label", "name", SURE_SIZE_HEADING, "position x, y, z (m)", "text score", left=2)
-    for item, score in found:
-        cells = (size_cell(item), item.box.center_text, f"{score:.3f}")
-        table.add_row(str(item.label), escape(printable(item.name or "")), *cells)
-    return {"objects": rows}, [table]
+
+    def build(size: str, errors: bool) -> Table:
+        table = new_table("label", "name", size, "position x, y, z (m)", "text score", left=2)
+        for item, score in found:
+            cells = (size_cell(item, errors=errors), item.box.center_text, f"{score:.3f}")
+            table.add_row(str(item.label), escape(printable(item.name or "")), *cells)
+        return table
+
+    return {"objects": rows}, [sized_table(build)]
 
 
 def _changes(scene: Scene, args: argparse.Namespace) -> Answer:

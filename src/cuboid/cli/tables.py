@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from rich import box
@@ -85,19 +85,31 @@ def fits(table: Table, out: Console) -> bool:
     return sum(max(pair) + 1 for pair in zip(cells, words, strict=True)) <= out.width
 
 
+def sized_table(build: Callable[[str, bool], Table]) -> Table:
+    """Return a table with sizes; in a narrow terminal without half their 95 % intervals.
+
+    Parameters
+    ----------
+    build : callable
+        Returns the table for the heading of the sizes, and whether half the interval is behind each.
+    """
+    table = build(SURE_SIZE_HEADING, True)
+    return table if fits(table, console()) else build(SIZE_HEADING, False)
+
+
 def objects_table(objects: Iterable[TrackedObject]) -> Table:
     """Return the map of objects: label, size, position, frames seen, probability; in a narrow terminal without ±."""
     found = list(objects)
     name = ("name",) if any(item.name for item in found) else ()
-    table = new_table()
-    for errors, size in ((True, SURE_SIZE_HEADING), (False, SIZE_HEADING)):
+
+    def build(size: str, errors: bool) -> Table:
         table = new_table("label", size, "position x, y, z (m)", "frames seen", "probability", *name, left=0)
         for item in found:
             cells = cells_of(item, errors=errors)
             table.add_row(str(item.label), *cells, *((escape(printable(item.name or "")),) if name else ()))
-        if fits(table, console()):
-            break
-    return table
+        return table
+
+    return sized_table(build)
 
 
 def event_lines(events: Sequence[EventRow]) -> list[str]:

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cuboid.fleet.store.query import SUPERSEDED, Tables
-from cuboid.fleet.store.schema import ALL_OBJECTS, OBJECTS, RUNS
+from cuboid.fleet.store.schema import ALL_OBJECTS, GONE, OBJECTS, RUNS
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.values import RelationKind
 from cuboid.method.text_search import TextQuery
 from cuboid.services.queries import questions
-from cuboid.services.queries.filters import LIKELY, LIMIT, Filters, is_kind, is_surface, label_of
+from cuboid.services.queries.filters import LIKELY, LIMIT, Filters, is_kind, is_surface, label_of, not_present
 from cuboid.services.queries.likeness import COLOR_WORDS, COLORED, colors_of
 from cuboid.services.queries.rows import CENTER, sigma_names
 from cuboid.services.queries.rows import SIDES as LWH
@@ -30,8 +30,7 @@ SHOWN = (
     *("camera_x_m", "camera_y_m", "camera_z_m", "camera_distance_m", "later", "later_frame"),
     *("state", *sigma_names(LWH), *sigma_names(CENTER), "sides_seen"),
 )
-# Rows of older versions have the probability as their score alone, and are all present.
-GONE = "coalesce(gone, false)"
+# Rows of older versions have the probability as their score alone.
 AS = {"probability": "score as probability", "state": f"if({GONE}, 'gone', 'present') as state"}
 
 # Objects of recordings without dates are ordered by frame.
@@ -40,9 +39,9 @@ NEWEST = f"run not in (select run from {SUPERSEDED})"
 
 # Dissimilarity: sizes that differ by a factor of e in every side, disjoint colors and disjoint shapes weigh the same.
 _SIZE = " + ".join(f"abs(ln(greatest({side}, 1e-3) / greatest(?, 1e-3)))" for side in SIDES)
-UNLIKE = f"({_SIZE}) / 3 + list_distance(colors, ?::FLOAT[]) / sqrt(2) + list_distance(shape, ?::FLOAT[]) / sqrt(2)"
-# Cosine of the angle between an object's vector and another one, both of length 1. They are cast to arrays, because
-# DuckDB refuses lists in a column with nulls.
+# Lists are cast to arrays, because DuckDB refuses lists in a column with nulls.
+_APART = "array_distance(try_cast({name} as FLOAT[{n}]), ?::FLOAT[{n}]) / sqrt(2)"
+# Cosine of the angle between an object's vector and another one, both of length 1.
 FITTING = "array_inner_product(try_cast(embedding as FLOAT[{n}]), ?::FLOAT[{n}])"
 
 
@@ -100,7 +99,7 @@ class StoreObjects:
 
     def near_object(self, label_or_name: str, within_m: float) -> Sql:
         """Return the objects whose boxes are near the centre of another one of their recording."""
-        label = label_of(label_or_name)
+        label = self._present(label_or_name)
         which = "lower(b.name) = lower(?)" if label is None else "b.label = ?"
         away = _distance([f"b.center_{axis}_m" for axis in "xyz"], "a.")
         others = f"{OBJECTS} as a join {OBJECTS} as b on b.run = a.run and b.label <> a.label"
@@ -111,13 +110,26 @@ class StoreObjects:
         """Return the objects with a relation to an object of their recording or to a surface."""
         if not self._tables.rows(f"select 1 from {OBJECTS} where relations is not null limit 1"):
             raise InputError(f"{self._tables.url}: {kind}: no object has relations; 'cuboid batch' adds them now")
-        label, surface = label_of(to), is_surface(to) or is_kind(to)
+        surface = is_surface(to) or is_kind(to)
+        label = None if surface else self._present(to)
         if label is not None or surface:
             end = "surface" if label is None else "label"
             one = f"select 1 from unnest(relations) as rel(one) where one.kind = ? and one.{end} = ?"
             to_it = Sql(f"exists ({one})", (kind, to.strip().lower() if label is None else label))
             return _either(to_it, self._related_by_name(kind, to)) if is_kind(to) else to_it
         return self._related_by_name(kind, to)
+
+    def _present(self, label_or_name: str) -> int | None:
+        """Return the label in a text, None for a name; raise InputError if no present object has the label or name."""
+        label = label_of(label_or_name)
+        which, value = ("lower(name) = lower(?)", label_or_name.strip()) if label is None else ("label = ?", label)
+        found = self._tables.rows(f"select 1 from {OBJECTS} where {which} and {NEWEST} limit 1", [value])
+        if not found and label is not None:  # furniture is no object, but objects are on it
+            of_others = f"select unnest(relations) as one from {OBJECTS} where {NEWEST}"
+            found = self._tables.rows(f"select 1 from ({of_others}) where one.label = ? limit 1", [label])
+        if not found:
+            raise not_present(label_or_name)
+        return label
 
     def _related_by_name(self, kind: RelationKind, to: str) -> Sql:
         each = f"(select run, unnest(relations) as one, label from {OBJECTS})"
@@ -159,7 +171,13 @@ class StoreObjects:
         if by.like is not None:
             features = (*SIDES, "colors", "shape")
             one = the_one(self._tables, *by.like, *features)
-            extra["unlike"], order = Sql(UNLIKE, [one[name] for name in features]), "unlike"
+            if one["colors"] is None or one["shape"] is None:
+                recording, label = by.like
+                raise InputError(f"{recording}#{label}: a gone object has no shape and colors to compare with")
+            kept.append(Sql("colors is not null and shape is not null"))
+            apart = [_APART.format(name=name, n=len(one[name])) for name in ("colors", "shape")]
+            unlike = " + ".join((f"({_SIZE}) / 3", *apart))
+            extra["unlike"], order = Sql(unlike, [one[name] for name in features]), "unlike"
         if by.text is not None:
             _refuse_other_model(self._tables, by.text)
             extra["text_score"] = Sql(FITTING.format(n=len(by.text.vector)), [by.text.vector.tolist()])

@@ -84,10 +84,10 @@ class StoredObject:
     camera_m: tuple[float, float, float] | None = None
     camera_distance_m: float | None = None
     later: str | None = None
+    later_frame: int | None = None
     size_sigma_m: tuple[float, float, float] | None = None
     center_sigma_m: tuple[float, float, float] | None = None
     sides_seen: list[str] | None = None
-    later_frame: int | None = None
     distance_m: float | None = None
     unlike: float | None = None
     text_score: float | None = None

@@ -16,7 +16,7 @@ from cuboid.fleet.store.summary import StoreSummary, summarise_store, totals_of
 from cuboid.ground.core.results import Relation
 from cuboid.ground.formats.folder import REPORT
 from cuboid.method.text_search import TextModel
-from cuboid.services.queries.cards import Card, card_of
+from cuboid.services.queries.cards import Card, answering
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.parameters import TEXT, filters_of, given
 from cuboid.services.queries.search_form import FIELDS, search_form
@@ -104,18 +104,16 @@ def _cards(tables: Tables, rows: Sequence[Mapping[str, Any]], understood: Sequen
     for row in rows:
         folder, which = results.get(row["run"]), f"{row['recording']}#{row['label']}"
         picture = f"api/objects/{quote(row['recording'], safe='/')}/{row['label']}/picture"
-        cards.append(
-            card_of(
-                row,
-                picture if row["has_picture"] else None,
-                None if folder is None else f"{quote(folder)}/{REPORT}#{row['label']}",
-                _standing(row, names),
-                understood,
-                key=f"{row['run']}#{row['label']}",
-                recording=row["recording"],
-                links={"Similar": f"?{urlencode({'like': which})}"} if row["colors"] else {},
-            )
+        card = Card(
+            f"{row['run']}#{row['label']}",
+            row,
+            picture if row["has_picture"] else None,
+            None if folder is None else f"{quote(folder)}/{REPORT}#{row['label']}",
+            _standing(row, names),
+            row["recording"],
+            {"Similar": f"?{urlencode({'like': which})}"} if row["colors"] else {},
         )
+        cards.append(answering(card, f"{picture}?last=true" if row["has_picture"] else None, understood))
     return cards
 
 

@@ -12,7 +12,7 @@ import msgspec
 import pyarrow as pa
 
 from cuboid.fleet.store.place import Place
-from cuboid.fleet.store.schema import ALL_OBJECTS, DONE, OBJECTS, RUNS, TABLES
+from cuboid.fleet.store.schema import ALL_OBJECTS, DONE, GONE, OBJECTS, RUNS, TABLES
 from cuboid.fleet.store.snapshot import ATTEMPTS, Snapshot, snapshot
 from cuboid.ground.core.errors import InputError, one_line
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, UnreadableError, opened
@@ -79,7 +79,7 @@ class Tables:
             self._connection.execute(f"create view {view} as {self._select(table, self._files)}")
             self._refuse_other(view, kind.schema)
         self._put_names()
-        there = f"select * from {ALL_OBJECTS} where not coalesce(gone, false)"
+        there = f"select * from {ALL_OBJECTS} where not {GONE}"
         self._connection.execute(f"create view {OBJECTS} as {there}")
         self.kept = {}
         self._connection.execute("set parquet_metadata_cache = true")

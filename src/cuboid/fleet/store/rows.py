@@ -249,7 +249,7 @@ def _object(results: Results, item: TrackedObject) -> dict[str, Any]:
         "middle_m": middle,
         "shortest_m": shortest,
         "names": [{"name": name, "score": score} for name, score in item.names],
-        "sides_seen": list(item.sides_seen) or None,
+        "sides_seen": list(item.sides_seen) if item.size_sigma_m else None,
         **dict(zip(sigma_names(SIDES), item.size_sigma_m or (None,) * 3, strict=True)),
         **dict(zip(sigma_names(CENTER), item.center_sigma_m or (None,) * 3, strict=True)),
         **values_of(item),

@@ -26,6 +26,8 @@ LATER = (
 
 # The view of all rows of the table of objects; the view `objects` has those that were there at the end of their run.
 ALL_OBJECTS = "all_objects"
+# Condition on rows of that view, in SQL: files of earlier versions lack the column, and have no gone objects.
+GONE = "coalesce(gone, false)"
 # Outcomes of a recording.
 DONE, FAILED, SET_ASIDE = "done", "failed", "set aside"
 
@@ -217,7 +219,12 @@ TABLES = {
                 Column("later", TEXT, LATER, added=True),
                 Column("later_frame", COUNT, "for `not seen` and `gone` the first such frame", added=True),
                 *(Column(name, SMALL, meaning, added=True) for name, meaning in _SIGMAS.items()),
-                Column("sides_seen", pa.list_(TEXT), "sides of the box that a camera saw as faces", added=True),
+                Column(
+                    "sides_seen",
+                    pa.list_(TEXT),
+                    "sides of the box that a camera saw as faces; empty: none, null: unknown",
+                    added=True,
+                ),
                 Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
                 Column("green", pa.uint8(), ""),
                 Column("blue", pa.uint8(), ""),

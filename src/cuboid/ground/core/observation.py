@@ -49,10 +49,10 @@ class Observation:
         Whether the camera has moved more than the pose error since the last frame from a new viewpoint.
     weight : float
         Weight of the frame as evidence, 0..1; see `weight_of`.
-    camera : str
-        Name of its camera in the rig; empty if all frames are of one camera.
     moving : (h, w) uint8 or None
         1 where a reading lies on something that moves; None if nothing moves.
+    camera : str
+        Name of its camera in the rig; empty if all frames are of one camera.
     still : WorkingImage
         The subsampled frame without moving readings.
     """
@@ -65,8 +65,8 @@ class Observation:
     keyframe: int
     new_viewpoint: bool
     weight: float
-    camera: str = ""
     moving: UInt8Array | None = None
+    camera: str = ""
     still: WorkingImage = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

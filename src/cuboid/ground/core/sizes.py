@@ -1,4 +1,4 @@
-"""Sizes of boxes as text, rounded to what their uncertainty is worth: the same in tables, cards and lines."""
+"""Sizes of boxes as text, rounded to whole centimetres where half the 95 % interval is 1 cm or more."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`rig.json`: the cameras of a rig, with their recordings or serial numbers and their poses."""
+"""`rig.json`: the cameras of a rig, with their recordings and their poses."""
 
 from __future__ import annotations
 
@@ -19,19 +19,17 @@ MAX_CAMERAS = 64
 # A name is a cell of `tracks.csv`, and a word of messages.
 CameraName = Annotated[str, Meta(min_length=1, max_length=50, pattern=r'^[^,"\x00-\x1f]+$')]
 RecordingPath = Annotated[str, Meta(max_length=5000)]
-Serial = Annotated[str, Meta(min_length=1, max_length=100)]
 MatrixRow = tuple[Metres, Metres, Metres, Metres]
 RigidMatrix = tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRow]
 
 
 class RigCameraEntry(Entry, frozen=True, forbid_unknown_fields=True):
-    """A camera of a rig: its recording, or its serial number, and its pose in the rig."""
+    """A camera of a rig: its recording, and its pose in the rig."""
 
     name: Annotated[CameraName, Meta(description="name of the camera")]
     recording: Annotated[
         RecordingPath | None, Meta(description="path of its recording, relative to the folder of the file")
     ] = None
-    serial: Annotated[Serial | None, Meta(description="serial number of the live camera")] = None
     T_rig_camera: Annotated[
         RigidMatrix | None,
         Meta(description="camera to rig, metres; left out for all cameras if each recording has poses in one world"),
@@ -66,7 +64,7 @@ class RigDocument(Entry, frozen=True, forbid_unknown_fields=True):
         names = [camera.name for camera in self.cameras]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise ValueError(f"camera '{twice}' is there twice")
+            raise ValueError(f"camera '{twice}' is named twice")
         unposed = [camera.name for camera in self.cameras if camera.T_rig_camera is None]
         if unposed and self.kind == FIXED:
             raise ValueError(f"camera '{unposed[0]}' has no 'T_rig_camera'; each camera of a fixed rig needs one")

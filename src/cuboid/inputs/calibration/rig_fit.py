@@ -206,7 +206,7 @@ def fit_rig(views: Sequence[StillView], names: Sequence[str]) -> RigFit:
             missing = ", ".join(names[k] for k in range(len(views)) if k not in T_rig_camera)
             raise InputError(
                 f"camera {missing}: no other camera sees the same surfaces; "
-                "put some objects of different heights where two cameras see them, or use --board"
+                "put some objects of different heights where two cameras see them"
             )
         _, a, b, T = max(found, key=lambda one: one[0])
         T_rig_camera[b] = T_rig_camera[a] @ T

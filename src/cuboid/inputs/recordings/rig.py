@@ -21,6 +21,7 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Frame, RigCamera
+from cuboid.ground.formats import rig_file
 from cuboid.ground.formats.json_validation import read_json
 from cuboid.ground.formats.rig_file import FIXED, RigDocument
 from cuboid.ground.geometry.se3 import interpolate, inverse, tidied
@@ -35,8 +36,10 @@ MAX_GAP_S = 0.1
 
 
 def is_rig(path: Path) -> bool:
-    """Tell whether a path is a rig: a .json file, or a folder with a `rig.json`."""
-    return (path.suffix == ".json" and path.is_file()) or (path / RIG_FILE).is_file()
+    """Return whether a path is a rig: a .json file that names its format, or a folder with a `rig.json`."""
+    if path.suffix == ".json" and path.is_file():
+        return path.name == RIG_FILE or f'"{rig_file.FORMAT}"' in path.read_text(encoding="utf-8", errors="replace")
+    return (path / RIG_FILE).is_file()
 
 
 def read_rig(path: Path) -> tuple[Path, RigDocument]:

@@ -15,6 +15,9 @@ from cuboid.ground.formats.table_validation import read_table
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
 
+# The name that Boxer gives to an object of no known class.
+ANYTHING = "anything"
+
 
 @dataclass(frozen=True, slots=True)
 class BoxerObject:
@@ -25,6 +28,7 @@ class BoxerObject:
     label : int
         Its instance; if the smallest instance is below 1, all are shifted so that it is 1.
     name : str
+        Empty for an object of no known class.
     box : Box
         In the world; the one of its last time.
     probability : float
@@ -37,11 +41,12 @@ class BoxerObject:
 
 
 def is_boxer(path: Path) -> bool:
-    """Return whether a file is such a table: its header has the column `time_ns`."""
+    """Return whether a file is such a table: its first column is `time_ns`, and it has boxes in the world."""
     if path.suffix.lower() != ".csv":
         return False
     with closing(text_lines(path)) as lines:
-        return "time_ns" in next(iter(lines), "")
+        names = [name.strip() for name in next(iter(lines), "").split(",")]
+    return names[0] == "time_ns" and "tx_world_object" in names
 
 
 def read_boxer(path: Path) -> list[BoxerObject]:
@@ -54,13 +59,15 @@ def read_boxer(path: Path) -> list[BoxerObject]:
         were not fused or tracked.
     """
     last: dict[int, BoxerEntry] = {}
+    known: set[tuple[int, int]] = set()
     for line, row in read_table(path, BoxerEntry, any_order=True):
         before = last.get(row.instance)
-        if before is not None and before.time_ns == row.time_ns:
+        if (row.instance, row.time_ns) in known:
             raise InputError(
                 f"{path}:{line}: instance {row.instance} stands twice at time {row.time_ns}: these are detections of "
                 "single frames; expected the objects that Boxer's --fuse or --track writes"
             )
+        known.add((row.instance, row.time_ns))
         if before is None or before.time_ns < row.time_ns:
             last[row.instance] = row
     shift = 1 - min(last, default=1)
@@ -71,4 +78,5 @@ def _object(row: BoxerEntry, label: int) -> BoxerObject:
     center = np.array([row.tx_world_object, row.ty_world_object, row.tz_world_object])
     quat_wxyz = (row.qw_world_object, row.qx_world_object, row.qy_world_object, row.qz_world_object)
     size = np.array([row.scale_x, row.scale_y, row.scale_z])
-    return BoxerObject(label, row.name or "", Box(center, size, rotation_from_quat_wxyz(quat_wxyz)), row.prob)
+    name = "" if row.name in (None, ANYTHING) else row.name
+    return BoxerObject(label, name, Box(center, size, rotation_from_quat_wxyz(quat_wxyz)), row.prob)

@@ -26,8 +26,10 @@ BESIDE_FRACTION = 0.2
 TOP_LAYER_FRACTION = 0.1
 # Fraction of the points that may stick out on one side only, as a handle does.
 STICKING_OUT_FRACTION = 0.1
-# A foot, or the rest of a disc, may be hidden if at most this fraction of the ground beneath it was seen.
+# A foot may be hidden if at most this fraction of the ground beneath the middle was seen.
 GROUND_SEEN_FRACTION = 0.2
+# The rest of a disc may be hidden if at most this fraction of the ground beneath it was seen: most of it is certain.
+REST_SEEN_FRACTION = 0.5
 # A foot carries the middle of its object. It may be narrower than the object, as a stem or a pot, but free space
 # beneath this middle part of the footprint, as a fraction of each side, shows that there is no foot.
 MIDDLE_FRACTION = 0.5
@@ -137,7 +139,7 @@ def is_unseen_beyond(round_box: Box, box: Box, normal: Float64Array, offset: flo
     if not len(added):
         return True
     seen = _seen(added - np.outer(added @ normal + offset, normal), normal, voxels)
-    return bool(np.count_nonzero(seen) <= GROUND_SEEN_FRACTION * len(seen))
+    return bool(np.count_nonzero(seen) <= REST_SEEN_FRACTION * len(seen))
 
 
 def mirrored_points(

@@ -6,6 +6,7 @@ The evidence uses only depth: no direction in the image or in the world is prefe
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -157,8 +158,7 @@ def _surrounded_readings(
     around = touches / np.maximum(1, touches.sum(1) + others.sum(1))[:, None]
     beneath = around.argmax(1)
     clear = np.where(around.max(1) >= AROUND_FRACTION, around.max(1), 0.0)
-    for k in np.flatnonzero(clear).tolist():
-        v, u = np.nonzero(labels == k)
+    for k, (v, u) in _large_pieces(labels, clear):
         middle, plane = camera.points(u, v, depth_m[v, u]).mean(0), planes[beneath[k]]
         x, y, z = middle - (plane[:3] @ middle + plane[3]) * plane[:3]
         column, row = round(camera.fx * x / z + camera.cx), round(camera.fy * y / z + camera.cy)
@@ -186,14 +186,19 @@ def _weighted_readings(
 
     `labels` (H, W) is the piece of each pixel; `beneath` (N,) and `clear` (N,) are as in `_clearness`.
     """
-    found, count = np.zeros(len(planes)), len(clear)
-    starts, pixels = np.empty(count + 1, np.int64), np.empty((depth_m.size, 2), np.int32)
-    kernel.gather_pieces(labels, starts, pixels)
-    for k in np.flatnonzero((clear > 0.0) & (np.diff(starts) >= MIN_PIXELS)).tolist():
-        v, u = pixels[starts[k] : starts[k + 1]].T
+    found = np.zeros(len(planes))
+    for k, (v, u) in _large_pieces(labels, clear):
         if _stands(camera.points(u, v, depth_m[v, u]), planes[beneath[k]], config):
             found[beneath[k]] += clear[k] * len(u)
     return found
+
+
+def _large_pieces(labels: npt.NDArray[np.int32], clear: Float64Array) -> Iterator[tuple[int, npt.NDArray[np.int32]]]:
+    """Yield the pieces that may be objects: index, and rows and columns (2, N) of the pixels; see `_clearness`."""
+    starts, pixels = np.empty(len(clear) + 1, np.int64), np.empty((labels.size, 2), np.int32)
+    kernel.gather_pieces(labels, starts, pixels)
+    for k in np.flatnonzero((clear > 0.0) & (np.diff(starts) >= MIN_PIXELS)).tolist():
+        yield k, pixels[starts[k] : starts[k + 1]].T
 
 
 def _grow(image: DepthImage, config: TrackerConfig) -> tuple[Float64Array, Float64Array, Float64Array]:

@@ -93,7 +93,7 @@ class UpVote(Record):
             self.measured += weight * (T_world_camera[:3, :3] @ up_camera)
         normals = areas.normal @ T_world_camera[:3, :3].T
         for normal, area_m2, evidence in zip(normals, areas.area_m2, areas.evidence, strict=True):
-            # An area counts for at most one square metre for each unit of weight: a near wall is no better evidence than a table.
+            # A near wall is no better evidence than a table: an area counts for at most one square metre.
             self._add(np.array([*normal, weight * min(1.0, area_m2), weight * evidence]))
         best = self._best()
         if self.up is not None and (best is None or best @ self.up <= SAME_COS):

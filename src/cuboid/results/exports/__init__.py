@@ -101,6 +101,8 @@ def _refuse(run: Results, name: str, form: Export, path: Path) -> None:
         raise OutputError(f"{path}: the name must end with {form.suffix} for '{name}'")
     if not form.suffix and path.suffix:
         raise OutputError(f"{path}: '{name}' makes a folder of files, whose name has no '{path.suffix}'")
+    if form.one_camera and run.report.rig_recordings:
+        raise InputError(f"{run.folder}: '{name}' is for results of one camera, and these are of a rig")
     real, results = real_path(path), real_path(run.folder)
     if real == results or (real.parent == results and real.name in OUTPUT_NAMES):
         raise OutputError(f"{path}: belongs to the results themselves; name another output")

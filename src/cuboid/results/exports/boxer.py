@@ -17,7 +17,7 @@ from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results
 from cuboid.results.files.text import DIRECTION, LENGTH, number, numbers
 
-# Name and number of the class in Boxer's list for an object of no known class.
+# Name and number in Boxer's list of an object of no known class; names of other lists have no number there.
 ANYTHING, ANYTHING_ID = "anything", 32
 
 
@@ -31,7 +31,7 @@ def write(run: Results, path: Path) -> list[str]:
 def _line(item: TrackedObject) -> str:
     turn = numbers(quat_wxyz_from_rotation(item.box.rotation), DIRECTION)
     box = ",".join((numbers(item.box.center, LENGTH), turn, numbers(item.box.size, LENGTH)))
-    name = (item.name or ANYTHING).replace(",", " ")  # Boxer's reader knows no quotes
+    name = (item.name or ANYTHING).replace(",", " ").replace('"', " ")  # Boxer's reader knows no quotes
     return f"0,{box},{name},{item.label},{ANYTHING_ID},{number(item.probability, LENGTH)}"
 
 

@@ -109,5 +109,10 @@ def _annotation(run: Results, number: int, row: TrackRow, categories: Mapping[st
 
 
 EXPORTS.register("coco")(
-    Export(".json", "detection and tracking tools: rectangles in the images, with track ids", write)
+    Export(
+        ".json",
+        "detection and tracking tools: rectangles in the images, with track ids",
+        write,
+        one_camera=True,
+    )
 )

@@ -168,4 +168,6 @@ def _losses(run: Results, rows: list[KittiRow]) -> list[str]:
     ]
 
 
-EXPORTS.register("kitti")(Export(".txt", "3D tracking tools and evaluators (AB3DMOT, TrackEval)", write))
+EXPORTS.register("kitti")(
+    Export(".txt", "3D tracking tools and evaluators (AB3DMOT, TrackEval)", write, one_camera=True)
+)

@@ -120,6 +120,10 @@ def _detections(bag: RosBag, run: Results, rows: list[TrackRow], names: Mapping[
 
 EXPORTS.register("mcap")(
     Export(
-        ".mcap", "Foxglove, RViz, `ros2 bag play`: one bag with images, `tf`, markers, detections", write, extra="ros"
+        ".mcap",
+        "Foxglove, RViz, `ros2 bag play`: one bag with images, `tf`, markers, detections",
+        write,
+        extra="ros",
+        one_camera=True,
     )
 )

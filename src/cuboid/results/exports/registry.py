@@ -26,6 +26,8 @@ class Export:
         The extra that it needs.
     options : tuple of str
         Names of the options that `write` takes besides.
+    one_camera : bool
+        Whether it is for results of one camera only: it needs the camera of each picture.
     """
 
     suffix: str
@@ -34,6 +36,7 @@ class Export:
     names: str = ""
     extra: str = ""
     options: tuple[str, ...] = ()
+    one_camera: bool = False
 
 
 EXPORTS: Registry[Export] = Registry("export", "cuboid.exports")

@@ -60,4 +60,4 @@ def _picture(run: Results, frame: int) -> bytes | None:
         return None
 
 
-EXPORTS.register("rerun")(Export(".rrd", "the rerun viewer", write, extra="rerun"))
+EXPORTS.register("rerun")(Export(".rrd", "the rerun viewer", write, extra="rerun", one_camera=True))

@@ -13,16 +13,16 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry.box import EDGES, Box
 from cuboid.ground.geometry.se3 import inverse, transform
 from cuboid.results.files.measures import UNITS, Measure
-from cuboid.results.views.drawing import DARK, WHITE, draw_frame
-from cuboid.results.views.tags import TAG_PX, unit_of
+from cuboid.results.views.drawing import DARK, WHITE, draw_boxes
+from cuboid.results.views.tags import Rect, overlap, unit_of
 from cuboid.results.views.text import ink, put_text
 
 # Sizes in pixels for an image 640 pixels wide: distance of a line of dimension from its edge, extension beyond it,
 # length of an arrow, height of the numbers, and shortest line beside which a number stands.
 OFFSET_PX, BEYOND_PX, ARROW_PX, TEXT_PX, SHORTEST_PX = 14.0, 4.0, 7.0, 14, 10.0
-# Largest number of moves of a number, each by its height.
+# A number is moved by its height at most so many times: farther away, a reader takes it for that of another line. Four
+# moves clear a tag and two numbers.
 MOVES = 4
-Rect = tuple[int, int, int, int]
 
 
 def draw_dimensions(
@@ -40,19 +40,15 @@ def draw_dimensions(
     unit : str
         One of `UNITS`.
     """
-    boxes = [one.item.box for one in measures]
-    picture = draw_frame(color, T_world_camera, intrinsics, [one.item for one in measures], (), None, tinted=False)
+    picture, tags = draw_boxes(color, T_world_camera, intrinsics, [one.item for one in measures])
     scale = unit_of(picture.shape[1])
     T_camera_world = inverse(T_world_camera)
     numbers: list[_Number] = []
-    tags: list[Rect] = []
-    for box in boxes:
+    for box in (one.item.box for one in measures):
         corners = transform(T_camera_world, box.corners())
         if corners[:, 2].min() > 0.0:
             pixels = intrinsics.pixels(corners)
             numbers += _dimensions(picture, box, corners, pixels, scale, unit)
-            middle, top = float(pixels[:, 0].mean()), float(pixels[:, 1].min())
-            tags.append((round(middle - TAG_PX), round(top - 2.0 * TAG_PX * scale), round(middle + TAG_PX), round(top)))
     _put_numbers(picture, numbers, tags, scale)
     return picture
 
@@ -126,23 +122,38 @@ def _arrow(picture: UInt8Array, tip: Float64Array, towards: Float64Array, scale:
 
 
 def _put_numbers(picture: UInt8Array, numbers: Sequence[_Number], tags: Sequence[Rect], scale: float) -> None:
-    """Write numbers; one that would cover a tag or another number is moved away from its box, by its height each."""
+    """Write numbers beside their lines, where they cover neither tags nor each other if there is room."""
     size = max(8, round(TEXT_PX * scale))
+    height, width = picture.shape[:2]
     taken = list(tags)
     for one in numbers:
-        height, width = ink(one.text, size).shape
-        free = [picture.shape[1] - width, picture.shape[0] - height]
-        places = [
-            np.clip(one.at - (width / 2.0, height / 2.0) + k * height * one.away, 0, free).round().astype(int).tolist()
-            for k in range(MOVES + 1)
-        ]
-        rects = [(left, top, left + width, top + height) for left, top in places]
-        uncovered = (rect for rect in rects if not any(_cover(rect, other) for other in taken))
-        left, top, right, bottom = next(uncovered, rects[0])
+        high, wide = ink(one.text, size).shape
+        left, top, right, bottom = place_number((wide, high), one.at, one.away, taken, (width, height))
         taken.append((left, top, right, bottom))
         picture[top:bottom, left:right] //= 3
         put_text(picture, one.text, left, top, size, WHITE)
 
 
-def _cover(one: Rect, other: Rect) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+def place_number(
+    size_px: tuple[int, int], at: Float64Array, away: Float64Array, taken: Sequence[Rect], free: tuple[int, int]
+) -> Rect:
+    """Return the place of a number: the first that covers nothing, else the one that covers the fewest rectangles.
+
+    Parameters
+    ----------
+    size_px : (int, int)
+        Width and height of the number.
+    at : (2,) float64
+        Its wanted middle, pixels.
+    away : (2,) float64
+        Unit vector along which it may be moved, at most `MOVES` times by its height.
+    taken : sequence of (left, top, right, bottom)
+        Places of tags and of other numbers.
+    free : (int, int)
+        Width and height of the picture.
+    """
+    inside = np.subtract(free, size_px)
+    places = [np.clip(at - np.divide(size_px, 2.0) + k * size_px[1] * away, 0, inside) for k in range(MOVES + 1)]
+    corners = [np.round(place).astype(int).tolist() for place in places]
+    rects: list[Rect] = [(left, top, left + size_px[0], top + size_px[1]) for left, top in corners]
+    return min(rects, key=lambda rect: sum(overlap(rect, other) for other in taken))

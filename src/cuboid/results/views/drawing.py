@@ -16,7 +16,7 @@ from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import Sighting, TrackedObject, tag_of
 from cuboid.ground.geometry.box import Box
 from cuboid.results.views.projection import TOP, Wireframe, may_be_in_view, wireframes
-from cuboid.results.views.tags import SteadyNames, place_tags, put_tag, tag_px, unit_of
+from cuboid.results.views.tags import Rect, SteadyNames, place_tags, put_tag, tag_px, unit_of
 from cuboid.results.views.text import Color, put_text
 
 # Sizes in pixels for an image 640 pixels wide; `unit_of` scales them for larger images.
@@ -137,7 +137,15 @@ def draw_frame(
     items = [(item, _texts(item.label, names or {}), True) for item in hidden]
     items += [(item, _texts(item.label, names or {}), False) for item in sightings]
     drawn = _in_view(items, T_world_camera, intrinsics)
-    return _draw(color, intrinsics, drawn, status, tinted, steady)
+    return _draw(color, intrinsics, drawn, status, tinted, steady)[0]
+
+
+def draw_boxes(
+    color: UInt8Array, T_world_camera: Float64Array, intrinsics: Intrinsics, items: Iterable[Labelled]
+) -> tuple[UInt8Array, list[Rect]]:
+    """Return a picture with boxes without tints, and the places of their tags: left, top, right, bottom in pixels."""
+    drawn = _in_view([(item, _texts(item.label, {}), False) for item in items], T_world_camera, intrinsics)
+    return _draw(color, intrinsics, drawn, None, tinted=False)
 
 
 def hidden_objects(sightings: Sequence[Sighting], objects: Sequence[TrackedObject]) -> list[TrackedObject]:
@@ -166,7 +174,7 @@ def draw_proposals(
     """
     items = [(proposal, (f"{proposal.score:.2f}",), proposal.label == 0) for proposal in proposals]
     drawn = _in_view(items, T_world_camera, intrinsics)
-    return _draw(color, intrinsics, drawn, status, tinted=True)
+    return _draw(color, intrinsics, drawn, status, tinted=True)[0]
 
 
 def _in_view(
@@ -191,7 +199,8 @@ def _draw(
     status: Status | None,
     tinted: bool,
     steady: SteadyNames | None = None,
-) -> UInt8Array:
+) -> tuple[UInt8Array, list[Rect]]:
+    """Return the picture, and the places of its tags."""
     unit = unit_of(intrinsics.width)
     picture = color.copy()
     layer = np.empty_like(color)  # one buffer for all steps: allocating memory costs more than drawing
@@ -202,10 +211,10 @@ def _draw(
         if not item.dashed:
             _lines(picture, _fixed(item.wire.front), item.color, _px(FRONT_PX, unit))
     strip_px = _px(STRIP_PX, unit) if status is not None else 0
-    _put_tags(picture, drawn, unit, strip_px, steady)
+    tags = _put_tags(picture, drawn, unit, strip_px, steady)
     if status is not None:
         put_strip(picture, status, unit)
-    return picture
+    return picture, tags
 
 
 def _tint(picture: UInt8Array, layer: UInt8Array, drawn: list[_Drawn]) -> None:
@@ -248,8 +257,10 @@ def dashes(segments: Float64Array, dash_px: float, gap_px: float) -> Float64Arra
     return np.concatenate(parts)
 
 
-def _put_tags(picture: UInt8Array, drawn: list[_Drawn], unit: float, strip_px: int, steady: SteadyNames | None) -> None:
-    """Put a tag above each box; the nearest box is placed first, and no tag covers another."""
+def _put_tags(
+    picture: UInt8Array, drawn: list[_Drawn], unit: float, strip_px: int, steady: SteadyNames | None
+) -> list[Rect]:
+    """Put a tag above each box and return their places; the nearest box is first, and no tag covers another."""
     size_px = _px(tag_px(len(drawn)), unit)
     free = (picture.shape[0] - strip_px, picture.shape[1])
     first = sorted(drawn, key=lambda item: (item.dashed, item.wire.depth_m))
@@ -257,6 +268,7 @@ def _put_tags(picture: UInt8Array, drawn: list[_Drawn], unit: float, strip_px: i
     for item, tag in zip(first, placed, strict=True):
         if tag is not None:
             put_tag(picture, tag[0], size_px, item.color, item.dashed, tag[1])
+    return [tag[1] for tag in placed if tag is not None]
 
 
 def put_strip(picture: UInt8Array, status: Status, unit: float) -> None:

@@ -59,7 +59,7 @@ def detection(
         Name of the world.
     center_sigma_m : sequence of float
         Standard deviations of the centre along the axes of the world, metres: its variances are in the covariance of
-        the pose. Empty if they are unknown: zeros, as those of the rotation.
+        the pose. Empty if unknown; then, as for the rotation, the variances are 0.
     """
     pose = make.pose(box_pose(box))
     hypothesis = make.make("vision_msgs/ObjectHypothesis", class_id=name or UNNAMED, score=score)

@@ -159,7 +159,7 @@ def _free_place(
 ) -> Rect | None:
     """Return the best place of a tag that covers no other tag; None if there is no such place."""
     places = _places(text, size_px, rect_xyxy, free)
-    return next((place for place in places if not any(_overlap(place, taken_rect) for taken_rect in taken)), None)
+    return next((place for place in places if not any(overlap(place, taken_rect) for taken_rect in taken)), None)
 
 
 def _places(text: str, size_px: int, rect_xyxy: Float64Array, free: tuple[int, int]) -> list[Rect]:
@@ -175,7 +175,8 @@ def _places(text: str, size_px: int, rect_xyxy: Float64Array, free: tuple[int, i
     return [(left, top, left + width, top + height) for top in tops or [1]]
 
 
-def _overlap(a: Rect, b: Rect) -> bool:
+def overlap(a: Rect, b: Rect) -> bool:
+    """Return whether two rectangles share a pixel."""
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 

@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -69,11 +69,12 @@ def helpers(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
         for k in range(1, count + 1):
             words = [sys.executable, "-m", "cuboid.runs.pipeline.ahead", str(k / (count + 1)), str(os.getpid())]
             none = subprocess.DEVNULL
-            running.append(subprocess.Popen(words, stdin=none, stdout=none, stderr=none))
+            with suppress(OSError):  # too many processes, or too little memory: the run compiles alone
+                running.append(subprocess.Popen(words, stdin=none, stdout=none, stderr=none))
         yield running
     finally:
         for process in running:
-            process.terminate()
+            process.kill()
             process.wait()
 
 
@@ -89,6 +90,7 @@ def compile_all(processes: int, progress: Callable[[int, int], None] = lambda do
         compile_listed(progress=progress)
         for process in running:
             process.wait()
+        compile_listed()  # what a helper that died has left
 
 
 def main() -> None:

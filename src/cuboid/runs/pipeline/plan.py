@@ -123,6 +123,8 @@ def _check_rig(rig: RigRecording, options: TrackOptions) -> None:
     if options.fixed or options.bridge:
         option = "--fixed" if options.fixed else "--bridge"
         raise InputError(f"{rig.path}: {option} is for one camera; the 'kind' in rig.json says whether a rig moves")
+    if options.every > 1:
+        raise InputError(f"{rig.path}: --every is for one camera; 'cuboid convert --every' thins each recording")
     if rig.kind == FIXED and options.poses not in (None, GIVEN):
         raise InputError(f"{rig.path}: a fixed rig has the poses of its cameras; leave out --poses {options.poses}")
     if options.poses not in (None, GIVEN, ESTIMATED):

@@ -19,7 +19,9 @@ from cuboid.runs.tracking.types import RecordingLike
 
 
 def checked_warnings(tracker: RunningTracker, recording: RecordingLike, every: int) -> tuple[str, ...]:
-    """Return the warnings of a run, including those for which frames are read again; this takes a second or two.
+    """Return the warnings of a run, including those for which frames are read again.
+
+    This takes a second or two, for a fixed rig up to ten seconds a camera.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from typing import Any
 
@@ -47,41 +47,23 @@ class Card:
     links: Mapping[str, str] = field(default_factory=dict)
 
 
-def card_of(
-    row: Mapping[str, Any],
-    picture: str | None,
-    page: str | None,
-    standing: str | None,
-    understood: Collection[str],
-    *,
-    key: str | None = None,
-    recording: str | None = None,
-    links: Mapping[str, str] | None = None,
-) -> Card:
-    """Return the card of an object that answers a question: with its last picture if the question is where it is.
+def answering(card: Card, last: str | None, understood: Collection[str]) -> Card:
+    """Return a card as the answer to a question: with the last picture if the question is where the object is.
 
     Parameters
     ----------
-    row : mapping
-        Columns of `cuboid find`.
-    picture : str or None
-        Address of its best picture; the last one has `?last=true` behind it.
-    page, standing, recording
-        As in `Card`.
+    card : Card
+        With the best picture, and the page of the map, which shows the objects that are still in it.
+    last : str or None
+        Address of the picture of its last sighting; None if there is none.
     understood : collection of str
         The conditions of the question, in words.
-    key : str, optional
-        As in `Card` (default: the label).
-    links : mapping of str to str, optional
-        Further links.
     """
-    last = None if picture is None else f"{picture}?last=true"
-    of_last = WHERE in understood
-    further = {} if last is None or of_last else {"Last picture": last}
-    # a page of the map shows the objects that are still in it
-    page = page if row["state"] == "present" else None
-    shown = last if of_last else picture
-    return Card(key or str(row["label"]), row, shown, page, standing, recording, {**further, **(links or {})})
+    page = card.page if card.row["state"] == "present" else None
+    if WHERE in understood:
+        return replace(card, page=page, picture=last or card.picture)
+    links = {} if last is None else {"Last picture": last}
+    return replace(card, page=page, links={**links, **card.links})
 
 
 def cards_html(cards: Iterable[Card]) -> str:

@@ -122,6 +122,11 @@ def both(first: Filters, second: Filters) -> Filters:
     return replace(second, **values)
 
 
+def not_present(label_or_name: str) -> InputError:
+    """Return the error of a question about the surroundings of an object that is not there."""
+    return InputError(f"no present object has the label or the name {shown(label_or_name)}")
+
+
 def label_of(text: str) -> int | None:
     """Return the label in a text such as 7 or #7; None for a name or a surface."""
     found = _LABEL.fullmatch(text.strip())

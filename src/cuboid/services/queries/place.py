@@ -68,7 +68,7 @@ class Place:
         self.changes = ChangeLog()
         self._compared: Snapshot | None = None
         self._page: tuple[object, str | None] | None = None  # the 3D page, and the version of the map in it
-        self._page_lock = Lock()  # a page takes seconds, and other questions do not wait for it
+        self._page_lock = Lock()  # building a page takes seconds; other questions must not wait
         self.refresh()
 
     def refresh(self) -> None:

@@ -1,7 +1,7 @@
 """The objects of a place at one moment, as a source of the questions: conditions are masks over them.
 
-Gone objects are among them. They meet conditions of what they are (name, size, color, time), and none of where they
-are.
+Gone objects are among them. They meet conditions of size and time, in a scene also of name and color, and none of where
+they are.
 """
 
 from __future__ import annotations

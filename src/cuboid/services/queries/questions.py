@@ -24,8 +24,8 @@ F = TypeVar("F")
 class ObjectSource(Protocol[C, F]):
     """Objects of one moment; the methods that return a condition raise InputError if the source cannot have it.
 
-    Gone objects are among them. They meet conditions of what they are (name, size, color, time), and none of where they
-    are: near a point, or in a relation.
+    Gone objects are among them. They meet conditions of size and time, in a scene also of name and color, and none of
+    where they are: near a point, or in a relation.
     """
 
     def sized(self, low_m: float, high_m: float) -> C:

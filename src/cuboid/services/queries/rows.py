@@ -51,7 +51,7 @@ def row_of(found: FoundObject, title: str, picture: bytes | None = None) -> dict
         "later_recording": None if at is None else at.recording,
         **_sigmas(SIDES, found.size_sigma_m),
         **_sigmas(CENTER, found.center_sigma_m),
-        "sides_seen": list(found.sides_seen or ()) or None,
+        "sides_seen": None if found.sides_seen is None else list(found.sides_seen),
         **({} if found.distance_m is None else {"distance_m": found.distance_m}),
         **({} if found.text_score is None else {"text_score": found.text_score}),
         **({} if picture is None else {"picture": picture}),
@@ -70,7 +70,7 @@ def sigma_names(of: Sequence[str]) -> tuple[str, ...]:
 
 
 def size_of(row: Mapping[str, Any], times: str = " x ", *, errors: bool = False) -> str:
-    """Return the size of an object in text, rounded to what it is worth, centimetres."""
+    """Return the size of an object in text, centimetres."""
     return size_text([row[side] for side in SIDES], _known_sigmas(row), times=times, errors=errors)
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.errors import InputError, shown
+from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import TrackedObject
 from cuboid.services.queries.answers import State
-from cuboid.services.queries.filters import LIKELY, label_of
+from cuboid.services.queries.filters import LIKELY, label_of, not_present
 from cuboid.services.queries.likeness import color_fractions, colors_of
 from cuboid.services.queries.sources import Source
 
@@ -84,7 +84,7 @@ class Snapshot:
             item, state = self._by_label.get(self._survivor.get(label, label), (None, "gone"))
             found = [] if item is None or not (gone or state == "present") else [item]
         if not found:
-            raise InputError(f"no present object has the label or the name {shown(label_or_name)}")
+            raise not_present(label_or_name)
         return found
 
     def is_called(self, label_or_name: str) -> bool:

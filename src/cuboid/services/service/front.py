@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from html import escape
 from pathlib import PurePath
 
-from cuboid.services.queries.cards import card_of
+from cuboid.services.queries.cards import Card, answering
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.parameters import TEXT
 from cuboid.services.queries.place import Place
@@ -36,16 +36,13 @@ def front_page(place: Place, query: Mapping[str, str]) -> tuple[str, int]:
         answer = place.ask(question, also.limit, also)
         standing = place.standing_on([one.label for one in answer.objects])
         shown_in = None if about.kind == "run" or about.running else PAGE[1:]
-        cards = [
-            card_of(
-                row_of(one, about.title),
-                f"api/objects/{one.label}/picture",
-                f"{shown_in}#{one.label}" if shown_in else None,
-                standing.get(one.label),
-                answer.understood,
-            )
-            for one in answer.objects
-        ]
+        cards = []
+        for one in answer.objects:
+            picture = f"api/objects/{one.label}/picture"
+            page = f"{shown_in}#{one.label}" if shown_in else None
+            card = Card(str(one.label), row_of(one, about.title), picture, page, standing.get(one.label))
+            last = f"{picture}?last=true" if shown_in else None  # a run keeps the best pictures only
+            cards.append(answering(card, last, answer.understood))
         return Found(answer.understood, cards, answer.note)
 
     found = searched(asked, lambda conditions: filters_in(place, conditions), find, place.without, surfaces)

@@ -48,7 +48,7 @@ const SIGMAS_95 = 1.96;
 const COARSE_M = 0.01;
 const FINEST_M = 0.001;
 
-/** A length in centimetres, rounded to what it is worth if it is known within a length. */
+/** A length as text: whole centimetres where half its 95 % interval is 1 cm or more. */
 const worth = (metres, within) => (within >= COARSE_M ? (100 * metres).toFixed(0) : cm(metres));
 const sigmasOf = ({ size_sigma_m: sigmas }) => (sigmas && sigmas.length ? sigmas : null);
 
