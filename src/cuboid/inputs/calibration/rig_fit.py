@@ -31,9 +31,9 @@ STILL_FRACTION, STILL_SIGMAS, STILL_M = 0.8, 4.0, 0.01
 FARTHEST_M = 2.5
 # Points nearer to a camera than this are not projected into its image, metres.
 NEAREST_M = 0.05
-# A normal is computed from points so many pixels away on both sides: the first number at which they lie on one flat
-# surface, on which depth changes by less than this fraction, and the point is near their middle: within BENT_M, metres,
-# and noise. Far points give accurate normals, near ones reach to the edges of small sides.
+# A normal is computed from points this number of pixels away on both sides: the first number at which they lie on one
+# flat surface, on which depth changes by less than this fraction, and the point is near their middle: within BENT_M,
+# metres, and noise. Far points give accurate normals, near ones reach to the edges of small sides.
 NORMAL_PX, SAME_SURFACE, BENT_M = (6, 3, 2, 1), 0.04, 0.002
 # Cloud of a view: one point per cube of this edge, metres.
 CLOUD_M = 0.006
@@ -58,9 +58,9 @@ REACHES_M, ITERATIONS = (0.06, 0.03, 0.015, 0.01), 8
 NORMAL_COS = 0.9
 # A reading confirms a point within this distance; one that is farther away by more than this contradicts it, metres.
 CONFIRMED_M, CONTRADICTED_M = 0.015, 0.04
-# Two cameras see the same if so many points are confirmed. A contradicted point counts more than a confirmed one, since
-# large planes confirm points in wrong places too: in made rigs .1 % of the points contradict the right place, and 10 %
-# the best wrong one.
+# Two cameras see the same scene if this number of points is confirmed. A contradicted point counts more than a
+# confirmed one, since large planes confirm points in wrong places too: in made rigs .1 % of the points contradict the
+# right place, and 10 % the best wrong one.
 MIN_CONFIRMED, CONTRADICTION = 300, 20.0
 # Points in one cube of this edge have the same systematic error, metres.
 PATCH_M = 0.1
@@ -68,7 +68,7 @@ PATCH_M = 0.1
 
 @dataclass(frozen=True, slots=True)
 class StillView:
-    """What a fixed camera sees: depth without noise of single frames, and without what moves.
+    """The still view of a fixed camera: depth without the noise of single frames, and without moving things.
 
     Attributes
     ----------
@@ -414,12 +414,9 @@ def _seen_through(
     In the rig, each with a unit vector towards that surface, the distance along it, and its weight.
     """
     a, b = pair
-    T_a_b, camera = inverse(poses[a]) @ poses[b], views[a].camera
-    points = transform(T_a_b, views[b].solid[:: 1 + len(views[b].solid) // (2 * count)])
-    points = points[points[:, 2] > NEAREST_M]
-    u, v = np.rint(camera.pixels(points)).astype(np.int64).T
-    inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-    points, seen_m = points[inside], views[a].depth_m[v[inside], u[inside]]
+    T_a_b = inverse(poses[a]) @ poses[b]
+    thinned = views[b].solid[:: 1 + len(views[b].solid) // (2 * count)]
+    points, seen_m = _in_view(views[a], transform(T_a_b, thinned))
     limit_m = SEEN_THROUGH_M + STILL_SIGMAS * DEPTH_NOISE_PER_M * seen_m**2
     points = points[seen_m > points[:, 2] + limit_m]
     distance_m, nearest = trees[a][1].query(points, distance_upper_bound=reach_m)
@@ -433,6 +430,14 @@ def _seen_through(
     return in_rig[used], direction[used] @ poses[a][:3, :3].T, away_m[used], weight
 
 
+def _in_view(view: StillView, points: Float64Array) -> tuple[Float64Array, Float32Array]:
+    """Return the points (N, 3), in the camera frame of a view, that lie in its image, and the depth (N,) there."""
+    camera, points = view.camera, points[points[:, 2] > NEAREST_M]
+    u, v = np.rint(camera.pixels(points)).astype(np.int64).T
+    inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+    return points[inside], view.depth_m[v[inside], u[inside]]
+
+
 def _in_half(in_rig: Float64Array, half: int | None) -> npt.NDArray[np.bool_]:
     """Return which points (N, 3) lie in a half of the scene; all without one."""
     if half is None:
@@ -443,12 +448,8 @@ def _in_half(in_rig: Float64Array, half: int | None) -> npt.NDArray[np.bool_]:
 
 def agreement(one: StillView, other: StillView, T_one_other: Float64Array) -> tuple[int, int]:
     """Return how many points of another view a view confirms, and how many it contradicts."""
-    points, camera = transform(T_one_other, other.points), one.camera
-    ahead = points[:, 2] > NEAREST_M
-    points = points[ahead]
-    u, v = np.rint(camera.pixels(points)).astype(np.int64).T
-    inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-    seen_m, z = one.depth_m[v[inside], u[inside]], points[inside, 2]
+    points, seen_m = _in_view(one, transform(T_one_other, other.points))
+    z = points[:, 2]
     confirmed = (seen_m > 0) & (np.abs(seen_m - z) < CONFIRMED_M)
     contradicted = (seen_m > 0) & (seen_m > z + CONTRADICTED_M)
     return int(confirmed.sum()), int(contradicted.sum())

@@ -23,7 +23,7 @@ from cuboid.ground.core.threads import limit_threads
 LIST = Path(__file__).with_name("kernels.json")
 # More processes gain nothing: the slowest kernels call others, and each process imports numba.
 MAX_PROCESSES = 4
-# So many missing kernels are worth the start of another process, which takes a second or two.
+# Another process is started if at least this number of kernels is missing: its start takes a second or two.
 MIN_MISSING = 10
 
 
@@ -79,18 +79,19 @@ def helpers(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
 
 
 def useful_helpers(processes: int) -> int:
-    """Return the number of helpers beside this process, of so many that may compile; 0 if few kernels are missing."""
+    """Return the number of helpers beside this process, if `processes` may compile; 0 if few kernels are missing."""
     missing = sum(not kernel.cached for kernel in listed_kernels())
     return min(processes, MAX_PROCESSES) - 1 if missing >= MIN_MISSING else 0
 
 
 def compile_all(processes: int, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
-    """Compile all listed kernels in so many processes."""
+    """Compile all listed kernels in at most `processes` processes."""
     with helpers(useful_helpers(processes)) as running:
         compile_listed(progress=progress)
         for process in running:
             process.wait()
-        compile_listed()  # what a helper that died has left
+        if running:
+            compile_listed()  # kernels that a helper that died has left
 
 
 def main() -> None:
