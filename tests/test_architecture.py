@@ -207,7 +207,7 @@ def test_the_lock_has_every_requirement_with_a_hash_and_no_address(name: str) ->
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
     wanted = [*map(Requirement, project["dependencies"])]
-    for requirement in map(Requirement, extras["dev"] if name == "dev.txt" else extras["synth"]):
+    for requirement in map(Requirement, extras["dev"] if name == "dev.txt" else extras["synth"] + extras["build"]):
         own = requirement.name == project["name"]  # extras of this package
         wanted += [Requirement(one) for extra in requirement.extras for one in extras[extra]] if own else [requirement]
     for requirement in wanted:

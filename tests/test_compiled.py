@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -267,6 +268,22 @@ def test_other_processes_help_where_many_kernels_are_missing(
 ) -> None:
     monkeypatch.setattr(ahead, "listed_kernels", lambda: [FakeKernel(k >= missing) for k in range(80)])
     assert ahead.useful_helpers(processes) == helpers
+
+
+@pytest.mark.parametrize("cached", [True, False])
+def test_another_process_compiles_what_is_not_on_disk_at_the_end(monkeypatch: pytest.MonkeyPatch, cached: bool) -> None:
+    started: list[int] = []
+
+    @contextmanager
+    def helpers(count: int) -> Iterator[list[Any]]:
+        started.append(count)
+        yield []
+
+    monkeypatch.setattr(ahead, "helpers", helpers)
+    monkeypatch.setattr(ahead, "compile_listed", lambda *_, **__: None)
+    monkeypatch.setattr(ahead, "listed_kernels", lambda: [FakeKernel(cached)])
+    ahead.compile_all(1)
+    assert started == ([0] if cached else [0, 1])
 
 
 def test_helpers_end_with_the_work_that_they_help() -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
+import platform
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -32,12 +35,38 @@ assert cuboid.open_results("results").report.frames_used == 12
 """
 
 
+# Calls a compiled kernel and one that the wheel does not have; says whether numba compiled each.
+USE_KERNELS = """
+import json
+import numpy as np
+from numba.core import event
+from cuboid.ground.compiling import baseline
+from cuboid.ground.compiling.compiled import KERNELS
+from cuboid.ground.core.kernels import pixels
+if {older}:
+    baseline.binding.get_host_cpu_features = dict
+depth_m, compiled = np.ones((4, 5), np.float32), []
+for out in (depth_m.copy(), depth_m[:, ::-1]):  # the second is of a type that tracking never passes
+    with event.install_recorder("numba:compile") as recorder:
+        pixels.drop_mixed(depth_m, 1e-3, out)
+    compiled.append(bool(recorder.buffer))
+print(json.dumps([KERNELS["cuboid.ground.core.kernels.pixels.drop_mixed"].cache.installed, *compiled]))
+"""
+
+
+def build(source: Path, folder: Path, *words: str, hooks: bool) -> None:
+    """Build a checkout in this environment, with the compilation of its kernels or without."""
+    words = (sys.executable, "-m", "build", "--no-isolation", *words, "--outdir", str(folder), str(source))
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment["HATCH_BUILD_NO_HOOKS"] = str(not hooks).lower()
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+
+
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dist")
-    words = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(REPOSITORY)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    build(REPOSITORY, folder, hooks=False)
     return folder
 
 
@@ -78,6 +107,49 @@ def test_the_wheel_runs_in_an_empty_environment(built: Path, tmp_path: Path) -> 
         timeout=600,
     )
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+@pytest.fixture(scope="module")
+def with_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return where a wheel is unpacked that was built with compiled kernels: with one, so that it takes seconds."""
+    folder = tmp_path_factory.mktemp("with-kernels")
+    source = folder / "source"
+    source.mkdir()
+    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
+        shutil.copy(REPOSITORY / name, source)
+    shutil.copytree(REPOSITORY / "src", source / "src", ignore=shutil.ignore_patterns("__pycache__", "lab"))
+    listed = source / "src/cuboid/runs/pipeline/kernels.json"
+    kernels = json.loads(listed.read_bytes())
+    listed.write_text(json.dumps([one for one in kernels if one[0].endswith("pixels.drop_mixed")]))
+    build(source, folder, "--wheel", hooks=True)
+    (wheel,) = folder.glob("*.whl")
+    assert not wheel.name.endswith("none-any.whl")
+    zipfile.ZipFile(wheel).extractall(folder / "unpacked")
+    return folder / "unpacked"
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_kernels_that_came_with_the_wheel_are_used_where_the_processor_can_run_them(
+    with_kernels: Path, tmp_path: Path, older: bool
+) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(with_kernels), "NUMBA_CACHE_DIR": str(tmp_path)}
+    words = [sys.executable, "-c", USE_KERNELS.format(older=older)]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, timeout=100)
+    assert done.returncode == 0, done.stderr[-2000:]
+    can_run = not older or platform.machine() not in ("x86_64", "AMD64")
+    assert json.loads(done.stdout) == [can_run, not can_run, True]
+
+
+def test_damaged_kernels_of_a_wheel_are_compiled_again(with_kernels: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(with_kernels, damaged)
+    for file in damaged.rglob("*.nb[ic]"):
+        file.write_bytes(file.read_bytes()[:-40])
+    environment = {**os.environ, "PYTHONPATH": str(damaged), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    words = [sys.executable, "-c", USE_KERNELS.format(older=False)]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, timeout=100)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert json.loads(done.stdout)[1:] == [True, True]
 
 
 def test_the_files_of_the_release_name_its_version() -> None:

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compile, and print the folder of the kernels."""
+    """Compile, and print how many kernels came with the installation, and how many are in the cache."""
     from cuboid.cli.progress import counting
     from cuboid.cli.results import give
     from cuboid.ground.core.threads import cores, limit_threads
@@ -33,8 +33,17 @@ def run(args: argparse.Namespace) -> int:
         compile_all(cores(), progress)
     done, seconds, folder = cached_count() - before, time.perf_counter() - begun_s, str(cache_folder())
     there = before + done
-    document = {"compiled": done, "seconds": seconds, "cached": there, "kernels": len(KERNELS), "folder": folder}
-    line = f"{done} kernels compiled in {seconds:.0f} s; {there} of {len(KERNELS)} kernels are in {folder}"
+    installed = sum(kernel.cache.installed for kernel in KERNELS.values())
+    document = {
+        "compiled": done,
+        "seconds": seconds,
+        "cached": there,
+        "installed": installed,
+        "kernels": len(KERNELS),
+        "folder": folder,
+    }
+    came = f"{installed} of {len(KERNELS)} kernels came with the installation, " if installed else ""
+    line = f"{done} kernels compiled in {seconds:.0f} s; {came}{there - installed} of {len(KERNELS)} are in {folder}"
     give(args, document, lambda: print(line))
     return 0
 

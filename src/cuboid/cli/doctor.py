@@ -32,6 +32,7 @@ PACKAGES = (
 # The packages of each extra; a package may belong to several.
 EXTRAS = {
     "synth": (("trimesh", "trimesh"), ("embreex", "embreex")),
+    "build": (("hatchling", "hatchling"),),
     "ros": (("rosbags", "rosbags"),),
     "ros2": (("cyclonedds", "cyclonedds"), ("rosbags", "rosbags")),
     "foxglove": (("foxglove-sdk", "foxglove"), ("rosbags", "rosbags")),
@@ -161,7 +162,9 @@ def _kernels() -> Iterator[Check]:
 
     ready = sum(kernel.cached for kernel in KERNELS.values())
     rest = "" if ready == len(KERNELS) else "; the others when they are first used, or now by 'cuboid compile'"
-    yield Check("kernels", OK, f"{ready} of {len(KERNELS)} compiled{rest}")
+    installed = sum(kernel.cache.installed for kernel in KERNELS.values())
+    came = f", {installed} with the installation" if installed else ""
+    yield Check("kernels", OK, f"{ready} of {len(KERNELS)} compiled{came}{rest}")
     yield _writable("kernel cache", cache_folder())
 
 

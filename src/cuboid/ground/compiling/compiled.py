@@ -42,9 +42,9 @@ class Kernel:
 
     @property
     def cached(self) -> bool:
-        """Whether the cache holds its machine code; False while another thread still imports its module."""
+        """Whether its machine code is on disk; False while another thread still imports its module."""
         spec = sys.modules[self.function.__module__].__spec__
-        return not getattr(spec, "_initializing", False) and self.cache.index.exists()
+        return not getattr(spec, "_initializing", False) and (self.cache.installed or self.cache.index.exists())
 
     @property
     def size(self) -> int:

@@ -1,4 +1,8 @@
-"""The cache of compiled kernels: each file name contains a stamp of its source, so that no file can be stale."""
+"""The cache of compiled kernels: each file name contains a stamp of its source, so that no file can be stale.
+
+Kernels that came with the installation (`cuboid.ground.compiling.baseline`) are looked up first. The user's cache holds
+all others.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from typing import Any
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
 from cuboid.ground import locks
-from cuboid.ground.compiling import compiletime
+from cuboid.ground.compiling import baseline, compiletime
 from cuboid.ground.compiling.kernelstamp import stamp_of
 
 # The environment variable of numba that names its cache folder; a user who sets it has chosen the folder.
@@ -137,6 +141,11 @@ class KernelCache(FunctionCache):
         return cache_folder() / f"{self._base}.nbi"
 
     @property
+    def installed(self) -> bool:
+        """Whether its machine code came with the installation, and this processor can run it."""
+        return baseline.usable_baseline() is not None and (baseline.FOLDER / f"{self._base}.nbi").exists()
+
+    @property
     def busy(self) -> bool:
         """Whether another process is compiling the kernel."""
         try:
@@ -160,7 +169,9 @@ class KernelCache(FunctionCache):
 
         The kernel is then locked until `save_overload`: another process that needs it waits, and loads it.
         """
-        found = self._load(sig, target_context)
+        found = self._load_installed(sig, target_context)
+        if found is None:
+            found = self._load(sig, target_context)
         if found is None and self._lock_or_wait():
             found = self._load(sig, target_context)
             if found is not None:
@@ -190,6 +201,21 @@ class KernelCache(FunctionCache):
             with suppress(OSError):
                 os.utime(self.index)
         return found
+
+    def _load_installed(self, sig: Any, target_context: Any) -> Any:
+        """Return the code for a signature that came with the installation; None if there is none that can be used."""
+        processor = baseline.usable_baseline()
+        if processor is None:
+            return None
+        target_context.refresh()
+        key, fields = self._index_key(sig, target_context.codegen())
+        triple = key[1][0]
+        key = key[0], (triple, processor.cpu, processor.environment["NUMBA_CPU_FEATURES"]), *key[2:]
+        try:
+            data = IndexDataCacheFile(str(baseline.FOLDER), self._base, self.stamp).load((key, fields))
+            return None if data is None else self._impl.rebuild(target_context, data)
+        except Exception:  # a damaged file may raise anything: the user's cache has the kernel, or it is compiled
+            return None
 
     @property
     def _lock_path(self) -> Path:

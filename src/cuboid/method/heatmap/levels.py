@@ -138,6 +138,7 @@ class Levels:
     def _thin(self, cubes: Rows) -> None:
         if not len(cubes):
             return
+        cubes = np.array(cubes)  # of one layout, so that the kernel is compiled once
         self._stored.load(cubes)
         before = self._stored.cubes.rows[cubes]
         moved = np.empty(int(before.sum()), np.int64)

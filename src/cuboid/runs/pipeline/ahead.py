@@ -88,10 +88,15 @@ def compile_all(processes: int, progress: Callable[[int, int], None] = lambda do
     """Compile all listed kernels in at most `processes` processes."""
     with helpers(useful_helpers(processes)) as running:
         compile_listed(progress=progress)
-        for process in running:
-            process.wait()
-        if running:
-            compile_listed()  # kernels that a helper that died has left
+        _wait(running)
+    if not all(kernel.cached for kernel in listed_kernels()):  # left by a helper that died, or its file was damaged
+        with helpers(1) as running:
+            _wait(running)
+
+
+def _wait(running: list[subprocess.Popen[bytes]]) -> None:
+    for process in running:
+        process.wait()
 
 
 def main() -> None:
