@@ -1,7 +1,7 @@
-"""What it costs that files are looked at before they are believed: reading with the doors and without, by turns.
+"""The cost of validating files: reading with and without validation, alternately.
 
-Without: an image is read and decoded and nothing is asked, JSON is parsed, the cells of tables become numbers, and no
-field is checked. What the doors add stands beside the time of what follows: tracking a frame, evaluating a result.
+Without validation an image is decoded, JSON is parsed, and the cells of tables are converted to numbers; no field is
+checked. The difference is compared with the time of the next step: tracking a frame, or evaluating a result.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from scenes import cases
 from scoring import run_and_score
 from tables import cell, dump, show
 
-# Images that are read in one turn, and turns.
-IMAGES, TURNS = 40, 15
+# Number of images per repetition, and of repetitions.
+IMAGES, REPETITIONS = 40, 15
 JSON = {"objects.json": ObjectsDocument, "run.json": RunDocument}
 TABLES = {"tracks.csv": TrackEntry, "proposals.csv": ProposalEntry}
-HEADER = ("what is read", "with doors ms", "without ms", "before", "that takes ms", "doors, % of both")
+HEADER = ("input", "validated ms", "not validated ms", "next step", "next step ms", "validation, % of both")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -45,13 +45,13 @@ def run(args: argparse.Namespace) -> None:
     folder = args.work / "runs" / "guards" / case.name
     ran = run_and_score(case, folder, TrackOptions(every=args.every, limit=args.limit))
     rows = []
-    for what, door, plain in (("color", decode_color, _color), ("depth", decode_depth, _depth)):
+    for what, validated, plain in (("color", decode_color, _color), ("depth", decode_depth, _depth)):
         images = _images(case.recording, what)
         tracking_ms = ran["ms_frame"] - ran["ms_stages"]["decode"]
-        checked = _each(lambda path, door=door: door(path, path.name), images)
-        both = _by_turns(checked, _each(plain, images), len(images))
+        checked = _each(lambda path, read=validated: read(path, path.name), images)
+        both = _alternately(checked, _each(plain, images), len(images))
         rows.append(_row(f"a {what} image", *both, "tracking a frame", tracking_ms))
-    both = _by_turns(lambda: _checked(folder, case.truth), lambda: _plain(folder, case.truth), 1)
+    both = _alternately(lambda: _checked(folder, case.truth), lambda: _plain(folder, case.truth), 1)
     whole_ms = float(np.median([_ms(lambda: evaluate(folder, case.truth)) for _ in range(5)]))
     rows.append(_row("a result and its truth", *both, "evaluating it", whole_ms - both[0]))
     if args.json:
@@ -60,25 +60,25 @@ def run(args: argparse.Namespace) -> None:
     lines = [
         [
             row["what"],
-            *(cell(row[name], 2) for name in ("doors_ms", "plain_ms")),
-            row["before"],
-            cell(row["then_ms"], 1),
-            cell(row["share_percent"], 2),
+            *(cell(row[name], 2) for name in ("validated_ms", "plain_ms")),
+            row["next_step"],
+            cell(row["next_ms"], 1),
+            cell(row["validation_percent"], 2),
         ]
         for row in rows
     ]
-    show(f"Doors, on {case.name}: median of {TURNS} turns, processor time", HEADER, lines)
+    show(f"Validation, on {case.name}: median of {REPETITIONS} repetitions, processor time", HEADER, lines)
 
 
-def _row(what: str, doors_ms: float, plain_ms: float, before: str, then_ms: float) -> dict[str, Any]:
-    fraction = 100 * (doors_ms - plain_ms) / (doors_ms + then_ms)
+def _row(what: str, validated_ms: float, plain_ms: float, next_step: str, next_ms: float) -> dict[str, Any]:
+    percent = 100 * (validated_ms - plain_ms) / (validated_ms + next_ms)
     return {
         "what": what,
-        "doors_ms": doors_ms,
+        "validated_ms": validated_ms,
         "plain_ms": plain_ms,
-        "before": before,
-        "then_ms": then_ms,
-        "share_percent": fraction,
+        "next_step": next_step,
+        "next_ms": next_ms,
+        "validation_percent": percent,
     }
 
 
@@ -86,9 +86,9 @@ def _each(read: Callable[[Path], Any], paths: list[Path]) -> Callable[[], Any]:
     return lambda: [read(path) for path in paths]
 
 
-def _by_turns(one: Callable[[], Any], other: Callable[[], Any], count: int) -> tuple[float, float]:
-    """Return the medians of both, for each of so many, milliseconds; after a turn that fills caches."""
-    times = [(_ms(one), _ms(other)) for _ in range(TURNS + 1)][1:]
+def _alternately(one: Callable[[], Any], other: Callable[[], Any], count: int) -> tuple[float, float]:
+    """Return the median times of both calls, ms per item; the first repetition fills caches, and is omitted."""
+    times = [(_ms(one), _ms(other)) for _ in range(REPETITIONS + 1)][1:]
     return float(np.median([a for a, _ in times])) / count, float(np.median([b for _, b in times])) / count
 
 

@@ -21,7 +21,7 @@ from made_measures import PRESETS, VIEWS, Made, Thing, recording
 
 DISTANCES_M = (0.5, 0.8, 1.2)
 # An object is the true one if its centre is within this distance, metres, or this fraction of the longest side.
-NEAR_M, NEAR_FRACTION = 0.03, 0.35
+MATCH_M, MATCH_FRACTION = 0.03, 0.35
 # An object is whole, neither cut nor joined with a neighbour, if its box laid upon the true one has this IoU.
 WHOLE_IOU = 0.5
 
@@ -78,7 +78,7 @@ def _pairs(made: Made, *, posed: bool) -> list[tuple[Thing, TrackedObject]]:
     pairs = []
     for thing in made.things:
         away = [float(np.linalg.norm(center - thing.box.center)) for _, center in found]
-        if away and min(away) < max(NEAR_M, NEAR_FRACTION * float(thing.box.size.max())):
+        if away and min(away) < max(MATCH_M, MATCH_FRACTION * float(thing.box.size.max())):
             pairs.append((thing, found[int(np.argmin(away))][0]))
     return pairs
 

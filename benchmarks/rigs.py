@@ -33,7 +33,7 @@ from cuboid.runs.pipeline.rig_calibrating import calibrate_rig
 from cuboid.runs.pipeline.run import track_recording
 
 # Kind of scene, number of cameras, whether they move, frames of each.
-RIGS = (("table", 3, False, 20), ("clutter", 4, False, 20), ("bin", 2, False, 20), ("room", 2, True, 60))
+RIGS = (("table", 3, False, 20), ("clutter", 4, False, 20), ("bin", 2, False, 20), ("room", 2, True, 230))
 # A camera sees an object if it shows this fraction of it in so many frames.
 SEEN_FRACTION, SEEN_FRAMES = 0.3, 3
 SAME_IOU = 0.25
@@ -142,7 +142,7 @@ def pose_errors(rig: RigRecording) -> tuple[float, float]:
     except CuboidError as error:
         print(error)
         return np.nan, np.nan
-    true = [rig.T_rig_camera[name] for name in names]
+    true = [rig.rig.T_rig_camera[name] for name in names]
     errors = [inverse(inverse(true[0]) @ T) @ fit.T_rig_camera[k] for k, T in enumerate(true)]
     return max(1000 * float(np.linalg.norm(E[:3, 3])) for E in errors), max(np.degrees(angle(E)) for E in errors)
 

@@ -1,11 +1,13 @@
 """Whether two checkouts give the same results, byte for byte.
 
-python benchmarks/same_results.py --data DATA --work DIR [--fast] [--jobs N] [--save FILE] [--against WHAT] [NAME ...]
+python benchmarks/same_results.py --data DATA --work DIR [--fast] [--jobs N] [--threads N] [--save FILE]
+                                  [--against WHAT] [NAME ...]
 
 Tracks short pieces of the real recordings in DATA and of made ones, with given and estimated poses, with a scene and
 without; each call of `cuboid track` is a process of its own. SHA-256 digests of the result files are saved as JSON.
 With `--against`, another checkout, or digests that were saved before, is compared, and every file that differs is
-printed; the exit status is 1 then. A NAME picks the runs whose names contain it ("table-1", "/estimated/scene").
+printed; the exit status is 1 then. `--threads` is the number of threads of this checkout; the other one has one
+thread. A NAME picks the runs whose names contain it ("table-1", "/estimated/scene").
 
 A run with a scene has two recordings of it, the second a later visit: "first/objects.json", "second/objects.json"; and
 what `cuboid scene changes` prints.
@@ -118,7 +120,7 @@ def all_runs() -> list[Run]:
 
 
 def call(checkout: Path, *arguments: object) -> str:
-    """Run the command line of a checkout on one thread and return what it prints."""
+    """Run the command line of a checkout, with one thread in each library, and return what it prints."""
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
     done = subprocess.run(
         [sys.executable, "-m", "cuboid", *map(str, arguments)],
@@ -164,12 +166,12 @@ def _still(sample: Sample, hots: Path, folder: Path) -> None:
     (folder / "poses.txt").write_text("".join(f"{k} 0 0 0 0 0 0 1\n" for k in range(sample.limit)))
 
 
-def digests_of(run: Run, recordings: list[Path], checkout: Path, folder: Path) -> dict[str, str]:
+def digests_of(run: Run, recordings: list[Path], checkout: Path, folder: Path, threads: int) -> dict[str, str]:
     """Return the digest of each result file of a run, by name."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     scene, found = folder / "run.cuboid", {}
-    common = ("--limit", run.sample.limit, "--threads", 1, "--poses", run.poses, *run.sample.options)
+    common = ("--limit", run.sample.limit, "--threads", threads, "--poses", run.poses, *run.sample.options)
     try:
         if run.into == "plain":
             call(checkout, "track", recordings[0], "--output", folder / "out", *common)
@@ -194,7 +196,7 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def measure(runs: list[Run], checkout: Path, data: Path, work: Path, jobs: int) -> Digests:
+def measure(runs: list[Run], checkout: Path, data: Path, work: Path, jobs: int, threads: int = 1) -> Digests:
     """Return the digests of runs of a checkout, by name of the run."""
     recordings = {run.sample.name: recordings_of(run.sample, data, work) for run in runs}
     # The first run is alone: it compiles the kernels for all others.
@@ -203,7 +205,7 @@ def measure(runs: list[Run], checkout: Path, data: Path, work: Path, jobs: int) 
         def one(run: Run) -> dict[str, str]:
             place = work / "results" / str(os.getpid()) / run.name.replace("/", "-")
             begun = time.perf_counter()
-            found = digests_of(run, recordings[run.sample.name], checkout, place)
+            found = digests_of(run, recordings[run.sample.name], checkout, place, threads)
             print(f"{run.name}: {time.perf_counter() - begun:.0f} s {found.get('error', '')}", file=sys.stderr)
             return found
 
@@ -229,6 +231,7 @@ def main() -> int:
     parser.add_argument("--work", type=Path, required=True, help="folder for made recordings and results")
     parser.add_argument("--fast", action="store_true", help="a few runs")
     parser.add_argument("--jobs", type=int, default=1, help="runs at a time")
+    parser.add_argument("--threads", type=int, default=1, help="threads of a run of this checkout")
     parser.add_argument("--save", type=Path, help="file for the digests of this checkout")
     parser.add_argument("--against", type=Path, help="another checkout, or saved digests")
     parser.add_argument("names", nargs="*", metavar="NAME", help="parts of names of runs")
@@ -238,7 +241,7 @@ def main() -> int:
     if not runs:
         parser.error("no run has such a name")
     data, work = Path(options.data).resolve(), options.work.resolve()
-    here = measure(runs, ROOT, data, work, options.jobs)
+    here = measure(runs, ROOT, data, work, options.jobs, options.threads)
     if options.save:
         options.save.write_text(json.dumps(here, indent=1) + "\n")
     if options.against is None:

@@ -6,7 +6,7 @@ python benchmarks/peer_open3d_shapes.py WORK                                    
 `measure` renders each scene (`cuboid synth`) and tracks it where WORK does not have it, makes the mesh of each object,
 and, where `peer_open3d_shapes.py` has written its meshes into WORK, judges them too. An object is found where its box
 and the true one have an IoU of `MIN_IOU`. Per object, of points spread evenly over the mesh the distance to the true
-surface (accuracy), and of the points of the true surface that the camera saw those with the mesh within `NEAR_M`
+surface (accuracy), and of the points of the true surface that the camera saw those with the mesh within `COMPLETE_M`
 (completeness). Distances are to points of the true surface, `DENSITY` to a square metre: 0.3 mm apart.
 """
 
@@ -30,7 +30,7 @@ from cuboid.results.files import read_map
 
 MIN_IOU = 0.25
 DENSITY, ON_MESH = 1e7, 20_000
-NEAR_M = 0.005
+COMPLETE_M = 0.005
 
 
 def ready(work: Path, kind: str, seed: int, poses: str) -> tuple[Path, Path]:
@@ -53,7 +53,7 @@ def distances_m(vertices: np.ndarray, faces: np.ndarray, surface: np.ndarray) ->
 def completeness(vertices: np.ndarray, faces: np.ndarray, seen: np.ndarray) -> float:
     """Return the fraction of the seen points that the mesh is near to."""
     points, _ = sample_surface(Mesh(vertices, faces), 5 * ON_MESH, np.random.default_rng(2))
-    return float((cKDTree(points).query(seen)[0] <= NEAR_M).mean())
+    return float((cKDTree(points).query(seen)[0] <= COMPLETE_M).mean())
 
 
 def judge(work: Path, kind: str, seed: int, poses: str) -> list[dict[str, object]]:

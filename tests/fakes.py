@@ -113,6 +113,7 @@ class FakeTracker:
             1,
             np.zeros(frame.depth_m.shape, np.float32),
             {"proposals": 1.0, "matching": 2.0},
+            camera=frame.camera_name,
         )
 
     @property

@@ -9,7 +9,8 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from urllib.parse import urlsplit
 
 import uvicorn
 from starlette.types import ASGIApp
@@ -45,3 +46,16 @@ def serving(app: ASGIApp) -> Iterator[str]:
         server.should_exit = True
         thread.join(20)
         listening.close()
+
+
+def refuses_large_bodies(address: str) -> None:
+    """Check that a server refuses bodies of 6 GB and of unknown length, and ends the connection, before reading."""
+    url = urlsplit(address)
+    for method in ("GET", "POST"):
+        for head in (f"Content-Length: {6 << 30}", "Transfer-Encoding: chunked"):
+            with closing(socket.create_connection((url.hostname, url.port), 30)) as client:
+                request = f"{method} {url.path or '/'} HTTP/1.1\r\nHost: {url.netloc}\r\n{head}\r\n\r\n"
+                client.sendall(request.encode())
+                answer = client.makefile("rb").read()  # ends although no byte of the body was sent
+            assert answer.startswith(b"HTTP/1.1 413 "), answer
+            assert b"at most 16777216 bytes" in answer

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,28 @@ def track(frames: Iterable[Frame], camera: Intrinsics) -> tuple[list[Box], list[
     return [one.box for one in tracker.objects], sightings
 
 
+@dataclasses.dataclass(frozen=True)
+class Tracked:
+    """Frames with their results; each place is tracked once."""
+
+    frames: list[Frame]
+    camera: Intrinsics
+    boxes: list[Box]
+    sightings: list[tuple[Sighting, ...]]
+
+
+@cache
+def made_table() -> Tracked:
+    return Tracked(made(), CAMERA, *track(made(), CAMERA))
+
+
+@cache
+def real_place(folder: Path, every: int, limit: int) -> Tracked:
+    recording = open_recording(folder)
+    frames = [recording.read(k) for k in range(0, every * limit, every)]
+    return Tracked(frames, recording.intrinsics, *track(frames, recording.intrinsics))
+
+
 def moved(frames: Iterable[Frame], A: Float64Array) -> list[Frame]:
     return [
         dataclasses.replace(one, T_world_camera=None if one.T_world_camera is None else A @ one.T_world_camera)
@@ -61,9 +84,9 @@ def assert_same(found: list[Box], expected: list[Box]) -> None:
 
 @pytest.mark.parametrize("turns", [1, 2, 3])
 def test_turned_images_of_a_made_table_give_the_same_objects(turns: int) -> None:
-    roll, frames = Roll(CAMERA, turns), made()
-    expected, seen = track(frames, CAMERA)
-    found, seen_turned = track([roll.frame(one) for one in frames], roll.camera)
+    roll, table = Roll(CAMERA, turns), made_table()
+    expected, seen = table.boxes, table.sightings
+    found, seen_turned = track([roll.frame(one) for one in table.frames], roll.camera)
     assert len(expected) == 3
     assert_same(found, expected)
     # What is seen where is told in the pixels of the images as they came.
@@ -80,10 +103,11 @@ def test_turned_images_of_a_made_table_give_the_same_objects(turns: int) -> None
             np.testing.assert_array_equal(np.rot90(turned, -back.turns), picture)
 
 
-def assert_same_elsewhere(frames: list[Frame], camera: Intrinsics) -> None:
+def assert_same_elsewhere(place: Tracked) -> None:
     """Frames in another world give the same labels and boxes there."""
     A = a_motion()
-    (expected, seen), (found, seen_there) = track(frames, camera), track(moved(frames, A), camera)
+    expected, seen = place.boxes, place.sightings
+    found, seen_there = track(moved(place.frames, A), place.camera)
     assert len(found) == len(expected) > 0
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one.corners(), other.moved(A).corners(), atol=1e-6)
@@ -95,23 +119,20 @@ def assert_same_elsewhere(frames: list[Frame], camera: Intrinsics) -> None:
 
 
 def test_a_made_table_in_another_world_gives_the_same_objects() -> None:
-    assert_same_elsewhere(made(), CAMERA)
+    assert_same_elsewhere(made_table())
 
 
 @pytest.mark.parametrize(("name", "every", "limit"), [("office-scan", 1, 24), ("desk-realsense", 2, 24)])
 def test_turned_images_of_real_places_give_the_same_objects(data_dir: Path, name: str, every: int, limit: int) -> None:
-    recording = open_recording(data_dir / name)
-    frames = [recording.read(k) for k in range(0, every * limit, every)]
-    expected, _ = track(frames, recording.intrinsics)
+    place = real_place(data_dir / name, every, limit)
     for turns in (1, 2):
-        roll = Roll(recording.intrinsics, turns)
-        assert_same(track([roll.frame(one) for one in frames], roll.camera)[0], expected)
+        roll = Roll(place.camera, turns)
+        assert_same(track([roll.frame(one) for one in place.frames], roll.camera)[0], place.boxes)
 
 
 @pytest.mark.parametrize(("name", "every", "limit"), [("office-scan", 1, 24), ("desk-realsense", 2, 24)])
 def test_real_places_in_another_world_give_the_same_objects(data_dir: Path, name: str, every: int, limit: int) -> None:
-    recording = open_recording(data_dir / name)
-    assert_same_elsewhere([recording.read(k) for k in range(0, every * limit, every)], recording.intrinsics)
+    assert_same_elsewhere(real_place(data_dir / name, every, limit))
 
 
 def test_points_planes_and_up_lie_in_the_world_of_the_poses() -> None:

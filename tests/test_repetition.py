@@ -75,6 +75,18 @@ def test_frames_given_twice_change_nothing(reach_rad: float) -> None:
     assert_same_if_given_twice(made(reach_rad), CAMERA)
 
 
+def test_a_first_frame_given_fifteen_times_and_others_ten_times_change_nothing() -> None:
+    frames = made(REACHES["moving camera"], 12)
+    often = [frame for frame in frames for _ in range(15 if frame.index == 0 else 10)]
+    once, results = track(frames, CAMERA)
+    again, repeated = track([replace(frame, index=k) for k, frame in enumerate(often)], CAMERA)
+    assert [shown(one) for one in repeated[14::10]] == [shown(one) for one in results]
+    assert len(once.objects) > 0
+    assert [(one.label, one.box.corners().tobytes()) for one in again.objects] == [
+        (one.label, one.box.corners().tobytes()) for one in once.objects
+    ]
+
+
 def test_a_camera_that_writes_into_the_same_memory_gives_new_frames() -> None:
     frames = made(0.0, 8)
     _, expected = track(frames, CAMERA)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +13,7 @@ import pytest
 
 import cuboid
 from cuboid.cli import main
-from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import RigCamera
 from cuboid.inputs.recordings.opening import open_recording, open_rig
 from cuboid.inputs.recordings.rig import RigRecording
@@ -110,6 +112,36 @@ def test_recordings_with_poses_in_one_world_are_one(tmp_path: Path) -> None:
     assert len(tracker.objects) == len(THINGS)
 
 
+def test_without_poses_in_the_rig_each_recording_needs_its_own(tmp_path: Path) -> None:
+    for name in NAMES:
+        write_camera(tmp_path / name, WIDE, [POSES[0]] * 2, [0.0, 0.1], posed=name == "left")
+    (tmp_path / "rig.json").write_text(json.dumps(rig_document("moving", None)), encoding="utf-8")
+    with pytest.raises(InputError, match="camera 'right' has no poses; without 'T_rig_camera' each camera needs"):
+        open_recording(tmp_path)
+
+
+def test_poses_of_a_moving_rig_are_not_invented_over_gaps(tmp_path: Path) -> None:
+    moves = [look_at((1.0, 0.02 * k, 0.8), (0.0, 0.02 * k, 0.05)) for k in range(8)]
+    times_s = [0.0, 0.1, 0.2, 0.4, 0.5]  # 0.2 s between the third and the fourth
+    write_camera(tmp_path / "left", WIDE, [moves[round(10 * t)] for t in times_s], times_s, posed=True)
+    others_s = [0.05, 0.15, 0.25, 0.3, 0.55, 0.7]
+    write_camera(tmp_path / "right", SMALL, [moves[0]] * len(others_s), others_s)
+    document = rig_document("moving", [np.eye(4), np.eye(4)])
+    (tmp_path / "rig.json").write_text(json.dumps(document), encoding="utf-8")
+    rig = open_recording(tmp_path)
+    found = {}
+    for k in range(len(rig)):
+        try:
+            found[round(rig.timestamp_s(k), 2)] = rig.pose(k)[1, 3]
+        except FrameError as error:
+            found[round(rig.timestamp_s(k), 2)] = str(error)
+    assert found[0.05] == pytest.approx(0.01)
+    assert found[0.15] == pytest.approx(0.03)
+    assert found[0.55] == pytest.approx(0.11)  # it moves on
+    for time_s in (0.25, 0.3, 0.7):
+        assert "has no frames near" in found[time_s]
+
+
 def test_the_poses_of_one_camera_move_the_others(tmp_path: Path) -> None:
     T_rig_right = np.eye(4)
     T_rig_right[0, 3] = 0.1
@@ -147,18 +179,61 @@ def test_options_of_one_camera_are_refused(rig: Path, tmp_path: Path, capsys: py
     for options, message in (
         (["--poses", "estimated"], "a fixed rig has the poses of its cameras"),
         (["--intrinsics", "1,1,1,1"], "the cameras of a rig differ"),
-        (["--every", "2"], "--every is for one camera"),
     ):
         assert main(["track", str(rig), "--output", str(tmp_path / "none"), *options]) == 2
         assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["coco", "kitti", "mcap", "rerun"])
-def test_exports_that_need_the_camera_of_each_picture_refuse_a_rig(results: Results, tmp_path: Path, name: str) -> None:
-    path = tmp_path / f"out{EXPORTS.get(name).suffix}"
-    with pytest.raises(InputError, match=f"'{name}' is for results of one camera, and these are of a rig"):
-        export(results, name, path)
-    assert not path.exists()
+@pytest.mark.parametrize("name", ["coco", "kitti"])
+def test_a_file_for_each_camera_has_the_frames_of_its_recording(results: Results, tmp_path: Path, name: str) -> None:
+    suffix = EXPORTS.get(name).suffix
+    notes = export(results, name, tmp_path / f"out{suffix}")
+    assert "a file for each camera" in notes[0]
+    for camera, count in zip(NAMES, (10, 8), strict=True):
+        file = tmp_path / f"out-{camera}{suffix}"
+        rows = [row for row in results.tracks if row.camera == camera]
+        if name == "kitti":
+            lines = [line.split() for line in file.read_text(encoding="utf-8").splitlines()]
+            assert len(lines) == len(rows)
+            assert max(int(line[0]) for line in lines) < count
+        else:
+            document = json.loads(file.read_text(encoding="utf-8"))
+            assert [image["frame_index"] for image in document["images"]] == list(range(count))
+            assert document["images"][3]["file_name"] == "color/000003.png"
+            assert document["images"][0]["width"] == (WIDE if camera == "left" else SMALL).width
+            assert len(document["annotations"]) == len(rows)
+
+
+def test_a_bag_has_the_pictures_of_each_camera(results: Results, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="bags are written with rosbags")
+    export(results, "mcap", tmp_path / "out.mcap")
+    topics = "color=/right/color/image_raw/compressed,depth=/right/aligned_depth_to_color/image_raw/compressedDepth"
+    bag = open_recording(tmp_path / "out.mcap", format=f"ros-bag:{topics}")
+    assert len(bag) == 8
+    assert bag.intrinsics == SMALL
+    np.testing.assert_allclose(bag.read(2).T_world_camera, POSES[1], atol=1e-5)
+
+
+def test_rerun_has_an_entity_for_each_camera(results: Results, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="needs rerun-sdk")
+    export(results, "rerun", tmp_path / "out.rrd")
+    call = [sys.executable, "-m", "rerun", "rrd", "print", str(tmp_path / "out.rrd")]
+    printed = subprocess.run(call, capture_output=True, text=True, check=True).stdout
+    for name in NAMES:
+        assert f"/world/camera/{name}/image" in printed
+        assert f"/world/camera_path/{name}" in printed
+
+
+def test_every_nth_frame_of_each_camera_is_used(rig: Path, tmp_path: Path) -> None:
+    cuboid.track_recording(open_recording(rig), tmp_path / "found", cuboid.TrackOptions(every=3))
+    found = Results(tmp_path / "found")
+    cameras = [found.report.camera_of(frame) for frame in found.poses]
+    assert [camera.name for camera in cameras if camera is not None].count("left") == 4
+    assert len(cameras) == 4 + 3
+    for frame, pose in found.poses.items():
+        again = found.recording.read(frame)
+        assert pose.timestamp_s == pytest.approx(again.timestamp_s)
+        np.testing.assert_allclose(pose.T_world_camera, again.T_world_camera, atol=1e-6)
 
 
 def test_a_calibration_of_a_rig_refuses_options_of_one_camera(
@@ -183,6 +258,17 @@ def test_a_repeated_frame_is_compared_with_the_last_one_of_its_camera(rig: Path)
         assert isinstance(again, cuboid.FrameResult)
         assert again.milliseconds == {}
     assert tracker.points_known == before
+
+
+def test_cameras_of_a_rig_agree_which_way_up_their_images_are() -> None:
+    """Camera "left" sees a floor, "right" a wall on its right: alone, it would take that for the floor."""
+    tracker = cuboid.Tracker(WIDE, poses="given")
+    near = {"left": np.linspace(3.0, 1.0, 240)[:, None], "right": np.linspace(3.0, 1.0, 320)[None]}
+    color = np.zeros((240, 320, 3), np.uint8)
+    for k, name in enumerate(NAMES):
+        depth_m = np.broadcast_to(near[name], (240, 320)).astype(np.float32)
+        tracker.update(cuboid.Frame(k, k / 30, color, depth_m, np.eye(4), camera=RigCamera(name, WIDE)))
+    assert {name: memory.turns for name, memory in tracker._mapper._cameras.items() if name} == {"left": 0, "right": 0}
 
 
 def test_the_pictures_of_all_cameras_are_side_by_side() -> None:
@@ -224,9 +310,27 @@ def test_a_camera_that_stops_takes_nothing_from_the_others(tmp_path: Path, resul
 
 
 def test_commands_of_one_camera_name_a_recording_of_the_rig(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("info", "measure"):
-        assert main([command, str(rig)]) == 2
-        assert f"is a rig; name the recording of one camera, such as {rig / 'left'}" in capsys.readouterr().err
+    assert main(["info", str(rig)]) == 2
+    assert f"is a rig; name the recording of one camera, such as {rig / 'left'}" in capsys.readouterr().err
+
+
+def test_a_wrong_depth_scale_is_that_of_its_camera(tmp_path: Path) -> None:
+    path = write_rig(tmp_path / "rig", ((0.0, 0.3), (0.0, 0.3)))
+    file = path / "right" / "camera.json"
+    camera = json.loads(file.read_text(encoding="utf-8"))
+    file.write_text(json.dumps({**camera, "depth_units_per_metre": 500}), encoding="utf-8")
+    report = cuboid.track_recording(open_recording(path), tmp_path / "found").report
+    wrong = [line for line in report.warnings if "depth scale" in line]
+    assert len(wrong) == 1
+    assert wrong[0].startswith("camera right: the depth scale of 500 units per metre is probably wrong")
+
+
+def test_a_rig_measures_what_stands_in_its_middle(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["measure", str(rig), "--json"]) == 0
+    measured = json.loads(capsys.readouterr().out)["objects"]
+    sides = sorted(tuple(sorted(one["size_m"], reverse=True)) for one in measured)
+    for found, thing in zip(sides, sorted(tuple(sorted(one.size, reverse=True)) for one in THINGS), strict=True):
+        np.testing.assert_allclose(found, thing, atol=0.012)
 
 
 def test_a_rig_can_be_added_to_a_scene_and_drawn(rig: Path, tmp_path: Path) -> None:

@@ -98,12 +98,13 @@ def test_poses_in_another_convention_are_named_with_the_option_that_mends_them(
     good: Path, tmp_path: Path, names: str
 ) -> None:
     bad = changed(good, tmp_path / "bad", lambda folder: _write_poses(folder, names))
-    for poses in ("given", "corrected"):
-        (warning,) = report_of(bad, tmp_path / poses, poses=poses).warnings
-        assert warning.startswith("the given poses are ")
-        assert warning.endswith(f"run again with --pose-convention {names}")
-    given, corrected = ((tmp_path / poses / "trajectory.txt").read_bytes() for poses in ("given", "corrected"))
-    assert given == corrected
+    (warning,) = report_of(bad, tmp_path / "given", poses="given").warnings
+    assert warning.startswith("the given poses are ")
+    assert warning.endswith(f"run again with --pose-convention {names}")
+    if names in ("inverse", "opengl", "wxyz"):  # each alone: poses that are in two conventions fit even less
+        assert report_of(bad, tmp_path / "corrected", poses="corrected").warnings == (warning,)
+        given, corrected = ((tmp_path / poses / "trajectory.txt").read_bytes() for poses in ("given", "corrected"))
+        assert given == corrected, "a wrong convention is never corrected"
 
     recording, mended = open_recording(good), open_recording(bad, pose_convention=names)
     for k in range(len(recording)):

@@ -1,7 +1,7 @@
 """Cuboid: persistent object labels and 3D boxes from an RGB-D video, online, on one CPU core.
 
-Open      open_recording, open_camera, open_results; Recording, LiveCamera, FrameSource, Frame, SkippedFrame,
-          Intrinsics, DepthCamera
+Open      open_recording, open_camera, open_cameras, open_results; Recording, LiveCamera, LiveRig, FrameSource, Frame,
+          SkippedFrame, Intrinsics, DepthCamera
 Track     Tracker, TrackerConfig, Proposals, ProposalSource, Detections, Detector, DriftCorrection; track_recording,
           TrackOptions, ResultOptions, RunHooks, RecordingLike, TrackerLike, Progress, RunOutcome, RunReport, Timing,
           LimitReached, IntoScene
@@ -51,7 +51,9 @@ if TYPE_CHECKING:
     from cuboid.ground.core.results import Wall as Wall
     from cuboid.ground.geometry.box import Box as Box
     from cuboid.inputs.cameras import LiveCamera as LiveCamera
+    from cuboid.inputs.cameras import LiveRig as LiveRig
     from cuboid.inputs.cameras import open_camera as open_camera
+    from cuboid.inputs.cameras import open_cameras as open_cameras
     from cuboid.inputs.readers import Recording as Recording
     from cuboid.inputs.readers.depth_camera import DepthCamera as DepthCamera
     from cuboid.inputs.recordings.opening import open_recording as open_recording
@@ -108,7 +110,7 @@ draw_with(_png_of)
 # `--threads` can size the pools of libraries, which read their limits when they are imported.
 _MODULES = {
     "cuboid.inputs.recordings.opening": ("open_recording",),
-    "cuboid.inputs.cameras": ("open_camera", "LiveCamera"),
+    "cuboid.inputs.cameras": ("open_camera", "open_cameras", "LiveCamera", "LiveRig"),
     "cuboid.results.files": (
         "open_results",
         "RunReport",

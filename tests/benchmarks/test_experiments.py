@@ -117,15 +117,6 @@ def test_a_table_is_markdown() -> None:
     assert markdown(("a", "b"), [("x", 0.5), ("y", None)]) == "| a | b |\n| --- | --- |\n| x | 0.500 |\n| y | - |"
 
 
-def test_an_experiment_runs_by_its_name(tmp_path: Path) -> None:
-    call = [sys.executable, str(EXPERIMENTS), "growth", "--work", str(tmp_path), "--laps", "1", "--limit", "24"]
-    done = subprocess.run(call, capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stderr
-    rows = [line.split("|") for line in done.stdout.splitlines() if line.startswith("| 24 |")]
-    assert [int(row[2]) for row in rows] == [int(rows[0][2])] * 2
-    assert 4 <= int(rows[0][2]) <= 9
-
-
 def test_missing_data_is_told_in_one_line(tmp_path: Path) -> None:
     call = [sys.executable, str(EXPERIMENTS), "frames", "--work", str(tmp_path), "--kinds", "table", "--seeds", "1"]
     done = subprocess.run([*call, "--data", str(tmp_path)], capture_output=True, text=True, check=False, timeout=120)

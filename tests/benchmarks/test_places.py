@@ -159,19 +159,6 @@ def call(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
 
 
-def test_a_second_call_takes_kept_results_and_finds_no_difference(tmp_path: Path, data_dir: Path) -> None:
-    only = ["--work", str(tmp_path), "--data", str(data_dir), "--seeds", "--only", "bin-robot-hand"]
-    first = call(*only, "--save", str(tmp_path / "first.json"))
-    assert first.returncode == 0, first.stderr
-    kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("tracked/*/bin-robot-hand/*")}
-    assert kept
-    again = call(*only, "--against", str(tmp_path / "first.json"))
-    assert again.returncode == 0, again.stderr
-    assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    assert "| bin-robot-hand | bin | +0.000 |" in again.stdout
-    assert again.stdout.strip().splitlines()[-1].startswith("verdict: none")
-
-
 def test_a_wrong_comparison_is_answered_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "no.json").write_text("{}")
     done = call("--work", str(tmp_path), "--against", str(tmp_path / "no.json"))

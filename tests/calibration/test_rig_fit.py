@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cuboid.cli import main
+from cuboid.ground.core.frame import RigCamera
 from cuboid.ground.geometry.se3 import angle, inverse
-from cuboid.inputs.calibration.rig_check import knocked_warning
+from cuboid.inputs.calibration.rig_check import RigWatch
 from cuboid.inputs.recordings.opening import open_recording
 from cuboid.inputs.recordings.rig import RigRecording
 from made_rigs import POSES, WIDE, write_camera, write_rig
@@ -24,7 +26,7 @@ def test_the_scene_gives_the_poses_of_the_cameras(tmp_path: Path, capsys: pytest
     found = open_recording(output)
     assert isinstance(found, RigRecording)
     true = inverse(POSES[0]) @ POSES[1]
-    error = inverse(true) @ found.T_rig_camera["right"]
+    error = inverse(true) @ found.rig.T_rig_camera["right"]
     assert np.linalg.norm(error[:3, 3]) < 0.003
     assert np.degrees(angle(error)) < 0.2
     assert found.read(1).camera_name == "right"
@@ -48,7 +50,13 @@ def test_a_knocked_camera_is_named(tmp_path: Path) -> None:
     times_s = [*np.arange(8) / 30, *(90.0 + np.arange(8) / 30)]
     stood = open_recording(write_camera(tmp_path / "stood", WIDE, [still] * 16, times_s))
     knocked = open_recording(write_camera(tmp_path / "knocked", WIDE, [still] * 8 + [moved] * 8, times_s))
-    assert knocked_warning(stood, "left") is None
-    warning = knocked_warning(knocked, "left")
-    assert warning is not None
-    assert warning.startswith("camera left was knocked: 90 s after its start it sees the scene 3")
+    for ahead in (False, True):
+        watch, steady = RigWatch(ahead=ahead), []
+        for frame_stood, frame_knocked in zip(stood, knocked, strict=True):
+            watch.add(replace(frame_stood, camera=RigCamera("right", WIDE)))
+            watch.add(replace(frame_knocked, camera=RigCamera("left", WIDE)))
+            steady.append(not watch.warnings)
+        watch.finish()
+        assert steady[7]  # before the blow
+        assert len(watch.warnings) == 1
+        assert watch.warnings[0].startswith("camera left was knocked: 90 s after its start it sees the scene 3")

@@ -52,10 +52,13 @@ class PlayedDriver:
         then: Callable[[], Shot | None] | None = None,
         every_s: float = 0.0,
         spoil: tuple[int, ...] = (),
+        first_s: float = 100.0,
+        interval_s: float = 1 / 30,
     ) -> None:
         self.calibration, self.paced, self.has_poses = calibration, paced, poses
         self.closed = 0
         self.taken = 0
+        self._first_s, self._interval_s = first_s, interval_s
         self._frames, self._then, self._every_s, self._spoil = frames, then, every_s, spoil
 
     def take(self, wait_s: float) -> Shot | None:
@@ -68,7 +71,8 @@ class PlayedDriver:
         self.taken += 1
         time.sleep(self._every_s)
         depth = depth_image(k) * (k not in self._spoil)
-        return Shot(100.0 + k / 30.0, color_image(k), depth.astype(np.uint16), pose(k) if self.has_poses else None)
+        time_s = self._first_s + k * self._interval_s
+        return Shot(time_s, color_image(k), depth.astype(np.uint16), pose(k) if self.has_poses else None)
 
     def close(self) -> None:
         self.closed += 1

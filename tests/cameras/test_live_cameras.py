@@ -153,7 +153,7 @@ def test_wrong_calls_are_refused_with_what_was_expected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="unknown camera 'kinect9'; there are: oak, orbbec, realsense, record3d, ros2"):
         cuboid.open_camera("kinect9")
     with pytest.raises(InputError, match="expected OPTION=VALUE"):
-        cuboid.open_camera("realsense:640x480")
+        cuboid.open_camera("realsense:831612070538,640x480")
     with pytest.raises(InputError, match=r"unknown option 'speed'; there are: serial, size, rate, file"):
         cuboid.open_camera("realsense:speed=3")
 

@@ -69,3 +69,12 @@ def test_two_boxes_of_an_instance_at_one_time_are_refused_wherever_they_stand(tm
     path.write_text("\n".join([HEADER, *rows]) + "\n")
     with pytest.raises(InputError, match="instance 3 stands twice at time 5"):
         read_boxer(path)
+
+
+@pytest.mark.parametrize("place", ["result", "truth"])
+def test_a_table_of_2d_boxes_is_named(tmp_path: Path, place: str, capsys: pytest.CaptureFixture[str]) -> None:
+    path, results = tmp_path / "owl_2dbbs.csv", write_place(tmp_path)
+    header = "time_ns,frame_id,sensor,device,img_width,img_height,x1,y1,x2,y2,name,instance,sem_id,prob"
+    path.write_text(f"{header}\n5,0,unknown,unknown,640,480,10,20,30,40,cup,-1,3,0.9\n")
+    assert main(["evaluate", *map(str, (path, results) if place == "result" else (results, path))]) == 2
+    assert f"{path}: is Boxer's table of 2D boxes in images; expected the table of its 3D" in capsys.readouterr().err

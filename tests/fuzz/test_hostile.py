@@ -30,10 +30,10 @@ def test_the_tracker_under_fire() -> None:
     """A short run of ``fire.py``: images of all sizes, few of the large ones."""
     load_kernels()
     fired = Fired()
-    for seed in range(1000, 1030):
+    for seed in range(1000, 1020):
         large = hostile(seed).intrinsics.width > 320
         fire(seed, 20, fired, (160, 120) if large else None)
     fire(1008, 30, fired, (640, 480))
     assert not fired.faults, fired.first
-    assert fired.frames > 500
+    assert fired.frames > 350
     assert fired.labels > 10, "sequences without objects prove nothing"

@@ -15,7 +15,7 @@ from cuboid.method.poses.kernels.free_space import mark_freed, mark_unseen, spre
 
 CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
 SHAPE = (30, 40)
-NOISE, WITHIN_M, ALIKE = 1.4e-3, 0.01, 48
+NOISE, WITHIN_M, MAX_COLOR_DIFFERENCE = 1.4e-3, 0.01, 48
 
 
 def any_depth(rng: np.random.Generator) -> np.ndarray:
@@ -102,7 +102,7 @@ def test_a_shifted_cluster_agrees_where_depth_and_color_do(seed: int) -> None:
     normals, T = rng.normal(size=(150, 3)).astype(np.float32), any_pose(rng)
     shifts, colors = rng.uniform(-0.1, 0.1, (4, 3)), rng.integers(0, 256, (150, 3)).astype(np.uint8)
     counts = np.empty((4, 3), np.int64)
-    score_shifts(points, normals, colors, shifts, (depth, color), CAMERA, T, 0.2, NOISE, ALIKE, counts)
+    score_shifts(points, normals, colors, shifts, (depth, color), CAMERA, T, 0.2, NOISE, MAX_COLOR_DIFFERENCE, counts)
     for shift, found in zip(shifts, counts, strict=True):
         moved = points.astype(np.float64) + shift
         x, y, z = seen_at(moved, T)
@@ -111,7 +111,7 @@ def test_a_shifted_cluster_agrees_where_depth_and_color_do(seed: int) -> None:
         shown = facing & (z >= NEAREST_M) & (u >= 0) & (v >= 0) & (u < SHAPE[1]) & (v < SHAPE[0])
         u, v = np.where(shown, u, 0), np.where(shown, v, 0)
         reading, within = depth[v, u], 0.2 + JUMP_SIGMAS * NOISE * z**2
-        alike = (np.abs(color[v, u].astype(int) - colors) <= ALIKE).all(1)
+        alike = (np.abs(color[v, u].astype(int) - colors) <= MAX_COLOR_DIFFERENCE).all(1)
         agree = shown & (reading > 0) & (np.abs(reading - z) <= within) & alike
         assert found.tolist() == [agree.sum(), (shown & (reading > z + within)).sum(), shown.sum()]
 

@@ -240,7 +240,7 @@ def test_segments_are_measured_as_numpy_counts_them() -> None:
         row = table[a]
         assert row[regions.PIXELS] == row[regions.READINGS] == len(rows)
         assert row[regions.INVERSE] == pytest.approx(inverse[labels == a].sum(), rel=1e-5)
-        assert (row[regions.LEFT], row[regions.TOP]) == (columns.min(), rows.min())
+        assert (row[regions.LEFTMOST], row[regions.TOP]) == (columns.min(), rows.min())
         assert (row[regions.RIGHTMOST], row[regions.BOTTOM]) == (columns.max(), rows.max())
         assert row[regions.OUTLINE] == (pairs == a).any(1).sum()
         for b in (1, 2, 3):
@@ -263,7 +263,7 @@ def test_a_plane_is_measured_by_what_lies_along_its_outline() -> None:
     regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, borders, rows)
     lower, plane = rows
     assert plane[regions.PIXELS] == 96
-    assert [plane[k] for k in (regions.LEFT, regions.TOP, regions.RIGHTMOST, regions.BOTTOM)] == [5, 5, 14, 14]
+    assert [plane[k] for k in (regions.LEFTMOST, regions.TOP, regions.RIGHTMOST, regions.BOTTOM)] == [5, 5, 14, 14]
     assert plane[regions.OUTLINE] == 40 + 8
     assert plane[regions.STRENGTH] == pytest.approx(30 * 1.0 + 10 * 0.6 + 8 * 0.2)
     assert lower[regions.PIXELS] == 100
@@ -319,7 +319,7 @@ def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None
     table = np.zeros((5, regions.COLUMNS))
     for k, (left, right) in enumerate([(0, 9), (10, 19), (20, 29), (30, 500)], start=1):
         table[k, [regions.PIXELS, regions.READINGS, regions.INVERSE]] = 100.0
-        table[k, [regions.LEFT, regions.RIGHTMOST, regions.TOP, regions.BOTTOM]] = left, right, 0, 9
+        table[k, [regions.LEFTMOST, regions.RIGHTMOST, regions.TOP, regions.BOTTOM]] = left, right, 0, 9
         table[k, [regions.OUTLINE, regions.STRENGTH]] = 40.0, 30.0
     borders = regions.Borders(*np.zeros((4, 5, 5), np.float32))
     for a, b, strength in ((1, 2, 0.2), (2, 3, 0.9), (3, 4, 0.1)):
@@ -338,7 +338,7 @@ def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None
     assert union[regions.OUTLINE] == 40 * 3 - 4 * 10
     assert union[regions.STRENGTH] == pytest.approx(90 - 4 - 18)
     assert found[4:n, regions.GROOVES].tolist() == [0, 10], "2 and 3 meet in a groove"
-    assert (union[regions.LEFT], union[regions.RIGHTMOST]) == (0, 29)
+    assert (union[regions.LEFTMOST], union[regions.RIGHTMOST]) == (0, 29)
 
 
 def test_pairs_are_the_neighbours_that_joining_never_took_alone() -> None:
@@ -346,7 +346,7 @@ def test_pairs_are_the_neighbours_that_joining_never_took_alone() -> None:
     table = np.zeros((5, regions.COLUMNS))
     for k in range(1, 5):
         table[k, [regions.PIXELS, regions.READINGS, regions.INVERSE]] = 100.0, 100.0, 100.0 if k < 4 else 40.0
-        table[k, [regions.LEFT, regions.RIGHTMOST, regions.BOTTOM]] = 10 * k, 10 * k + 9, 9
+        table[k, [regions.LEFTMOST, regions.RIGHTMOST, regions.BOTTOM]] = 10 * k, 10 * k + 9, 9
         table[k, [regions.OUTLINE, regions.STRENGTH]] = 40.0, 30.0
     borders = regions.Borders(*np.zeros((4, 5, 5), np.float32))
     for a, b, strength in ((1, 2, 0.5), (2, 3, 0.1), (3, 4, 0.9)):
@@ -364,7 +364,7 @@ def test_pairs_are_the_neighbours_that_joining_never_took_alone() -> None:
     assert found[n, regions.PIXELS] == 200
     assert found[n, regions.OUTLINE] == 40 * 2 - 2 * 10
     assert found[n, regions.STRENGTH] == pytest.approx(60 - 5 - 5)
-    assert (found[n, regions.LEFT], found[n, regions.RIGHTMOST]) == (10, 29)
+    assert (found[n, regions.LEFTMOST], found[n, regions.RIGHTMOST]) == (10, 29)
 
 
 def plain_jumps(inverse: np.ndarray, kind: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:

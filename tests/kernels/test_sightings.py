@@ -11,7 +11,7 @@ from cuboid.method.boxes.kernels.extents import BINS
 from cuboid.method.objects.kernels.sightings import NEAREST_M, Surfaces, View, boxes_in_frustum, count_seen
 
 CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
-NOISE, AGREE_M, ALIKE = 1.4e-3, 0.03, 30
+NOISE, AGREE_M, MAX_COLOR_DIFFERENCE = 1.4e-3, 0.03, 30
 
 
 def numpy_counts(
@@ -38,7 +38,7 @@ def numpy_counts(
     x, y = np.where(inside, x, 0), np.where(inside, y, 0)
     reading = np.where(inside, depth[y, x], 0.0)
     within = np.maximum(AGREE_M, 3 * NOISE * z * z)
-    alike = inside & (np.abs(color[y, x].astype(int) - colors).max(1) <= ALIKE)
+    alike = inside & (np.abs(color[y, x].astype(int) - colors).max(1) <= MAX_COLOR_DIFFERENCE)
     seen = np.where(reading > 0, np.abs(reading - z) <= within, alike)
     unknown = (reading <= 0) & ~seen
     far_side = (reading > 0) & (reading < z - within) & (owner[y, x] == number)
@@ -84,7 +84,7 @@ def test_points_are_counted_as_array_operations_do_it(seed: int) -> None:
     slots = np.arange(owner.size, dtype=np.int32).reshape(owner.shape)
     surfaces = Surfaces(points, colors, ends, feet, numbers)
     view = View(depth, color, slots, owner.ravel(), CAMERA, T)
-    count_seen(surfaces, view, NOISE, AGREE_M, ALIKE, counts, corners)
+    count_seen(surfaces, view, NOISE, AGREE_M, MAX_COLOR_DIFFERENCE, counts, corners)
     for k, end in enumerate(ends):
         own = slice(end - sizes[k], end)
         expected = numpy_counts(points[own], colors[own], feet[k], numbers[k], depth, color, owner, T)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from commands import TESTS, bound, command, contents, refused, run
+from commands import TESTS, bound, command, contents, refused, run, run_here
 
 from fakes import write_recording
 
@@ -101,17 +101,17 @@ def test_what_may_not_be_read_is_one_line(results: Path, recording: Path, tmp_pa
 
 def test_an_output_on_a_file_or_inside_the_recording_spoils_neither(recording: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("precious")
-    assert "is a file" in refused(run(command("track", recording, "--output", tmp_path / "file", "--force")))
+    assert "is a file" in refused(run_here("track", recording, "--output", tmp_path / "file", "--force"))
     assert (tmp_path / "file").read_text() == "precious"
     before = contents(recording)
-    refused(run(command("track", recording, "--output", recording, "--force")))
+    refused(run_here("track", recording, "--output", recording, "--force"))
     assert contents(recording) == before
     for place in ("results", "color"):
         out = recording / place
-        done = run(command("track", recording, "--output", out, *(["--force"] if out.exists() else [])))
+        done = run_here("track", recording, "--output", out, *(["--force"] if out.exists() else []))
         assert done.returncode == 0, done.stderr
         assert {name: digest for name, digest in contents(recording).items() if name in before} == before
-        again = run(command("track", recording, "--output", tmp_path / place))
+        again = run_here("track", recording, "--output", tmp_path / place)
         assert "12 of 12 frames" in again.stdout, again.stderr
     shutil.rmtree(recording / "results")
 
@@ -128,7 +128,7 @@ def test_an_output_on_what_is_no_file_leaves_it_there(results: Path, tmp_path: P
             ("evaluate", results, truth, "--json", place),
             ("export", results, "--to", "json", "--output", place, "--force"),
         ):
-            assert "the output must be a file" in refused(run(command(*words))), words
+            assert "the output must be a file" in refused(run_here(*words)), words
         assert os.lstat(place).st_ino == before.st_ino
     assert "is a device" in refused(run(command("evaluate", results, truth, "--json=/dev/stdout")))
 
@@ -143,7 +143,7 @@ def test_an_output_on_a_circle_of_links_is_refused_or_takes_its_place(
         ("convert", recording, "--to", "plain", "--output", place),
         ("export", results, "--to", "ply", "--output", place),
     ):
-        done = run(command(*words))
+        done = run_here(*words)
         assert done.returncode in (0, 2), done.stderr
         if done.returncode:
             refused(done)

@@ -39,13 +39,17 @@ def test_a_frame_shows_a_place_if_the_whole_box_is_in_the_picture_and_near_enoug
     assert frames_that_show(box, poses, 0, CAMERA, 3.0) == [5]
 
 
-def test_an_object_that_left_is_gone_since_the_event(results: Path) -> None:
-    """It is no longer in `objects.json`; its rows and its event tell where and when it was."""
+def let_go(results: Path) -> None:
+    """Object 4 is no longer in `objects.json`; its rows and its event tell where and when it was."""
     document = json.loads((results / "objects.json").read_text())
     document["objects"] = [one for one in document["objects"] if one["label"] != 4]
     (results / "objects.json").write_text(json.dumps(document))
     header = "frame,timestamp,event,label,from_x,from_y,from_z,to_x,to_y,to_z,score"
     (results / "events.csv").write_text(f"{header}\n4,4.0,gone,4,2,0,0.1,,,,1\n")
+
+
+def test_an_object_that_left_is_gone_since_the_event(results: Path) -> None:
+    let_go(results)
     place = open_place(str(results))
     (parcel,) = place.last_seen("4")
     assert (parcel.state, parcel.last_seen.frame, parcel.frames_seen, parcel.color) == ("gone", 2, 3, None)
@@ -54,6 +58,22 @@ def test_an_object_that_left_is_gone_since_the_event(results: Path) -> None:
     assert (parcel.later.state, parcel.later.at.frame) == ("gone", 4)
     assert place.about().objects == 4
     assert main(["find", str(results), "--last", "4"]) == 0
+
+
+def test_an_object_that_left_keeps_or_gets_a_name(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    let_go(results)
+    assert main(["report", str(results)]) == 0
+    assert main(["name", str(results), "4=parcel", "1=bin"]) == 0
+    assert open_results(results).name(4, "parcel").name == "parcel"
+    (parcel,) = open_place(str(results)).ask("where is the parcel").objects
+    assert (parcel.label, parcel.name, parcel.state) == (4, "parcel", "gone")
+    capsys.readouterr()
+    assert main(["find", str(results)]) == 0
+    assert "parcel" in capsys.readouterr().out
+    page = json.loads((results / "report.html").read_text().split('id="data">')[1].split("</script>")[0])
+    assert [(one["label"], one["name"]) for one in page["gone"]] == [(4, "parcel")]
+    assert main(["name", str(results), "4=", "1=crate"]) == 0
+    assert "gone" not in json.loads((results / "objects.json").read_text())
 
 
 def test_a_place_without_dates_says_frames(results: Path, capsys: pytest.CaptureFixture[str]) -> None:

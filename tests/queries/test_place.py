@@ -69,7 +69,7 @@ def test_in_a_large_map_relations_around_a_thing_are_those_of_the_whole(
     results: Path, place: Place, filters: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cuboid.services.queries.shared_map.SMALL", 1)
-    monkeypatch.setattr("cuboid.services.queries.snapshot.NEAR_M", 0.3)
+    monkeypatch.setattr("cuboid.services.queries.snapshot.RELATED_M", 0.3)
     large = open_place(str(results))
     assert large.find(Filters(**filters)) == place.find(Filters(**filters))
     assert [large.object(k).relations for k in (1, 2, 5)] == [place.object(k).relations for k in (1, 2, 5)]

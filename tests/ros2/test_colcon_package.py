@@ -182,7 +182,7 @@ def test_the_launch_file_starts_the_node_with_options_of_the_command(monkeypatch
     add_arguments(parser)
     args = parser.parse_args(node.arguments)
     assert (args.pose, str(args.output), args.sim_time) == ("tf", "/tmp/found", True)
-    assert args.color == "/camera/color/image_raw"
+    assert args.color == ["/camera/color/image_raw"]
     assert args.foxglove == ("0.0.0.0", 8765)
 
 

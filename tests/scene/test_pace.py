@@ -13,7 +13,7 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject, summed_counts
 from cuboid.runs.scene.codec import Encoder, take
-from cuboid.runs.scene.pace import Pace, Rhythm
+from cuboid.runs.scene.pace import CommitTimer, Pace
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 from worlds import CAMERA
 
@@ -75,13 +75,13 @@ def commits(monkeypatch: pytest.MonkeyPatch, cost_s: float, height_fraction: flo
     now_s = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
     monkeypatch.setattr(time, "process_time", lambda: height_fraction * now_s[0])
-    rhythm, begun = Rhythm(1.0), [now_s[0]]
+    timer, begun = CommitTimer(1.0), [now_s[0]]
     while now_s[0] < 160.0:
         now_s[0] += 0.01
-        if rhythm.due():
+        if timer.due():
             begun.append(now_s[0])
-            rhythm.begin(cost_s / 2)
-            rhythm.cost_s += cost_s / 2
+            timer.begin(cost_s / 2)
+            timer.cost_s += cost_s / 2
     monkeypatch.undo()
     return [after - before for before, after in pairwise(begun)][1:]
 

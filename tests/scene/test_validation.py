@@ -17,7 +17,7 @@ from cuboid.ground.core.errors import InputError
 from cuboid.runs.scene import Scene, before
 from cuboid.runs.scene.checking import problems, rescue
 from cuboid.runs.scene.editing import transform_rows
-from cuboid.runs.scene.localisation import Joined
+from cuboid.runs.scene.localisation import JoinedPart
 from cuboid.runs.scene.schema import TABLES
 from cuboid.runs.scene.validation import DamagedError
 
@@ -158,7 +158,7 @@ def test_a_part_is_not_carried_over_a_row_that_makes_no_sense(path: Path) -> Non
     change(path, "UPDATE boxes SET qw = 0.5")
     connection = sqlite3.connect(path)
     with pytest.raises(DamagedError, match="a row of boxes is damaged: the quaternion"):
-        transform_rows(connection, [Joined(np.zeros(3), np.eye(4))])
+        transform_rows(connection, [JoinedPart(np.zeros(3), np.eye(4))])
     connection.close()
 
 

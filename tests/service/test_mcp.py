@@ -20,7 +20,7 @@ from mcp.client.stdio import StdioServerParameters, stdio_client
 from cuboid.cli import main
 from cuboid.services.queries.opening import open_place
 from made_place import write_place
-from served import served
+from served import refuses_large_bodies, served
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +110,7 @@ def test_over_http(results: Path) -> None:
             urlopen(Request(address, b"{}", {"Content-Type": "application/json", "Origin": "http://evil.example"}))
         assert error.value.code == 403
         error.value.close()
+        refuses_large_bodies(address)
 
 
 def test_where_others_can_reach_it_a_token_is_needed(results: Path) -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
-from socket import create_connection
 from typing import Any
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
@@ -27,7 +25,7 @@ from cuboid.services.queries.opening import open_place
 from cuboid.services.service.endpoints import ENDPOINTS
 from cuboid.services.service.openapi import SOCKET, openapi
 from made_place import write_place
-from served import served
+from served import refuses_large_bodies, served
 
 
 @pytest.fixture(scope="module")
@@ -155,13 +153,7 @@ def test_it_is_read_only_and_answers_to_its_own_name(address: str) -> None:
 
 
 def test_a_body_is_refused_before_it_is_read(address: str) -> None:
-    for method in ("GET", "POST"):
-        for head in (f"Content-Length: {6 << 30}", "Transfer-Encoding: chunked"):
-            with closing(create_connection((urlsplit(address).hostname, urlsplit(address).port), 30)) as client:
-                client.sendall(f"{method} /api HTTP/1.1\r\nHost: localhost\r\n{head}\r\n\r\n".encode())
-                answer = client.makefile("rb").read()  # ends although no byte of the body was sent
-            assert answer.startswith(b"HTTP/1.1 413 "), answer
-            assert b"at most 16777216 bytes" in answer
+    refuses_large_bodies(f"{address}/api")
 
 
 def test_a_socket_takes_changes_after_a_whole_number(address: str) -> None:

@@ -12,7 +12,7 @@ import pytest
 from made_stores import put_run, thing
 
 from cuboid.fleet.store.place import Place
-from served import served
+from served import refuses_large_bodies, served
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +97,10 @@ def test_what_is_wrong_is_one_line(address: str) -> None:
 def test_it_is_read_only_and_answers_to_its_own_name(address: str) -> None:
     assert refused(f"{address}/api/objects", method="POST")[0] == 405
     assert refused(f"{address}/", Host="evil.example")[0] == 400
+
+
+def test_a_body_is_refused_before_it_is_read(address: str) -> None:
+    refuses_large_bodies(f"{address}/api/objects")
 
 
 def test_where_others_can_reach_it_a_token_is_needed(store: str) -> None:

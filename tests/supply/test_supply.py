@@ -91,9 +91,10 @@ def test_it_runs_under_every_python_that_is_promised(tmp_path: Path, version: st
     if python is None:
         pytest.skip(f"Python {version} is not installed")
     own = tmp_path / "own" / "bin" / "python"
-    assert call(python, "-m", "venv", tmp_path / "own").returncode == 0
+    assert call(python, "-m", "venv", "--without-pip", tmp_path / "own").returncode == 0
     # Without byte code: most modules of the packages are never imported.
-    installed = call(own, "-m", "pip", "install", "-q", "--no-compile", "--require-hashes", "-r", LOCK)
+    pip = (sys.executable, "-m", "pip", "--python", own, "install", "-q", "--no-compile")
+    installed = call(*pip, "--require-hashes", "-r", LOCK)
     if installed.returncode != 0:
         pytest.skip(f"the locked packages cannot be installed for Python {version}: {installed.stderr[-200:]}")
     code = SMOKE.format(src=str(REPOSITORY / "src"), tests=str(HERE.parent), folder=str(tmp_path))

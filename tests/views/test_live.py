@@ -23,7 +23,7 @@ from cuboid.ground.core.results import MapPoints
 from cuboid.results.views.live import LiveServer, LiveView
 from cuboid.results.views.live.messages import PICTURE_WIDTH_PX, map_message, moment_message
 from cuboid.results.views.live.server import PORTS
-from cuboid.results.views.live.watch import Moment, Ration
+from cuboid.results.views.live.watch import Moment, RateLimiter
 from cuboid.results.views.serving import HOST
 from fakes import INTRINSICS, FakeRecording, FakeTracker
 
@@ -133,6 +133,23 @@ def test_a_moment_says_what_the_tracker_knew_then(server: LiveServer) -> None:
     assert json.loads(ask(server, run, "/moment/1"))["number"] > 1
 
 
+def test_the_picture_has_the_dimensions_of_the_object_that_is_selected(server: LiveServer) -> None:
+    run = Run(server.view)
+    run.step()
+    run.step()
+
+    def picture(question: str) -> np.ndarray:
+        moment = json.loads(ask(server, run, question))
+        shown = cv2.imdecode(np.frombuffer(base64.b64decode(moment["picture"]), np.uint8), cv2.IMREAD_COLOR)
+        return shown.astype(int) - moment["frame"] % 256  # the frames are of one gray, which grows
+
+    plain = picture("/moment/0")
+    measured = picture("/moment/1?measured=1")
+    assert np.count_nonzero(np.abs(measured - plain).max(2) > 60) > 20
+    for question in ("/moment/2?measured=9", "/moment/3?measured=x"):
+        assert np.count_nonzero(np.abs(picture(question) - plain).max(2) > 60) < 5
+
+
 def test_a_long_path_is_told_in_few_places() -> None:
     view = LiveView()
     run = Run(view)
@@ -201,19 +218,19 @@ def test_what_costs_much_is_done_rarely(monkeypatch: pytest.MonkeyPatch) -> None
         clocks["monotonic"] += waited_s
         clocks["thread_time"] += own_s
 
-    ration = Ration(every_s=1.0, fraction=0.02)
-    assert ration.due
-    ration.begin()
-    assert not ration.due
+    limiter = RateLimiter(every_s=1.0, fraction=0.02)
+    assert limiter.due
+    limiter.begin()
+    assert not limiter.due
     work(own_s=1.0, waited_s=1.0)
-    assert ration.due  # it cost nothing
-    ration.begin()
-    with ration.charged():
+    assert limiter.due  # it cost nothing
+    limiter.begin()
+    with limiter.charged():
         work(own_s=0.1, waited_s=0.1)
     work(own_s=4.0, waited_s=100.0)
-    assert not ration.due  # 0.1 s is 2 % of 5 s of own time, however long that takes on a busy machine
+    assert not limiter.due  # 0.1 s is 2 % of 5 s of own time, however long that takes on a busy machine
     work(own_s=1.0, waited_s=1.0)
-    assert ration.due
+    assert limiter.due
 
 
 def test_the_end_is_told_with_the_last_of_all(server: LiveServer) -> None:
@@ -275,9 +292,9 @@ def test_several_look_and_some_go(
 ) -> None:
     drawn: list[int] = []
 
-    def counted(moment: Moment, intrinsics: Intrinsics) -> bytes:
+    def counted(moment: Moment, intrinsics: Intrinsics, measured: int | None) -> bytes:
         drawn.append(moment.number)
-        return moment_message(moment, intrinsics)
+        return moment_message(moment, intrinsics, measured)
 
     monkeypatch.setattr("cuboid.results.views.live.server.moment_message", counted)
     run = Run(server.view)

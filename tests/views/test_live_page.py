@@ -45,6 +45,9 @@ def test_the_page_follows_a_run_to_its_end(watched: Watched) -> None:
         assert row.all_inner_texts() == ["#1", "10.0 × 20.0 × 30.0"]
         assert page.locator("#events li").all_inner_texts() == ["#1\nmoved 50.0 cm\nframe 5"]
         assert page.locator("#objects .likely").inner_text() == "0.90"
+        with page.expect_request("**/moment/*?measured=1"):  # the picture gets the dimensions of the selected object
+            page.locator("#objects .object").click()
+        page.locator("#objects .object").click()
         set_least = "(slider, to) => { slider.value = to; slider.dispatchEvent(new Event('input')); }"
         page.locator("#least").evaluate(set_least, 0.95)
         page.wait_for_function("!document.querySelector('#objects .object') && document.querySelector('.tag').hidden")

@@ -12,7 +12,7 @@ from cuboid.ground.geometry.se3 import compose, inverse, transform
 from cuboid.results.views.projection import (
     FACES,
     MARGIN_PX,
-    NEAR_M,
+    NEAR_PLANE_M,
     Wireframe,
     clip_polygon,
     clip_segments,
@@ -91,7 +91,7 @@ def test_no_visible_part_of_an_edge_is_missing(box: Box) -> None:
     corners = box.corners()
     fractions = np.linspace(0, 1, 23)[:, None]
     points = np.concatenate([corners[a] + fractions * (corners[b] - corners[a]) for a, b in EDGES])
-    points = points[points[:, 2] > NEAR_M * 1.01]
+    points = points[points[:, 2] > NEAR_PLANE_M * 1.01]
     pixels = INTRINSICS.pixels(points)
     pixels = pixels[((pixels >= 0) & (pixels < (640, 480))).all(axis=1)]
     if len(pixels) == 0:
@@ -104,11 +104,11 @@ def test_no_visible_part_of_an_edge_is_missing(box: Box) -> None:
 
 
 def test_an_edge_through_the_near_plane_ends_there() -> None:
-    planes = np.array([[0.0, 0.0, 1.0, -NEAR_M]])
+    planes = np.array([[0.0, 0.0, 1.0, -NEAR_PLANE_M]])
     ends = np.array([[[0.0, 0.0, -1.0], [1.0, 0.0, 1.0]], [[0, 0, -1.0], [1, 1, -0.5]], [[0, 0, 1.0], [0, 1, 1]]])
     cut = clip_segments(ends, planes)
     assert len(cut) == 2  # the one behind the camera is gone
-    np.testing.assert_allclose(cut[0], [[(1 + NEAR_M) / 2, 0, NEAR_M], [1, 0, 1]])
+    np.testing.assert_allclose(cut[0], [[(1 + NEAR_PLANE_M) / 2, 0, NEAR_PLANE_M], [1, 0, 1]])
     np.testing.assert_array_equal(cut[1], ends[2])
 
 
@@ -158,7 +158,7 @@ def test_the_visible_rectangle_is_around_what_of_a_box_is_in_the_picture(box: Bo
     side = np.linspace(-0.5, 0.5, 24)
     inside = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
     points = box.center + (inside * box.size) @ box.rotation.T
-    seen = INTRINSICS.pixels(points[points[:, 2] > NEAR_M])
+    seen = INTRINSICS.pixels(points[points[:, 2] > NEAR_PLANE_M])
     seen = seen[((seen >= 0) & (seen <= (INTRINSICS.width, INTRINSICS.height))).all(axis=1)]
     rect = visible_rect(box, np.eye(4), INTRINSICS)
     if rect is None:

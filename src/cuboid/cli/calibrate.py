@@ -8,9 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_output, add_results, give
+from cuboid.ground.core.errors import InputError, OutputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cuboid.inputs.calibration import CalibrationResult
+    from cuboid.inputs.calibration.board import Board
+    from cuboid.inputs.calibration.board_fit import BoardFit
+    from cuboid.inputs.calibration.rig_fit import RigFit
     from cuboid.inputs.readers import Recording
 
 EXAMPLE = "cuboid calibrate RECORDING --output camera.json"
@@ -18,13 +24,15 @@ EXAMPLE = "cuboid calibrate RECORDING --output camera.json"
 # If a camera is unknown, the search begins with a focal length of this fraction of the image width: color cameras of
 # common depth cameras have 0.71 to 0.96, and the search covers 0.61 to 1.12.
 UNKNOWN_FOCAL_FRACTION = 0.83
+# The board that fits on A4 and on letter paper.
+BOARD = "7x5x38mm"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     results = parser.add_argument_group("results")
     output = "the camera.json to write, for --intrinsics; with --rig the rig.json"
-    add_output(results, type=Path, required=True, metavar="FILE", help=output)
+    add_output(results, type=Path, metavar="FILE", help=output)
     add_results(results)
     parser.add_argument(
         "--rig",
@@ -34,6 +42,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="find the poses of fixed cameras from one recording of each, in place of the intrinsics of one; a picture "
         "of their points, a color for each camera, lies beside FILE",
     )
+    board = parser.add_argument_group("with a ChArUco board")
+    board.add_argument(
+        "--board",
+        nargs="?",
+        type=board_size,
+        const=BOARD,
+        metavar="COLUMNSxROWSxSIDEmm",
+        help="with --rig, find the poses from a board that the cameras see, held still at some places: number and "
+        f"side of its squares (default: {BOARD})",
+    )
+    board.add_argument(
+        "--print-board", type=Path, metavar="FILE.pdf", help="write the board at its true size, for a printer"
+    )
     reading = add_reading(parser, tracked=False, required=False)
     reading.add_argument(
         "--poses",
@@ -42,12 +63,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def board_size(text: str) -> Board:
+    """Parse COLUMNSxROWSxSIDEmm."""
+    from cuboid.inputs.calibration.board import board_of
+
+    try:
+        return board_of(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def run(args: argparse.Namespace) -> int:
     """Calibrate, write, and print the result with its errors."""
-    from cuboid.ground.core.errors import InputError, OutputError
     from cuboid.ground.core.threads import limit_threads
 
     limit_threads(1)
+    if args.print_board is not None:
+        return _print_board(args)
+    if args.board is not None and args.rig is None:
+        raise InputError("--board finds the poses of the cameras of a rig; name their recordings with --rig")
+    if args.output is None:
+        raise OutputError("name the file to write with --output")
     if args.output.suffix != ".json":
         raise OutputError(f"{args.output}: must be a .json file")
     if not args.output.parent.is_dir():
@@ -79,6 +115,29 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _print_board(args: argparse.Namespace) -> int:
+    """Write the PDF of a board."""
+    from cuboid.cli.tables import console
+    from cuboid.inputs.calibration.board import Board, board_pdf
+    from cuboid.results.files.pending import new_file
+
+    if args.recording is not None or args.rig is not None or args.output is not None:
+        raise InputError("--print-board only writes a board; calibrate with --rig RECORDING ... --board")
+    if args.print_board.suffix.lower() != ".pdf":
+        raise OutputError(f"{args.print_board}: must be a .pdf file")
+    board = args.board or Board()
+    with new_file(args.print_board, force=args.force) as file:
+        file.write_bytes(board_pdf(board))
+
+    def show() -> None:
+        line = f"{args.print_board}: print it at 100 %, check the length of its line, and glue it onto something flat"
+        console().print(line, markup=False, soft_wrap=True)
+        console().print(f"then: cuboid calibrate --rig A B --board {board} --output rig.json", markup=False)
+
+    give(args, {"output": str(args.print_board), "board": str(board)}, show)
+    return 0
+
+
 def _calibrate_rig(args: argparse.Namespace) -> int:
     """Find the poses of a rig's cameras, write them with a picture, and print their errors."""
     import json
@@ -86,12 +145,50 @@ def _calibrate_rig(args: argparse.Namespace) -> int:
     import cv2
     import numpy as np
 
-    from cuboid.cli.tables import console, new_table
-    from cuboid.ground.core.errors import InputError, OutputError
     from cuboid.inputs.recordings.opening import open_recording
     from cuboid.results.files.pending import new_file
-    from cuboid.runs.pipeline.rig_calibrating import calibrate_rig, names_of, overlay, rig_document
+    from cuboid.runs.pipeline.rig_calibrating import (
+        calibrate_rig,
+        calibrate_with_board,
+        names_of,
+        overlay,
+        rig_document,
+        still_views,
+    )
 
+    _check_rig_options(args)
+    picture = args.output.with_suffix(".png")
+    if picture.exists() and not args.force:
+        raise OutputError(f"{picture}: exists; --force replaces it")
+    recordings = [open_recording(path, register=args.register) for path in args.rig]
+    names = names_of(recordings)
+    fit: RigFit | BoardFit
+    if args.board is None:
+        fit, views = calibrate_rig(recordings, names)
+        counted, counts, said = "points_confirmed", fit.confirmed.tolist(), ""
+    else:
+        fit, views = calibrate_with_board(recordings, names, args.board), still_views(recordings, names)
+        counted, counts = "board_positions", fit.positions.tolist()
+        said = f"corners are {fit.residual_px:.2f} px from their places; "
+    document = rig_document(fit.T_rig_camera, recordings, names, args.output)
+    with new_file(args.output, force=args.force) as file:
+        file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    with new_file(picture, force=args.force) as file:
+        file.write_bytes(cv2.imencode(".png", overlay(views, fit.T_rig_camera)[..., ::-1])[1].tobytes())
+    rows = [
+        {"name": name, "error_mm": 1000 * float(error_m), "error_degrees": float(np.degrees(error_rad)), counted: count}
+        for name, error_m, error_rad, count in zip(names, fit.error_m, fit.error_rad, counts, strict=True)
+    ]
+
+    def show() -> None:
+        _print_rig(rows, counted, f"{said}the first camera is the rig; written: {args.output}, {picture}")
+
+    give(args, {"output": str(args.output), "picture": str(picture), "cameras": rows, "rig": document}, show)
+    return 0
+
+
+def _check_rig_options(args: argparse.Namespace) -> None:
+    """Raise InputError for an option of one camera."""
     if args.recording is not None:
         raise InputError(f"with --rig, name all recordings after it; got {args.recording} too")
     for name in ("format", "intrinsics", "depth_scale", "pose_convention", "topics", "limit", "poses"):
@@ -99,32 +196,17 @@ def _calibrate_rig(args: argparse.Namespace) -> int:
             raise InputError(f"--{name.replace('_', '-')} is for one camera; leave it out with --rig")
     if args.every != 1:
         raise InputError("--every is for one camera; leave it out with --rig")
-    picture = args.output.with_suffix(".png")
-    if picture.exists() and not args.force:
-        raise OutputError(f"{picture}: exists; --force replaces it")
-    recordings = [open_recording(path, register=args.register) for path in args.rig]
-    names = names_of(recordings)
-    fit, views = calibrate_rig(recordings, names)
-    document = rig_document(fit, recordings, names, args.output)
-    with new_file(args.output, force=args.force) as file:
-        file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    with new_file(picture, force=args.force) as file:
-        content = cv2.imencode(".png", overlay(views, fit.T_rig_camera)[..., ::-1])[1]
-        file.write_bytes(content.tobytes())
-    errors = [
-        {"name": name, "error_mm": 1000 * float(error_m), "error_degrees": float(np.degrees(error_rad))}
-        for name, error_m, error_rad in zip(names, fit.error_m, fit.error_rad, strict=True)
-    ]
 
-    def show() -> None:
-        table = new_table("camera", "position +-, mm", "direction +-, degrees", "points confirmed")
-        for one, confirmed in zip(errors, fit.confirmed.tolist(), strict=True):
-            table.add_row(str(one["name"]), f"{one['error_mm']:.1f}", f"{one['error_degrees']:.2f}", str(confirmed))
-        console().print(table)
-        console().print(f"the first camera is the rig; written: {args.output}, {picture}", markup=False)
 
-    give(args, {"output": str(args.output), "picture": str(picture), "cameras": errors, "rig": document}, show)
-    return 0
+def _print_rig(rows: Sequence[dict[str, Any]], counted: str, line: str) -> None:
+    """Print the errors of the cameras of a rig."""
+    from cuboid.cli.tables import console, new_table
+
+    table = new_table("camera", "position +-, mm", "direction +-, degrees", counted.replace("_", " "))
+    for row in rows:
+        table.add_row(str(row["name"]), f"{row['error_mm']:.1f}", f"{row['error_degrees']:.2f}", str(row[counted]))
+    console().print(table)
+    console().print(line, markup=False)
 
 
 def _document(found: CalibrationResult, units: float, output: Path) -> dict[str, Any]:
@@ -146,8 +228,6 @@ def _document(found: CalibrationResult, units: float, output: Path) -> dict[str,
 
 def _poses(poses: str | None) -> str | None:
     """Return the source of poses for `calibrate_recording`; raises InputError for corrected poses."""
-    from cuboid.ground.core.errors import InputError
-
     if poses == "corrected":
         raise InputError("--poses corrected needs correct intrinsics; calibrate with --poses given or estimated")
     return "given" if poses == "auto" else poses

@@ -106,8 +106,10 @@ def served_run(args: argparse.Namespace, name: str) -> Iterator[ServedRun | None
 
 
 @contextmanager
-def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[Watching]:
-    """Open the views that the arguments request."""
+def watching(
+    args: argparse.Namespace, name: str, intrinsics: Intrinsics, cameras: Sequence[str] = ()
+) -> Iterator[Watching]:
+    """Open the views that the arguments request; `cameras` are the names of those of a rig."""
     with ExitStack() as stack:
         live = stack.enter_context(live_view(args, name, intrinsics))
         views: list[Watch] = [] if live is None else [live]
@@ -120,7 +122,7 @@ def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Ite
         if args.foxglove is not None:
             from cuboid.results.views.foxglove_view import FoxgloveView
 
-            view = stack.enter_context(FoxgloveView(intrinsics, *args.foxglove))
+            view = stack.enter_context(FoxgloveView(intrinsics, args.foxglove[0], args.foxglove[1], cameras))
             say_foxglove(args.foxglove[0], view.port)
             views.append(view)
         yield Watching(live, views)

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.recording import add_recording, seconds, tracking_from
 from cuboid.cli.results import add_output, add_results, give, refuse_existing
-from cuboid.cli.track import add_camera, source_of
+from cuboid.cli.track import add_camera, add_rig, source_of
 from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.threads import cores
 
 if TYPE_CHECKING:
-    from cuboid.inputs.cameras import LiveCamera
+    from cuboid.inputs.cameras import LiveCamera, LiveRig
     from cuboid.inputs.readers import Recording
     from cuboid.results.files.measures import Scale
     from cuboid.runs.pipeline.measuring import Measured
@@ -51,8 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         known, type=Path, metavar="FILE", help="write the corrected camera.json, for --intrinsics; needs --known"
     )
     add_camera(parser)
-    add_recording(parser, default_threads=min(2, cores()), required=False)
-    parser.set_defaults(rig=None)
+    add_recording(parser, default_threads=min(2, cores()), required=False, several=True)
+    add_rig(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,8 +66,11 @@ def run(args: argparse.Namespace) -> int:
         from cuboid.cli.progress import progress
         from cuboid.runs.pipeline.measuring import measure
         from cuboid.runs.pipeline.options import never
+        from cuboid.runs.tracking.types import RigLike
 
         with source_of(args, interruption) as source, progress() as shown:
+            if args.output is not None and isinstance(source, RigLike):
+                raise InputError("--output writes the camera.json of one camera; measure with each of the rig alone")
             live = args.camera is not None
             time_s = args.seconds or (LIVE_S if live else None)
             stop = never if live else interruption
@@ -122,7 +125,7 @@ def _write_picture(args: argparse.Namespace, found: Measured) -> None:
     write_whole(args.picture, cv2.imencode(args.picture.suffix, drawn[..., ::-1])[1].tobytes())
 
 
-def _write_camera(args: argparse.Namespace, source: Recording | LiveCamera, scale: Scale) -> None:
+def _write_camera(args: argparse.Namespace, source: Recording | LiveCamera | LiveRig, scale: Scale) -> None:
     """Write the calibration of the camera, with depth units that remove the error of scale if it is clear."""
     from cuboid.inputs.readers import Recording
     from cuboid.inputs.readers.calibration import write_camera

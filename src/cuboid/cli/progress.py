@@ -186,6 +186,10 @@ class TerminalProgress(_Shown):
         """Advance the bar."""
         self._bar.update(self._task, advance=1)
 
+    def warning(self, line: str) -> None:
+        """Print the line above the bar."""
+        self._bar.console.print(f"cuboid: warning: {line}", markup=False, soft_wrap=True)
+
     def _compiling(self, text: str) -> None:
         self._bar.update(self._task, state=text or self._state, refresh=True)
 
@@ -241,6 +245,10 @@ class LineProgress(_Shown):
     def skipped(self, index: int, reason: str) -> None:
         """Count the frame."""
         self._done += 1
+
+    def warning(self, line: str) -> None:
+        """Print the line."""
+        print(f"cuboid: warning: {line}", file=sys.stderr, flush=True)
 
 
 def progress() -> TerminalProgress | LineProgress:

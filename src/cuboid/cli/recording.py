@@ -126,6 +126,7 @@ def add_reading(
         type=Path,
         metavar="RECORDING",
         nargs="*" if several else None if required else "?",
+        default=[] if several else None,
         help="folder, file, archive or URL of the RGB-D recording",
     )
     return add_reading_options(parser, thinned=thinned, tracked=tracked)

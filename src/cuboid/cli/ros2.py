@@ -25,8 +25,17 @@ EXAMPLE = "cuboid ros2 --color /camera/color/image_raw --depth /camera/aligned_d
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     topics = parser.add_argument_group("topics in; Ctrl-C ends the node")
-    topics.add_argument("--color", metavar="TOPIC", help="color images (default: found by name)")
-    topics.add_argument("--depth", metavar="TOPIC", help="depth, aligned to color (default: found by name)")
+    found = "found by name"
+    topics.add_argument(
+        "--color",
+        action="append",
+        default=[],
+        metavar="TOPIC",
+        help=f"color images, with --rig of each camera, repeated (default: {found})",
+    )
+    topics.add_argument(
+        "--depth", action="append", default=[], metavar="TOPIC", help=f"depth, aligned to color (default: {found})"
+    )
     topics.add_argument("--info", metavar="TOPIC", help="CameraInfo of color (default: camera_info beside color)")
     topics.add_argument(
         "--pose",
@@ -34,6 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="estimated",
         help="camera poses: from tf, from a topic of PoseStamped, PoseWithCovarianceStamped or Odometry, or estimated "
         "from the images (default: %(default)s)",
+    )
+    topics.add_argument(
+        "--rig", type=Path, metavar="FILE", help="rig.json of several cameras, in the order of the color topics"
     )
     topics.add_argument("--world", metavar="FRAME", help="frame of the world (default: the root of tf; else map)")
     node = parser.add_argument_group("node")
@@ -79,9 +91,10 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.services.ros2.parameters import Parameters
 
     options = NodeOptions(
-        color=args.color,
-        depth=args.depth,
+        color=tuple(args.color),
+        depth=tuple(args.depth),
         info=args.info,
+        rig=args.rig,
         pose=args.pose,
         world=args.world,
         node=args.node,
@@ -134,7 +147,7 @@ def say_opened(args: argparse.Namespace, opened: OpenNode) -> None:
 
 def end(args: argparse.Namespace, opened: OpenNode) -> None:
     """Print the warnings and figures, and write the results if an output folder is given."""
-    for warning in opened.live.warnings:
+    for warning in opened.node.warnings:
         say(f"warning: {warning}")
     figures = opened.node.figures()
     give(args, figures, lambda: say(", ".join(f"{name} {value}" for name, value in figures.items())))

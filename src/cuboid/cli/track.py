@@ -29,7 +29,7 @@ from cuboid.ground.core.threads import cores
 
 if TYPE_CHECKING:
     from cuboid.cli.interrupt import Interruption
-    from cuboid.inputs.cameras import LiveCamera
+    from cuboid.inputs.cameras import LiveCamera, LiveRig
     from cuboid.inputs.readers import Recording
     from cuboid.method.text_search import TextModel
     from cuboid.runs.scene.running import IntoScene
@@ -49,7 +49,11 @@ OF_RECORDINGS = {
 def add_camera(parser: argparse.ArgumentParser) -> None:
     """Add `--camera`, `--record` and `--record-as`."""
     camera = parser.add_argument_group("live camera, instead of RECORDING; Ctrl-C ends it")
-    live = camera.add_argument("--camera", metavar="NAME[:OPTION=VALUE,...]", help="one of")
+    live = camera.add_argument(
+        "--camera",
+        metavar="NAME[:OPTION=VALUE,...]",
+        help="the camera, or with --rig several, such as realsense:SERIAL,realsense:SERIAL; NAME is one of",
+    )
     takes_names(live, camera_names)
     camera.add_argument("--record", type=Path, metavar="DIR", help="also store the frames, as a recording")
     camera.add_argument(
@@ -57,8 +61,18 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_rig(parser: argparse.ArgumentParser) -> None:
+    """Add `--rig`."""
+    parser.add_argument_group("several cameras").add_argument(
+        "--rig",
+        type=Path,
+        metavar="FILE",
+        help="rig.json of the cameras; RECORDING ..., or the live cameras, are theirs, in its order",
+    )
+
+
 @contextmanager
-def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[Recording | LiveCamera]:
+def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[Recording | LiveCamera | LiveRig]:
     """Open the recording or the camera that the arguments name; a signal ends the camera.
 
     Raises
@@ -74,39 +88,45 @@ def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[
         yield recording_of(args)
         return
     if args.recording:
-        raise InputError(f"a run has one source: either the recording {_recordings(args)[0]} or --camera {args.camera}")
+        raise InputError(f"a run has one source: either the recording {args.recording[0]} or --camera {args.camera}")
     for name, default in OF_RECORDINGS.items():
         if getattr(args, name) != default:
             raise InputError(f"--{name.replace('_', '-')} is for recordings only; a camera provides this value")
     from cuboid.cli.progress import load_kernels
-    from cuboid.inputs.cameras import open_camera
 
-    with open_camera(args.camera, record=args.record, form=args.record_as) as camera:
+    with cameras_from(args) as camera:
         interruption.on_signal = camera.close
         load_kernels()
         yield camera
 
 
+def cameras_from(args: argparse.Namespace) -> LiveCamera | LiveRig:
+    """Open the live camera, or those of a rig."""
+    from cuboid.inputs.cameras import open_camera, open_cameras
+    from cuboid.inputs.cameras.live_rig import named_cameras
+
+    if args.rig is not None:
+        return open_cameras(args.camera, args.rig, record=args.record, form=args.record_as)
+    count = len(named_cameras(args.camera))
+    if count > 1:
+        raise InputError(f"{count} live cameras need --rig rig.json; 'cuboid calibrate --rig' makes it")
+    return open_camera(args.camera, record=args.record, form=args.record_as)
+
+
 def recording_of(args: argparse.Namespace) -> Recording:
     """Open the recording, or those of a rig's cameras."""
-    recordings = _recordings(args)
+    recordings = args.recording
     if args.rig is None:
         if len(recordings) > 1:
             raise InputError(f"{len(recordings)} recordings need --rig rig.json; 'cuboid calibrate --rig' makes it")
         one = argparse.Namespace(**{**vars(args), "recording": recordings[0]})
-        return open_from(one, rigs=isinstance(args.recording, list))
+        return open_from(one, rigs=True)
     for name in ("format", "intrinsics", "depth_scale", "pose_convention", "topics"):
         if getattr(args, name) is not None:
             raise InputError(f"--{name.replace('_', '-')} is for one camera; leave it out with --rig")
     from cuboid.inputs.recordings.opening import open_rig
 
     return open_rig(args.rig, recordings, register=args.register)
-
-
-def _recordings(args: argparse.Namespace) -> list[Path]:
-    """Return the recordings that the arguments name; a command of one recording has no list."""
-    found = args.recording
-    return list(found) if isinstance(found, list) else [found]
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
@@ -163,10 +183,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     memory += f"file (default: {MEMORY_MB:g})"
     results.add_argument("--memory", type=megabytes, default=MEMORY_MB, metavar="MB", help=memory)
     add_camera(parser)
-    rig = parser.add_argument_group("several cameras")
-    rig.add_argument(
-        "--rig", type=Path, metavar="FILE", help="rig.json of the cameras; RECORDING ... are theirs, in its order"
-    )
+    add_rig(parser)
     add_recording(parser, default_threads=min(2, cores()), required=False, several=True)
 
 
@@ -182,10 +199,12 @@ def run(args: argparse.Namespace) -> int:
         from cuboid.inputs.readers import Recording
         from cuboid.runs.pipeline.options import ResultOptions, RunHooks, never
         from cuboid.runs.pipeline.run import track_recording
+        from cuboid.runs.tracking.types import RigLike
 
         with source_of(args, interruption) as source, progress() as shown:
             name = source.path.name if isinstance(source, Recording) else args.camera
-            with watching(args, name, source.intrinsics) as views:
+            cameras = [camera.name for camera in source.rig.cameras] if isinstance(source, RigLike) else []
+            with watching(args, name, source.intrinsics, cameras) as views:
                 outcome = track_recording(
                     source,
                     args.output,

@@ -16,8 +16,8 @@ def add_threads(parser: argparse._ActionsContainer, default: int) -> None:
         type=positive,
         default=default,
         metavar="N",
-        help="number of threads: with 1, the tracker decodes its frames itself; with 2, a second thread decodes ahead; "
-        "the libraries use more (default: %(default)s)",
+        help="number of threads: with 2, a second thread decodes and prepares the next frames; with 3, decoding has "
+        "its own; the libraries use more (default: %(default)s)",
     )
 
 

@@ -239,11 +239,10 @@ def _tables(
     read_as = ReadAs(recording.format, len(recording), recording.intrinsics, recording.has_poses)
     from cuboid.results.views.report import pictures_of
     from cuboid.results.views.report.pictures import last_sightings
-    from cuboid.services.queries.in_results import gone_objects
 
     embeddings = None if text_model is None else results.embed(text_model)
     folder = None if task.tables_only else _name(task)
-    last = pictures_of(results, recording.read, last_sightings, gone_objects(results))
+    last = pictures_of(results, recording.read, last_sightings, results.gone)
     return tables_of(task.head, results, read_as, pictures, folder, embeddings, last)
 
 

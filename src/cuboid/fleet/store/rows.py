@@ -25,7 +25,7 @@ from cuboid.results.files import Results, RunReport
 from cuboid.results.files.queries import saved_relations
 from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.report.pictures import Picture
-from cuboid.services.queries.in_results import gone_objects, later_in_results, seen_in_results
+from cuboid.services.queries.in_results import later_in_results, seen_in_results
 from cuboid.services.queries.likeness import color_fractions, color_word, shape_distribution
 from cuboid.services.queries.looking import CALENDAR_S
 from cuboid.services.queries.rows import CENTER, SIDES, sigma_names
@@ -233,7 +233,7 @@ def _objects(
         }
         for item in objects
     ]
-    gone = gone_objects(results)
+    gone = results.gone
     lasting = [last_pictures.get(item.label) for item in gone]
     rows += [{"gone": True, **_pictures(last, last)} for last in lasting]
     every = [*objects, *gone]

@@ -33,6 +33,11 @@ def compiling_s() -> float:
     return _thread.seconds + (time.perf_counter() - _thread.begun_s if _thread.depth else 0.0)
 
 
+def waited_for_compiling(seconds: float) -> None:
+    """Record that this thread has waited while another one compiled kernels for it."""
+    _thread.seconds += seconds
+
+
 def compiling() -> bool:
     """Return whether this thread is compiling a kernel."""
     return _thread.depth > 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from numbers import Real
@@ -117,6 +118,23 @@ class RigCamera:
     def downscaled(self, factor: int) -> RigCamera:
         """Return the camera whose pixels are blocks of `factor` x `factor` pixels of this one."""
         return RigCamera(self.name, self.intrinsics.downscaled(factor))
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """Several cameras with one map.
+
+    Attributes
+    ----------
+    kind : {"fixed", "moving"}
+    cameras : tuple of RigCamera
+    T_rig_camera : mapping of str to (4, 4) float64
+        Pose of each camera in the rig, by name; empty if the frames of each camera have poses in one world.
+    """
+
+    kind: str
+    cameras: tuple[RigCamera, ...]
+    T_rig_camera: Mapping[str, Float64Array]
 
 
 @dataclass(frozen=True, slots=True)

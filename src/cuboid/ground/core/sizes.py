@@ -20,7 +20,7 @@ def size_text(
     sigma_m: Sequence[float] | None = None,
     *,
     errors: bool = False,
-    times: str = " x ",
+    separator: str = " x ",
 ) -> str:
     """Return length, width and height as text, centimetres.
 
@@ -31,17 +31,17 @@ def size_text(
         Their standard deviations, metres; empty or None if they are not known.
     errors : bool
         Whether each size is followed by half its 95 % interval, if that is known.
-    times : str
+    separator : str
         Text between the sizes.
     """
     if not sigma_m:
-        return times.join(f"{100 * side:.1f}" for side in size_m)
+        return separator.join(f"{100 * side:.1f}" for side in size_m)
     parts = []
     for side, sigma in zip(size_m, sigma_m, strict=True):
         within = max(SIGMAS_95 * sigma, FINEST_M)
         digits = 0 if within >= COARSE_M else 1
         parts.append(f"{100 * side:.{digits}f}" + (f" ± {100 * within:.{digits}f}" if errors else ""))
-    return times.join(parts)
+    return separator.join(parts)
 
 
 def unseen_text(sides_seen: Collection[str], sigma_m: Sequence[float] | None) -> str:

@@ -1,8 +1,11 @@
-"""The number of threads that this process and its libraries may use."""
+"""The number of threads that this process and its libraries may use, and their memory."""
 
 from __future__ import annotations
 
+import ctypes
 import os
+import sys
+from contextlib import suppress
 
 # Environment variables that OpenMP, the linear algebra libraries of NumPy and SciPy, and numba read at first import.
 POOLS = (
@@ -12,6 +15,8 @@ POOLS = (
     "NUMEXPR_NUM_THREADS",
     "NUMBA_NUM_THREADS",
 )
+# Parameter of glibc's `mallopt`: the largest number of heaps (malloc.h).
+M_ARENA_MAX = -8
 
 
 def cores() -> int:
@@ -22,15 +27,33 @@ def cores() -> int:
 
 
 def pool_size(threads: int) -> int:
-    """Return the number of threads for a library: one of `threads` decodes frames ahead, if there are two or more."""
+    """Return the number of threads for a library: one of `threads` prepares frames ahead, if there are two or more."""
     return max(1, threads - 1)
 
 
 def limit_threads(threads: int) -> None:
-    """Limit the thread pool of every library to its part of `threads`; call this before importing the libraries."""
+    """Limit the thread pool of every library to its part of `threads`; call this before importing the libraries.
+
+    All threads of the process share one heap.
+    """
+    _share_heap()
     threads_of_pool = pool_size(threads)
     for name in POOLS:
         os.environ[name] = str(threads_of_pool)
     import cv2
 
     cv2.setNumThreads(threads_of_pool)
+
+
+def _share_heap() -> None:
+    """Let all threads share one heap: otherwise each has its own, and what one frees is lost to the others."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):  # another C library than glibc
+            ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
+
+
+def return_free_memory() -> None:
+    """Return the free memory of the heap to the system, after a stage that needed more than the next ones."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).malloc_trim(0)

@@ -63,10 +63,16 @@ def step_of(intrinsics: Intrinsics, width_px: int) -> int:
     return max(1, max(intrinsics.width, intrinsics.height) // width_px)
 
 
+def phase_of(step: int, count: int) -> tuple[int, int]:
+    """Return the pixel offset (x, y) of the subsampled image of a frame with `count` earlier frames."""
+    x, y = _PHASES[count % len(_PHASES)]
+    return x * step // 2, y * step // 2
+
+
 def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> WorkingImage:
     """Subsample a frame to at least `width_px` pixels on its longer side; the frame counter `count` sets the phase."""
     step = step_of(intrinsics, width_px)
-    x, y = (p * step // 2 for p in _PHASES[count % len(_PHASES)])
+    x, y = phase_of(step, count)
     rows, columns = intrinsics.height // step, intrinsics.width // step
     depth = without_mixed(np.ascontiguousarray(frame.depth_m[y::step, x::step][:rows, :columns]))
     color = np.empty((rows, columns, 3), np.uint8)

@@ -152,5 +152,5 @@ def _range(item: dict[str, Any]) -> str:
 
 def _title(name: str) -> str:
     """Return the name of a part as people write it: PlaneEntry, BoxOfTruth are a plane, a box."""
-    bare = name.removesuffix("Entry").removesuffix("OfTruth")
-    return bare[:1] + "".join(f" {char.lower()}" if char.isupper() else char for char in bare[1:])
+    stem = name.removesuffix("Entry").removesuffix("OfTruth")
+    return stem[:1] + "".join(f" {char.lower()}" if char.isupper() else char for char in stem[1:])

@@ -13,7 +13,9 @@ from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.core.values import (
     Direction,
     Entry,
+    Label,
     Metres,
+    Name,
     PinholeEntry,
     Point,
     Rotation,
@@ -73,6 +75,17 @@ class ObjectEntry(_Fields, frozen=True):  # type: ignore[misc, call-arg]
             raise ValueError(f"first_frame {self.first_frame} comes after last_frame {self.last_frame}")
 
 
+class GoneEntry(Entry, frozen=True):
+    """The name of an object that is gone, which the map no longer has."""
+
+    label: Label
+    name: Name
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise ValueError("expected a name that is not empty")
+
+
 class ObjectsDocument(Entry, frozen=True):
     """The map of objects at the end of a run: `objects.json`."""
 
@@ -83,11 +96,12 @@ class ObjectsDocument(Entry, frozen=True):
     planes: list[PlaneEntry]
     objects: list[ObjectEntry]
     walls: Annotated[tuple[WallEntry, ...], Meta(description="walls that objects are against")] = ()
+    gone: Annotated[tuple[GoneEntry, ...], Meta(description="names of objects that left before the end")] = ()
 
     def __post_init__(self) -> None:
         if self.up is not None:
             refuse_no_unit("up", self.up)
-        refuse_twice("label", [item.label for item in self.objects])
+        refuse_twice("label", [*(item.label for item in self.objects), *(item.label for item in self.gone)])
         labels = {item.label for item in self.objects}
         for item in self.objects:
             if item.relations is not UNSET:

@@ -17,7 +17,8 @@ FIXED, MOVING = "fixed", "moving"
 MAX_CAMERAS = 64
 
 # A name is a cell of `tracks.csv`, and a word of messages.
-CameraName = Annotated[str, Meta(min_length=1, max_length=50, pattern=r'^[^,"\x00-\x1f]+$')]
+MAX_NAME, NAME_PATTERN = 50, r'^[^,"\x00-\x1f]+$'
+CameraName = Annotated[str, Meta(min_length=1, max_length=MAX_NAME, pattern=NAME_PATTERN)]
 RecordingPath = Annotated[str, Meta(max_length=5000)]
 MatrixRow = tuple[Metres, Metres, Metres, Metres]
 RigidMatrix = tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRow]
@@ -29,6 +30,10 @@ class RigCameraEntry(Entry, frozen=True, forbid_unknown_fields=True):
     name: Annotated[CameraName, Meta(description="name of the camera")]
     recording: Annotated[
         RecordingPath | None, Meta(description="path of its recording, relative to the folder of the file")
+    ] = None
+    serial: Annotated[
+        CameraName | None,
+        Meta(description="device of the live camera: serial number, id (OAK, Record3D) or color topic (ROS 2)"),
     ] = None
     T_rig_camera: Annotated[
         RigidMatrix | None,

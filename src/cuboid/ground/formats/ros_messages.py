@@ -212,6 +212,23 @@ class RosBag(RosMessages):
         self._writer.write(self._connections[topic], time_ns, self.encode(message))
 
 
+def ros_name(camera: str) -> str:
+    """Return the name of a camera of a rig as a part of the name of a topic: letters, digits and underscores."""
+    name = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in camera)
+    return name if name[:1].isalpha() else f"camera_{name}"
+
+
+def optical_frame(camera: str) -> str:
+    """Return the frame of a camera of a rig; without a rig it is `OPTICAL_FRAME`."""
+    return OPTICAL_FRAME.replace("camera", ros_name(camera), 1)
+
+
+def camera_topics(camera: str) -> tuple[str, str]:
+    """Return the topics of color and depth of a camera of a rig; without a rig they are `COLOR` and `DEPTH`."""
+    color, depth = (topic.replace("camera", ros_name(camera), 1) for topic in (COLOR, DEPTH))
+    return color, depth
+
+
 def request_of(service: str) -> str:
     """Return the name that the request of a type of service ("std_srvs/srv/Trigger") has in rosbags."""
     return f"{service.replace('/srv/', '/srv/msg/')}_Request"

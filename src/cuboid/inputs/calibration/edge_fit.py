@@ -78,8 +78,11 @@ class Edges:
 
     def blurred(self, sigma_px: float) -> Edges:
         """Return a copy with blurred color edges."""
-        smooth = [[cv2.GaussianBlur(one, (0, 0), sigma_px) for one in two] for two in self.strength]
-        return replace(self, strength=np.array(smooth, np.float32))
+        smooth = np.empty_like(self.strength)
+        for k, two in enumerate(self.strength):
+            for axis, one in enumerate(two):
+                smooth[k, axis] = cv2.GaussianBlur(one, (0, 0), sigma_px)
+        return replace(self, strength=smooth)
 
     def chosen(self, which: npt.NDArray[np.bool_]) -> Edges:
         """Return the depth edges in a mask (N,)."""
@@ -154,16 +157,30 @@ def _strength(frame: Frame, size: tuple[int, int]) -> Float32Array:
     return np.array(strengths, np.float32)
 
 
-def fit_move(levels: dict[float, Edges], likely: Float64Array, *, shift_only: bool = False) -> Float64Array:
+def fit_move(edges: Edges, fine: Edges, likely: Float64Array, *, shift_only: bool = False) -> Float64Array:
     """Return the move (g, du, dv, 0, 0) with the best edge agreement, by coarse-to-fine search from several starts.
 
-    With `shift_only`, g stays that of `likely`.
+    Color edges with one blur at a time are in memory, besides those of the arguments.
+
+    Parameters
+    ----------
+    edges : Edges
+    fine : Edges
+        The same depth edges, with the color edges of the last step, blurred by `FINE_BLUR_PX`.
+    likely : (5,) float64
+        A further start.
+    shift_only : bool
+        Whether g stays that of `likely`.
     """
-    few = {sigma: level.few() for sigma, level in levels.items()}
+    few = edges.few()
     magnified = likely[:1] if shift_only else MAGNIFIED
-    starts = _starts(few[SEARCH_BLUR_PX], magnified)
-    ends = np.array([_refined(few, start, shift_only) for start in (likely, *starts)])
-    return np.asarray(ends[int(np.argmax(few[FINE_BLUR_PX].agreement(ends)))])
+    moves = [likely, *_starts(few.blurred(SEARCH_BLUR_PX), magnified)]
+    for sigma, fraction, shift in FINER:
+        level = replace(few, strength=fine.strength) if sigma == FINE_BLUR_PX else few.blurred(sigma)
+        moves = [_refined(level, move, fraction, shift, shift_only) for move in moves]
+        del level  # before the next one is made
+    ends = np.array(moves)
+    return np.asarray(ends[int(np.argmax(replace(few, strength=fine.strength).agreement(ends)))])
 
 
 def _starts(edges: Edges, magnified: Float64Array) -> list[Float64Array]:
@@ -179,20 +196,19 @@ def _starts(edges: Edges, magnified: Float64Array) -> list[Float64Array]:
     return kept
 
 
-def _refined(levels: dict[float, Edges], move: Float64Array, shift_only: bool) -> Float64Array:
-    """Return the best move near a given one, by search with decreasing steps."""
+def _refined(edges: Edges, move: Float64Array, fraction: float, shift: float, shift_only: bool) -> Float64Array:
+    """Return the best move near a given one, by search with these steps of magnification and shift."""
     steps = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     if shift_only:
         steps = steps[steps[:, 0] == 0]
     best = move
-    for sigma, fraction, shift in FINER:
-        for _ in range(3):
-            moves = np.repeat(best[None], len(steps), axis=0)
-            moves[:, :3] += steps * (fraction * best[0], shift, shift)
-            better = np.asarray(moves[int(np.argmax(levels[sigma].agreement(moves)))])
-            if (better == best).all():
-                break
-            best = better
+    for _ in range(3):
+        moves = np.repeat(best[None], len(steps), axis=0)
+        moves[:, :3] += steps * (fraction * best[0], shift, shift)
+        better = np.asarray(moves[int(np.argmax(edges.agreement(moves)))])
+        if (better == best).all():
+            break
+        best = better
     return best
 
 

@@ -15,7 +15,7 @@ from cuboid.inputs.calibration.views import View
 # one partner near each of these motions, radians of the median pixel (5, 11 and 20 degrees).
 MOTIONS_RAD = (0.09, 0.19, 0.35)
 # Maximum factor between a pair's motion and one of these.
-ALIKE = 1.6
+MAX_MOTION_FACTOR = 1.6
 # Minimum fraction of a view's points that lie in its partner's image.
 MIN_OVERLAP = 0.45
 # Number of points of a view that measure its overlap with another view.
@@ -36,7 +36,7 @@ def choose_pairs(views: Sequence[View], pinhole: Pinhole) -> list[tuple[int, int
                 for overlap, motion in seen
             ]
             j = int(np.argmin(off))
-            if off[j] < np.log(ALIKE) and j != i:
+            if off[j] < np.log(MAX_MOTION_FACTOR) and j != i:
                 pairs.add((i, j))
     return sorted(pairs)
 

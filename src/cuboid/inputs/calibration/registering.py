@@ -21,9 +21,7 @@ from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.inputs.calibration.calibrate import MIN_PAIRS, spread_out
 from cuboid.inputs.calibration.edge_fit import (
     FINE_BLUR_PX,
-    FINER,
     NOWHERE,
-    SEARCH_BLUR_PX,
     different_views,
     fit_baseline,
     fit_move,
@@ -43,12 +41,13 @@ FRAMES = 12
 # Minimum number of frames of a run for a check.
 MIN_FRAMES = 8
 # Depth counts as misaligned if the offset is at least CLEARLY_OFF of the image's width (4 of 640 pixels, the
-# uncertainty of depth edges), if both halves of the frames give the same move (within ALIKE of the offset, or 3 of 640
-# pixels), and if the cross-validated gain in edge agreement is at least CLEAR_GAIN and CLEAR_ERRORS standard errors.
+# uncertainty of depth edges), if both halves of the frames give the same move (within MAX_DIFFERENCE of the offset, or
+# DIFFERENCE_OF_WIDTH of the width, 3 of 640 pixels), and if the cross-validated gain in edge agreement is at least
+# CLEAR_GAIN and CLEAR_ERRORS standard errors.
 # Registered recordings gain up to 0.04, synthetic ones with 6 pixels offset 0.14. Stereo makes objects look larger,
 # which causes apparent offsets of up to 8 of 640 pixels: there is no warning below 10.
 CLEARLY_OFF, WORTH_A_WARNING = 0.006, 0.0156
-ALIKE, ALIKE_AT_LEAST = 0.35, 0.005
+MAX_DIFFERENCE, DIFFERENCE_OF_WIDTH = 0.35, 0.005
 CLEAR_GAIN, CLEAR_ERRORS = 0.03, 4.0
 # Limits of a pair of cameras: focal lengths differ by up to this factor (the search tries 0.62 to 1.62; those of a
 # RealSense differ by 1.57), and the optical centers by this fraction of the image's width (a fixed RealSense at hand
@@ -136,21 +135,19 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
         return None
     edges, factor = found
     views, width = different_views(edges), edges.strength.shape[3]
-    levels = {sigma: edges.blurred(sigma) for sigma in (SEARCH_BLUR_PX, *(one[0] for one in FINER))}
-    fine = levels[FINE_BLUR_PX]
-    shift_only = views < MIN_VIEWS
-    move = fit_move(levels, NOWHERE, shift_only=shift_only)
+    fine, shift_only = edges.blurred(FINE_BLUR_PX), views < MIN_VIEWS
+    move = fit_move(edges, fine, NOWHERE, shift_only=shift_only)
     off = size_of(edges, move - NOWHERE)
     before, after = fine.agreement_inside(np.stack([NOWHERE, move]))
     clear = bool(off > CLEARLY_OFF * width and after - before > CLEAR_GAIN)
     if clear:  # computed only if it is needed
         part, even = tile_of(edges) if shift_only else (edges.image, edges.image % 2 == 0)
-        halves = [{sigma: level.chosen(half) for sigma, level in levels.items()} for half in (even, ~even)]
-        fits = [fit_move(half, move, shift_only=shift_only) for half in halves]
+        halves = [(edges.chosen(half), fine.chosen(half)) for half in (even, ~even)]
+        fits = [fit_move(*half, move, shift_only=shift_only) for half in halves]
         gain, error, parts = gain_of(fine, part, even, *fits)
-        alike = size_of(edges, fits[0] - fits[1]) < max(ALIKE * off, ALIKE_AT_LEAST * width)
+        consistent = size_of(edges, fits[0] - fits[1]) < max(MAX_DIFFERENCE * off, DIFFERENCE_OF_WIDTH * width)
         spread = parts >= MIN_TILES or not shift_only
-        clear = alike and spread and gain > max(CLEAR_GAIN, CLEAR_ERRORS * error)
+        clear = consistent and spread and gain > max(CLEAR_GAIN, CLEAR_ERRORS * error)
     g, du, dv, p, _ = fit_baseline(fine, move).tolist()
     return Misregistration(clear, factor * off, g, (factor * du, factor * dv), factor * p, views)
 
@@ -169,8 +166,8 @@ def register_recording(recording: Recording) -> Registration:
     K = recording.intrinsics
     aligned = DepthCamera(K.fx, K.fy, K.cx, K.cy, (K.width, K.height), np.eye(4))
     start = recording.depth_camera or aligned
-    bare = recording.without_poses()
-    frames = bare.with_depth_camera(start)  # without the removal of color's lens distortion from depth
+    unposed = recording.without_poses()
+    frames = unposed.with_depth_camera(start)  # without the removal of color's lens distortion from depth
     found = find_misregistration(_spread(frames.read, range(len(frames))))
     if found is None or not found.clear:
         return Registration(found, recording)

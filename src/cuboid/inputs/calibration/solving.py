@@ -33,7 +33,7 @@ from cuboid.inputs.calibration.views import CELL_PX, ScaledPinhole, View
 # Degrees of freedom of the t-distributions: heavy tails, as in Kerl, Sturm, Cremers (IROS 2013).
 NU = 5.0
 # Errors of neighbouring pixels are correlated: a patch with this side, pixels of the recording, counts as one sample.
-ALIKE_PX = 64.0
+CORRELATED_PX = 64.0
 # Initial, minimum (that of a file with 4 digits) and maximum error of a relative pose, metres and radians.
 POSE_ERROR = np.array([0.01, np.radians(0.5)])
 MIN_POSE_ERROR = np.array([0.0003, np.radians(0.01)])
@@ -89,7 +89,7 @@ class Problem:
 
     def __init__(self, views: Sequence[View], pairs: Sequence[tuple[int, int]], factor: int) -> None:
         self._factor = factor
-        self._alike = max(1.0, (ALIKE_PX / (CELL_PX * factor)) ** 2)
+        self._correlated = max(1.0, (CORRELATED_PX / (CELL_PX * factor)) ** 2)
         self._views = views
         self._pairs = pairs
         self._T_given = relative(views, pairs)
@@ -181,7 +181,7 @@ class Problem:
         for k, (item, T_pair) in enumerate(zip(found, T, strict=True)):
             shift_m = T_pair[:3, 3] - corrections[k][:3, 3]
             for part, spread in zip(disagreements(item, T_pair, pinhole, shift_m), spreads, strict=True):
-                weight = (NU + 1) / (NU + (part.residual / spread) ** 2) / (spread**2 * self._alike)
+                weight = (NU + 1) / (NU + (part.residual / spread) ** 2) / (spread**2 * self._correlated)
                 weighted = part.by_parameter * weight[:, None]
                 A[k] += weighted.T @ part.by_parameter
                 a[k] += weighted.T @ part.residual

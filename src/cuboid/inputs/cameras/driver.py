@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from cuboid.ground.arrays import Float64Array, UInt8Array
@@ -33,12 +34,15 @@ class Shot:
         to color.
     T_world_camera : (4, 4) float64 or None
         Pose of the color camera, if the device provides it.
+    arrived_s : float
+        Time of arrival, seconds of the monotonic clock of this computer.
     """
 
     timestamp_s: float
     color: UInt8Array
     depth: DepthArray
     T_world_camera: Float64Array | None = None
+    arrived_s: float = field(default_factory=time.monotonic)
 
 
 class Driver(Protocol):

@@ -66,25 +66,28 @@ class LatestQueue(Generic[T]):
     capacity : int
     paced : bool
         Whether `put` waits for a free place instead.
+    changed : Condition, optional
+        Notified of each change; several queues with one consumer share it.
 
     Attributes
     ----------
     dropped : int
         Items that were pushed out.
+    paced : bool
     """
 
-    def __init__(self, capacity: int, *, paced: bool = False) -> None:
-        self.dropped = 0
-        self._capacity, self._paced = capacity, paced
+    def __init__(self, capacity: int, *, paced: bool = False, changed: threading.Condition | None = None) -> None:
+        self.dropped, self.paced = 0, paced
+        self._capacity = capacity
         self._items: deque[T] = deque()
-        self._changed = threading.Condition()
+        self._changed = changed or threading.Condition()
         self._stopped = threading.Event()
         self._ended = False
 
     def put(self, item: T) -> None:
         """Add an item; without effect once the queue was stopped."""
         with self._changed:
-            while self._paced and len(self._items) >= self._capacity and not self._stopped.is_set():
+            while self.paced and len(self._items) >= self._capacity and not self._stopped.is_set():
                 self._changed.wait(POLL_S)
             if len(self._items) >= self._capacity:
                 self._items.popleft()
@@ -101,6 +104,17 @@ class LatestQueue(Generic[T]):
     def stop(self) -> None:
         """End at once and discard remaining items; takes no lock, so that a signal handler may call it."""
         self._stopped.set()
+
+    def head(self) -> T | None:
+        """Return the oldest item, which remains in the queue; None if there is none now."""
+        with self._changed:
+            return self._items[0] if self._items else None
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether there are no more items, now and later."""
+        with self._changed:
+            return self._stopped.is_set() or (self._ended and not self._items)
 
     def get(self, idle: Callable[[], None] = lambda: None) -> T | None:
         """Wait for the oldest item and return it; None if there are no more items.

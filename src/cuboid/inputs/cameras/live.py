@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -25,6 +25,8 @@ from cuboid.inputs.readers.images import depth_in_metres
 
 # Time without frames after which a camera counts as gone, seconds; most need one or two seconds to start.
 SILENCE_S = 10.0
+# The option that says which of several devices is meant; of other cameras it is "serial".
+DEVICE_OPTIONS = {"oak": "id", "record3d": "id", "ros2": "color"}
 
 
 class LiveCamera:
@@ -45,6 +47,8 @@ class LiveCamera:
         Problems during the iteration, one line each.
     idle : callable
         Called repeatedly while the iteration waits for a frame.
+    queue : LatestQueue of Shot
+        The images that wait.
     """
 
     def __init__(
@@ -55,6 +59,7 @@ class LiveCamera:
         form: str = "plain",
         silence_s: float = SILENCE_S,
         capacity: int = FRAMES_WAITING,
+        changed: threading.Condition | None = None,
     ) -> None:
         if form not in FORMS:
             raise InputError(f"a camera is recorded as {' or '.join(FORMS)}, got '{form}'")
@@ -68,9 +73,10 @@ class LiveCamera:
         self.idle: Callable[[], None] = lambda: None
         self._driver, self._form, self._silence_s = driver, form, silence_s
         self._prepare(Path(driver.name))
-        self._queue: LatestQueue[Shot] = LatestQueue(capacity, paced=driver.paced)
+        self.queue: LatestQueue[Shot] = LatestQueue(capacity, paced=driver.paced, changed=changed)
         self._closing = threading.Event()
         self._failure = ""
+        self._count = 0
         self._unusable: list[str] = []
         self._thread: threading.Thread | None = None
 
@@ -85,7 +91,7 @@ class LiveCamera:
     @property
     def dropped(self) -> int:
         """Number of frames that were not taken in time."""
-        return self._queue.dropped
+        return self.queue.dropped
 
     def __enter__(self) -> Self:
         return self
@@ -101,7 +107,7 @@ class LiveCamera:
     def close(self) -> None:
         """End the iteration after the current frame; may be called from any thread or signal handler."""
         self._closing.set()
-        self._queue.stop()
+        self.queue.stop()
 
     def __iter__(self) -> Iterator[Frame]:
         """Iterate over frames until the camera ends or `close` is called.
@@ -113,11 +119,24 @@ class LiveCamera:
         OutputError
             The recording cannot be written.
         """
+        with self.capturing() as frame_of:
+            while (shot := self.queue.get(self.idle)) is not None:
+                frame = frame_of(shot)
+                if frame is not None:
+                    yield frame
+        if self._count == 0 and self.warnings:
+            raise InputError(self.warnings[-1])
+
+    @contextmanager
+    def capturing(self) -> Iterator[Callable[[Shot], Frame | None]]:
+        """Capture images into `queue`; yield a function that returns the frame of the next one, and records it.
+
+        The function returns None for an unusable image. At the end, problems are in `warnings`.
+        """
         if self._thread is not None:
             raise RuntimeError("a live camera can be iterated over once")
         self._thread = threading.Thread(target=self._capture, name="cuboid-camera", daemon=True)
         self._thread.start()
-        index = 0
         with ExitStack() as stack:
             keep = None
             if self.record is not None:
@@ -125,15 +144,21 @@ class LiveCamera:
                 keep = stack.enter_context(keeping(*place, self._driver.calibration.depth_camera))
             stack.callback(self._tell)
             stack.callback(self.close)
-            while (shot := self._queue.get(self.idle)) is not None:
-                frame = self._frame(index, shot)
+
+            def frame_of(shot: Shot) -> Frame | None:
+                frame = self._frame(self._count, shot)
                 if frame is not None:
                     if keep is not None:
                         keep(frame)
-                    yield frame
-                    index += 1
-        if index == 0 and self.warnings:
-            raise InputError(self.warnings[-1])
+                    self._count += 1
+                return frame
+
+            yield frame_of
+
+    @property
+    def failure(self) -> str:
+        """Why the camera ended by itself; empty while it goes on, and at a regular end."""
+        return self._failure
 
     def _frame(self, index: int, shot: Shot) -> Frame | None:
         """Return an undistorted frame with depth aligned to color; None, with the reason noted, if unusable."""
@@ -164,7 +189,7 @@ class LiveCamera:
             while not self._closing.is_set():
                 shot = self._driver.take(POLL_S)
                 if shot is not None:
-                    self._queue.put(shot)
+                    self.queue.put(shot)
                     last_s = time.monotonic()
                 elif time.monotonic() - last_s > self._silence_s:
                     self._failure = f"{self.name}: gave no frame for {self._silence_s:g} s"
@@ -176,7 +201,7 @@ class LiveCamera:
         except Exception as error:  # vendors' libraries raise all kinds of errors when a camera is unplugged
             self._failure = f"{self.name}: failed: {type(error).__name__}: {error}"
         finally:
-            self._queue.end()
+            self.queue.end()
 
 
 def open_camera(camera: str, *, record: PathLike | None = None, form: str = "plain") -> LiveCamera:
@@ -185,7 +210,8 @@ def open_camera(camera: str, *, record: PathLike | None = None, form: str = "pla
     Parameters
     ----------
     camera : str
-        ``NAME`` or ``NAME:OPTION=VALUE,...``: "realsense", "realsense:serial=831612070538,size=848x480".
+        ``NAME`` or ``NAME:OPTION=VALUE,...``: "realsense", "realsense:serial=831612070538,size=848x480". A first
+        value without a name is that of `DEVICE_OPTIONS`, as in "realsense:831612070538".
     record : path, optional
         Folder in which the frames are recorded.
     form : {"plain", "mcap"}
@@ -204,12 +230,16 @@ def open_camera(camera: str, *, record: PathLike | None = None, form: str = "pla
     MissingExtraError
         Its driver needs a package that is not installed.
     """
+    return camera_from(camera, lambda driver: LiveCamera(driver, record=record, form=form))
+
+
+def camera_from(camera: str, make: Callable[[Driver], LiveCamera]) -> LiveCamera:
+    """Open the driver that ``NAME:OPTION=VALUE,...`` names, and return the camera that is made of it."""
     name, _, rest = camera.partition(":")
     opener = CAMERAS.get(name)
-    options = _options(name, rest)
-    driver = opener(options)
+    driver = opener(_options(name, rest))
     try:
-        return LiveCamera(driver, record=record, form=form)
+        return make(driver)
     except BaseException:
         driver.close()
         raise
@@ -217,8 +247,10 @@ def open_camera(camera: str, *, record: PathLike | None = None, form: str = "pla
 
 def _options(name: str, text: str) -> Mapping[str, str]:
     options: dict[str, str] = {}
-    for item in filter(None, text.split(",")):
+    for number, item in enumerate(filter(None, text.split(","))):
         key, equals, value = item.partition("=")
+        if number == 0 and not equals:
+            key, equals, value = DEVICE_OPTIONS.get(name, "serial"), "=", item
         if not (key and equals and value) or key in options:
             raise InputError(f"--camera {name}: expected OPTION=VALUE,... each once, got '{text}'")
         options[key] = value

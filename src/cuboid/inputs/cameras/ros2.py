@@ -15,6 +15,7 @@ import os
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping
+from itertools import takewhile
 from typing import Any, TypeVar
 
 from cuboid.ground.core.errors import FrameError, InputError
@@ -104,7 +105,7 @@ class RosCamera:
         self.paired = self.unpaired = self.unposed = self.damaged = 0
         named = {"color": color, "depth": depth}
         topics = self._found_topics(named)
-        chosen = {kind: self._chosen(topics, kind, named[kind]) for kind in ("color", "depth")}
+        chosen = {kind: self._chosen(topics, kind, named[kind], beside=color or "") for kind in ("color", "depth")}
         self.name = f"ROS 2 {chosen['color']}"
         self._kinds = {kind: topics[topic] for kind, topic in chosen.items()}
         self._inlets: dict[str, Inlet] = {
@@ -122,8 +123,11 @@ class RosCamera:
         return "" if self._poses is None else self._poses.found_world
 
     def stamp_ns(self, timestamp_s: float) -> int:
-        """Return the stamp of the image of a frame to the nanosecond, of one of the last frames."""
-        return self._stamps_ns[timestamp_s]
+        """Return the stamp of the image of a frame to the nanosecond, of one of the last frames.
+
+        The time of a frame of a rig is rounded to microseconds.
+        """
+        return self._stamps_ns[min(self._stamps_ns, key=lambda known_s: abs(known_s - timestamp_s))]
 
     def take(self, wait_s: float) -> Shot | None:
         """Return the next pair of color and depth that were taken together; None where there is none in time."""
@@ -230,8 +234,9 @@ class RosCamera:
 
         return self._within(DISCOVERY_S, both) or found
 
-    def _chosen(self, topics: Mapping[str, str], kind: str, named: str | None) -> str:
-        found = _candidates(topics, kind)
+    def _chosen(self, topics: Mapping[str, str], kind: str, named: str | None, beside: str) -> str:
+        """Return the named topic, else the likeliest one; of several cameras that of the camera of another topic."""
+        found = sorted(_candidates(topics, kind), key=lambda topic: -_shared(topic, beside))
         there = ", ".join(sorted(topics)) or "no images at all"
         if named is not None:
             if named not in topics:
@@ -264,6 +269,12 @@ def _candidates(topics: Mapping[str, str], kind: str) -> list[str]:
         return place, "compressed" in topic.lower()
 
     return sorted(named, key=rank)
+
+
+def _shared(topic: str, beside: str) -> int:
+    """Return the number of levels that two topics have in common: those of one camera have its namespace."""
+    pairs = zip(topic.split("/"), beside.split("/"), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def domain_of(named: str | None) -> int:

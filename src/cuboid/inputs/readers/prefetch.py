@@ -19,18 +19,21 @@ class _End:
 
 
 def run_ahead(items: Iterable[T], capacity: int) -> Generator[T, None, None]:
-    """Iterate over `items`, which a separate thread produces up to `capacity` items ahead.
+    """Iterate over `items`, which a separate thread produces up to `capacity` items ahead of the one in use.
 
-    The order is kept, and exceptions are raised where they would be without the thread. If the consumer stops early
-    (closes or drops the generator), the thread ends before the close returns.
+    The one in work counts too: the thread begins an item only when there is room for it. The order is kept, and
+    exceptions are raised where they would be without the thread. If the consumer stops early (closes or drops the
+    generator), the thread ends before the close returns.
     """
-    ready: queue.Queue[T | _End] = queue.Queue(maxsize=capacity)
-    stop = threading.Event()
+    ready: queue.SimpleQueue[T | _End] = queue.SimpleQueue()
+    room, stop = threading.Semaphore(capacity), threading.Event()
 
     def produce() -> None:
         try:
+            room.acquire()
             for item in items:
                 ready.put(item)
+                room.acquire()
                 if stop.is_set():
                     return
             ready.put(_End(None))
@@ -42,6 +45,7 @@ def run_ahead(items: Iterable[T], capacity: int) -> Generator[T, None, None]:
     try:
         while True:
             item = ready.get()
+            room.release()
             if isinstance(item, _End):
                 if item.error is not None:
                     raise item.error
@@ -49,7 +53,5 @@ def run_ahead(items: Iterable[T], capacity: int) -> Generator[T, None, None]:
             yield item
     finally:
         stop.set()
-        while thread.is_alive():  # the thread may wait for a free place in the queue
-            while not ready.empty():
-                ready.get_nowait()
-            thread.join(timeout=0.005)
+        room.release()
+        thread.join()

@@ -56,7 +56,11 @@ class Recording:
         measurement of each frame.
     warnings : tuple of str
         Warnings for the user about the files, one line each: images left out, images paired by order.
+    registration_checked : bool
+        Whether some of its frames were searched for depth that is displaced from color.
     """
+
+    registration_checked = False
 
     def __init__(
         self,
@@ -125,11 +129,11 @@ class Recording:
 
     def without_poses(self) -> Recording:
         """Return the same recording without its camera poses and their faults."""
-        bare = object.__new__(Recording)
-        bare.__dict__.update(self.__dict__)
-        bare.has_poses = False
-        bare.up_world = None
-        return bare
+        unposed = object.__new__(Recording)
+        unposed.__dict__.update(self.__dict__)
+        unposed.has_poses = False
+        unposed.up_world = None
+        return unposed
 
     def with_intrinsics(self, intrinsics: Intrinsics) -> Recording:
         """Return the same recording with other intrinsics; the images are unchanged."""

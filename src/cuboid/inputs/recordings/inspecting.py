@@ -117,12 +117,12 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
     """
     count = len(recording)
     chosen = range(count) if every_frame else _spread(count, FRAMES)
-    bare, K = recording.without_poses(), recording.intrinsics
+    unposed, K = recording.without_poses(), recording.intrinsics
     reasons: dict[int, str] = {}
     fractions, ranges, kept = [], [], []
     for index in chosen:
         try:
-            frame = bare.read(index)
+            frame = unposed.read(index)
         except FrameError as error:
             reasons[index] = str(error)
             continue
@@ -155,7 +155,7 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
         path_length_m=length_m,
         up_world=None if recording.up_world is None else tuple(recording.up_world.tolist()),
         up_measured=recording.up_measured,
-        depth_off_px=_depth_off_px(bare, kept),
+        depth_off_px=_depth_off_px(unposed, kept),
         skipped=_kinds(reasons),
         warnings=recording.warnings,
     )

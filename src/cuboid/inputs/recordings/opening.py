@@ -9,6 +9,7 @@ from pathlib import Path
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.paths import as_path
 from cuboid.ground.core.pose_convention import convention_names
+from cuboid.ground.core.threads import return_free_memory
 from cuboid.inputs.calibration.registering import Misregistration, displaced, is_off, register_recording
 from cuboid.inputs.readers import Recording
 from cuboid.inputs.readers import open_recording as read_recording
@@ -83,7 +84,9 @@ def open_recording(
     if register == OFF or (register == AUTO and recording.depth_camera is not None):
         return recording
     registration = register_recording(recording)
+    return_free_memory()
     found, registered = registration.found, registration.recording
+    recording.registration_checked = True
     if found is not None and found.clear and (register == ON or is_off(found, recording.intrinsics)):
         if registration.refused is None:
             return registered.with_warning(_said(found, registered))

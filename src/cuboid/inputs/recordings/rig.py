@@ -20,19 +20,20 @@ import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Frame, RigCamera
+from cuboid.ground.core.frame import Frame, Rig, RigCamera
 from cuboid.ground.formats import rig_file
 from cuboid.ground.formats.json_validation import read_json
 from cuboid.ground.formats.rig_file import FIXED, RigDocument
-from cuboid.ground.geometry.se3 import interpolate, inverse, tidied
+from cuboid.ground.geometry.se3 import exp, inverse, log, tidied
 from cuboid.inputs.readers import Recording
 
 RIG_FILE, FORMAT = "rig.json", "rig"
 # A camera that starts later or ends earlier than the others by more than this is named in a warning, seconds.
 LATE_S = 1.0
-# A frame of a moving rig has no pose if the nearest posed frame is farther away in time than this, seconds: in 0.1 s a
-# hand-held camera changes its velocity.
-MAX_GAP_S = 0.1
+# The pose of a moving rig is interpolated between two posed frames that are no farther apart than this, seconds, and
+# extrapolated from them for no longer. A hand-held camera accelerates by 2 m/s2: within this time, interpolation is
+# 2.5 mm off, a quarter of a voxel, and in twice the time a voxel. The last millisecond allows for rounded times.
+MAX_GAP_S = 0.101
 
 
 def is_rig(path: Path) -> bool:
@@ -111,6 +112,7 @@ class RigRecording(Recording):
         first = recordings[0]
         self.__dict__.update(first.__dict__)
         self.path, self.format, self.kind = path, FORMAT, rig.kind
+        self.registration_checked = all(one.registration_checked for one in recordings)
         self.parts = tuple(
             RigPart(
                 RigCamera(entry.name, recording.intrinsics),
@@ -128,10 +130,13 @@ class RigRecording(Recording):
         # The camera whose poses move the rig; None if each camera has its own poses, or none.
         posed = [k for k, part in enumerate(self.parts) if part.recording.has_poses]
         self._reference = posed[0] if posed and rig.cameras[0].pose is not None else None
+        if posed and self._reference is None and rig.kind != FIXED and len(posed) < len(self.parts):
+            name = next(part.camera.name for k, part in enumerate(self.parts) if k not in posed)
+            raise InputError(f"{path}: camera '{name}' has no poses; without 'T_rig_camera' each camera needs its own")
         self.has_poses = rig.kind == FIXED or bool(posed)
         self.warnings = (
             *(f"camera {part.camera.name}: {one}" for part in self.parts for one in part.recording.warnings),
-            *self._late(),
+            *late_warnings([part.camera.name for part in self.parts], self._times_s),
         )
 
     def __len__(self) -> int:
@@ -143,9 +148,10 @@ class RigRecording(Recording):
         return f"RigRecording({self.kind}: {len(self)} frames of {len(self.parts)} cameras ({names}); {self.path})"
 
     @property
-    def T_rig_camera(self) -> dict[str, Float64Array]:
-        """Pose of each camera in the rig, by name; empty if each recording has its own poses."""
-        return {part.camera.name: part.T_rig_camera for part in self.parts if part.T_rig_camera is not None}
+    def rig(self) -> Rig:
+        """The cameras with their poses in the rig."""
+        poses = {part.camera.name: part.T_rig_camera for part in self.parts if part.T_rig_camera is not None}
+        return Rig(self.kind, tuple(part.camera for part in self.parts), poses)
 
     def part_of(self, index: int) -> tuple[RigPart, int]:
         """Return the camera of a frame, and the frame's number in the recording of this camera."""
@@ -158,10 +164,10 @@ class RigRecording(Recording):
 
     def without_poses(self) -> RigRecording:
         """Return the same recording without its camera poses; the poses of the cameras in the rig remain known."""
-        bare = object.__new__(RigRecording)
-        bare.__dict__.update(self.__dict__)
-        bare.has_poses = False
-        return bare
+        unposed = object.__new__(RigRecording)
+        unposed.__dict__.update(self.__dict__)
+        unposed.has_poses = False
+        return unposed
 
     def timestamp_s(self, index: int) -> float:
         """Return the time of a frame in seconds."""
@@ -201,24 +207,32 @@ class RigRecording(Recording):
         return np.asarray(self._T_world_rig(time_s) @ part.T_rig_camera)
 
     def _T_world_rig(self, time_s: float) -> Float64Array:
-        """Return the pose of a moving rig at a time; raises FrameError if no posed frame is near."""
+        """Return the pose of a moving rig at a time; raises FrameError if there are no two posed frames near.
+
+        Before its first frame and after its last one, the reference moves on at constant velocity.
+        """
         assert self._reference is not None
         times_s, reference = self._times_s[self._reference], self.parts[self._reference]
         assert reference.T_rig_camera is not None
-        after = bisect.bisect_left(times_s, time_s)
-        near = [j for j in (after - 1, after) if 0 <= j < len(times_s) and abs(times_s[j] - time_s) <= MAX_GAP_S]
-        if not near:
-            raise FrameError(f"camera {reference.camera.name}, which has the poses of the rig, has no frame near")
-        poses = [reference.recording.pose(j) for j in near]
-        if len(near) == 1 or times_s[near[1]] == time_s:
-            T = poses[-1]
-        else:
-            first_s, last_s = times_s[near[0]], times_s[near[1]]
-            assert poses[0] is not None
-            assert poses[1] is not None
-            T = interpolate(poses[0], poses[1], (time_s - first_s) / (last_s - first_s))
-        assert T is not None
+        j = min(max(bisect.bisect_right(times_s, time_s) - 1, 0), len(times_s) - 1)
+        if times_s[j] == time_s:
+            return tidied(self._reference_pose(j) @ inverse(reference.T_rig_camera))
+        first, last = max(min(j, len(times_s) - 2), 0), min(j + 1, len(times_s) - 1)
+        gap_s = times_s[last] - times_s[first]
+        outside_s = max(times_s[first] - time_s, time_s - times_s[last])
+        if not 0 < gap_s <= MAX_GAP_S or outside_s > MAX_GAP_S:
+            raise FrameError(f"camera {reference.camera.name}, which has the poses of the rig, has no frames near")
+        T_world_first = self._reference_pose(first)
+        motion = log(inverse(T_world_first) @ self._reference_pose(last))
+        T = T_world_first @ exp(motion * (time_s - times_s[first]) / gap_s)
         return tidied(T @ inverse(reference.T_rig_camera))
+
+    def _reference_pose(self, j: int) -> Float64Array:
+        """Return the pose of a frame of the camera that moves the rig; raises FrameError if it has none."""
+        assert self._reference is not None
+        T = self.parts[self._reference].recording.pose(j)
+        assert T is not None
+        return T
 
     def read(self, index: int) -> Frame:
         """Return one frame, decoded, with its camera; see `Recording.read`."""
@@ -233,32 +247,63 @@ class RigRecording(Recording):
         return replace(frame, index=index, T_world_camera=T_world_camera, camera=part.camera)
 
     def settings(self) -> dict[str, Any]:
-        """Return the entry of `run.json`: name, recording, frames, time and rate of each camera."""
-        spans = [(times_s[0], times_s[-1], len(times_s)) for times_s in self._times_s]
-        return {
-            "kind": self.kind,
-            "cameras": [part.camera.name for part in self.parts],
-            "recordings": [str(part.recording.path) for part in self.parts],
-            "frames": [count for _, _, count in spans],
-            "first_s": [first_s for first_s, _, _ in spans],
-            "last_s": [last_s for _, last_s, _ in spans],
-            "frames_per_second": [round(rate(*span), 2) for span in spans],
-            "offset_ms": [round(1e3 * _offset_s(times_s, self._times_s[0]), 2) for times_s in self._times_s],
-        }
+        """Return the entry of `run.json`; see `rig_settings`."""
+        paths = [str(part.recording.path) for part in self.parts]
+        return rig_settings(self.rig, paths, self._times_s, [k for _, k, _ in self._order])
 
-    def _late(self) -> list[str]:
-        """Return a warning for each camera that starts late or stops early."""
-        first_s, last_s = min(t[0] for t in self._times_s), max(t[-1] for t in self._times_s)
-        found = []
-        for part, times_s in zip(self.parts, self._times_s, strict=True):
-            name = part.camera.name
-            if times_s[0] - first_s > LATE_S:
-                found.append(f"camera {name} starts {times_s[0] - first_s:.1f} s after the first camera")
-            if last_s - times_s[-1] > LATE_S:
-                found.append(f"camera {name} stops {last_s - times_s[-1]:.1f} s before the last camera")
-        if max(t[0] for t in self._times_s) > min(t[-1] for t in self._times_s):
-            found.append("the times of the cameras do not overlap; a rig needs recordings with a common clock")
-        return found
+    def thinned(self, every: int) -> list[int]:
+        """Return the numbers of each n-th frame of each camera, in order."""
+        return [index for index, (_, _, j) in enumerate(self._order) if j % every == 0]
+
+
+def rig_settings(
+    rig: Rig, recordings: Sequence[str], times_s: Sequence[Sequence[float]], sequence: Sequence[int]
+) -> dict[str, Any]:
+    """Return the entry of a rig in `run.json`: name, lens, recording, frames, time and rate of each camera.
+
+    Parameters
+    ----------
+    rig : Rig
+    recordings : sequence of str
+        Paths of the recordings; empty if there are none.
+    times_s : sequence of sequences of float
+        Times of the frames of each camera; empty for a camera without a frame.
+    sequence : sequence of int
+        The number of the camera of each frame, in the order of the frames.
+    """
+    lenses = {
+        key: [getattr(camera.intrinsics, key) for camera in rig.cameras]
+        for key in ("fx", "fy", "cx", "cy", "width", "height")
+    }
+    spans = [(times[0], times[-1], len(times)) if times else (0.0, 0.0, 0) for times in times_s]
+    return {
+        "kind": rig.kind,
+        "cameras": [camera.name for camera in rig.cameras],
+        **lenses,
+        "recordings": list(recordings),
+        "frames": [count for _, _, count in spans],
+        "first_s": [first_s if count else None for first_s, _, count in spans],
+        "last_s": [last_s if count else None for _, last_s, count in spans],
+        "frames_per_second": [round(rate(*span), 2) for span in spans],
+        "offset_ms": [
+            round(1e3 * _offset_s(times, times_s[0]), 2) if times and times_s[0] else None for times in times_s
+        ],
+        "sequence": list(sequence),
+    }
+
+
+def late_warnings(names: Sequence[str], times_s: Sequence[Sequence[float]]) -> list[str]:
+    """Return a warning for each camera that starts late or stops early; each has a frame."""
+    first_s, last_s = min(times[0] for times in times_s), max(times[-1] for times in times_s)
+    found = []
+    for name, times in zip(names, times_s, strict=True):
+        if times[0] - first_s > LATE_S:
+            found.append(f"camera {name} starts {times[0] - first_s:.1f} s after the first camera")
+        if last_s - times[-1] > LATE_S:
+            found.append(f"camera {name} stops {last_s - times[-1]:.1f} s before the last camera")
+    if max(times[0] for times in times_s) > min(times[-1] for times in times_s):
+        found.append("the times of the cameras do not overlap; a rig needs recordings with a common clock")
+    return found
 
 
 def rate(first_s: float, last_s: float, count: int) -> float:

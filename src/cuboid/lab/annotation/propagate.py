@@ -16,7 +16,7 @@ from cuboid.inputs.readers.recording import Recording
 # sides.
 MIDDLE = 0.25
 # Minimum depth that a sensor measures, metres.
-NEAR_M = 0.05
+MIN_DEPTH_M = 0.05
 # Minimum fraction of a rectangle inside the picture; below it the object has left the picture.
 MIN_LEFT = 0.15
 
@@ -61,7 +61,7 @@ def _propagated(
         return _whole(rect)
     middle, half = (rect[:2] + rect[2:]) / 2.0, (rect[2:] - rect[:2]) / 2.0
     moved = transform(T_target_source, K.points(middle[0], middle[1], z))
-    if moved[2] < NEAR_M:
+    if moved[2] < MIN_DEPTH_M:
         return None
     center = K.pixels(moved)
     low, high = center - half * z / moved[2], center + half * z / moved[2]
@@ -76,7 +76,7 @@ def _depth_of(rect: Float64Array, depth_m: Float32Array) -> float | None:
     inset = MIDDLE * (rect[2:] - rect[:2])
     x0, y0, x1, y1 = np.round((*(rect[:2] + inset), *(rect[2:] - inset))).astype(int)
     part = depth_m[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)]
-    measured = part[np.isfinite(part) & (part > NEAR_M)]
+    measured = part[np.isfinite(part) & (part > MIN_DEPTH_M)]
     return float(np.median(measured)) if len(measured) else None
 
 

@@ -17,6 +17,8 @@ from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
 
 # The name that Boxer gives to an object of no known class.
 ANYTHING = "anything"
+# Columns of the table of 2D boxes that Boxer's detector writes beside the table of 3D boxes.
+RECT_COLUMNS = {"x1", "y1", "x2", "y2"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +43,22 @@ class BoxerObject:
 
 
 def is_boxer(path: Path) -> bool:
-    """Return whether a file is such a table: its first column is `time_ns`, and it has boxes in the world."""
+    """Return whether a file is such a table: its first column is `time_ns`, and it has boxes in the world.
+
+    Raises
+    ------
+    InputError
+        It is Boxer's table of 2D boxes.
+    """
     if path.suffix.lower() != ".csv":
         return False
     with closing(text_lines(path)) as lines:
         names = [name.strip() for name in next(iter(lines), "").split(",")]
+    if names[0] == "time_ns" and set(names) >= RECT_COLUMNS:
+        raise InputError(
+            f"{path}: is Boxer's table of 2D boxes in images; expected the table of its 3D boxes, with the columns "
+            "time_ns, tx_world_object, ..."
+        )
     return names[0] == "time_ns" and "tx_world_object" in names
 
 

@@ -60,7 +60,7 @@ AZURE_RANGE_M = (0.25, 3.86)
 AZURE_EDGE_HOLES = 0.6
 # iPhone: width of its depth images, pixels; deviation of its smoothing, pixels of these images; deviation of the
 # error that is alike over 8 of these pixels, metres and fraction of the depth.
-PHONE_WIDTH, PHONE_BLUR_PX, PHONE_ALIKE_PX = 256, 0.9, 8.0
+PHONE_WIDTH, PHONE_BLUR_PX, PHONE_CORRELATED_PX = 256, 0.9, 8.0
 PHONE_ERROR_M, PHONE_ERROR_FRACTION = 0.002, 0.003
 PHONE_RANGE_M = (0.1, 5.0)
 # Unit of depth of all but the iPhone, metres.
@@ -126,7 +126,7 @@ def iphone_lidar(seen: Seen, intrinsics: Intrinsics, rng: np.random.Generator) -
         interpolation=cv2.INTER_AREA,
     )
     small = cv2.GaussianBlur(small, (0, 0), PHONE_BLUR_PX)
-    error = _blobs(small.shape, PHONE_ALIKE_PX, rng)
+    error = _blobs(small.shape, PHONE_CORRELATED_PX, rng)
     small += error * (np.float32(PHONE_ERROR_M) + np.float32(PHONE_ERROR_FRACTION) * small)
     measured = np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
     return within(measured, measured, np.zeros(measured.shape, np.bool_), PHONE_RANGE_M)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
+from typing import TypedDict
 
 import numpy as np
 
@@ -221,6 +222,14 @@ FRAMES: Mapping[str, int] = MappingProxyType(
         "alone": 140,
     }
 )
+
+
+class SceneOptions(TypedDict, total=False):
+    """Options of `make_scene` that those who call it pass on."""
+
+    camera: str | None
+    meshes: Sequence[Model]
+    style: str
 
 
 def make_scene(

@@ -5,20 +5,18 @@ The cameras take turns: frame i is of camera i modulo their number, at i / 30 s.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import TypeVar, Unpack
 
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.geometry import se3
-from cuboid.lab.synthetic.kinds import FRAMES, make_scene
+from cuboid.lab.synthetic.kinds import FRAMES, SceneOptions, make_scene
 from cuboid.lab.synthetic.mesh import turn
 from cuboid.lab.synthetic.paths import around, look_at
 from cuboid.lab.synthetic.scene import Placed, Rig, Scene
-from cuboid.lab.synthetic.shapes import Model
 
 # Kinds whose first surface is free on all sides.
 FREE_KINDS = ("table", "clutter", "stacks", "overhead", "bin", "moving", "containers", "toybox", "tray", "alone")
@@ -46,9 +44,7 @@ def make_rig(
     *,
     moving: bool = False,
     frames: int | None = None,
-    camera: str | None = None,
-    meshes: Sequence[Model] = (),
-    style: str = "plain",
+    **made_as: Unpack[SceneOptions],
 ) -> Scene:
     """Make a scene that several cameras see; the same arguments make the same scene.
 
@@ -63,8 +59,8 @@ def make_rig(
         Whether the cameras move together along the path of the kind.
     frames : int, optional
         Frames of each camera; default: `FIXED_FRAMES`, or the kind's path.
-    camera, meshes, style
-        As for `make_scene`.
+    **made_as
+        The other options of `make_scene`.
 
     Raises
     ------
@@ -76,7 +72,7 @@ def make_rig(
     if not moving and kind not in FREE_KINDS:
         raise InputError(f"no rig can stand around a scene of the kind '{kind}'; there are {', '.join(FREE_KINDS)}")
     each = frames or (FRAMES[kind] // cameras if moving and kind in FRAMES else FIXED_FRAMES)
-    scene = make_scene(kind, seed, frames=each * cameras, camera=camera, meshes=meshes, style=style)
+    scene = make_scene(kind, seed, frames=each * cameras, **made_as)
     rng = np.random.default_rng([seed, STREAM, cameras])
     focal = tuple((1.0 + rng.uniform(-FOCAL, FOCAL, cameras)).tolist())
     if moving:

@@ -168,6 +168,11 @@ class Following:
         self._config = config
         self._arrivals.raise_noise(config.depth_noise_per_m)
 
+    @property
+    def gone(self) -> list[MapObject]:
+        """The objects that left and are reported as gone, in the order in which they left."""
+        return [one.entry for one in self._gone if one.reported]
+
     def take_events(self) -> list[ObjectEvent]:
         """Return the events since the last call, in the world of the map."""
         events, self._events = self._events, []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
+from cuboid.method.objects.kernels.pairing import lowest_cost
 
 
 def assign(score: Float64Array, minimum: float) -> list[tuple[int, int]]:
@@ -23,12 +24,14 @@ def assign(score: Float64Array, minimum: float) -> list[tuple[int, int]]:
         Row and column, by row.
     """
     # Keep only rows and columns with an accepted score: there may be thousands of columns.
-    from scipy.optimize import linear_sum_assignment
-
     worth = score >= minimum
     rows, columns = np.flatnonzero(worth.any(1)), np.flatnonzero(worth.any(0))
     if len(rows) == 0:
         return []
     part = np.where(worth, score, 0.0)[np.ix_(rows, columns)]
-    chosen = zip(*linear_sum_assignment(part, maximize=True), strict=True)
-    return [(int(rows[i]), int(columns[j])) for i, j in chosen if part[i, j] >= minimum]
+    upright = len(rows) <= len(columns)
+    cost = np.ascontiguousarray(-(part if upright else part.T), np.float64)
+    chosen = np.empty(len(cost), np.int64)
+    lowest_cost(cost, chosen)
+    pairs = enumerate(chosen.tolist()) if upright else sorted((i, j) for j, i in enumerate(chosen.tolist()))
+    return [(int(rows[i]), int(columns[j])) for i, j in pairs if part[i, j] >= minimum]

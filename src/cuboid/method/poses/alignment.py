@@ -37,7 +37,7 @@ MIN_INLIERS, MIN_CORRELATION, MIN_POINTS = 0.6, 0.8, 150
 # and no direction has a larger standard deviation than this, metres and radians.
 MAX_DEVIATION_M, MAX_DEVIATION_RAD = 0.03, 0.02
 # Errors of neighbouring pixels are correlated: this many residuals count as one.
-ALIKE = 50.0
+CORRELATED_RESIDUALS = 50.0
 # Standard deviation in addition to noise: metres, and per metre between the cameras; radians, and per metre.
 FLOOR_M, FLOOR_FRACTION, FLOOR_RAD, FLOOR_RAD_PER_M = 0.0005, 0.008, 0.0005, 0.008
 # Intensity variance of pure noise, grey levels squared: two uniform images count as correlated.
@@ -114,7 +114,7 @@ class Alignment:
         baseline_m : float
             Distance to the image of the points: errors of intrinsics and depth grow with it.
         """
-        noise = ALIKE * np.linalg.inv(self.information + np.diag([1.0] * 6))
+        noise = CORRELATED_RESIDUALS * np.linalg.inv(self.information + np.diag([1.0] * 6))
         floor_m, floor_rad = FLOOR_M + FLOOR_FRACTION * baseline_m, FLOOR_RAD + FLOOR_RAD_PER_M * baseline_m
         return np.asarray(noise + np.diag([floor_m**2] * 3 + [floor_rad**2] * 3))
 

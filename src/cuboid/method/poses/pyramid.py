@@ -71,14 +71,14 @@ def shrink(frame: Frame, intrinsics: Intrinsics) -> tuple[UInt8Array, Float32Arr
     """Return gray (h, w) uint8, depth (h, w) float32 in metres, and pinhole of a frame's finest level."""
     import cv2
 
-    times = halvings(intrinsics.width)
-    camera = intrinsics.downscaled(1 << times)
-    height, width = camera.height << times, camera.width << times
+    levels = halvings(intrinsics.width)
+    camera = intrinsics.downscaled(1 << levels)
+    height, width = camera.height << levels, camera.width << levels
     gray = cv2.cvtColor(frame.color[:height, :width], cv2.COLOR_RGB2GRAY)
-    if times:
+    if levels:
         gray = cv2.resize(gray, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     depth_m = frame.depth_m[:height, :width]
-    for _ in range(times):
+    for _ in range(levels):
         depth_m = _halved(depth_m)
     return np.asarray(gray, np.uint8), np.ascontiguousarray(depth_m), camera
 

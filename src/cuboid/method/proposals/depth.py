@@ -195,7 +195,7 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     closure = np.maximum(0.0, m[regions.STRENGTH]) / (outline + 2.0 * m[regions.GROOVES])
     # The length along pixel edges overestimates an outline by 4/pi on average over directions: a disc has roundness 1.
     roundness = 4.0 * np.pi * m[regions.PIXELS] / (outline * np.pi / 4.0) ** 2
-    wide = m[regions.RIGHTMOST] - m[regions.LEFT] + 1.0
+    wide = m[regions.RIGHTMOST] - m[regions.LEFTMOST] + 1.0
     high = m[regions.BOTTOM] - m[regions.TOP] + 1.0
     metres_per_pixel = m[regions.READINGS] / np.maximum(m[regions.INVERSE], 1e-9) / focal_px
     long_m = np.maximum(wide, high) * metres_per_pixel
@@ -220,7 +220,7 @@ def _best(scores: Float32Array, found: _Regions) -> npt.NDArray[np.int64]:
 
 
 def _as_proposals(found: _Regions, scores: Float32Array, order: npt.NDArray[np.int64], step: int) -> Proposals:
-    corners = [regions.LEFT, regions.TOP, regions.RIGHTMOST, regions.BOTTOM]
+    corners = [regions.LEFTMOST, regions.TOP, regions.RIGHTMOST, regions.BOTTOM]
     boxes = found.measures[order][:, corners].astype(np.int32) + np.array([0, 0, 1, 1], np.int32)
     sizes = boxes[:, 2:] - boxes[:, :2]
     flat = np.empty(sizes.prod(1).sum(), np.uint8)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.ground.core.errors import InputError, OutputError
-from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.core.paths import PathLike, as_path, file_name
 from cuboid.ground.formats.folder import OUTPUT_NAMES
 from cuboid.ground.formats.reading import real_path
 from cuboid.results.exports import (
@@ -88,11 +88,25 @@ def export(run: Results, name: str, path: PathLike, *, force: bool = False, **op
         if option not in form.options:
             with_it = ", ".join(key for key, one in EXPORTS.items() if option in one.options)
             raise InputError(f"'{name}' has no option {option}; of the exports these have: {with_it or 'none'}")
+    if form.one_camera and run.report.rig_cameras:
+        notes = [
+            f"{camera.name}: {note}"
+            for camera in run.report.rig_cameras
+            for note in export(
+                run.of_camera(camera.name), name, path_of_camera(path, camera.name), force=force, **options
+            )
+        ]
+        return [f"a file for each camera, such as {path_of_camera(path, run.report.rig_cameras[0].name)}", *notes]
     if form.suffix:
         with new_file(path, force=force) as file:
             return form.write(run, file, **options)
     with new_folder(path, force=force, replaces=form.names) as folder:
         return form.write(run, folder, **options)
+
+
+def path_of_camera(path: Path, camera: str) -> Path:
+    """Return the path of a camera's file: the name of the camera follows that of the file."""
+    return path.with_name(f"{path.stem}-{file_name(camera)}{path.suffix}")
 
 
 def _refuse(run: Results, name: str, form: Export, path: Path) -> None:
@@ -101,8 +115,6 @@ def _refuse(run: Results, name: str, form: Export, path: Path) -> None:
         raise OutputError(f"{path}: the name must end with {form.suffix} for '{name}'")
     if not form.suffix and path.suffix:
         raise OutputError(f"{path}: '{name}' makes a folder of files, whose name has no '{path.suffix}'")
-    if form.one_camera and run.report.rig_recordings:
-        raise InputError(f"{run.folder}: '{name}' is for results of one camera, and these are of a rig")
     real, results = real_path(path), real_path(run.folder)
     if real == results or (real.parent == results and real.name in OUTPUT_NAMES):
         raise OutputError(f"{path}: belongs to the results themselves; name another output")

@@ -30,7 +30,7 @@ from cuboid.ground.geometry.se3 import inverse
 from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results, TrackRow
 from cuboid.results.files.text import LENGTH, PIXEL, number, numbers
-from cuboid.results.views.projection import NEAR_M
+from cuboid.results.views.projection import NEAR_PLANE_M
 
 TYPE = "Misc"
 UPRIGHT = np.array([0.0, -1.0, 0.0])  # up in a level camera's frame
@@ -139,7 +139,7 @@ def _upright_turn(up: Float64Array) -> Float64Array:
 
 def _truncated(box: Box, intrinsics: Intrinsics) -> int:
     corners = box.corners()
-    if corners[:, 2].min() < NEAR_M:
+    if corners[:, 2].min() < NEAR_PLANE_M:
         return 2
     pixels = intrinsics.pixels(corners)
     low, high = pixels.min(axis=0), pixels.max(axis=0)

@@ -10,8 +10,9 @@
     /objects/furniture                               visualization_msgs/MarkerArray: the same of furniture, once
     /map                                             sensor_msgs/PointCloud2: the global point map, once, at the start
 
-Each used frame has the objects that it sees. A marker stays until its object is seen again; that of a label that was
-merged into another, or retired, is deleted after the last frame that saw it.
+Of a rig, the name of each camera stands in place of "camera". Each used frame has the objects that it sees. A marker
+stays until its object is seen again; that of a label that was merged into another, or retired, is deleted after the
+last frame that saw it.
 """
 
 from __future__ import annotations
@@ -25,7 +26,17 @@ from typing import Any
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.results import names_of
-from cuboid.ground.formats.ros_messages import COLOR, DEPTH, OPTICAL_FRAME, TRANSFORMS, WORLD_FRAME, RosBag, nanoseconds
+from cuboid.ground.formats.ros_messages import (
+    COLOR,
+    DEPTH,
+    OPTICAL_FRAME,
+    TRANSFORMS,
+    WORLD_FRAME,
+    RosBag,
+    camera_topics,
+    nanoseconds,
+    optical_frame,
+)
 from cuboid.ground.geometry.box import Box
 from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.exports.shown_frames import missing_pictures, shown_frames
@@ -70,11 +81,16 @@ def _write_frames(bag: RosBag, run: Results, shown: bool) -> None:
                 pieces = ((item.label, item.box) for item in run.furniture)
                 bag.publish(FURNITURE, marker_array(bag, _markers(bag, run, pieces, {}, time_ns)), time_ns)
             bag.publish(MAP, cloud_message(bag, points.xyz, points.rgb, time_ns, WORLD_FRAME), time_ns)
-        bag.publish(TRANSFORMS, bag.transforms([bag.transform(pose.T_world_camera, time_ns)]), time_ns)
-        for topic in (COLOR, DEPTH):
-            bag.publish(f"{topic}/camera_info", bag.camera_info(run.found.intrinsics, time_ns), time_ns)
+        camera = run.report.camera_of(frame)
+        optical = OPTICAL_FRAME if camera is None else optical_frame(camera.name)
+        transform = bag.transform(pose.T_world_camera, time_ns, child=optical)
+        bag.publish(TRANSFORMS, bag.transforms([transform]), time_ns)
+        topics = (COLOR, DEPTH) if camera is None else camera_topics(camera.name)
+        for topic in topics:
+            lens = run.found.intrinsics if camera is None else camera.intrinsics
+            bag.publish(f"{topic}/camera_info", bag.camera_info(lens, time_ns, optical), time_ns)
         if shown:
-            _write_pictures(bag, run, frame, time_ns)
+            _write_pictures(bag, run, frame, topics, optical, time_ns)
         markers = _markers(bag, run, ((row.label, row.box) for row in seen), names, time_ns)
         markers += [one for label in gone for one in deleted_markers(bag, label, time_ns, WORLD_FRAME)]
         bag.publish(MARKERS, marker_array(bag, markers), time_ns)
@@ -84,15 +100,16 @@ def _write_frames(bag: RosBag, run: Results, shown: bool) -> None:
             bag.publish(EVENTS, event_message(bag, event, name, time_ns, WORLD_FRAME), time_ns)
 
 
-def _write_pictures(bag: RosBag, run: Results, index: int, time_ns: int) -> None:
+def _write_pictures(bag: RosBag, run: Results, index: int, topics: tuple[str, str], optical: str, time_ns: int) -> None:
     """Write a frame's picture and depth, where they can still be read."""
     try:
         frame: Frame = run.recording.read(index)
     except FrameError:
         return
+    color, depth = topics
     for topic, image in (
-        (f"{COLOR}/image_raw/compressed", color_image(bag, frame.color, time_ns, OPTICAL_FRAME)),
-        (f"{DEPTH}/image_raw/compressedDepth", depth_image(bag, frame.depth_m, time_ns, OPTICAL_FRAME)),
+        (f"{color}/image_raw/compressed", color_image(bag, frame.color, time_ns, optical)),
+        (f"{depth}/image_raw/compressedDepth", depth_image(bag, frame.depth_m, time_ns, optical)),
     ):
         bag.publish(topic, image, time_ns)
 
@@ -124,6 +141,5 @@ EXPORTS.register("mcap")(
         "Foxglove, RViz, `ros2 bag play`: one bag with images, `tf`, markers, detections",
         write,
         extra="ros",
-        one_camera=True,
     )
 )

@@ -27,7 +27,7 @@ class Export:
     options : tuple of str
         Names of the options that `write` takes besides.
     one_camera : bool
-        Whether it is for results of one camera only: it needs the camera of each picture.
+        Whether a file is for one camera: of a rig, each camera gets a file, whose name ends with that of the camera.
     """
 
     suffix: str

@@ -5,10 +5,12 @@ A label that was merged into another, or retired, is cleared after the last fram
 
 from __future__ import annotations
 
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.results import names_of
 from cuboid.results.exports.registry import EXPORTS, Export
@@ -38,18 +40,29 @@ def _log_surroundings(scene: RerunScene, run: Results) -> None:
     scene.labels({row.label for row in run.tracks} | {item.label for item in found.objects})
     scene.map(run.map_points(), static=True)
     scene.planes(found.planes, static=True)
-    places = np.array([pose.T_world_camera[:3, 3] for pose in run.poses.values()]).reshape(-1, 3)
-    scene.path(places, static=True)
-    scene.pinhole(found.intrinsics)
+    places: dict[str, list[Float64Array]] = defaultdict(list)
+    for frame, pose in run.poses.items():
+        places[_camera(run, frame)].append(pose.T_world_camera[:3, 3])
+    lenses = {camera.name: camera.intrinsics for camera in run.report.rig_cameras}
+    for name, path in places.items():
+        scene.path(np.array(path), static=True, camera=name)
+        scene.pinhole(lenses.get(name, found.intrinsics), name)
 
 
 def _log_frames(scene: RerunScene, run: Results, shown: bool) -> None:
     """Log pose, picture and objects of each used frame."""
     for frame, pose, seen, gone in shown_frames(run):
         scene.moment(frame, pose.timestamp_s)
-        scene.camera(pose.T_world_camera, _picture(run, frame) if shown else None)
-        scene.objects(seen)
+        camera = _camera(run, frame)
+        scene.camera(pose.T_world_camera, _picture(run, frame) if shown else None, camera)
+        scene.objects(seen, camera)
         scene.gone(gone)
+
+
+def _camera(run: Results, frame: int) -> str:
+    """Return the name of a frame's camera; empty without a rig."""
+    camera = run.report.camera_of(frame)
+    return "" if camera is None else camera.name
 
 
 def _picture(run: Results, frame: int) -> bytes | None:
@@ -60,4 +73,4 @@ def _picture(run: Results, frame: int) -> bytes | None:
         return None
 
 
-EXPORTS.register("rerun")(Export(".rrd", "the rerun viewer", write, extra="rerun", one_camera=True))
+EXPORTS.register("rerun")(Export(".rrd", "the rerun viewer", write, extra="rerun"))

@@ -101,12 +101,12 @@ def shape_scene(run: Results, *, close: bool = False, complete: bool = False, co
     if collision not in COLLISION:
         raise InputError(f"collision must be one of {', '.join(COLLISION)}, got '{collision}'")
     T_scene_world = upright(run.up)
-    bodies, bare = [], []
+    bodies, without_surface = [], []
     digits = max(3, len(str(max((item.label for item in run.found.objects), default=0))))
     for item in run.found.objects:
         mesh = run.mesh(item.label, close=close, complete=complete)
         if not len(mesh.faces):
-            bare.append(f"#{item.label}")
+            without_surface.append(f"#{item.label}")
             continue
         T_world_body = np.eye(4)
         T_world_body[:3, :3] = item.box.rotation
@@ -114,7 +114,7 @@ def shape_scene(run: Results, *, close: bool = False, complete: bool = False, co
         local = mesh.moved(se3.inverse(T_world_body))
         name = node_name(item, digits)
         bodies.append(Body(item, name, T_scene_world @ T_world_body, local, collision_of(local, item, collision)))
-    notes = [f"no view shows a surface of {', '.join(bare)}: left out"] if bare else []
+    notes = [f"no view shows a surface of {', '.join(without_surface)}: left out"] if without_surface else []
     return ShapeScene(T_scene_world, bodies, [_outline(plane, T_scene_world) for plane in run.planes], notes)
 
 

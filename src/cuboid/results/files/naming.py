@@ -11,10 +11,12 @@ from typing import Any
 
 from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.results import TrackedObject
-from cuboid.ground.formats.folder import OBJECTS, REPORT
+from cuboid.ground.formats.folder import EVENTS, OBJECTS, REPORT
 from cuboid.method.objects.naming import chosen_name
+from cuboid.results.files.gone import gone_labels
 from cuboid.results.files.objects import read_objects, write_objects
 from cuboid.results.files.pending import PendingFile, write_whole
+from cuboid.results.files.rows import read_events
 
 # Largest number of characters of a name, which is shown beside its label.
 LONGEST_NAME = 100
@@ -44,8 +46,8 @@ def renamed_object(item: TrackedObject, name: str) -> TrackedObject:
     return dataclasses.replace(item, **chosen_name((*seen, *item.names)))
 
 
-def name_object(folder: Path, label: int, name: str) -> TrackedObject:
-    """Set the name of an object or a piece of furniture of a result folder, and return it; an empty name removes it.
+def name_object(folder: Path, label: int, name: str) -> None:
+    """Set the name of an object, a gone one too, or of furniture of a result folder; an empty name removes it.
 
     Parameters
     ----------
@@ -65,20 +67,32 @@ def name_object(folder: Path, label: int, name: str) -> TrackedObject:
     name = checked_name(path, name)
     found = read_objects(path)
     item = next((item for item in (*found.objects, *found.furniture) if item.label == label), None)
-    if item is None:
-        raise InputError(f"{path}: no object has the label {label}")
-    named = renamed_object(item, name)
-    objects, furniture = (
-        tuple(named if other is item else other for other in entries) for entries in (found.objects, found.furniture)
-    )
+    if item is not None:
+        named = renamed_object(item, name)
+        objects, furniture = (
+            tuple(named if other is item else other for other in entries)
+            for entries in (found.objects, found.furniture)
+        )
+        changed, shown_name = dataclasses.replace(found, objects=objects, furniture=furniture), name_document(named)
+    else:
+        _refuse_unknown(folder, label)
+        others = {one: text for one, text in found.gone_names.items() if one != label}
+        changed = dataclasses.replace(found, gone_names=others | ({label: name} if name else {}))
+        shown_name = {"name": name}
     file = PendingFile(path)
     with file.writing():
-        write_objects(file.partial, dataclasses.replace(found, objects=objects, furniture=furniture))
+        write_objects(file.partial, changed)
         file.show()
     report = folder / REPORT
     if report.is_file():
-        write_whole(report, _renamed_page(report.read_text(encoding="utf-8"), named))
-    return named
+        write_whole(report, _renamed_page(report.read_text(encoding="utf-8"), label, shown_name))
+
+
+def _refuse_unknown(folder: Path, label: int) -> None:
+    """Raise InputError unless an object with the label left during the run."""
+    events = folder / EVENTS
+    if not events.exists() or label not in gone_labels(read_events(events)):
+        raise InputError(f"{folder / OBJECTS}: no object has the label {label}")
 
 
 def name_document(item: TrackedObject) -> dict[str, Any]:
@@ -107,16 +121,16 @@ def listed_names(names: Iterable[str]) -> str:
     return f"names: {', '.join(map(shown, every[:SHOWN_NAMES]))}{more}"
 
 
-def _renamed_page(page: str, item: TrackedObject) -> str:
+def _renamed_page(page: str, label: int, names: Mapping[str, Any]) -> str:
     """Return a page with the name of an object; a page without data of this program is returned unchanged."""
     found = re.search(r'(<script type="application/json" id="data">)(.*?)(</script>)', page, re.DOTALL)
     if found is None:
         return page
-    document, names = json.loads(found[2]), name_document(item)
+    document = json.loads(found[2])
     for entry in document["objects"]:
-        if entry["label"] == item.label:
+        if entry["label"] == label:
             entry.update(names)
-    for entry in document["changes"]:
-        if entry["label"] == item.label:
+    for entry in (*document["changes"], *document["gone"]):
+        if entry["label"] == label:
             entry["name"] = names["name"]
     return page[: found.start(2)] + page_json(document) + page[found.end(2) :]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,8 @@ class ObjectsFile:
     furniture : tuple of TrackedObject
         The furniture under the supporting planes, by label; empty unless it was requested. The file has it among the
         objects, with the kind "support".
+    gone_names : mapping of int to str
+        Names of objects that left before the end of the run, by label.
     """
 
     up: Float64Array | None
@@ -46,6 +48,7 @@ class ObjectsFile:
     objects: tuple[TrackedObject, ...]
     walls: tuple[Wall, ...] = ()
     furniture: tuple[TrackedObject, ...] = ()
+    gone_names: Mapping[int, str] = field(default_factory=dict)
 
     def with_relations(self, points: MapPoints) -> ObjectsFile:
         """Return a copy with the relations of the objects, and with the walls that are found in the points.
@@ -70,6 +73,7 @@ def write_objects(path: Path, content: ObjectsFile) -> None:
         The file cannot be written.
     """
     K, entries = content.intrinsics, (*content.objects, *content.furniture)
+    gone = [{"label": label, "name": name} for label, name in sorted(content.gone_names.items())]
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -85,6 +89,7 @@ def write_objects(path: Path, content: ObjectsFile) -> None:
         "planes": [surface_to_json(plane) for plane in content.planes],
         **({"walls": [surface_to_json(wall) for wall in content.walls]} if content.walls else {}),
         "objects": [object_to_json(item) for item in sorted(entries, key=lambda item: item.label)],
+        **({"gone": gone} if gone else {}),
     }
     write_json(path, document)
 
@@ -109,6 +114,7 @@ def read_objects(path: Path) -> ObjectsFile:
         objects=tuple(item for item in entries if item.kind != SUPPORT),
         walls=tuple(Wall(np.array(wall.normal), wall.offset, np.array(wall.extent)) for wall in document.walls),
         furniture=tuple(item for item in entries if item.kind == SUPPORT),
+        gone_names={one.label: one.name for one in document.gone},
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar
@@ -27,10 +27,13 @@ from cuboid.ground.formats.folder import (
     VIEWS,
     finish_replacing,
 )
+from cuboid.ground.formats.stored import is_there
 from cuboid.inputs.readers.recording import Recording
 from cuboid.inputs.readers.reopen import reopen_recording
 from cuboid.inputs.recordings.rig import FORMAT as RIG
+from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.sources import LOST
+from cuboid.results.files.gone import gone_objects
 from cuboid.results.files.naming import name_object
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.objects import ObjectsFile, read_objects
@@ -147,6 +150,11 @@ class Results(MapQueries):
         return ObjectTable(self.found.furniture)
 
     @property
+    def gone(self) -> ObjectTable:
+        """The objects that left during the run and did not come back, by label, as they were last seen."""
+        return ObjectTable(gone_objects(self.events, self.tracks, self.survivor, self.found.gone_names))
+
+    @property
     def planes(self) -> tuple[SupportPlane, ...]:
         """The supporting planes; `TrackedObject.plane` is an index into them."""
         return self.found.planes
@@ -157,7 +165,7 @@ class Results(MapQueries):
         return self.found.up
 
     def name(self, label: int, name: str) -> TrackedObject:
-        """Set the name of an object or of a piece of furniture in `objects.json`; an empty name removes it.
+        """Set the name of an object, a gone one too, or of furniture in `objects.json`; an empty name removes it.
 
         Returns
         -------
@@ -167,13 +175,15 @@ class Results(MapQueries):
         Raises
         ------
         InputError
-            No object or piece of furniture has the label, or the name is not a single line of at most 100 characters.
+            No object or furniture has the label, or the name is not a single line of at most 100 characters.
         OutputError
             The file cannot be written; it is unchanged.
         """
-        named = name_object(self.folder, label, name)
-        self.__dict__.pop("found", None)  # it is read again
-        return named
+        name_object(self.folder, label, name)
+        for old in ("found", "survivor"):
+            self.__dict__.pop(old, None)  # it is read again
+        every: list[TrackedObject] = [*self.objects, *self.furniture, *self.gone]
+        return next(item for item in every if item.label == label)
 
     @cached_property
     def walls(self) -> Sequence[Wall]:
@@ -271,6 +281,43 @@ class Results(MapQueries):
                 f"{path}: is not the rig of the results: expected frame {self.last_frame}, got {len(rig)} frames"
             )
         return rig
+
+    def of_camera(self, name: str) -> Results:
+        """Return the results of one camera of a rig, with the frame numbers of its own recording.
+
+        Objects, planes and the map are those of the rig; tracks, poses, intrinsics and the recording are those of the
+        camera.
+
+        Raises
+        ------
+        InputError
+            The results have no such camera.
+        """
+        report = self.report
+        names = [camera.name for camera in report.rig_cameras]
+        if name not in names:
+            raise InputError(f"{self.folder}: there is no camera '{name}'; there are: {', '.join(names) or 'none'}")
+        k, (cameras, numbers) = names.index(name), report.rig_frames
+        if not len(cameras):
+            raise InputError(f"{self.folder / RUN}: does not say which camera took each frame")
+        one, settings = Results(self.folder, self.recording_path), {**report.config}
+        settings.pop("rig")
+        recordings = report.rig_recordings
+        one.report = replace(report, recording=recordings[k] if recordings else report.recording, config=settings)
+        one.found = replace(self.found, intrinsics=report.rig_cameras[k].intrinsics)
+        one.poses = {int(numbers[frame]): row for frame, row in self.poses.items() if cameras[frame] == k}
+        one.tracks = [
+            replace(row, frame=int(numbers[row.frame]), camera="") for row in self.tracks if cameras[row.frame] == k
+        ]
+        if self._has_recording:
+            assert isinstance(self.recording, RigRecording)
+            one.recording = self.recording.of(name)
+        return one
+
+    @property
+    def _has_recording(self) -> bool:
+        """Whether the recording is there."""
+        return self.recording_path is not None or is_there(self.report.recording)
 
     def embed(self, model: PathLike | TextModel | None = None) -> Embeddings:
         """Embed pictures of the objects with an image-text model, store the vectors beside the results, return them.

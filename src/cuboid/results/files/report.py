@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.ground.core.frame import Intrinsics, RigCamera
 from cuboid.ground.formats.json_validation import read_json
 from cuboid.ground.formats.run_file import ConfigEntry, LimitReached, RunDocument, Timing
 from cuboid.inputs.readers.depth_camera import DepthCamera, depth_camera_of
@@ -43,7 +45,7 @@ class SkippedKind:
     count: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RunReport:
     """The contents of `run.json`.
 
@@ -123,12 +125,32 @@ class RunReport:
 
     @property
     def every(self) -> int:
-        """Every n-th frame of the recording was used."""
+        """Every n-th frame of the recording, or of each camera of a rig, was used."""
         return int(self.config.get("every", 1))
+
+    @cached_property
+    def rig_cameras(self) -> tuple[RigCamera, ...]:
+        """The cameras of a rig; empty without a rig."""
+        rig = self.config.get("rig", {})
+        lenses = (rig.get(key, ()) for key in ("fx", "fy", "cx", "cy", "width", "height"))
+        pinholes = [Intrinsics(*values) for values in zip(*lenses, strict=True)]
+        return tuple(map(RigCamera, rig.get("cameras", ()), pinholes))
+
+    @cached_property
+    def rig_frames(self) -> tuple[IntArray, IntArray]:
+        """For each frame of a rig: the number of its camera, and its number among the frames of this camera."""
+        return rig_frames(self.config)
+
+    def camera_of(self, frame: int) -> RigCamera | None:
+        """Return the camera that took a frame; None without a rig, or if that is not known."""
+        cameras, _ = self.rig_frames
+        return self.rig_cameras[cameras[frame]] if frame < len(cameras) else None
 
     def used(self) -> IntArray:
         """Return the frames of the recording that were used, (N,) int64, ascending."""
         read = np.arange(0, self.frames_read * self.every, self.every)
+        if len(self.rig_frames[1]):
+            read = np.flatnonzero(self.rig_frames[1] % self.every == 0)[: self.frames_read]
         return read[~np.isin(read, [frame for frame, _ in self.skipped])]
 
     def skipped_kinds(self) -> list[SkippedKind]:
@@ -168,6 +190,15 @@ class RunReport:
             "warnings": list(self.warnings),
             "limits": msgspec.to_builtins(dict(self.limits)),
         }
+
+
+def rig_frames(config: Mapping[str, Any]) -> tuple[IntArray, IntArray]:
+    """Return the frames of a rig as `RunReport.rig_frames` has them, from the settings of a run."""
+    cameras = np.array(config.get("rig", {}).get("sequence", ()), np.int64)
+    numbers = np.zeros(len(cameras), np.int64)
+    for k in np.unique(cameras):
+        numbers[cameras == k] = np.arange(np.count_nonzero(cameras == k))
+    return cameras, numbers
 
 
 def write_run(path: Path, report: RunReport) -> None:

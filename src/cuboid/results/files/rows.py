@@ -25,6 +25,8 @@ TRACKS_HEADER = RIG_TRACKS_HEADER.removesuffix(",camera")
 PROPOSALS_HEADER = header_of(ProposalEntry)
 EVENTS_HEADER = header_of(EventEntry)
 AGENTS_HEADER = header_of(AgentEntry)
+# The ten numbers of a box: centre and size, then the quaternion.
+BOX_CELLS = ",".join([f"{{:z.{LENGTH}f}}"] * 6 + [f"{{:z.{DIRECTION}f}}"] * 4)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -250,8 +252,7 @@ def _of_a_frame(row: TrackRow | ProposalRow | EventRow | AgentRow, *cells: str) 
 
 
 def _box_cells(box: Box) -> str:
-    values = box_numbers(box)
-    return f"{numbers(values[:6], LENGTH)},{numbers(values[6:], DIRECTION)}"
+    return BOX_CELLS.format(*box_numbers(box))
 
 
 def _box_of(line: TrackEntry | ProposalEntry | AgentEntry) -> Box:

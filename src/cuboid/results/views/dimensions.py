@@ -40,17 +40,43 @@ def draw_dimensions(
     unit : str
         One of `UNITS`.
     """
-    picture, tags = draw_boxes(color, T_world_camera, intrinsics, [one.item for one in measures])
+    items = [one.item for one in measures]
+    picture, tags = draw_boxes(color, T_world_camera, intrinsics, items)
+    add_dimensions(picture, [item.box for item in items], T_world_camera, intrinsics, unit, tags)
+    return picture
+
+
+def add_dimensions(
+    picture: UInt8Array,
+    boxes: Sequence[Box],
+    T_world_camera: Float64Array,
+    intrinsics: Intrinsics,
+    unit: str,
+    tags: Sequence[Rect],
+) -> None:
+    """Draw the lengths of boxes into a picture, along an edge of each axis.
+
+    Parameters
+    ----------
+    picture : (H, W, 3) uint8
+        RGB; changed.
+    boxes : sequence of Box
+    T_world_camera : (4, 4) float64
+    intrinsics : Intrinsics
+    unit : str
+        One of `UNITS`.
+    tags : sequence of (left, top, right, bottom)
+        Places that numbers avoid, pixels.
+    """
     scale = unit_of(picture.shape[1])
     T_camera_world = inverse(T_world_camera)
     numbers: list[_Number] = []
-    for box in (one.item.box for one in measures):
+    for box in boxes:
         corners = transform(T_camera_world, box.corners())
         if corners[:, 2].min() > 0.0:
             pixels = intrinsics.pixels(corners)
             numbers += _dimensions(picture, box, corners, pixels, scale, unit)
     _put_numbers(picture, numbers, tags, scale)
-    return picture
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,6 +104,7 @@ def draw_frame(
     tinted: bool = True,
     names: Mapping[int, str] | None = None,
     steady: SteadyNames | None = None,
+    places: list[Rect] | None = None,
 ) -> UInt8Array:
     """Return a picture with the boxes of its objects.
 
@@ -129,6 +130,8 @@ def draw_frame(
         Names of the objects, by label.
     steady : SteadyNames, optional
         State of the names in the video to which the picture belongs as its next frame.
+    places : list of (left, top, right, bottom), optional
+        Gets the places of the tags, pixels.
 
     Returns
     -------
@@ -137,7 +140,10 @@ def draw_frame(
     items = [(item, _texts(item.label, names or {}), True) for item in hidden]
     items += [(item, _texts(item.label, names or {}), False) for item in sightings]
     drawn = _in_view(items, T_world_camera, intrinsics)
-    return _draw(color, intrinsics, drawn, status, tinted, steady)[0]
+    picture, tags = _draw(color, intrinsics, drawn, status, tinted, steady)
+    if places is not None:
+        places.extend(tags)
+    return picture
 
 
 def draw_boxes(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
@@ -27,6 +28,8 @@ class FoxgloveView:
     host : str
     port : int
         As in `FoxgloveServer`.
+    cameras : sequence of str
+        As in `RosStream`.
 
     Attributes
     ----------
@@ -41,11 +44,11 @@ class FoxgloveView:
         The port is in use, or the address does not belong to this machine.
     """
 
-    def __init__(self, intrinsics: Intrinsics, host: str = HOST, port: int = PORT) -> None:
+    def __init__(self, intrinsics: Intrinsics, host: str = HOST, port: int = PORT, cameras: Sequence[str] = ()) -> None:
         messages = RosMessages(FEATURE, EXTRA)
         self._server = FoxgloveServer(messages, host, port)
         self.port = self._server.port
-        self._stream = RosStream(messages, [self._server], intrinsics, pictures=[self._server])
+        self._stream = RosStream(messages, [self._server], intrinsics, pictures=[self._server], cameras=cameras)
         self._stream.settings = StreamSettings(map_every_s=MAP_EVERY_S)
         self._frames, self._diagnosed_s = 0, float("-inf")
 

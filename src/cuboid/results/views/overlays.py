@@ -13,7 +13,7 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import MapPoints, SupportPlane
 from cuboid.ground.geometry.se3 import inverse, transform
-from cuboid.results.views.projection import NEAR_M
+from cuboid.results.views.projection import NEAR_PLANE_M
 
 # Opacity of the colormap in a pixel of heat 1; colder pixels have less, pixels of heat 0 have none.
 HEAT_FRACTION = 0.80
@@ -130,7 +130,7 @@ def map_heat(
     """
     height, width = depth_m.shape
     xyz = transform(inverse(T_world_camera), points.xyz)
-    heat, xyz = points.heat[xyz[:, 2] > NEAR_M], xyz[xyz[:, 2] > NEAR_M]
+    heat, xyz = points.heat[xyz[:, 2] > NEAR_PLANE_M], xyz[xyz[:, 2] > NEAR_PLANE_M]
     u, v = np.rint(intrinsics.pixels(xyz)).astype(np.int64).T
     inside = np.flatnonzero((u >= 0) & (u < width) & (v >= 0) & (v < height))
     u, v, z, heat = u[inside], v[inside], xyz[inside, 2], heat[inside]
@@ -166,7 +166,7 @@ def planes_over(
         steps = np.linspace(0.0, 1.0, EDGE_STEPS, endpoint=False)[:, None]
         outline = np.concatenate([a + steps * (b - a) for a, b in itertools.pairwise(ring)])
         seen = transform(T_camera_world, outline)
-        seen = seen[seen[:, 2] > NEAR_M]
+        seen = seen[seen[:, 2] > NEAR_PLANE_M]
         if len(seen) < 3:
             continue
         pixels = np.clip(intrinsics.pixels(seen), -FARTHEST_PX, FARTHEST_PX).round().astype(np.int32)

@@ -15,7 +15,7 @@ from cuboid.ground.geometry.box import EDGES, Box
 from cuboid.ground.geometry.se3 import inverse, transform
 
 # Near plane of drawings, metres: nearer than the shortest depth that any RGB-D camera measures.
-NEAR_M = 0.05
+NEAR_PLANE_M = 0.05
 
 # Drawings extend beyond the image by this many pixels: room for the ends of thick lines.
 MARGIN_PX = 16.0
@@ -235,7 +235,7 @@ def _view_planes(intrinsics: Intrinsics, margin_px: float = MARGIN_PX) -> Float6
     right, bottom = (K.width + margin_px - K.cx) / K.fx, (K.height + margin_px - K.cy) / K.fy
     return np.array(
         [
-            [0.0, 0.0, 1.0, -NEAR_M],
+            [0.0, 0.0, 1.0, -NEAR_PLANE_M],
             [1.0, 0.0, -left, 0.0],
             [-1.0, 0.0, right, 0.0],
             [0.0, 1.0, -top, 0.0],

@@ -8,6 +8,8 @@
     world/camera/image        pinhole and picture; world/camera/image/objects: rectangles in it
     world/camera/depth        depth, of a run in progress
 
+Of a rig, each camera has its name behind ``world/camera`` and ``world/camera_path``.
+
 The timelines are ``frame`` (number in the recording) and ``time`` (seconds since the first frame).
 """
 
@@ -87,8 +89,8 @@ class RerunScene:
         self._up: str | None = None
         self._first_s: float | None = None
 
-    def pinhole(self, K: Intrinsics) -> None:
-        """Log the camera."""
+    def pinhole(self, K: Intrinsics, camera: str = "") -> None:
+        """Log the camera; of a rig, with its name."""
         for entity in ("image", "depth"):
             pinhole = self._rr.Pinhole(
                 focal_length=(K.fx, K.fy),
@@ -97,7 +99,7 @@ class RerunScene:
                 height=K.height,
                 image_plane_distance=IMAGE_PLANE_M,
             )
-            self.stream.log(f"world/camera/{entity}", pinhole, static=True)
+            self.stream.log(f"{_entity(camera)}/{entity}", pinhole, static=True)
 
     def up(self, up: Float64Array | None) -> None:
         """Log the up axis, if it is known and not logged yet."""
@@ -125,10 +127,10 @@ class RerunScene:
             strip = self._rr.LineStrips3D([outline], colors=PLANE_COLOR, radii=LINE_M)
             self.stream.log(f"world/planes/{number}", strip, static=static)
 
-    def path(self, places: Float64Array, *, static: bool) -> None:
+    def path(self, places: Float64Array, *, static: bool, camera: str = "") -> None:
         """Log the positions of the camera so far, (N, 3)."""
         strip = self._rr.LineStrips3D([places], colors=PATH_COLOR, radii=LINE_M / 2)
-        self.stream.log("world/camera_path", strip, static=static)
+        self.stream.log(_entity(camera, "world/camera_path"), strip, static=static)
 
     def moment(self, frame: int, timestamp_s: float) -> None:
         """Set the time of the following entries."""
@@ -136,20 +138,20 @@ class RerunScene:
         self.stream.set_time("frame", sequence=frame)
         self.stream.set_time("time", duration=round(timestamp_s - self._first_s, MICROSECOND))
 
-    def camera(self, T_world_camera: Float64Array, picture: bytes | None) -> None:
+    def camera(self, T_world_camera: Float64Array, picture: bytes | None, camera: str = "") -> None:
         """Log the pose of the camera, and its picture as JPEG."""
         rr, T = self._rr, T_world_camera
         turn = rr.Quaternion(xyzw=quat_wxyz_from_rotation(T[:3, :3])[[1, 2, 3, 0]])
-        self.stream.log("world/camera", rr.Transform3D(translation=T[:3, 3], quaternion=turn))
+        self.stream.log(_entity(camera), rr.Transform3D(translation=T[:3, 3], quaternion=turn))
         if picture is not None:
-            self.stream.log("world/camera/image", rr.EncodedImage(contents=picture, media_type="image/jpeg"))
+            self.stream.log(f"{_entity(camera)}/image", rr.EncodedImage(contents=picture, media_type="image/jpeg"))
 
-    def depth(self, png: bytes, units_per_metre: float) -> None:
+    def depth(self, png: bytes, units_per_metre: float, camera: str = "") -> None:
         """Log depth as a PNG of 16 bits."""
         image = self._rr.EncodedDepthImage(blob=png, media_type="image/png", meter=units_per_metre)
-        self.stream.log("world/camera/depth", image)
+        self.stream.log(f"{_entity(camera)}/depth", image)
 
-    def objects(self, seen: Sequence[Seen]) -> None:
+    def objects(self, seen: Sequence[Seen], camera: str = "") -> None:
         """Log the boxes of a frame, in the world and in its image."""
         rr = self._rr
         self.labels(item.label for item in seen)
@@ -166,7 +168,7 @@ class RerunScene:
         rects = np.array([item.rect_xyxy for item in seen]).reshape(-1, 4)
         labels = [item.label for item in seen]
         flat = rr.Boxes2D(array=rects, array_format=rr.Box2DFormat.XYXY, class_ids=labels)
-        self.stream.log("world/camera/image/objects", flat)
+        self.stream.log(f"{_entity(camera)}/image/objects", flat)
 
     def gone(self, labels: Iterable[int]) -> None:
         """Clear the boxes of labels that were merged or retired."""
@@ -177,6 +179,12 @@ class RerunScene:
         """Wait until all entries are sent."""
         self.stream.flush()
         self.stream.disconnect()
+
+
+def _entity(camera: str, entity: str = "world/camera") -> str:
+    """Return the entity of a camera; that of a camera of a rig has its name, with escapes for other signs."""
+    escaped = "".join(letter if letter.isalnum() or letter in "-_." else f"\\{letter}" for letter in camera)
+    return f"{entity}/{escaped}" if camera else entity
 
 
 def _axis_of(up: Float64Array | None) -> str | None:

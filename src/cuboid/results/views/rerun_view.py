@@ -50,8 +50,9 @@ class RerunView:
     def __init__(self, where: str, name: str, intrinsics: Intrinsics) -> None:
         self._scene = RerunScene(name, "--rerun")
         self._open(where)
-        self._scene.pinhole(intrinsics)
-        self._places: list[Float64Array] = []
+        self._intrinsics = intrinsics
+        self._places: dict[str, list[Float64Array]] = {}
+        self._used = 0
         self._shown: set[int] = set()
         self._last: TrackerView | None = None
 
@@ -86,15 +87,20 @@ class RerunView:
         """Show a used frame and its results."""
         scene = self._scene
         scene.moment(frame.index, frame.timestamp_s)
-        scene.camera(result.T_world_camera, encode_jpeg(frame.color, JPEG_QUALITY))
-        scene.depth(_png(frame.depth_m), UNITS_PER_METRE)
-        scene.objects(result.sightings)
+        camera = frame.camera_name
+        if camera not in self._places:
+            self._places[camera] = []
+            scene.pinhole(frame.intrinsics_or(self._intrinsics), camera)
+        scene.camera(result.T_world_camera, encode_jpeg(frame.color, JPEG_QUALITY), camera)
+        scene.depth(_png(frame.depth_m), UNITS_PER_METRE, camera)
+        scene.objects(result.sightings, camera)
         lasting = {item.label for item in tracker.objects}
         scene.gone(sorted(self._shown - lasting))
         self._shown = (self._shown & lasting) | {seen.label for seen in result.sightings}
-        self._places.append(result.T_world_camera[:3, 3])
+        self._places[camera].append(result.T_world_camera[:3, 3])
         self._last = tracker
-        if len(self._places) % MAP_EVERY == 1:
+        self._used += 1
+        if self._used % MAP_EVERY == 1:
             self._surroundings(tracker)
 
     def _surroundings(self, tracker: TrackerView) -> None:
@@ -102,7 +108,8 @@ class RerunView:
         self._scene.up(tracker.up)
         self._scene.map(tracker.map_points(), static=False)
         self._scene.planes(tracker.planes, static=False)
-        self._scene.path(np.array(self._places), static=False)
+        for camera, places in self._places.items():
+            self._scene.path(np.array(places), static=False, camera=camera)
 
 
 def _png(depth_m: Float32Array) -> bytes:

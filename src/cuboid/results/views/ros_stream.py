@@ -7,7 +7,8 @@
 /cuboid/cloud         sensor_msgs/PointCloud2            requested points
 /tf                   tf2_msgs/TFMessage                 the camera, and the objects if `object_frames` is set
 /diagnostics          diagnostic_msgs/DiagnosticArray    state of the run
-/cuboid/color/compressed, /cuboid/depth/compressedDepth, /cuboid/camera_info    for clients without another source
+/cuboid/color/compressed, /cuboid/depth/compressedDepth, /cuboid/camera_info    for clients without another source;
+                      of a rig, the name of each camera follows /cuboid
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,14 @@ import numpy as np
 from cuboid.ground.arrays import Float32Array, UInt8Array
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult, TrackedObject
-from cuboid.ground.formats.ros_messages import OPTICAL_FRAME, TRANSFORMS, RosMessages, nanoseconds
+from cuboid.ground.formats.ros_messages import (
+    OPTICAL_FRAME,
+    TRANSFORMS,
+    RosMessages,
+    nanoseconds,
+    optical_frame,
+    ros_name,
+)
 from cuboid.ground.middleware.transport import Outlet, Outlets, Qos
 from cuboid.results.views.live.watch import TrackerView
 from cuboid.results.views.ros_objects import (
@@ -101,6 +110,8 @@ class RosStream:
         Whether to send the pose of the camera; False if another node provides it.
     pictures : sequence of Outlets
         The `carriers` that also get color, depth and the camera.
+    cameras : sequence of str
+        Names of the cameras of a rig: the frames of each have topics and a frame of `tf` of their own.
 
     Attributes
     ----------
@@ -120,6 +131,7 @@ class RosStream:
         camera: str = OPTICAL_FRAME,
         camera_moves: bool = True,
         pictures: Sequence[Outlets] = (),
+        cameras: Sequence[str] = (),
     ) -> None:
         self.settings = StreamSettings()
         self.names: Mapping[int, str] = {}
@@ -136,11 +148,14 @@ class RosStream:
         self._cloud = topic(f"/{node}/cloud", "sensor_msgs/msg/PointCloud2", Qos.LATCHED)
         self._transforms = topic(TRANSFORMS, "tf2_msgs/msg/TFMessage", Qos.RELIABLE)
         self._diagnostics = topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", Qos.RELIABLE)
-        image = "sensor_msgs/msg/CompressedImage"
-        self._color = topic(f"/{node}/color/compressed", image, Qos.RELIABLE, pictures)
-        self._depth = topic(f"/{node}/depth/compressedDepth", image, Qos.RELIABLE, pictures)
-        self._camera_info = topic(f"/{node}/camera_info", "sensor_msgs/msg/CameraInfo", Qos.RELIABLE, pictures)
+        self._picture_topic = partial(topic, qos=Qos.RELIABLE, to=pictures)
+        # Topics of color, depth and lens, by the name of the camera in a rig; offered from the start without a rig.
+        self._pictures: dict[str, tuple[Topic, Topic, Topic]] = {}
         self._name = node
+        if not cameras:
+            self._picture_topics("")
+        for name in cameras:
+            self._picture_topics(name)
         self._shown: set[int] = set()
         self._all_s = self._map_s = float("-inf")
 
@@ -157,12 +172,13 @@ class RosStream:
         """
         objects = {item.label: item for item in tracker.objects if item.probability >= self.settings.min_probability}
         seen = [objects[sighting.label] for sighting in result.sightings if sighting.label in objects]
-        self._send_transforms(result, objects, time_ns)
+        optical = optical_frame(frame.camera_name) if frame.camera_name else self.camera
+        self._send_transforms(result, objects, optical, time_ns)
         if self._detections.wanted():
             self._detections.send(self.detections(seen, time_ns), time_ns)
         self._send_markers(objects, seen, tracker, time_ns)
         self._send_events(result, objects, time_ns)
-        self._send_pictures(frame, time_ns)
+        self._send_pictures(frame, optical, time_ns)
         every_s, now_s = self.settings.map_every_s, time.monotonic()
         if every_s and now_s - self._map_s >= every_s and self._map.wanted():
             self._map_s = now_s
@@ -238,10 +254,12 @@ class RosStream:
     def _name_of(self, item: TrackedObject) -> str:
         return self.names.get(item.label) or item.name or ""
 
-    def _send_transforms(self, result: FrameResult, objects: Mapping[int, TrackedObject], time_ns: int) -> None:
+    def _send_transforms(
+        self, result: FrameResult, objects: Mapping[int, TrackedObject], optical: str, time_ns: int
+    ) -> None:
         make, made = self._messages.transform, []
         if self._camera_moves:
-            made.append(make(result.T_world_camera, time_ns, self.world, self.camera))
+            made.append(make(result.T_world_camera, time_ns, self.world, optical))
         if self.settings.object_frames:
             made += [
                 make(box_pose(item.box), time_ns, self.world, f"object_{label}") for label, item in objects.items()
@@ -279,13 +297,27 @@ class RosStream:
             name = self.names.get(event.label, "") if item is None else self._name_of(item)
             self._events.send(event_message(self._messages, event, name, time_ns, self.world), time_ns)
 
-    def _send_pictures(self, frame: Frame, time_ns: int) -> None:
-        if self._camera_info.wanted():
-            self._camera_info.send(self._messages.camera_info(self._intrinsics, time_ns, self.camera), time_ns)
-        if self._color.wanted():
-            self._color.send(color_image(self._messages, frame.color, time_ns, self.camera), time_ns)
-        if self._depth.wanted():
-            self._depth.send(depth_image(self._messages, frame.depth_m, time_ns, self.camera), time_ns)
+    def _picture_topics(self, camera: str) -> tuple[Topic, Topic, Topic]:
+        """Return the topics of color, depth and lens of a camera."""
+        if camera not in self._pictures:
+            prefix = f"/{self._name}/{ros_name(camera)}" if camera else f"/{self._name}"
+            image = "sensor_msgs/msg/CompressedImage"
+            self._pictures[camera] = (
+                self._picture_topic(f"{prefix}/color/compressed", image),
+                self._picture_topic(f"{prefix}/depth/compressedDepth", image),
+                self._picture_topic(f"{prefix}/camera_info", "sensor_msgs/msg/CameraInfo"),
+            )
+        return self._pictures[camera]
+
+    def _send_pictures(self, frame: Frame, optical: str, time_ns: int) -> None:
+        color, depth, lens = self._picture_topics(frame.camera_name)
+        if lens.wanted():
+            intrinsics = frame.intrinsics_or(self._intrinsics)
+            lens.send(self._messages.camera_info(intrinsics, time_ns, optical), time_ns)
+        if color.wanted():
+            color.send(color_image(self._messages, frame.color, time_ns, optical), time_ns)
+        if depth.wanted():
+            depth.send(depth_image(self._messages, frame.depth_m, time_ns, optical), time_ns)
 
 
 def stamp_of(frame: Frame) -> int:

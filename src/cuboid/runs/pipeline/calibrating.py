@@ -94,11 +94,11 @@ def _trajectory(
     """Estimate T_world_camera (4, 4) of frames, by number; frames without a pose are left out."""
     from cuboid.method.poses import PoseEstimator  # imported here: it compiles kernels that given poses do not need
 
-    bare = recording.without_poses()
-    estimator = PoseEstimator(bare.intrinsics)
+    unposed = recording.without_poses()
+    estimator = PoseEstimator(unposed.intrinsics)
     for done, index in enumerate(frames, 1):
         with suppress(FrameError):
-            estimator.update(bare.read(index))
+            estimator.update(unposed.read(index))
         progress(done, len(frames))
     if not estimator.keyframes:
         raise InputError(f"{recording.path}: no frame has enough depth and texture to start with")
@@ -107,7 +107,7 @@ def _trajectory(
 
 def _posed(recording: Recording, T_world_camera: Mapping[int, Float64Array]) -> Iterator[Frame]:
     """Iterate over the frames to compare, with their poses."""
-    bare = recording.without_poses()
+    unposed = recording.without_poses()
     for index in spread_out(T_world_camera):
         with suppress(FrameError):
-            yield replace(bare.read(index), T_world_camera=T_world_camera[index])
+            yield replace(unposed.read(index), T_world_camera=T_world_camera[index])

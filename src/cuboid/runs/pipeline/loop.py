@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from cuboid.ground.compiling.compiletime import working_s
+from cuboid.ground.compiling.compiletime import compiling_s, waited_for_compiling, working_s
 from cuboid.ground.core.downscaling import downscale
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Frame, SkippedFrame
@@ -15,15 +18,17 @@ from cuboid.inputs.readers.prefetch import run_ahead
 from cuboid.method.poses.sources import LOST
 from cuboid.runs.tracking.measuring import FrameClock
 from cuboid.runs.tracking.running import RunningTracker
-from cuboid.runs.tracking.types import Progress, Watch
+from cuboid.runs.tracking.types import PreparedFrame, Progress, Watch
 
 if TYPE_CHECKING:
+    from cuboid.inputs.calibration.rig_check import RigWatch
     from cuboid.results.views.video import FrameSink
     from cuboid.runs.scene.running import SceneRun
 
 
-# Number of frames that are decoded ahead: enough to use two cores, few enough to limit memory.
-FRAMES_AHEAD = 2
+# Number of frames that are in work or ready ahead of the present one: enough to use two cores, few enough to limit
+# memory. Of a live camera it is one, which bounds the delay.
+FRAMES_AHEAD, LIVE_FRAMES_AHEAD = 2, 1
 
 
 class Readable(Protocol):
@@ -46,21 +51,27 @@ class Decoded:
         Reason why there is no frame; empty if there is one.
     milliseconds : float
         Time of decoding, in any thread.
+    prepared : PreparedFrame, optional
+        The scaled frame, after the part of its work that needs no map.
+    compiling_s : float
+        Time for which kernels were compiled for that, seconds.
     """
 
     index: int
     frame: Frame | None
     reason: str
     milliseconds: float
+    prepared: PreparedFrame | None = None
+    compiling_s: float = 0.0
 
 
-def decode(recording: Readable, indices: range, *, ahead: bool) -> Generator[Decoded, None, None]:
+def decode(recording: Readable, indices: Sequence[int], *, ahead: bool) -> Generator[Decoded, None, None]:
     """Iterate over frames in order; closing the iterator ends its thread.
 
     Parameters
     ----------
     recording : Readable
-    indices : range
+    indices : sequence of int
         Frame indices of the recording.
     ahead : bool
         Decode the next frames in a thread while the caller processes the current one.
@@ -78,9 +89,47 @@ def decode(recording: Readable, indices: range, *, ahead: bool) -> Generator[Dec
     return run_ahead(decoded, FRAMES_AHEAD) if ahead else decoded
 
 
+def prepare_ahead(
+    decoded: Iterable[Decoded], prepare: Callable[[Decoded], Decoded], frames: int
+) -> Generator[Decoded, None, None]:
+    """Prepare the next frames in a thread while the caller processes the present one; closing ends the thread.
+
+    Parameters
+    ----------
+    decoded : iterable of Decoded
+    prepare : callable
+    frames : int
+        Number of frames ahead of the present one.
+    """
+
+    def prepared(one: Decoded) -> Decoded:
+        begun_s = compiling_s()
+        made = prepare(one)
+        return replace(made, compiling_s=compiling_s() - begun_s)
+
+    with closing(run_ahead(map(prepared, decoded), frames)) as ready:
+        while True:
+            begun_s = time.perf_counter()
+            one = next(ready, None)
+            if one is None:
+                return
+            waited_for_compiling(min(one.compiling_s, time.perf_counter() - begun_s))
+            yield one
+
+
 @dataclass(frozen=True, slots=True)
 class Pipeline:
-    """The stages of a frame: scaling, tracking, drawing."""
+    """The stages of a frame: scaling, tracking, drawing.
+
+    Attributes
+    ----------
+    rig_watch : RigWatch or None
+        Takes each frame of a fixed rig.
+    problems : sequence of sequences of str
+        Growing lists of warnings, which `progress` gets as soon as they are there.
+    told : set of str
+        The warnings that it got.
+    """
 
     path: Path
     planned: int | None
@@ -90,6 +139,9 @@ class Pipeline:
     watch: Watch | None
     progress: Progress
     session: SceneRun | None = None
+    rig_watch: RigWatch | None = None
+    problems: Sequence[Sequence[str]] = ()
+    told: set[str] = field(default_factory=set)
 
     def follow(self, frames: Iterable[Decoded], stop: Callable[[], bool]) -> bool:
         """Process all frames; return False if `stop` ended the loop early."""
@@ -101,19 +153,43 @@ class Pipeline:
             skipped = self._step(decoded)
             if skipped is not None:
                 self._skip(skipped)
+            self._warn()
         return True
 
-    def _step(self, decoded: Decoded) -> SkippedFrame | None:
-        """Process one frame; return it as a `SkippedFrame` if it cannot be used."""
-        frame, tracker = decoded.frame, self.tracker
-        if frame is None:
-            return tracker.skip(decoded.index, decoded.reason)
-        clock = FrameClock({"decode": decoded.milliseconds})
+    def _warn(self) -> None:
+        """Report the new problems."""
+        for line in chain.from_iterable(self.problems):
+            if line not in self.told:
+                self.told.add(line)
+                self.progress.warning(line)
+
+    def prepare(self, decoded: Decoded) -> Decoded:
+        """Do the part of a frame's work that needs no map; a thread may do this for the next frames."""
+        if decoded.frame is None:
+            return decoded
+        clock = FrameClock()
+        small = self._scaled(decoded.frame, clock)
+        prepared = self.tracker.prepare(small)
+        return replace(
+            decoded, prepared=replace(prepared, milliseconds={**clock.milliseconds, **prepared.milliseconds})
+        )
+
+    def _scaled(self, frame: Frame, clock: FrameClock) -> Frame:
         small = downscale(frame, self.scale)
         if self.scale > 1:
             clock.lap("scale")
+        return small
+
+    def _step(self, decoded: Decoded) -> SkippedFrame | None:
+        """Process one frame; return it as a `SkippedFrame` if it cannot be used."""
+        frame, tracker, prepared = decoded.frame, self.tracker, decoded.prepared
+        if frame is None:
+            return tracker.skip(decoded.index, decoded.reason)
+        if self.rig_watch is not None:
+            self.rig_watch.add(frame)
+        clock = FrameClock({"decode": decoded.milliseconds, **(prepared.milliseconds if prepared else {})})
         try:
-            result = tracker.step(small, clock)
+            result = tracker.step(self._scaled(frame, clock) if prepared is None else prepared, clock)
         except FrameError as error:
             return tracker.skip(decoded.index, str(error))
         if isinstance(result, SkippedFrame):

@@ -17,7 +17,7 @@ from cuboid.runs.pipeline.run import track_recording
 from cuboid.runs.pipeline.streaming import FrameSource
 from cuboid.runs.tracking.types import MapLike, Progress, RecordingLike
 
-# Objects of this many last frames are in view: in a single frame one may be missed.
+# Objects of this many last frames of each camera are in view: in a single frame one may be missed.
 LAST_FRAMES = 5
 
 
@@ -48,7 +48,8 @@ class _Follower:
     def __init__(self, seconds: float | None, stop: Callable[[], bool]) -> None:
         self._seconds, self._stop = seconds, stop
         self._first_s = self._last_s = 0.0
-        self.seen: list[frozenset[int]] = []
+        # The labels in the last frames, by the name of the camera.
+        self.seen: dict[str, list[frozenset[int]]] = {}
         self.last: tuple[Frame, FrameResult, MapLike] | None = None
 
     def watch(self, frame: Frame, result: FrameResult, tracker: MapLike) -> None:
@@ -56,7 +57,9 @@ class _Follower:
             self._first_s = frame.timestamp_s
         self._last_s = frame.timestamp_s
         self.last = frame, result, tracker
-        self.seen = [*self.seen, frozenset(one.label for one in result.sightings)][-LAST_FRAMES:]
+        seen = self.seen.setdefault(frame.camera_name, [])
+        seen.append(frozenset(one.label for one in result.sightings))
+        del seen[:-LAST_FRAMES]
 
     def stop(self) -> bool:
         return self._stop() or (self._seconds is not None and self._last_s - self._first_s >= self._seconds)
@@ -95,7 +98,8 @@ def measure(
     frame, result, tracker = follower.last
     # The labels of the end: an object may have been merged into an older one since.
     older = {label: item.label for item in found.objects for label in item.merged_labels}
-    in_view = {older.get(label, label) for labels in follower.seen for label in labels}
+    in_view = {older.get(label, label) for seen in follower.seen.values() for labels in seen for label in labels}
     measures = measures_of(found.objects, tracker.map_points(), in_view)
     pose = np.asarray(result.T_world_camera)
-    return Measured(measures, frame.color, pose, source.intrinsics, found.report.frames_used)
+    intrinsics = frame.intrinsics_or(source.intrinsics)
+    return Measured(measures, frame.color, pose, intrinsics, found.report.frames_used)

@@ -45,7 +45,8 @@ class TrackOptions:
     detector_every : int, optional
         The detector processes each n-th used frame; 3 by default.
     threads : int
-        With 2 or more, the next frames are decoded ahead in a separate thread.
+        With 2, a second thread decodes the next frames and does the part of their work that needs no map; with 3 or
+        more, decoding has a thread of its own. The results do not depend on it.
     memory_mb : float
         Memory limit of the process, in units of 2**20 bytes, above which parts of the map out of view are evicted.
 

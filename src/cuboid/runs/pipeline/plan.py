@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.frame import Intrinsics, Rig
 from cuboid.ground.core.tolerances import DETECT_EVERY
 from cuboid.ground.formats.rig_file import FIXED
-from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.rig_poses import RigPoses
 from cuboid.method.poses.sources import (
     ESTIMATED,
@@ -23,7 +22,7 @@ from cuboid.method.poses.sources import (
     source_of_poses,
 )
 from cuboid.runs.pipeline.options import TrackOptions
-from cuboid.runs.tracking.types import RecordingLike, lens_settings
+from cuboid.runs.tracking.types import RecordingLike, RigLike, lens_settings
 
 if TYPE_CHECKING:
     from cuboid.method.proposals.types import ProposalSource
@@ -67,9 +66,9 @@ class Plan:
         """Return the source of the poses."""
         if self.options.fixed:
             return FixedPoses()
-        if isinstance(self.recording, RigRecording) and self.poses == ESTIMATED:
+        if isinstance(self.recording, RigLike) and self.poses == ESTIMATED:
             shift_m = MIN_CORRECTION * self.config.voxel_m
-            return RigPoses(self.camera, self.recording.T_rig_camera, shift_m)
+            return RigPoses(self.camera, self.recording.rig.T_rig_camera, shift_m)
         if self.options.bridge:
             return BridgedPoses(self.camera, self.recording.pose)
         return source_of_poses(self.poses, self.camera, self.config.voxel_m)
@@ -88,7 +87,7 @@ class Plan:
             "bridge": options.bridge,
             **({"fixed": True} if options.fixed else {}),
             **lens_settings(self.recording),
-            **({"rig": self.recording.settings()} if isinstance(self.recording, RigRecording) else {}),
+            **({"rig": self.recording.settings()} if isinstance(self.recording, RigLike) else {}),
             "proposals": source_name(self.proposals),
             **named,
             "tracker": self.config.to_dict(),
@@ -105,8 +104,8 @@ def plan_for(recording: RecordingLike, options: TrackOptions) -> Plan:
     """
     if options.detector_every is not None and options.detector is None:
         raise InputError(f"{recording.path}: --detector-every needs --detector")
-    if isinstance(recording, RigRecording):
-        _check_rig(recording, options)
+    if isinstance(recording, RigLike):
+        _check_rig(recording, recording.rig, options)
     if options.fixed and (options.poses or options.bridge):
         raise InputError(f"{recording.path}: --fixed needs no poses; leave out --poses and --bridge")
     origin = options.poses or (GIVEN if recording.has_poses or options.fixed else ESTIMATED)
@@ -118,20 +117,19 @@ def plan_for(recording: RecordingLike, options: TrackOptions) -> Plan:
     return Plan(recording, options, config, proposals, origin, options.detector_every or DETECT_EVERY)
 
 
-def _check_rig(rig: RigRecording, options: TrackOptions) -> None:
+def _check_rig(recording: RecordingLike, rig: Rig, options: TrackOptions) -> None:
     """Raise InputError if the options do not fit a rig of several cameras."""
+    path = recording.path
     if options.fixed or options.bridge:
         option = "--fixed" if options.fixed else "--bridge"
-        raise InputError(f"{rig.path}: {option} is for one camera; the 'kind' in rig.json says whether a rig moves")
-    if options.every > 1:
-        raise InputError(f"{rig.path}: --every is for one camera; 'cuboid convert --every' thins each recording")
+        raise InputError(f"{path}: {option} is for one camera; the 'kind' in rig.json says whether a rig moves")
     if rig.kind == FIXED and options.poses not in (None, GIVEN):
-        raise InputError(f"{rig.path}: a fixed rig has the poses of its cameras; leave out --poses {options.poses}")
+        raise InputError(f"{path}: a fixed rig has the poses of its cameras; leave out --poses {options.poses}")
     if options.poses not in (None, GIVEN, ESTIMATED):
-        raise InputError(f"{rig.path}: --poses {options.poses} is for one camera; a rig takes given or estimated")
-    estimated = options.poses == ESTIMATED or not rig.has_poses
+        raise InputError(f"{path}: --poses {options.poses} is for one camera; a rig takes given or estimated")
+    estimated = options.poses == ESTIMATED or not recording.has_poses
     if estimated and not rig.T_rig_camera:
-        raise InputError(f"{rig.path}: estimated poses need the 'T_rig_camera' of each camera")
+        raise InputError(f"{path}: estimated poses need the 'T_rig_camera' of each camera")
 
 
 def _at_scale(options: TrackOptions) -> tuple[TrackerConfig, str | ProposalSource | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -14,13 +15,18 @@ from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.palette import color_of
-from cuboid.ground.formats.rig_file import FIXED, FORMAT, VERSION
+from cuboid.ground.formats.rig_file import FIXED, FORMAT, MAX_NAME, NAME_PATTERN, VERSION
 from cuboid.ground.geometry.se3 import transform
-from cuboid.inputs.calibration.rig_fit import RigFit, StillView, fit_rig, still_view
+from cuboid.inputs.calibration.board import Board
+from cuboid.inputs.calibration.board_fit import BoardFit, fit_board, seen_boards
+from cuboid.inputs.calibration.rig_fit import RigFit, fit_rig
+from cuboid.inputs.calibration.still_view import StillView, still_view
 from cuboid.inputs.readers import Recording
 
 # Frames of each camera, evenly spread: their median has a third of the noise of one.
 FRAMES = 12
+# Frames of each camera in which a board is searched at most, evenly spread: of a minute, three a second.
+BOARD_FRAMES = 200
 BACKGROUND = (18, 20, 24)
 # Digits after the point of matrices in rig.json: a hundredth of a micrometre.
 DIGITS = 8
@@ -35,21 +41,44 @@ def calibrate_rig(recordings: Sequence[Recording], names: Sequence[str]) -> tupl
         There are fewer than two recordings, a recording has no usable frame, or a camera sees nothing that another one
         sees as well.
     """
-    if len(recordings) < 2:
-        raise InputError("a rig has two cameras or more; name one recording for each")
-    views = []
-    for name, recording in zip(names, recordings, strict=True):
-        try:
-            views.append(still_view(_spread(recording), recording.intrinsics))
-        except InputError as error:
-            raise InputError(f"{recording.path}: camera {name}: {error}") from None
+    _refuse_one(recordings)
+    views = still_views(recordings, names)
     return fit_rig(views, names), views
 
 
-def _spread(recording: Recording) -> Iterator[Frame]:
+def calibrate_with_board(recordings: Sequence[Recording], names: Sequence[str], board: Board) -> BoardFit:
+    """Find the poses of the cameras of a rig from a board that several of them see at the same time.
+
+    Raises
+    ------
+    InputError
+        There are fewer than two recordings, or a camera does not see the board at the same time as another one.
+    """
+    _refuse_one(recordings)
+    seen = [seen_boards(_spread(recording, BOARD_FRAMES), board) for recording in recordings]
+    return fit_board(seen, [recording.intrinsics for recording in recordings], names, board)
+
+
+def still_views(recordings: Sequence[Recording], names: Sequence[str]) -> list[StillView]:
+    """Return the still view of each camera; raises InputError if one has none."""
+    views = []
+    for name, recording in zip(names, recordings, strict=True):
+        try:
+            views.append(still_view(_spread(recording, FRAMES), recording.intrinsics))
+        except InputError as error:
+            raise InputError(f"{recording.path}: camera {name}: {error}") from None
+    return views
+
+
+def _refuse_one(recordings: Sequence[Recording]) -> None:
+    if len(recordings) < 2:
+        raise InputError("a rig has two cameras or more; name one recording for each")
+
+
+def _spread(recording: Recording, count: int) -> Iterator[Frame]:
     """Iterate over some usable frames, evenly spread."""
     bare = recording.without_poses()
-    for index in np.unique(np.linspace(0, len(bare) - 1, FRAMES).astype(int)).tolist():
+    for index in np.unique(np.linspace(0, len(bare) - 1, count).astype(int)).tolist():
         with suppress(FrameError):
             yield bare.read(index)
 
@@ -57,11 +86,14 @@ def _spread(recording: Recording) -> Iterator[Frame]:
 def names_of(recordings: Sequence[Recording]) -> list[str]:
     """Return names of cameras: those of the folders if they differ, else "camera-1", "camera-2", ..."""
     names = [recording.path.stem for recording in recordings]
-    usable = len(set(names)) == len(names) and all(name and not set(name) & set(',"') for name in names)
+    valid = all(len(name) <= MAX_NAME and re.fullmatch(NAME_PATTERN, name) for name in names)
+    usable = valid and len(set(names)) == len(names)
     return names if usable else [f"camera-{k + 1}" for k in range(len(names))]
 
 
-def rig_document(fit: RigFit, recordings: Sequence[Recording], names: Sequence[str], output: Path) -> dict[str, Any]:
+def rig_document(
+    T_rig_camera: Float64Array, recordings: Sequence[Recording], names: Sequence[str], output: Path
+) -> dict[str, Any]:
     """Return the content of `rig.json` at a path; the recordings are named relative to its folder."""
     cameras = [
         {
@@ -69,7 +101,7 @@ def rig_document(fit: RigFit, recordings: Sequence[Recording], names: Sequence[s
             "recording": Path(os.path.relpath(recording.path, output.parent)).as_posix(),
             "T_rig_camera": np.round(T, DIGITS).tolist(),
         }
-        for name, recording, T in zip(names, recordings, fit.T_rig_camera, strict=True)
+        for name, recording, T in zip(names, recordings, T_rig_camera, strict=True)
     ]
     return {"format": FORMAT, "version": VERSION, "kind": FIXED, "cameras": cameras}
 

@@ -13,23 +13,26 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.frame import Intrinsics, RigCamera
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.ground.core.threads import return_free_memory
 from cuboid.ground.formats.folder import VIDEO
 from cuboid.ground.formats.reading import real_path
+from cuboid.ground.formats.rig_file import FIXED
 from cuboid.ground.version import __version__
 from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.sources import AUTO, CORRECTED, ESTIMATED, GIVEN, Poses
 from cuboid.results.files import Results, ResultWriter, RunReport
-from cuboid.runs.pipeline.loop import Decoded, Pipeline, decode
+from cuboid.runs.pipeline.loop import FRAMES_AHEAD, LIVE_FRAMES_AHEAD, Decoded, Pipeline, decode, prepare_ahead
 from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
 from cuboid.runs.pipeline.plan import Plan, plan_for
-from cuboid.runs.pipeline.streaming import FrameSource, Stream
+from cuboid.runs.pipeline.streaming import FrameSource, RigStream, Stream, stream_of
 from cuboid.runs.tracking.checks import checked_warnings, own_warnings
 from cuboid.runs.tracking.measuring import peak_memory_mb
 from cuboid.runs.tracking.running import RunningTracker
 from cuboid.runs.tracking.saving import objects_file, write_page
-from cuboid.runs.tracking.types import MakeFrameSink, MakeTracker, RecordingLike, RunOutcome, TrackerLike
+from cuboid.runs.tracking.types import MakeFrameSink, MakeTracker, RecordingLike, RigLike, RunOutcome, TrackerLike
 
 if TYPE_CHECKING:
+    from cuboid.inputs.calibration.rig_check import RigWatch
     from cuboid.method.proposals.types import ProposalSource
     from cuboid.results.views.video import FrameSink
     from cuboid.runs.scene.running import IntoScene, SceneRun
@@ -80,7 +83,7 @@ def track_recording(
     """
     begun_s = working_s()
     output = None if output is None else as_path(output)
-    taken: RecordingLike = Stream(recording) if isinstance(recording, FrameSource) else recording
+    taken: RecordingLike = stream_of(recording) if isinstance(recording, FrameSource) else recording
     results, hooks = results or ResultOptions(), hooks or RunHooks()
     plan = plan_for(taken, options or TrackOptions())
     every = plan.options.every
@@ -99,18 +102,23 @@ def track_recording(
         planned = None if isinstance(taken, Stream) else len(frames)
         hooks.progress.start(planned)
         bare = taken if source.given_with_frames else taken.without_poses()
-        cameras = [part.camera for part in taken.parts] if isinstance(taken, RigRecording) else []
+        cameras = taken.rig.cameras if isinstance(taken, RigLike) else ()
+        rig_watch = None if writer is None else _rig_watch(taken, plan.options)
         make_view = (hooks.make_view or partial(_video, cameras=cameras)) if results.video else None
-        with (
-            _view(writer, taken, every, make_view) as view,
-            closing(_decode(bare, frames, plan.options)) as decoded,
-        ):
-            scale, watch = plan.options.scale, hooks.watch
-            pipeline = Pipeline(taken.path, planned, tracker, scale, view, watch, hooks.progress, session)
-            complete = pipeline.follow(decoded, hooks.stop)
+        with _view(writer, taken, every, make_view) as view:
+            problems = [] if rig_watch is None else [rig_watch.warnings]
+            problems += [taken.source.warnings] if isinstance(taken, Stream) else []
+            stages = (tracker, plan.options.scale, view, hooks.watch, hooks.progress, session, rig_watch)
+            pipeline = Pipeline(taken.path, planned, *stages, problems)
+            with closing(_decode(bare, frames, pipeline, plan.options)) as decoded:
+                complete = pipeline.follow(decoded, hooks.stop)
         if complete and not tracker.T_world_camera and plan.poses == ESTIMATED:
             raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
-        warnings = own_warnings(tracker) if writer is None else checked_warnings(tracker, bare, every)
+        return_free_memory()
+        warnings = own_warnings(tracker) if writer is None else checked_warnings(tracker, _readable(bare), every)
+        if rig_watch is not None:
+            rig_watch.finish()
+            warnings = (*rig_watch.warnings, *warnings)
         if session is not None:
             warnings = (*session.warnings(), *warnings)
         report = _report(plan, tracker, complete=complete, begun_s=begun_s, warnings=warnings)
@@ -137,12 +145,14 @@ def track_recording(
     )
 
 
-def _frames(plan: Plan) -> range:
-    """Return the frames to read; an empty range for a camera, whose frames are not known in advance."""
+def _frames(plan: Plan) -> Sequence[int]:
+    """Return the frames to read; none for a live camera, whose frames are not known in advance."""
     recording, options = plan.recording, plan.options
     if isinstance(recording, Stream):
         return range(0)
-    frames = range(0, len(recording), options.every)[: options.limit]
+    every = options.every
+    whole = recording.thinned(every) if isinstance(recording, RigRecording) else range(0, len(recording), every)
+    frames = whole[: options.limit]
     if not frames:
         raise InputError(f"{recording.path}: the recording has no frames")
     return frames
@@ -178,11 +188,41 @@ def _tracking(
     return tracker, source
 
 
-def _decode(recording: RecordingLike, frames: range, options: TrackOptions) -> Generator[Decoded, None, None]:
-    ahead = options.threads > 1
-    if isinstance(recording, Stream):
-        return recording.decode(options.every, options.limit, ahead=ahead)
-    return decode(recording, frames, ahead=ahead)
+def _readable(recording: RecordingLike) -> RecordingLike:
+    """Return the recording whose frames can be read again: of the live cameras of a rig, the one that was made."""
+    return recording.kept or recording if isinstance(recording, RigStream) else recording
+
+
+def _rig_watch(recording: RecordingLike, options: TrackOptions) -> RigWatch | None:
+    """Return the check of the cameras of a fixed rig; None for a single camera, and for cameras that move."""
+    if not isinstance(recording, RigLike) or recording.rig.kind != FIXED:
+        return None
+    from cuboid.inputs.calibration.rig_check import RigWatch
+
+    return RigWatch(ahead=options.threads > 1)
+
+
+def _decode(
+    recording: RecordingLike, frames: Sequence[int], pipeline: Pipeline, options: TrackOptions
+) -> Generator[Decoded, None, None]:
+    """Iterate over the frames; with several threads, the next ones are decoded and prepared ahead.
+
+    In a scene the poses depend on its map, so nothing but decoding is done ahead.
+    """
+    threads, live = options.threads, isinstance(recording, Stream)
+    capacity = LIVE_FRAMES_AHEAD if live else FRAMES_AHEAD
+    to_prepare = pipeline.prepare if pipeline.session is None else _unchanged
+    # With three threads, decoding has one of its own; a live camera has one already.
+    with closing(
+        recording.decode(options.every, options.limit)
+        if isinstance(recording, Stream)
+        else decode(recording, frames, ahead=threads > 2)
+    ) as decoded:
+        yield from decoded if threads == 1 else prepare_ahead(decoded, to_prepare, capacity)
+
+
+def _unchanged(decoded: Decoded) -> Decoded:
+    return decoded
 
 
 def _report(
@@ -224,7 +264,7 @@ def _writer(
     if real_path(output) == real_path(Path(recording.path)):
         raise OutputError(f"{output}: is the recording itself; name another output folder")
     return opened.enter_context(
-        ResultWriter(output, force=force, corrected=corrected, rig=isinstance(recording, RigRecording))
+        ResultWriter(output, force=force, corrected=corrected, rig=isinstance(recording, RigLike))
     )
 
 

@@ -87,14 +87,14 @@ def estimate_trajectory(
         If the results cannot be written; no partial results are left.
     """
     begun_s = working_s()
-    bare = recording.without_poses()
-    frames = range(0, len(bare), every)[:limit]
+    unposed = recording.without_poses()
+    frames = range(0, len(unposed), every)[:limit]
     if not frames:
         raise InputError(f"{recording.path}: the recording has no frames")
-    estimator, log = PoseEstimator(bare.intrinsics), FrameLog()
+    estimator, log = PoseEstimator(unposed.intrinsics), FrameLog()
     online: dict[int, Float64Array] = {}
     complete = True
-    with closing(decode(bare, frames, ahead=threads > 1)) as decoded:
+    with closing(decode(unposed, frames, ahead=threads > 1)) as decoded:
         for done, one in enumerate(decoded):
             if stop():
                 complete = False
@@ -115,7 +115,7 @@ def estimate_trajectory(
     if complete and not estimator.keyframes:
         raise InputError(f"{recording.path}: no frame has enough depth and texture to start with")
     trajectory = estimator.trajectory()
-    lens = bare.depth_camera.document() if bare.depth_camera is not None else {}
+    lens = unposed.depth_camera.document() if unposed.depth_camera is not None else {}
     report = RunReport(
         version=__version__,
         complete=complete,
@@ -123,7 +123,7 @@ def estimate_trajectory(
         format=recording.format,
         poses="estimated",
         threads=threads,
-        config={"every": every, "limit": limit, "distortion": list(bare.distortion), **lens},
+        config={"every": every, "limit": limit, "distortion": list(unposed.distortion), **lens},
         frames_read=log.read,
         frames_used=log.used,
         skipped=tuple(log.skipped),
@@ -131,9 +131,9 @@ def estimate_trajectory(
         seconds=working_s() - begun_s,
         peak_memory_mb=peak_memory_mb(),
         warnings=(
-            *bare.warnings,
+            *unposed.warnings,
             *estimator.left_out.warnings(),
-            *(() if output is None else _warnings(bare, trajectory)),
+            *(() if output is None else _warnings(unposed, trajectory)),
         ),
     )
     if output is not None:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Generator, Iterator
-from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Frame, Intrinsics
-from cuboid.inputs.readers.prefetch import run_ahead
-from cuboid.runs.pipeline.loop import FRAMES_AHEAD, Decoded
+from cuboid.ground.core.frame import Frame, Intrinsics, Rig
+from cuboid.inputs.cameras.live_rig import LiveRig
+from cuboid.inputs.recordings.rig import RigRecording
+from cuboid.runs.pipeline.loop import Decoded
 
 if TYPE_CHECKING:
     from cuboid.inputs.readers import Recording
@@ -108,32 +109,18 @@ class Stream:
             raise FrameError(GONE)
         return self._kept.read(index)
 
-    def decode(self, every: int, limit: int | None, *, ahead: bool) -> Generator[Decoded, None, None]:
-        """Iterate over each n-th frame, at most `limit`; closing the iterator ends the source, too.
-
-        Parameters
-        ----------
-        every : int
-        limit : int or None
-        ahead : bool
-            Prepare the next frames in a thread while the caller processes the current one.
-        """
-        with closing(self._decoded(every, limit)) as decoded:
-            if ahead:
-                with closing(run_ahead(decoded, FRAMES_AHEAD)) as prepared:
-                    yield from prepared
-            else:
-                yield from decoded
-
-    def _decoded(self, every: int, limit: int | None) -> Generator[Decoded, None, None]:
+    def decode(self, every: int, limit: int | None) -> Generator[Decoded, None, None]:
+        """Iterate over each n-th frame of each camera, at most `limit`; closing the iterator ends the source, too."""
         given, frames = 0, iter(self.source)
+        seen: Counter[str] = Counter()  # the frames of each camera
         try:
             while given != limit:
                 frame = next(frames, None)
                 if frame is None:
                     return
                 self._count = frame.index + 1
-                if frame.index % every:
+                seen[frame.camera_name] += 1
+                if (seen[frame.camera_name] - 1) % every:
                     continue
                 if frame.T_world_camera is not None:
                     self._poses[frame.index] = frame.T_world_camera
@@ -147,8 +134,40 @@ class Stream:
     def _reopen(self) -> None:
         """Open the recording of the frames, if there is one, so that frames can be read again."""
         if self.source.record is not None and self.source.record.is_dir():
-            from cuboid.inputs.readers import open_recording
+            from cuboid.inputs.recordings.opening import OFF, open_recording
 
-            self._kept = open_recording(self.source.record)
+            self._kept = open_recording(self.source.record, register=OFF)
             self.path, self.format = self._kept.path, self._kept.format
             self.depth_units_per_metre = self._kept.depth_units_per_metre
+
+
+class RigStream(Stream):
+    """Adapts the live cameras of a rig.
+
+    Parameters
+    ----------
+    source : LiveRig
+    """
+
+    def __init__(self, source: LiveRig) -> None:
+        super().__init__(source)
+        self._cameras = source
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras with their poses in the rig."""
+        return self._cameras.rig
+
+    @property
+    def kept(self) -> Recording | None:
+        """The recording of the frames, after the run; None if there is none."""
+        return self._kept
+
+    def settings(self) -> dict[str, Any]:
+        """Return the entry of `run.json`."""
+        return self._kept.settings() if isinstance(self._kept, RigRecording) else self._cameras.settings()
+
+
+def stream_of(source: FrameSource) -> Stream:
+    """Return a source of frames with the interface of a recording."""
+    return RigStream(source) if isinstance(source, LiveRig) else Stream(source)

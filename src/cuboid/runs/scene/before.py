@@ -24,7 +24,7 @@ from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.similarity import LAYERS, ColorProfile, color_profile_of
 from cuboid.method.surfaces.grid import CELL_M as GROUND_CELL_M
 from cuboid.method.surfaces.grid import cells_of
-from cuboid.runs.scene.localisation import Joined
+from cuboid.runs.scene.localisation import JoinedPart
 from cuboid.runs.scene.packing import check_sum, deflated, inflated
 from cuboid.runs.scene.schema import BOX
 from cuboid.runs.scene.validation import DamagedError, box_of, columns_of, floats_of, read_rows
@@ -99,7 +99,7 @@ class Before:
         noted, self._noted = self._noted, []
         return _together(noted)
 
-    def apply_joins(self, joined: Sequence[Joined]) -> None:
+    def apply_joins(self, joined: Sequence[JoinedPart]) -> None:
         """Transform the objects of scene parts that have been connected to other parts."""
         for part in joined:
             inside = {label: part.contains(old.box.center[None])[0] for label, old in self.objects.items()}

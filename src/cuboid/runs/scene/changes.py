@@ -18,7 +18,7 @@ from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.similarity import CLEARER, MIN_SIMILARITY, color_profile_of, similarity
 from cuboid.runs.scene.before import Before, OldObject
-from cuboid.runs.scene.localisation import Joined
+from cuboid.runs.scene.localisation import JoinedPart
 from cuboid.runs.scene.standing import Standing, fraction_near, standing
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 
@@ -103,7 +103,7 @@ class Changes:
             pass
         self._since, self._since_frame = tracker.voxels.stored.carving_passes, frame + 1
 
-    def apply_joins(self, joined: Sequence[Joined]) -> None:
+    def apply_joins(self, joined: Sequence[JoinedPart]) -> None:
         """Note that the map was corrected, and transform the parts that were connected to the scene."""
         self._before.apply_joins(joined)
         self._since = self._since_frame = 0

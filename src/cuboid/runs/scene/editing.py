@@ -14,7 +14,7 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation, transform
 from cuboid.method.objects.entry import MapObject
 from cuboid.runs.scene.database import has_table, transaction
-from cuboid.runs.scene.localisation import Joined
+from cuboid.runs.scene.localisation import JoinedPart
 from cuboid.runs.scene.records import Records
 from cuboid.runs.scene.saving import SceneBlockStore, StateFile, load_state
 from cuboid.runs.scene.schema import TABLES
@@ -113,7 +113,7 @@ _KEYS = {
 }
 
 
-def transform_rows(connection: sqlite3.Connection, joined: Sequence[Joined]) -> None:
+def transform_rows(connection: sqlite3.Connection, joined: Sequence[JoinedPart]) -> None:
     """Transform all rows of scene parts that were joined to others, within the caller's transaction."""
     for part in joined:
         for table, place, turn in _TURNED:
@@ -124,7 +124,7 @@ def transform_rows(connection: sqlite3.Connection, joined: Sequence[Joined]) -> 
             _transform(connection, part, table, place, "")
 
 
-def _transform(connection: sqlite3.Connection, part: Joined, table: str, place: str, turn: str) -> None:
+def _transform(connection: sqlite3.Connection, part: JoinedPart, table: str, place: str, turn: str) -> None:
     keys, columns = _KEYS[table].split(), [*place.split(), *turn.split()]
     points = ["points"] if table == "known" else []
     names = columns_of(table, [*keys, *columns, *points])

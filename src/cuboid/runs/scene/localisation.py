@@ -39,7 +39,7 @@ ESTIMATED, SAME_WORLD, OWN_WORLD = "estimated", "same world", "own world"
 
 
 @dataclass(frozen=True, slots=True)
-class Joined:
+class JoinedPart:
     """A part of the scene that was joined to another one.
 
     Attributes
@@ -53,11 +53,11 @@ class Joined:
     middle: Float64Array
     T_new_old: Float64Array
 
-    def in_frame(self, T_world_frame: Float64Array) -> Joined:
+    def in_frame(self, T_world_frame: Float64Array) -> JoinedPart:
         """Return the same motion, expressed in another coordinate frame than the world."""
         T_frame_world = inverse(T_world_frame)
         middle = transform(T_frame_world, self.middle)
-        return Joined(middle, T_frame_world @ self.T_new_old @ T_world_frame)
+        return JoinedPart(middle, T_frame_world @ self.T_new_old @ T_world_frame)
 
     def contains(self, points: Float64Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Return which points (N, 3) of the world belonged to the part."""
@@ -78,7 +78,7 @@ class ScenePosesState(Record):
     T_world_part : dict of int to (4, 4) float64
         Pose of each part of the scene in the world.
     joined : tuple of ((3,) float64, (4, 4) float64)
-        Parts that were joined to others and are not processed yet; see `Joined`.
+        Parts that were joined to others and are not processed yet; see `JoinedPart`.
     mode : str
         Kind of this recording's poses: `ESTIMATED`, `SAME_WORLD` or `OWN_WORLD`.
     part : int
@@ -252,7 +252,7 @@ class ScenePoses:
     def stands_in(self, part: int, place: Float64Array) -> bool:
         """Return whether a place (3,) of the world lies in a part."""
         T = self._T_world_part.get(part)
-        return T is not None and bool(Joined(T[:3, 3], T).contains(place[None])[0])
+        return T is not None and bool(JoinedPart(T[:3, 3], T).contains(place[None])[0])
 
     def connect(self, part: int, T_world_part_now: Float64Array) -> None:
         """Join a part to part 0 by the motion that the object layout gives: T_new_old in the world."""
@@ -261,10 +261,10 @@ class ScenePoses:
         if self._part == part:
             self._part, self._T_part_recording, self._aligned = 0, tidied(T @ self._T_part_recording), True
 
-    def take_joined(self) -> list[Joined]:
+    def take_joined(self) -> list[JoinedPart]:
         """Return the parts that were joined to others since the last call."""
         joined, self._joined = self._joined, []
-        return [Joined(middle, T) for middle, T in joined]
+        return [JoinedPart(middle, T) for middle, T in joined]
 
     def _estimated(self, frame: Frame) -> tuple[int, Float64Array, int]:
         estimate = self._estimator.update(frame)

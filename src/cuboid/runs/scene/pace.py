@@ -15,7 +15,7 @@ COMMIT_FRACTION, LONGEST_WAIT = 0.05, 5.0
 LOADED_WAIT = 2.0
 
 
-class Rhythm:
+class CommitTimer:
     """Decides when to commit.
 
     Parameters

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import FrameResult, Sighting, TrackedObject
 from cuboid.ground.version import __version__
 from cuboid.results.files import ObjectsFile, ResultWriter, RunReport
+from cuboid.results.files.report import rig_frames
 from cuboid.runs.scene.answers import SceneObject, ScenePast
 from cuboid.runs.scene.furniture import known_furniture, of_recording, read_names
 from cuboid.runs.scene.reader import SceneReader
@@ -55,8 +57,11 @@ def write_results(
     config = document(settings, dict[str, Any], "recordings.settings")
     every = document(settings, Settings, "recordings.settings").every
     posed_frames = scene.poses(number)
-    read = len(range(0, frames, every))
-    missing = [k for k in range(0, frames, every) if k not in posed_frames]
+    _, numbers = rig_frames(config)
+    taken: Sequence[int] = range(0, frames, every)
+    if len(numbers):  # of a rig, each camera has its own n-th frames
+        taken = np.flatnonzero(numbers[:frames] % every == 0).tolist()
+    missing = [k for k in taken if k not in posed_frames]
     sightings, objects = _seen(scene, number)
     tracker, planes = load_tracker(connection, scene.path), scene.planes
     with ResultWriter(folder, force=force) as writer:
@@ -71,7 +76,7 @@ def write_results(
             poses=poses,
             threads=1,
             config={**config, "tracker": tracker.config.to_dict()},
-            frames_read=read,
+            frames_read=len(taken),
             frames_used=len(posed_frames),
             skipped=tuple((frame, NOT_IN_SCENE) for frame in missing),
             milliseconds={},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -139,12 +140,11 @@ class SceneRun:
             texts,
         )
 
-    def go_on(self, frames: range, writer: ResultWriter | None) -> range:
+    def go_on(self, frames: Sequence[int], writer: ResultWriter | None) -> Sequence[int]:
         """Continue the results of an interrupted run, and return the remaining frames."""
         if writer is not None:
             writer.go_on(self.begun.texts, self.tracker.keep)
-        passed = max(0, -(-(self.begun.next_frame - frames.start) // frames.step))
-        return frames[min(passed, len(frames)) :]
+        return frames[bisect_left(frames, self.begun.next_frame) :]
 
     def poses(self, given: Poses) -> Poses:
         """Return the source of poses in the scene's world."""

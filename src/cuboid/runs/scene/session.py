@@ -27,8 +27,8 @@ from cuboid.runs.scene import changes, editing, layout
 from cuboid.runs.scene.before import Before, write_noted
 from cuboid.runs.scene.database import Writing, transaction, user_errors
 from cuboid.runs.scene.furniture import named_furniture, of_recording
-from cuboid.runs.scene.localisation import ESTIMATED, SAME_WORLD, Joined, ScenePoses
-from cuboid.runs.scene.pace import Pace, Rhythm
+from cuboid.runs.scene.localisation import ESTIMATED, SAME_WORLD, JoinedPart, ScenePoses
+from cuboid.runs.scene.pace import CommitTimer, Pace
 from cuboid.runs.scene.records import Records
 from cuboid.runs.scene.saving import SceneBlockStore, StateFile
 from cuboid.runs.scene.visit import Visit
@@ -93,13 +93,13 @@ class SceneTracker(KeptMap):
         self._records = Records(file.connection, visit.number, visit.pixels)
         self._state = StateFile(file.connection, tracker, poses, block_store)
         self._before, self._changes = before, changes.Changes(visit.first_frame, before)
-        self._joined: list[Joined] = []
+        self._joined: list[JoinedPart] = []
         self._pending: list[tuple[str, str]] = []
         self._next_frame = visit.next_frame
         self._thread = ThreadPoolExecutor(1, "cuboid-scene")
         self._writing: Future[None] | None = None
         self._pace = Pace()
-        self._rhythm = Rhythm(commit_every_s)
+        self._commit_timer = CommitTimer(commit_every_s)
         self._open = True
         self.commits_itself = True
 
@@ -215,7 +215,7 @@ class SceneTracker(KeptMap):
         """Write new data if the last commit is long enough ago; to be called between two frames."""
         if self._writing is not None and self._writing.done():
             self.finish_commit()
-        if self._writing is None and self._rhythm.due():
+        if self._writing is None and self._commit_timer.due():
             self._commit()
 
     def close(self, *, complete: bool = True, walls: Sequence[Wall] | None = None) -> None:
@@ -264,7 +264,9 @@ class SceneTracker(KeptMap):
         found = self._changes.find(self._tracker, self._records.seen) if ended and visit.number > 1 else []
         noted = self._before.take_noted()
         relate = None if walls is None else self._relations(walls)
-        pace = self._pace = Pace() if ended else Pace(WRITING_FRACTION, self._rhythm.wait_s, self._rhythm.cost_s)
+        pace = self._pace = (
+            Pace() if ended else Pace(WRITING_FRACTION, self._commit_timer.wait_s, self._commit_timer.cost_s)
+        )
 
         def write() -> None:
             begun_s, connection = time.thread_time(), self._file.connection
@@ -279,9 +281,9 @@ class SceneTracker(KeptMap):
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
                 values = T_world_recording, visit.number
                 connection.execute("UPDATE recordings SET T_world_recording = ? WHERE id = ?", values)
-            self._rhythm.cost_s += time.thread_time() - begun_s
+            self._commit_timer.cost_s += time.thread_time() - begun_s
 
-        self._rhythm.begin(time.thread_time() - begun_s)
+        self._commit_timer.begin(time.thread_time() - begun_s)
         self._writing = self._thread.submit(write)
 
     def _relations(self, walls: Sequence[Wall]) -> Callable[[sqlite3.Connection], None]:

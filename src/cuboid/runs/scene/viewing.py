@@ -14,7 +14,6 @@ from cuboid.ground.core.results import TrackedObject
 from cuboid.inputs.readers import Recording
 from cuboid.method.text_search import TextMatch, TextModel
 from cuboid.results.files import Results
-from cuboid.results.files.naming import name_object
 from cuboid.results.views.replay import Replay
 from cuboid.results.views.report import Summary, summarise
 from cuboid.results.views.report.pictures import Picture
@@ -49,7 +48,7 @@ def scene_viewer(
     def rename(label: int, name: str) -> TrackedObject:
         with Scene.open(file) as scene:  # closed soon, so that a recording can be added meanwhile
             scene.name(label, name)
-        return name_object(work, label, name)
+        return Results(work).name(label, name)
 
     def find(text: str) -> list[TextMatch]:
         with Scene.open(file) as scene:

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.frame import RigCamera
 from cuboid.ground.formats.rig_file import FIXED
+from cuboid.inputs.readers import Recording
 from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.sources import ESTIMATED, LOST, NO_POSE
 from cuboid.runs.tracking.diagnosis import RunFacts, diagnose, explains, median_or_none
 from cuboid.runs.tracking.running import RunningTracker
-from cuboid.runs.tracking.types import RecordingLike
+from cuboid.runs.tracking.types import RecordingLike, RigLike
 
 
 def checked_warnings(tracker: RunningTracker, recording: RecordingLike, every: int) -> tuple[str, ...]:
     """Return the warnings of a run, including those for which frames are read again.
 
-    This takes a second or two, for a fixed rig up to ten seconds a camera.
+    This takes a second or two.
 
     Parameters
     ----------
@@ -32,60 +33,77 @@ def checked_warnings(tracker: RunningTracker, recording: RecordingLike, every: i
     every : int
         Step between the frames that were read.
     """
-    from cuboid.inputs.calibration.rig_check import knocked_warning
-
     facts, poses = run_facts(tracker, recording, every), tracker.trajectory
-    if not isinstance(recording, RigRecording):
-        found = diagnose(_checked(facts, tracker, recording, recording.intrinsics, poses))
+    if not isinstance(recording, RigLike):
+        found = diagnose(_checked(facts, tracker, recording, poses))
         return (*found, *tracker.pose_warnings, *tracker.view_warnings)
-    warnings = dict.fromkeys(diagnose(facts))
-    for camera in (part.camera for part in recording.parts):
+    # Depth is judged camera by camera.
+    warnings = dict.fromkeys(diagnose(replace(facts, depth_fraction=None, depth_median_m=None)))
+    for camera in recording.rig.cameras:
         of_camera = {k: T for k, T in poses.items() if tracker.camera_of.get(k) == camera.name}
-        moves = recording.kind != FIXED
-        checked = _checked(facts, tracker, recording, camera.intrinsics, of_camera, moves=moves) if of_camera else facts
-        knocked = None if moves else knocked_warning(recording.of(camera.name), camera.name)
-        warnings |= {} if knocked is None else {knocked: None}
-        warnings |= {f"camera {camera.name}: {line}": None for line in diagnose(checked) if line not in warnings}
+        if of_camera:
+            checked = _checked(_facts_of(facts, tracker, of_camera), tracker, recording, of_camera, camera)
+            warnings |= {f"camera {camera.name}: {line}": None for line in diagnose(checked) if line not in warnings}
     return (*warnings, *tracker.pose_warnings, *tracker.view_warnings)
+
+
+def _facts_of(facts: RunFacts, tracker: RunningTracker, frames: Collection[int]) -> RunFacts:
+    """Return the facts of a run with the depth of some frames."""
+    fractions, medians_m = tracker.counts.depth_fraction, tracker.counts.depth_median_m
+    return replace(
+        facts,
+        depth_fraction=median_or_none([fractions[k] for k in frames if k in fractions]),
+        depth_median_m=median_or_none([medians_m[k] for k in frames if k in medians_m]),
+    )
 
 
 def _checked(
     facts: RunFacts,
     tracker: RunningTracker,
     recording: RecordingLike,
-    intrinsics: Intrinsics,
     poses: Mapping[int, Float64Array],
-    *,
-    moves: bool = True,
+    camera: RigCamera | None = None,
 ) -> RunFacts:
     """Return the facts of a run with what frames of one camera, which are read again, tell.
+
+    Only frames of a camera that moves tell whether intrinsics and given poses fit.
 
     Parameters
     ----------
     facts : RunFacts
     tracker : RunningTracker
     recording : RecordingLike
-    intrinsics : Intrinsics
-        Intrinsics of this camera.
     poses : mapping of int to (4, 4) float64
-        Poses of its frames.
-    moves : bool
-        Whether it moves: only then frames tell whether intrinsics and given poses fit.
+        Poses of the frames of the camera.
+    camera : RigCamera, optional
+        The camera, if it is one of a rig.
     """
     from cuboid.inputs.calibration.check import intrinsics_warning
     from cuboid.inputs.calibration.pose_fit import pose_fit
     from cuboid.inputs.calibration.registering import DISPLACED, registration_warning
 
+    own, moves = recording, not isinstance(recording, RigLike) or recording.rig.kind != FIXED
+    if camera is not None and isinstance(recording, RigRecording):
+        own = recording.of(camera.name)
+    intrinsics = recording.intrinsics if camera is None else camera.intrinsics
     estimated, fit, calibration, registration = tracker.poses == ESTIMATED, None, None, None
     if moves and not estimated:  # poses as given: drift correction would adapt them to a wrong depth scale
         given = ((frame, recording.pose(frame)) for frame in poses if _has_pose(recording, frame))
         fit = pose_fit(recording.read, intrinsics, {k: T for k, T in given if T is not None})
     if moves and (fit is None or explains(fit)):
-        units = None if estimated else recording.depth_units_per_metre
+        units = None if estimated else own.depth_units_per_metre
         calibration = intrinsics_warning(recording.read, intrinsics, poses, units)
-    if not any(DISPLACED in line for line in recording.warnings):
+    # The check reads frames of the whole recording and needs 40 MB: once is enough.
+    checked = isinstance(own, Recording) and own.registration_checked
+    if not checked and not any(DISPLACED in line for line in own.warnings):
         registration = registration_warning(recording.read, intrinsics, sorted(poses))
-    return replace(facts, pose_fit=fit, calibration=calibration, registration=registration)
+    return replace(
+        facts,
+        depth_units_per_metre=own.depth_units_per_metre,
+        pose_fit=fit,
+        calibration=calibration,
+        registration=registration,
+    )
 
 
 def own_warnings(tracker: RunningTracker) -> tuple[str, ...]:
@@ -102,8 +120,8 @@ def run_facts(tracker: RunningTracker, recording: RecordingLike | None = None, e
         frames_lost=reasons.count(LOST),
         frames_without_pose=_without_pose(tracker, recording),
         every=every,
-        depth_fraction=median_or_none(tracker.counts.depth_fraction),
-        depth_median_m=median_or_none(tracker.counts.depth_median_m),
+        depth_fraction=median_or_none(tracker.counts.depth_fraction.values()),
+        depth_median_m=median_or_none(tracker.counts.depth_median_m.values()),
         depth_units_per_metre=1.0 if recording is None else recording.depth_units_per_metre,
         pose_fit=None,
         misfit=tracker.pose_misfit,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -46,21 +47,21 @@ class Counts:
     ----------
     proposals : int
         3D proposals of the used frames.
-    depth_fraction, depth_median_m : list of float
-        For each used frame: the fraction of pixels with a reading, and the median of the readings.
+    depth_fraction, depth_median_m : dict of int to float
+        By the index of each used frame: the fraction of pixels with a reading, and the median of the readings.
     """
 
     proposals: int = 0
-    depth_fraction: list[float] = field(default_factory=list)
-    depth_median_m: list[float] = field(default_factory=list)
+    depth_fraction: dict[int, float] = field(default_factory=dict)
+    depth_median_m: dict[int, float] = field(default_factory=dict)
 
     def add(self, frame: Frame, result: FrameResult) -> None:
         """Count a used frame."""
         depth_m = frame.depth_m[::PIXEL_STEP, ::PIXEL_STEP]
         readings = depth_m[depth_m > 0]
-        self.depth_fraction.append(readings.size / depth_m.size)
+        self.depth_fraction[frame.index] = readings.size / depth_m.size
         if readings.size:
-            self.depth_median_m.append(float(np.median(readings)))
+            self.depth_median_m[frame.index] = float(np.median(readings))
         self.proposals += len(result.proposals)
 
 
@@ -114,9 +115,9 @@ class RunFacts:
     misfit: str | None = None
 
 
-def median_or_none(values: list[float]) -> float | None:
+def median_or_none(values: Collection[float]) -> float | None:
     """Return the median; None for an empty list."""
-    return float(np.median(values)) if values else None
+    return float(np.median(list(values))) if values else None
 
 
 def diagnose(facts: RunFacts) -> tuple[str, ...]:

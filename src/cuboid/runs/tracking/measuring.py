@@ -158,12 +158,16 @@ class FrameClock:
     def lap(self, stage: str) -> None:
         """Assign the time since the last lap to a stage."""
         now_s = working_s()
-        self.milliseconds[stage] = (now_s - self._last_s) * 1e3
+        self._add(stage, (now_s - self._last_s) * 1e3)
         self._last_s = now_s
+
+    def _add(self, stage: str, time_ms: float) -> None:
+        self.milliseconds[stage] = self.milliseconds.get(stage, 0.0) + time_ms
 
     def laps(self, milliseconds: Mapping[str, float]) -> None:
         """Add times that were measured elsewhere, and start the next lap."""
-        self.milliseconds.update(milliseconds)
+        for stage, time_ms in milliseconds.items():
+            self._add(stage, time_ms)
         self._last_s = working_s()
 
     def done(self) -> dict[str, float]:

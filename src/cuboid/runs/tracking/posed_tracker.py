@@ -21,7 +21,7 @@ from cuboid.ground.core.observation import Observation, weight_of
 from cuboid.ground.core.results import FrameResult, Proposal3D, Sighting
 from cuboid.ground.core.state import ADDED, Record
 from cuboid.ground.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
-from cuboid.ground.core.working import WorkingImage, filled, thin
+from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import inverse, moved_beyond
 from cuboid.method.boxes.fit import Resting, fit_boxes
@@ -39,7 +39,6 @@ from cuboid.method.objects.support import seen_part
 from cuboid.method.objects.validity import fits_object, too_large
 from cuboid.method.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.method.proposals import make_source
-from cuboid.method.proposals.depth import DepthSegmentation
 from cuboid.method.proposals.types import Proposals, ProposalSource
 from cuboid.method.surfaces.cells import find_cells, patch_pixels, with_level_patches
 from cuboid.method.surfaces.frame_segments import FrameSegment, PixelPlanes, points_of, segment_frame
@@ -48,7 +47,9 @@ from cuboid.method.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.method.surfaces.planes import PlaneTracker, PlaneTrackerState
 from cuboid.method.surfaces.standing import find_flat_areas
 from cuboid.runs.tracking.camera_memory import CameraMemory
+from cuboid.runs.tracking.detecting import same_fields
 from cuboid.runs.tracking.measuring import FrameClock
+from cuboid.runs.tracking.preparing import PreparedImages, Preparer
 from cuboid.runs.tracking.rolling import Roll, farther_up
 from cuboid.runs.tracking.tracked_map import TrackedMap
 
@@ -129,7 +130,7 @@ class PosedTracker(TrackedMap):
 
     NOT_SAVED = frozenset(
         {
-            *("intrinsics", "_memory_mb", "_propose", "_world_boxes", "_sure", "_nominal"),
+            *("intrinsics", "_memory_mb", "_propose", "_preparer", "_world_boxes", "_sure", "_nominal"),
             # A detector must be set again; objects without depth readings are saved in the field `unread`.
             "_detecting",
             # Moving objects are followed only within a recording.
@@ -154,6 +155,7 @@ class PosedTracker(TrackedMap):
         self._cameras = {"": self._camera}
         super().__init__(intrinsics, self._nominal, memory_mb)
         self._propose = make_source(proposals, self.config)
+        self._preparer = Preparer(intrinsics, self.config, self._propose)
         # Number of frames of all cameras.
         self._count = 0
 
@@ -179,6 +181,12 @@ class PosedTracker(TrackedMap):
     def vocabulary(self) -> tuple[str, ...]:
         """Classes of the detector, after it has processed a frame."""
         return self._detecting.vocabulary
+
+    @property
+    def gone_names(self) -> dict[int, str]:
+        """Names from the detector of objects that left, by label."""
+        found = ((entry.label, same_fields(entry)["name"]) for entry in self._following.gone)
+        return {label: name for label, name in found if name}
 
     def _begin(self) -> None:
         super()._begin()
@@ -233,7 +241,11 @@ class PosedTracker(TrackedMap):
         camera.position, camera.viewpoint, camera.time_s = state.position, state.viewpoint, state.time_s
         return tracker
 
-    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
+    def prepare(self, frame: Frame) -> PreparedImages:
+        """Do the part of a frame's work that needs no map; a thread may do this for the next frames, in their order."""
+        return self._preparer.ahead(frame)
+
+    def update(self, frame: Frame, anchor: int = 0, prepared: PreparedImages | None = None) -> FrameResult:
         """Process a frame; an exact repetition of the last one, with the same pose, changes nothing.
 
         Parameters
@@ -243,6 +255,8 @@ class PosedTracker(TrackedMap):
         anchor : int
             Keyframe to which the frame's pose is anchored, if poses are estimated; see `apply_correction`. Numbers
             beyond `LAST_KEYFRAME`, after hours of video, are not distinguished.
+        prepared : PreparedImages, optional
+            What `prepare` returned for this frame; the result does not depend on it.
 
         Raises
         ------
@@ -255,13 +269,13 @@ class PosedTracker(TrackedMap):
             camera.last = frame, self._repeat(frame, camera.last[1])
             return camera.last[1]
         if camera.turns is None:
-            camera.turns = farther_up(frame.depth_m)
+            camera.turns = self._turns_of(frame, T_world_camera)
         roll = self._roll
         if self._T_world_map is None:
             self._T_world_map = roll.pose(T_world_camera)
         T_map_camera = np.round(inverse(self._T_world_map) @ T_world_camera, POSE_DECIMALS)
         self._check_reach(frame.index, T_map_camera)
-        result = roll.result(self._update(roll.frame(frame.at(T_map_camera)), frame, anchor))
+        result = roll.result(self._update(frame, frame.at(T_map_camera), anchor, prepared))
         result = dataclasses.replace(
             result,
             T_world_camera=T_world_camera,
@@ -282,6 +296,18 @@ class PosedTracker(TrackedMap):
             self._cameras[name] = CameraMemory(frame.intrinsics_or(self.intrinsics), self._nominal)
         return self._cameras[name]
 
+    def _turns_of(self, frame: Frame, T_world_camera: Float64Array) -> int | None:
+        """Return the quarter turns of a camera: those that agree best with another camera of its rig, if there is one.
+
+        Cameras of a rig have one idea of up: two guesses that contradict each other would mislead the search for up.
+        """
+        other = next((one for one in self._cameras.values() if one.turns is not None and one.last is not None), None)
+        if other is None or other.turns is None or other.last is None:
+            return farther_up(frame.depth_m)
+        image_up = Roll(other.intrinsics, other.turns).image_up(other.last[1].T_world_camera)
+        rolls = (Roll(self._camera.intrinsics, turns) for turns in range(4))
+        return int(np.argmax([roll.image_up(T_world_camera) @ image_up for roll in rolls]))
+
     def _repeat(self, frame: Frame, last: FrameResult) -> FrameResult:
         """Return the result of the last frame for an exact repetition of it: it shows the same objects again."""
         self._map.store.record_seen(self._map.store.seen_in(last.index), frame.index)
@@ -293,11 +319,13 @@ class PosedTracker(TrackedMap):
     def _roll(self) -> Roll:
         return Roll(self._camera.intrinsics, self._camera.turns or 0)
 
-    def _update(self, frame: Frame, given: Frame, anchor: int) -> FrameResult:
-        """Process a frame rotated by `_roll`; see `update`."""
-        clock, time_s = FrameClock(), frame.timestamp_s
-        seen = self._observe(frame, self._roll.camera, anchor if anchor <= LAST_KEYFRAME else 0)
-        proposed = self._proposals(frame, given)
+    def _update(self, given: Frame, in_map: Frame, anchor: int, prepared: PreparedImages | None) -> FrameResult:
+        """Process a frame, rotated by `_roll`; `in_map` is the same frame with its pose in the map. See `update`."""
+        clock, time_s = FrameClock(), given.timestamp_s
+        images = self._preparer.fitted(prepared, given, self._roll, self._camera.count)
+        frame = self._roll.placed(images.turned, in_map)
+        seen = self._observe(frame, images, anchor if anchor <= LAST_KEYFRAME else 0)
+        proposed = self._proposals(given) if images.proposals is None else images.proposals
         proposals = proposed.best(MAX_PROPOSALS)
         clock.lap("proposals")
         seen = self._find_motion(seen, time_s)
@@ -384,17 +412,16 @@ class PosedTracker(TrackedMap):
             clock.lap("without depth")
         return sightings
 
-    def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:
-        """Prepare a frame for all stages; the first frame of a camera also gives the noise of its sensor."""
-        T_world_camera = frame.T_world_camera
+    def _observe(self, frame: Frame, images: PreparedImages, keyframe: int) -> Observation:
+        """Return a frame as all stages see it; the first frame of a camera also gives the noise of its sensor."""
+        T_world_camera, image = frame.T_world_camera, images.image
         assert T_world_camera is not None
-        image = thin(frame, camera, self.config.working_width_px, self._camera.count)
         if self._camera.count == 0:
             self._estimate_noise(image)
         return Observation(
             frame=frame.index,
             image=image,
-            solid=filled(image),
+            solid=images.solid,
             T_world_camera=T_world_camera,
             up_camera=frame.up_camera,
             keyframe=keyframe,
@@ -465,14 +492,12 @@ class PosedTracker(TrackedMap):
         if far_m + self.config.max_depth_m >= reach_m:
             raise FrameError(f"frame {index} is {far_m:.0f} m from the first one, the map reaches {reach_m:.0f} m")
 
-    def _proposals(self, frame: Frame, given: Frame) -> Proposals:
-        """Return the proposals of a rotated frame; all sources but the depth segmentation get the unrotated frame."""
-        if isinstance(self._propose, DepthSegmentation):
-            return self._propose(frame, self._roll.camera)
+    def _proposals(self, given: Frame) -> Proposals:
+        """Return the proposals of a source that gets the unrotated frame: any but the depth segmentation."""
         c = self._camera.intrinsics
         proposals = self._propose(given, c)
         if len(proposals) and (proposals.boxes_xyxy[:, 2:] > (c.width, c.height)).any():
-            raise ValueError(f"proposals of frame {frame.index} lie outside its {c.width} x {c.height} pixels")
+            raise ValueError(f"proposals of frame {given.index} lie outside its {c.width} x {c.height} pixels")
         return self._roll.proposals(proposals)
 
     def _find_planes(self, seen: Observation) -> PixelPlanes:

@@ -82,9 +82,18 @@ class Roll:
             up_camera=None if frame.up_camera is None else frame.up_camera @ self._rotation(),
         )
 
+    def placed(self, turned: Frame, frame: Frame) -> Frame:
+        """Return a rotated frame with the pose that follows from the pose of the unrotated frame."""
+        T = frame.T_world_camera
+        return frame if self.turns == 0 or T is None else turned.at(self.pose(T))
+
     def pose(self, T_world_camera: Float64Array) -> Float64Array:
         """Return the pose of the rotated camera, T_world_turned (4, 4)."""
         return _turned(T_world_camera, self._rotation())
+
+    def image_up(self, T_world_camera: Float64Array) -> Float64Array:
+        """Return up of the rotated images, (3,) in the world."""
+        return np.asarray(-self.pose(T_world_camera)[:3, 1])
 
     def proposals(self, found: Proposals) -> Proposals:
         """Transform the proposals of an image to the rotated image."""

@@ -19,11 +19,12 @@ from cuboid.results.files import PoseRow
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.runs.tracking.diagnosis import Counts
 from cuboid.runs.tracking.measuring import FrameClock, FrameLog
-from cuboid.runs.tracking.types import KeptMap, TrackerLike
+from cuboid.runs.tracking.types import KeptMap, PreparedFrame, Preparing, TrackerLike
 
 if TYPE_CHECKING:
     from cuboid.method.shapes import ObjectView
     from cuboid.method.shapes.keeping import ViewKeeper
+    from cuboid.runs.tracking.preparing import PreparedImages
 
 # The median depth of a frame exceeds this only if depth is not in metres: no RGB-D camera sees so far.
 MAX_MEDIAN_DEPTH_M = 100.0
@@ -69,6 +70,7 @@ class RunningTracker(KeptMap):
         self._origin = source if isinstance(source, str) else None
         self._source = None if isinstance(source, str) else source
         self._mapper, self._write = mapper, write
+        self._preparing = mapper if isinstance(mapper, Preparing) else None
         self._busy = threading.Lock()
         self.log, self.counts = FrameLog(), Counts()
         self.times_s: dict[int, float] = {}
@@ -107,33 +109,64 @@ class RunningTracker(KeptMap):
             self.log.use(clock.done(), result.left_out)
         return result
 
-    def step(self, frame: Frame | SkippedFrame, clock: FrameClock) -> FrameResult | SkippedFrame:
+    def prepare(self, frame: Frame) -> PreparedFrame:
+        """Do the part of a frame's work that needs no map: `step` takes the result.
+
+        A thread may do this for the next frames while `step` processes an earlier one; in order, and for each frame.
+        What makes a frame unusable is kept until its turn.
+        """
+        clock = FrameClock()
+        prepared = self._posed(frame)
+        clock.lap("poses")
+        images = None
+        if prepared.posed is not None and self._preparing is not None:
+            images = self._preparing.prepare(prepared.frame)
+            clock.lap("proposals")
+        return replace(prepared, images=images, milliseconds=clock.milliseconds)
+
+    def step(self, frame: Frame | SkippedFrame | PreparedFrame, clock: FrameClock) -> FrameResult | SkippedFrame:
         """Process the next frame as `update` does, with a clock whose times the caller logs."""
         if not self._busy.acquire(blocking=False):
             raise CuboidError("Tracker.update: another thread is taking in a frame; frames come one after the other")
         try:
-            self._check(frame)
+            self._check_order(frame.frame if isinstance(frame, PreparedFrame) else frame)
             if isinstance(frame, SkippedFrame):
                 return self.skip(frame.index, frame.reason)
-            return self._step(frame, clock)
+            prepared = frame if isinstance(frame, PreparedFrame) else self._posed(frame)
+            if prepared.refused is not None:
+                raise prepared.refused
+            return self._step(prepared, clock)
         finally:
             self._busy.release()
 
-    def _step(self, frame: Frame, clock: FrameClock) -> FrameResult | SkippedFrame:
-        self.times_s[frame.index] = frame.timestamp_s
-        if frame.camera is not None:
-            self.camera_of[frame.index] = frame.camera.name
+    def _posed(self, frame: Frame) -> PreparedFrame:
+        """Return a frame with its pose, or with the reason why it cannot be used."""
+        try:
+            check_images(frame, self.intrinsics)
+        except FrameError as error:
+            return PreparedFrame(frame, refused=error)
         if not frame.has_depth:
-            return self.skip(frame.index, NO_DEPTH)
+            return PreparedFrame(frame, reason=NO_DEPTH)
         # A copy: a camera may write the next frame into the same memory.
         frame = replace(frame, color=frame.color.copy(), depth_m=frame.depth_m.copy())
         try:
-            posed = self._located(frame)
-            clock.lap("poses")
+            return PreparedFrame(frame, self._located(frame))
+        except FrameError as error:
+            return PreparedFrame(frame, reason=str(error))
+
+    def _step(self, prepared: PreparedFrame, clock: FrameClock) -> FrameResult | SkippedFrame:
+        frame, posed = prepared.frame, prepared.posed
+        self.times_s[frame.index] = frame.timestamp_s
+        if frame.camera is not None:
+            self.camera_of[frame.index] = frame.camera.name
+        if posed is None:
+            return self.skip(frame.index, prepared.reason)
+        clock.lap("poses")
+        try:
             if posed.moved:
                 self._mapper.apply_correction(posed.moved)
                 clock.lap("correction")
-            result = self._mapper.update(frame.at(posed.T_world_camera), posed.anchor)
+            result = self._mapped(frame.at(posed.T_world_camera), posed.anchor, prepared.images)
         except FrameError as error:
             return self.skip(frame.index, str(error))
         self.T_world_camera[frame.index] = posed.T_world_camera
@@ -146,6 +179,12 @@ class RunningTracker(KeptMap):
             self._write(result)
             clock.lap("write")
         return result
+
+    def _mapped(self, frame: Frame, anchor: int, images: PreparedImages | None) -> FrameResult:
+        """Give a posed frame to the tracker of posed frames."""
+        if images is None or self._preparing is None:
+            return self._mapper.update(frame, anchor)
+        return self._preparing.update(frame, anchor, images)
 
     def _located(self, frame: Frame) -> Posed:
         """Return the pose of a frame; an exact repetition of the last one of its camera has the same."""
@@ -175,19 +214,12 @@ class RunningTracker(KeptMap):
         for index, reason in skipped:
             self.log.skip(index, reason)
 
-    def _check(self, frame: Frame | SkippedFrame) -> None:
-        """Raise FrameError for a wrong argument of a caller."""
+    def _check_order(self, frame: Frame | SkippedFrame) -> None:
+        """Raise FrameError if a caller's argument is no frame, or does not come after the last one."""
         if not isinstance(frame, Frame | SkippedFrame):
             raise FrameError(f"expected a cuboid.Frame, got {type(frame).__name__}")
         if self._last_index is not None and frame.index <= self._last_index:
             raise FrameError(f"frame {frame.index} comes after frame {self._last_index}; indices must increase")
-        if isinstance(frame, Frame):
-            (height, width), expected = frame.depth_m.shape, frame.intrinsics_or(self.intrinsics)
-            if (width, height) != (expected.width, expected.height):
-                raise FrameError(
-                    f"frame {frame.index} is {width} x {height} pixels, expected {expected.width} x {expected.height}"
-                )
-            refuse_other_units(frame)
 
     @property
     def _last_index(self) -> int | None:
@@ -210,6 +242,12 @@ class RunningTracker(KeptMap):
     def vocabulary(self) -> tuple[str, ...]:
         """Classes of the detector, after it has processed a frame; empty without a detector."""
         found: tuple[str, ...] = getattr(self._mapper, "vocabulary", ())
+        return found
+
+    @property
+    def gone_names(self) -> dict[int, str]:
+        """Names from the detector of objects that left, by label."""
+        found: dict[int, str] = getattr(self._mapper, "gone_names", {})
         return found
 
     @property
@@ -256,6 +294,16 @@ class RunningTracker(KeptMap):
         if self.kept_views is None:
             raise InputError("this tracker keeps no views of its objects: make it with shapes=True")
         return self.kept_views.views(item, self.trajectory, max_views)
+
+
+def check_images(frame: Frame, intrinsics: Intrinsics) -> None:
+    """Raise FrameError if the images of a frame have another size than its camera's, or its depth is not in metres."""
+    (height, width), expected = frame.depth_m.shape, frame.intrinsics_or(intrinsics)
+    if (width, height) != (expected.width, expected.height):
+        raise FrameError(
+            f"frame {frame.index} is {width} x {height} pixels, expected {expected.width} x {expected.height}"
+        )
+    refuse_other_units(frame)
 
 
 def refuse_other_units(frame: Frame) -> None:

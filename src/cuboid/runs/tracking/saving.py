@@ -107,9 +107,8 @@ def objects_file(
         Whether they are found too.
     """
     pieces = tuple(tracker.find_furniture(points)) if furniture else ()
-    found = ObjectsFile(
-        tracker.up, intrinsics, tuple(tracker.planes), points.counted(tracker.objects), furniture=pieces
-    )
+    objects, names = points.counted(tracker.objects), tracker.gone_names
+    found = ObjectsFile(tracker.up, intrinsics, tuple(tracker.planes), objects, furniture=pieces, gone_names=names)
     return found.with_relations(points) if relations else found
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.errors import FrameError
+from cuboid.ground.core.frame import Frame, Intrinsics, Rig
 from cuboid.ground.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.method.poses.sources import Posed
 from cuboid.results.files import RunReport
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from cuboid.inputs.readers.depth_camera import DepthCamera
     from cuboid.method.proposals.types import ProposalSource
     from cuboid.results.views.video import FrameSink
+    from cuboid.runs.tracking.preparing import PreparedImages
 
 
 class RecordingLike(Protocol):
@@ -68,6 +71,18 @@ class RecordingLike(Protocol):
 
     def without_poses(self) -> RecordingLike:
         """Return the same recording without its poses."""
+
+
+@runtime_checkable
+class RigLike(Protocol):
+    """What a recording of several cameras has besides."""
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras, with their poses in the rig."""
+
+    def settings(self) -> dict[str, Any]:
+        """Return the entry of `run.json`."""
 
 
 def lens_settings(recording: RecordingLike) -> dict[str, Any]:
@@ -161,6 +176,44 @@ class TrackerLike(MapLike, Protocol):
         """Apply a pose correction: move the map, planes and objects with the keyframes."""
 
 
+@runtime_checkable
+class Preparing(Protocol):
+    """A tracker of posed frames that can do a part of the next frames' work ahead; a `TrackerLike`, too."""
+
+    def prepare(self, frame: Frame) -> PreparedImages:
+        """Do the part of a frame's work that needs neither its pose nor the map."""
+
+    def update(self, frame: Frame, anchor: int = 0, prepared: PreparedImages | None = None) -> FrameResult:
+        """Process one frame, of which `prepared` may be given."""
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedFrame:
+    """A frame after the part of its work that needs no map.
+
+    Attributes
+    ----------
+    frame : Frame
+    posed : Posed or None
+        Its pose; None if the frame cannot be used.
+    images : PreparedImages or None
+        Its images, if they were prepared ahead.
+    refused : FrameError or None
+        The fault of the frame, an error of the caller.
+    reason : str
+        Why the frame is skipped.
+    milliseconds : mapping of str to float
+        Times of the stages that were done ahead.
+    """
+
+    frame: Frame
+    posed: Posed | None = None
+    images: PreparedImages | None = None
+    refused: FrameError | None = None
+    reason: str = ""
+    milliseconds: Mapping[str, float] = field(default_factory=dict)
+
+
 class Progress:
     """Receives the progress of a run; this base class does nothing."""
 
@@ -172,6 +225,9 @@ class Progress:
 
     def skipped(self, index: int, reason: str) -> None:
         """Report that a frame was skipped."""
+
+    def warning(self, line: str) -> None:
+        """Report a problem that the run goes on with, such as a camera that was knocked or pulled out."""
 
 
 MakeTracker = Callable[[Intrinsics, TrackerConfig, "str | ProposalSource | None"], TrackerLike]

@@ -1,10 +1,8 @@
-"""Sightings of objects in a result folder, with the gone objects that only its rows have."""
+"""First, last and later sightings of objects in a result folder."""
 
 from __future__ import annotations
 
 from pathlib import PurePath
-
-import numpy as np
 
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.results import TrackedObject
@@ -31,20 +29,6 @@ def later_in_results(results: Results, item: TrackedObject) -> Later:
     far_m = float(results.report.config.get("tracker", {}).get("max_depth_m", TrackerConfig().max_depth_m))
     shown = frames_that_show(item.box, poses, item.last_frame, results.found.intrinsics, far_m)
     return Later("not seen", seen_in_results(results, shown[0], item)) if shown else Later("not looked at")
-
-
-def gone_objects(results: Results) -> list[TrackedObject]:
-    """Return the objects that left during the run and did not come back, by label, as their last rows have them."""
-    last_event = {one.label: one.event for one in results.events}
-    found = []
-    for label in sorted(label for label, event in last_event.items() if event == "gone"):
-        rows = [row for row in results.tracks if row.label == label]
-        if rows and label not in results.survivor:
-            last, likely = rows[-1], rows[-1].probability or 0.0
-            frames = rows[0].frame, last.frame, len({row.frame for row in rows})
-            unknown = np.full(3, np.nan)  # the color is in the map alone, which no longer has the object
-            found.append(TrackedObject(label, last.box, likely, 0.0, *frames, 0, unknown, None))
-    return found
 
 
 def name_of(path: str) -> str | None:

@@ -34,7 +34,7 @@ from cuboid.services.queries.questions import (
 )
 from cuboid.services.queries.shared_map import SharedMap
 from cuboid.services.queries.snapshot import Snapshot
-from cuboid.services.queries.sources import Bearer, Source
+from cuboid.services.queries.sources import Source, SupportingFurniture
 from cuboid.services.queries.standing import standing_in_words, surface_words
 from cuboid.services.queries.words import place
 
@@ -192,12 +192,12 @@ class Place:
 
     def surfaces(self) -> list[Surface]:
         """Return the supporting planes."""
-        up, bearers, relations = self._shared.up(), _by_plane(self._shared.furniture()), self._shared.relations()
+        up, pieces, relations = self._shared.up(), _by_plane(self._shared.furniture()), self._shared.relations()
         with self._shared.lock:
             planes = tuple(self._source.map.planes)
             heights, kinds = plane_heights_m(planes, up), surface_kinds(planes, up)
             return [
-                _surface(k, plane, heights[k], kinds[k], relations, bearers.get(k)) for k, plane in enumerate(planes)
+                _surface(k, plane, heights[k], kinds[k], relations, pieces.get(k)) for k, plane in enumerate(planes)
             ]
 
     def free_place(
@@ -228,9 +228,9 @@ class Place:
 
     def surface_words(self) -> dict[str, str]:
         """Return the supporting planes in words, such as "a table, 0.72 m high", by "plane:k"."""
-        up, bearers = self._shared.up(), _by_plane(self._shared.furniture())
+        up, pieces = self._shared.up(), _by_plane(self._shared.furniture())
         with self._shared.lock:
-            return surface_words(tuple(self._source.map.planes), up, bearers)
+            return surface_words(tuple(self._source.map.planes), up, pieces)
 
     def standing_on(self, labels: Sequence[int]) -> dict[int, str]:
         """Return on or in what objects are, in words, by label; objects for which that is not known are omitted."""
@@ -253,11 +253,11 @@ class Place:
     def tree(self) -> tuple[TreeNode, ...]:
         """Return the tree of the place: surfaces, the objects on them, and the objects on and in those."""
         relations, up = self._shared.relations(), self._shared.up()
-        bearers = _by_plane(self._shared.furniture())
+        pieces = _by_plane(self._shared.furniture())
         with self._shared.lock:
             now = self._shared.now()
             found = place_tree(now.living, relations, self._source.map.planes, up)
-            names: dict[int | str, str | None] = {f"plane:{k}": bearer.name for k, bearer in bearers.items()}
+            names: dict[int | str, str | None] = {f"plane:{k}": piece.name for k, piece in pieces.items()}
             names |= dict(now.names.items())
             return tuple(_node(branch, names) for branch in found)
 
@@ -298,10 +298,10 @@ class Place:
         return np.asarray(now.called(near)[0].box.center)
 
 
-def _by_plane(bearers: Sequence[Bearer]) -> dict[int, Bearer]:
+def _by_plane(pieces: Sequence[SupportingFurniture]) -> dict[int, SupportingFurniture]:
     """Return the furniture by the planes that it bears; of several labels of a piece the oldest."""
-    oldest_last = sorted(bearers, key=lambda bearer: bearer.label, reverse=True)
-    return {k: bearer for bearer in oldest_last for k in bearer.planes}
+    oldest_last = sorted(pieces, key=lambda piece: piece.label, reverse=True)
+    return {k: piece for piece in oldest_last for k in piece.planes}
 
 
 def _surface(
@@ -310,14 +310,14 @@ def _surface(
     height_m: float,
     kind: SurfaceKind | None,
     relations: Mapping[int, Sequence[Relation]],
-    bearer: Bearer | None,
+    piece: SupportingFurniture | None,
 ) -> Surface:
     center = plane.extent.mean(0) if len(plane.extent) else -plane.offset * plane.normal
     to = f"plane:{k}"
     labels = tuple(
         label for label, found in relations.items() if any(one.kind == "on" and one.to == to for one in found)
     )
-    furniture, name = (None, None) if bearer is None else (bearer.label, bearer.name)
+    furniture, name = (None, None) if piece is None else (piece.label, piece.name)
     measured = vector(center), vector(plane.normal), round(height_m, 4), round(plane_area_m2(plane), 4)
     return Surface(to, *measured, labels, furniture, name, kind)
 

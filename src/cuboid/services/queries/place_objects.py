@@ -131,9 +131,7 @@ class PlaceObjects:
             return {to.strip()}
         kinds = self._kinds if is_kind(to) else []
         found: set[int | str] = {f"plane:{k}" for k, kind in enumerate(kinds) if kind == to.strip().lower()}
-        return found | {
-            f"plane:{k}" for bearer in self._shared.furniture() if bearer.is_called(to) for k in bearer.planes
-        }
+        return found | {f"plane:{k}" for piece in self._shared.furniture() if piece.is_called(to) for k in piece.planes}
 
     @cached_property
     def _kinds(self) -> list[SurfaceKind | None]:

@@ -69,9 +69,9 @@ def sigma_names(of: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{name.removesuffix('_m')}_sigma_m" for name in of)
 
 
-def size_of(row: Mapping[str, Any], times: str = " x ", *, errors: bool = False) -> str:
+def size_of(row: Mapping[str, Any], separator: str = " x ", *, errors: bool = False) -> str:
     """Return the size of an object in text, centimetres."""
-    return size_text([row[side] for side in SIDES], _known_sigmas(row), times=times, errors=errors)
+    return size_text([row[side] for side in SIDES], _known_sigmas(row), separator=separator, errors=errors)
 
 
 def unseen_of(row: Mapping[str, Any]) -> str:

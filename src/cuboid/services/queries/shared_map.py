@@ -18,7 +18,7 @@ from cuboid.method.relations import find_relations
 from cuboid.method.text_search import TextModel
 from cuboid.results.files.queries import saved_relations
 from cuboid.services.queries.snapshot import Snapshot
-from cuboid.services.queries.sources import Bearer, Source
+from cuboid.services.queries.sources import Source, SupportingFurniture
 
 T = TypeVar("T")
 # A slow result is computed again after the map has changed, but not before this many times its computing time has
@@ -49,7 +49,7 @@ class SharedMap:
         self._objects: _Kept[Snapshot] = _Kept(lambda: Snapshot(source))
         self._relations: _Kept[Mapping[int, Sequence[Relation]]] = _Kept(self._find_relations)
         self._up: _Kept[Float64Array | None] = _Kept(lambda: source.aside.up)
-        self._furniture: _Kept[Sequence[Bearer]] = _Kept(lambda: source.furniture())
+        self._furniture: _Kept[Sequence[SupportingFurniture]] = _Kept(lambda: source.furniture())
         self._colors: _Kept[Mapping[int, tuple[str, ...]]] = _Kept(lambda: source.colors())
         self._vectors: _Kept[Mapping[int, Float32Array]] = _Kept(self._find_vectors)
 
@@ -66,7 +66,7 @@ class SharedMap:
         """Return up in the world, (3,)."""
         return self._found_aside(self._up)
 
-    def furniture(self) -> Sequence[Bearer]:
+    def furniture(self) -> Sequence[SupportingFurniture]:
         """Return the furniture that bears supporting planes."""
         return self._found_aside(self._furniture)
 

@@ -19,7 +19,7 @@ from cuboid.services.queries.sources import Source
 
 # Distance within which objects are near to each other, metres: the relations on, in and beside depend on objects within
 # `BESIDE_M`, and on the supports of these.
-NEAR_M = 0.3
+RELATED_M = 0.3
 
 Mask = npt.NDArray[np.bool_]
 
@@ -96,7 +96,7 @@ class Snapshot:
         """Return the present objects whose boxes are near the given objects, these included."""
         near = np.zeros(len(self.known), bool)
         for item in items:
-            near |= self.distances_m(item.box.center) <= NEAR_M + float(np.linalg.norm(item.box.size)) / 2.0
+            near |= self.distances_m(item.box.center) <= RELATED_M + float(np.linalg.norm(item.box.size)) / 2.0
         return [self.known[k][0] for k in np.flatnonzero(near & self.present)]
 
     def mask(self, holds: Callable[[TrackedObject], bool]) -> Mask:

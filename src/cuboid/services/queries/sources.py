@@ -24,13 +24,13 @@ from cuboid.results.views.report.pictures import cut_picture
 from cuboid.runs.scene import Scene, SceneObject, SceneRecording
 from cuboid.services.queries.answers import Later, PastRelated, Seen, SightingAnswer, State
 from cuboid.services.queries.filters import label_of
-from cuboid.services.queries.in_results import gone_objects, later_in_results, name_of, seen_in_results
+from cuboid.services.queries.in_results import later_in_results, name_of, seen_in_results
 from cuboid.services.queries.likeness import color_fractions, colors_of
 from cuboid.services.queries.looking import frames_that_show, seen_from, vector
 
 
 @dataclass(frozen=True, slots=True)
-class Bearer:
+class SupportingFurniture:
     """Furniture that bears supporting planes.
 
     Attributes
@@ -83,7 +83,7 @@ class Source(ABC):
         """Return the walls for the relation `against`; none where finding them would need the whole map."""
         return ()
 
-    def furniture(self) -> Sequence[Bearer]:
+    def furniture(self) -> Sequence[SupportingFurniture]:
         """Return the furniture that was found, one entry for each label; only for the thread that uses `aside`."""
         return ()
 
@@ -182,10 +182,12 @@ class ResultsSource(Source):
         """Return the walls for the relation `against`."""
         return self.aside.walls
 
-    def furniture(self) -> Sequence[Bearer]:
+    def furniture(self) -> Sequence[SupportingFurniture]:
         """Return the furniture that was saved with the results."""
         pieces = self.aside.furniture
-        return [Bearer(k, item.name, item.planes) for item in pieces for k in (item.label, *item.merged_labels)]
+        return [
+            SupportingFurniture(k, item.name, item.planes) for item in pieces for k in (item.label, *item.merged_labels)
+        ]
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label."""
@@ -193,7 +195,7 @@ class ResultsSource(Source):
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return the objects, and those that were gone at the end, sorted by label."""
-        present, gone = super().objects(), [(item, "gone") for item in gone_objects(self.map)]
+        present, gone = super().objects(), [(item, "gone") for item in self.map.gone]
         return sorted([*present, *gone], key=lambda one: one[0].label)  # type: ignore[list-item]  # a literal
 
     def _seen(self, frame: int, item: TrackedObject) -> Seen:
@@ -283,10 +285,13 @@ class SceneSource(Source):
             self._recordings = {one.number: one for one in recordings}
         return version
 
-    def furniture(self) -> Sequence[Bearer]:
+    def furniture(self) -> Sequence[SupportingFurniture]:
         """Return the furniture that runs into the scene have found."""
         names = self.aside.furniture_names
-        return [Bearer(label, names.get(label), planes) for label, planes in self.aside.furniture_planes.items()]
+        return [
+            SupportingFurniture(label, names.get(label), planes)
+            for label, planes in self.aside.furniture_planes.items()
+        ]
 
     def vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
         """Return the vectors of the objects by an image-text model, by label.

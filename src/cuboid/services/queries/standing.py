@@ -8,19 +8,19 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import Relation, SupportPlane, tag_of
 from cuboid.method.relations import surface_kinds
 from cuboid.method.relations.tree import plane_heights_m
-from cuboid.services.queries.sources import Bearer
+from cuboid.services.queries.sources import SupportingFurniture
 
 _ARTICLES = {"floor": "the floor", "table": "a table", None: "a surface"}
 
 
 def surface_words(
-    planes: Sequence[SupportPlane], up: Float64Array | None, bearers: Mapping[int, Bearer]
+    planes: Sequence[SupportPlane], up: Float64Array | None, furniture: Mapping[int, SupportingFurniture]
 ) -> dict[str, str]:
     """Return the surfaces in words, by "plane:k": what each is, and its height above the lowest one."""
     heights_m, kinds = plane_heights_m(planes, up), surface_kinds(planes, up)
     found = {}
     for k, (height_m, kind) in enumerate(zip(heights_m, kinds, strict=True)):
-        name = bearers[k].name if k in bearers else None
+        name = furniture[k].name if k in furniture else None
         words = _ARTICLES[kind] if name is None else f"the {name}"
         found[f"plane:{k}"] = words if kind == "floor" else f"{words}, {height_m:.2f} m high"
     return found

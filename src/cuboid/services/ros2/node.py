@@ -13,9 +13,12 @@ import numpy as np
 
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.results import FrameResult
+from cuboid.ground.formats.rig_file import FIXED
 from cuboid.ground.formats.ros_messages import RosMessages
 from cuboid.ground.middleware.transport import Inlet, Qos, Services, Transport
+from cuboid.inputs.calibration.rig_check import RigWatch
 from cuboid.inputs.cameras.live import LiveCamera
+from cuboid.inputs.cameras.live_rig import LiveRig
 from cuboid.inputs.cameras.ros2 import RosCamera
 from cuboid.method.heatmap.row_memory import resident_mb
 from cuboid.results.views.ros_stream import OK, STALE, WARN, RosStream
@@ -68,18 +71,26 @@ class RosNode:
 
     Parameters
     ----------
-    camera : RosCamera
-    live : LiveCamera
-        The frames of `camera`.
+    cameras : mapping of str to RosCamera
+        The cameras by their names in the rig; a single camera has the name "".
+    live : LiveCamera or LiveRig
+        The frames of the cameras.
     session : Session
     stream : RosStream
     clock : NodeClock
     """
 
     def __init__(
-        self, camera: RosCamera, live: LiveCamera, session: Session, stream: RosStream, clock: NodeClock
+        self,
+        cameras: Mapping[str, RosCamera],
+        live: LiveCamera | LiveRig,
+        session: Session,
+        stream: RosStream,
+        clock: NodeClock,
     ) -> None:
-        self._camera, self._live, self._session, self._stream, self._now_ns = camera, live, session, stream, clock
+        self._cameras, self._live, self._session, self._stream, self._now_ns = cameras, live, session, stream, clock
+        fixed = isinstance(live, LiveRig) and live.rig.kind == FIXED
+        self._watch = RigWatch(ahead=True) if fixed else None
         self.parameters = Parameters(partial(setattr, stream, "settings"))
         self._services: NodeServices | None = None
         self._latency_ms: deque[float] = deque(maxlen=FRAMES_KEPT)
@@ -99,7 +110,9 @@ class RosNode:
             self._track(frame)
             self.between_frames()
             if count == limit:
-                return
+                break
+        if self._watch is not None:
+            self._watch.finish()
 
     def between_frames(self) -> None:
         """Answer requests and commands, and send diagnostics once a second."""
@@ -113,19 +126,24 @@ class RosNode:
         """Write the results at the end, see `Session.finish`; return their folder."""
         return self._session.finish()
 
+    @property
+    def warnings(self) -> list[str]:
+        """Problems so far, one line each: of the cameras, and fixed cameras that were knocked."""
+        return [*self._live.warnings, *([] if self._watch is None else self._watch.warnings)]
+
     def figures(self) -> dict[str, Any]:
         """Return the counts and times of the run so far, by name."""
-        camera, session = self._camera, self._session
+        cameras, session = self._cameras.values(), self._session
         return {
-            "color images": camera.received["color"],
-            "depth images": camera.received["depth"],
-            "pairs": camera.paired,
-            "pairs without pose": camera.unposed,
+            "color images": sum(camera.received["color"] for camera in cameras),
+            "depth images": sum(camera.received["depth"] for camera in cameras),
+            "pairs": sum(camera.paired for camera in cameras),
+            "pairs without pose": sum(camera.unposed for camera in cameras),
             "frames": session.used,
             "frames skipped": session.skipped,
             "frames dropped": self._live.dropped,
-            "images without partner": camera.unpaired,
-            "images damaged": camera.damaged,
+            "images without partner": sum(camera.unpaired for camera in cameras),
+            "images damaged": sum(camera.damaged for camera in cameras),
             "objects": len(session.tracker.objects),
             "frame ms median": _percentile(self._frame_ms, 50),
             "latency ms median": _percentile(self._latency_ms, 50),
@@ -135,9 +153,12 @@ class RosNode:
 
     def _track(self, frame: Frame) -> None:
         begun_s = time.perf_counter()
-        stamp_ns = self._camera.stamp_ns(frame.timestamp_s)
+        camera = self._cameras[frame.camera_name]
+        stamp_ns = camera.stamp_ns(frame.timestamp_s)
+        if self._watch is not None:
+            self._watch.add(frame)
         result = self._session.take(frame)
-        self._stream.camera, self._stream.world = self._camera.frame_id, self._camera.world or self._stream.world
+        self._stream.camera, self._stream.world = camera.frame_id, camera.world or self._stream.world
         if isinstance(result, FrameResult):
             self._stream.frame(frame, result, self._session.tracker, stamp_ns)
         self._frame_ms.append((time.perf_counter() - begun_s) * 1e3)
@@ -157,6 +178,8 @@ class RosNode:
         silent_s = time.monotonic() - self._last_frame_s
         if silent_s > SILENT_S:
             return STALE, f"no image for {silent_s:.0f} s", figures
+        if self.warnings:
+            return WARN, self.warnings[-1], figures
         if new:
             return WARN, f"{new} frames lost in the last second", figures
         return OK, "tracking", figures

@@ -91,7 +91,8 @@ class Session:
             raise InputError(f"expected the name of a folder beside {self._output}, without a path, got '{folder}'")
         output = self._output.parent / folder if folder else self._output
         self.tracker.save(output, force=self._force and not folder)
-        named = [item.label for item in self.tracker.objects if item.label in self.names]
+        results = Results(output)
+        named = [item.label for item in (*results.objects, *results.gone) if item.label in self.names]
         for label in named:
             name_object(output, label, self.names[label])
         if named:

@@ -1,6 +1,6 @@
 """The tracker's side of a served run: it gives what changed to another process, and never waits for it.
 
-An update is taken only when the last one has left, and a ration of the tracker's own time pays for it. So neither slow
+An update is taken only when the last one has left, and a limiter of the tracker's own time pays for it. So neither slow
 clients nor a process that stands still slow the tracker down; they see an older map.
 """
 
@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.results import FrameResult, MapPoints, ObjectEvent, Sighting, TrackedObject
 from cuboid.results.files.queries import PointCloud
-from cuboid.results.views.live.watch import MAP_EVERY_S, MAP_FRACTION, Ration
+from cuboid.results.views.live.watch import MAP_EVERY_S, MAP_FRACTION, RateLimiter
 from cuboid.runs.scene.records import BestPictures
 from cuboid.runs.tracking.types import MapLike
 from cuboid.services.queries.answers import SightingAnswer
@@ -41,7 +41,7 @@ class MapFeed:
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
-        self._ration, self._maps = Ration(EVERY_S, FRACTION), Ration(MAP_EVERY_S, MAP_FRACTION)
+        self._moments, self._maps = RateLimiter(EVERY_S, FRACTION), RateLimiter(MAP_EVERY_S, MAP_FRACTION)
         self._pictures = BestPictures()
         self._sent_states: dict[int, tuple[object, ...]] = {}
         self._events: list[ObjectEvent] = []
@@ -56,9 +56,9 @@ class MapFeed:
     def __call__(self, frame: Frame, result: FrameResult, tracker: MapLike) -> None:
         """Look at a run after a frame."""
         self._last = frame, result, tracker
-        if not self._busy and not self._ended and self._ration.due:
-            self._ration.begin()
-            with self._ration.charged():
+        if not self._busy and not self._ended and self._moments.due:
+            self._moments.begin()
+            with self._moments.charged():
                 self._take(frame, result, tracker)
 
     def add_events(self, events: Iterable[ObjectEvent]) -> None:
@@ -121,7 +121,7 @@ class MapFeed:
                     self._connection.send_bytes(END)
                 return
             try:
-                with self._ration.charged():
+                with self._moments.charged():
                     content = pickle.dumps(update, pickle.HIGHEST_PROTOCOL)
                 self._connection.send_bytes(content)
             except (OSError, ValueError):  # it has gone

@@ -16,7 +16,7 @@ from cuboid.ground.core.tolerances import SIGMAS
 # Fewest cells that define a plane to which other cells can be joined.
 MIN_CELLS = 9
 # The normals of a cell and of its plane differ by at most 25 degrees (cosine).
-ALIKE_COS = 0.9
+MIN_NORMAL_COS = 0.9
 
 
 @kernel
@@ -125,7 +125,7 @@ def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
             u, v, w = seen_at(neighbour, camera)
             if (
                 abs(a * u + b * v + c - w) > off
-                or nx * neighbour[NX] + ny * neighbour[NY] + nz * neighbour[NZ] < ALIKE_COS
+                or nx * neighbour[NX] + ny * neighbour[NY] + nz * neighbour[NZ] < MIN_NORMAL_COS
             ):
                 continue
             tried[r, q] = attempt

@@ -13,7 +13,7 @@ from cuboid.ground.core.tolerances import JUMP_SIGMAS
 
 # Columns of a segment: pixels, readings, sum of 1/z, rectangle (end inclusive), length of the outline, sum of the
 # outline's strengths, and length of the grooves between its parts (0 for a segment).
-PIXELS, READINGS, INVERSE, LEFT, TOP, RIGHTMOST, BOTTOM, OUTLINE, STRENGTH, GROOVES = range(10)
+PIXELS, READINGS, INVERSE, LEFTMOST, TOP, RIGHTMOST, BOTTOM, OUTLINE, STRENGTH, GROOVES = range(10)
 COLUMNS = 10
 # Strength of a piece of outline, i.e. how clearly it separates a segment from its surroundings, 0..1. BEFORE: in front
 # of a surface behind it, the least value; it grows to 1 with the jump. HALF: at a hole or a crease, which may separate
@@ -53,7 +53,7 @@ def measure_run(row, v, first, end, height, width, readings, inverse):
     row[PIXELS] += end - first
     row[READINGS] += readings
     row[INVERSE] = inverse
-    row[LEFT] = min(row[LEFT], first)
+    row[LEFTMOST] = min(row[LEFTMOST], first)
     row[RIGHTMOST] = max(row[RIGHTMOST], end - 1)
     row[TOP] = min(row[TOP], v)
     row[BOTTOM] = max(row[BOTTOM], v)
@@ -113,7 +113,7 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, borders, 
     borders.grooves[:] = 0.0
     for rows in (segments, planes):
         rows[:] = 0.0
-        rows[:, LEFT] = width
+        rows[:, LEFTMOST] = width
         rows[:, TOP] = height
     for v in range(height):
         measure_row(v, kind, labels, inverse, segments, planes)

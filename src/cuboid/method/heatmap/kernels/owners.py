@@ -87,6 +87,8 @@ def have_rows(numbers, min_rows, blocks, ends, size, owner, weight, found):
             for row in range(block * size, min((block + 1) * size, owner.size)):
                 if owner[row] == numbers[k] and weight[row] > 0.0:
                     n += 1
+                    if n >= min_rows[k]:
+                        break
             if n >= min_rows[k]:
                 break
         found[k] = n >= min_rows[k]

@@ -9,7 +9,7 @@ from cuboid.ground.core.kernels.regions import (
     BOTTOM,
     GROOVES,
     INVERSE,
-    LEFT,
+    LEFTMOST,
     OUTLINE,
     PIXELS,
     READINGS,
@@ -205,7 +205,7 @@ def unite(first, second, shared, strength, grooves, union):
     union[PIXELS] = first[PIXELS] + second[PIXELS]
     union[READINGS] = first[READINGS] + second[READINGS]
     union[INVERSE] = first[INVERSE] + second[INVERSE]
-    union[LEFT], union[TOP] = min(first[LEFT], second[LEFT]), min(first[TOP], second[TOP])
+    union[LEFTMOST], union[TOP] = min(first[LEFTMOST], second[LEFTMOST]), min(first[TOP], second[TOP])
     union[RIGHTMOST] = max(first[RIGHTMOST], second[RIGHTMOST])
     union[BOTTOM] = max(first[BOTTOM], second[BOTTOM])
     union[OUTLINE] = first[OUTLINE] + second[OUTLINE] - 2.0 * shared
@@ -216,7 +216,7 @@ def unite(first, second, shared, strength, grooves, union):
 @kernel(inline="always")
 def extent(row, focal):
     """Return the longer side of a segment's rectangle at its mean depth, metres."""
-    side = max(row[RIGHTMOST] - row[LEFT], row[BOTTOM] - row[TOP]) + 1.0
+    side = max(row[RIGHTMOST] - row[LEFTMOST], row[BOTTOM] - row[TOP]) + 1.0
     return side * row[READINGS] / (row[INVERSE] * focal)
 
 
@@ -226,7 +226,7 @@ def can_join(first, second, focal, largest):
     z1, z2 = first[READINGS] / first[INVERSE], second[READINGS] / second[INVERSE]
     if abs(z1 - z2) > 0.5 * largest:
         return False
-    across = max(first[RIGHTMOST], second[RIGHTMOST]) - min(first[LEFT], second[LEFT])
+    across = max(first[RIGHTMOST], second[RIGHTMOST]) - min(first[LEFTMOST], second[LEFTMOST])
     down = max(first[BOTTOM], second[BOTTOM]) - min(first[TOP], second[TOP])
     return (max(across, down) + 1.0) * 0.5 * (z1 + z2) / focal <= largest
 

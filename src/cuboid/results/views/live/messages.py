@@ -18,6 +18,7 @@ from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import MapPoints, names_of
 from cuboid.results.files.objects import surface_to_json
 from cuboid.results.files.text import rounded, rounded_list
+from cuboid.results.views.dimensions import add_dimensions
 from cuboid.results.views.drawing import draw_frame, hidden_objects
 from cuboid.results.views.live.watch import Moment
 from cuboid.results.views.pixels import encode_jpeg
@@ -31,7 +32,7 @@ from cuboid.results.views.report.summary import (
     object_document,
     packed,
 )
-from cuboid.results.views.tags import TAG_PX
+from cuboid.results.views.tags import TAG_PX, Rect
 from cuboid.results.views.text import ink
 
 # The scripts of this page, in addition to the scripts shared with the report.
@@ -75,8 +76,17 @@ def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pos
     return assembled(_source("live.html"), style(page_source("page.css"), _source("live.css")), scripts, document)
 
 
-def moment_message(moment: Moment, intrinsics: Intrinsics) -> bytes:
-    """Return a moment as JSON."""
+def moment_message(moment: Moment, intrinsics: Intrinsics, measured: int | None = None) -> bytes:
+    """Return a moment as JSON.
+
+    Parameters
+    ----------
+    moment : Moment
+    intrinsics : Intrinsics
+        Of the recording's color image.
+    measured : int, optional
+        Label of the object whose dimensions the picture has.
+    """
     document = {
         "number": moment.number,
         "frame": moment.frame,
@@ -85,7 +95,7 @@ def moment_message(moment: Moment, intrinsics: Intrinsics) -> bytes:
         "milliseconds": rounded(moment.milliseconds, 1),
         "pose": rounded_list(moment.T_world_camera[:3].ravel(), TURN_DIGITS),
         "path": packed(moment.path.astype("<f4")),
-        "picture": base64.b64encode(_picture(moment, intrinsics)).decode("ascii"),
+        "picture": base64.b64encode(_picture(moment, intrinsics, measured)).decode("ascii"),
         **_scene(moment),
     }
     return json.dumps(document, separators=(",", ":"), allow_nan=False).encode("ascii")
@@ -159,13 +169,13 @@ def _scene(moment: Moment) -> dict[str, Any]:
     }
 
 
-def _picture(moment: Moment, intrinsics: Intrinsics) -> bytes:
-    """Return the reduced frame with its boxes, as JPEG."""
+def _picture(moment: Moment, intrinsics: Intrinsics, measured: int | None) -> bytes:
+    """Return the reduced frame with its boxes, and with the dimensions of one object, as JPEG."""
     hidden = hidden_objects(moment.sightings, moment.objects)
     color, camera = _small(moment.color, intrinsics)
-    picture = draw_frame(
-        color, moment.T_world_camera, camera, moment.sightings, hidden, None, names=names_of(moment.objects)
-    )
+    T, names, tags = moment.T_world_camera, names_of(moment.objects), list[Rect]()
+    picture = draw_frame(color, T, camera, moment.sightings, hidden, None, names=names, places=tags)
+    add_dimensions(picture, [item.box for item in moment.objects if item.label == measured], T, camera, "cm", tags)
     return encode_jpeg(picture, PICTURE_QUALITY)
 
 

@@ -13,7 +13,7 @@ from cuboid.ground.core.errors import OutputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.results import MapPoints
 from cuboid.results.views.live.messages import end_message, map_message, moment_message, page_of, spacing_of, warm_up
-from cuboid.results.views.live.watch import LiveView, Ration
+from cuboid.results.views.live.watch import LiveView, RateLimiter
 from cuboid.results.views.serving import HOST, LOCAL_NAMES, Answer, PageHandler, PageServer, listening, path_and_query
 
 # The first port is the same in every run, so that a forwarded port can stay; if it is in use, one of the next is used.
@@ -27,6 +27,8 @@ POLL_TIMEOUT_S = 5.0
 FIRST_S = 1.0
 
 ASKED = re.compile(r"/(moment|map)/(\d{1,9})")
+# The object with this label has its dimensions in the picture of the moment.
+MEASURED = re.compile(r"measured=(\d{1,9})")
 
 
 class LiveServer:
@@ -86,7 +88,7 @@ class LiveServer:
 
     def _answer(self, address: str) -> Answer | None:
         """Return content type and content for an address; None if there is no content."""
-        path, _ = path_and_query(address)
+        path, query = path_and_query(address)
         if path == "/":
             moment = self.view.moment_after(0, FIRST_S)
             page = page_of(self._title, self._intrinsics, moment, self.view.first_pose)
@@ -94,13 +96,20 @@ class LiveServer:
         request = ASKED.fullmatch(path)
         if request is None:
             return None
-        return self._moment(int(request[2])) if request[1] == "moment" else self._map(int(request[2]))
+        if request[1] == "map":
+            return self._map(int(request[2]))
+        measured = MEASURED.fullmatch(query)
+        return self._moment(int(request[2]), None if measured is None else int(measured[1]))
 
-    def _moment(self, number: int) -> Answer:
+    def _moment(self, number: int, measured: int | None) -> Answer:
         moment = self.view.moment_after(number, POLL_TIMEOUT_S)
         if moment is not None:
+            known = next((item.label for item in moment.objects if item.label == measured), None)
             return "application/json", self._once(
-                self.view.moments, "moment", moment.number, lambda: moment_message(moment, self._intrinsics)
+                self.view.moments,
+                f"moment {known}",
+                moment.number,
+                lambda: moment_message(moment, self._intrinsics, known),
             )
         ended = self.view.ended
         if ended is None:
@@ -119,17 +128,17 @@ class LiveServer:
             self._spacing_m = spacing_of(points)
         return map_message(number, points, self._spacing_m or 0.01)
 
-    def _once(self, ration: Ration, kind: str, number: int, make: Callable[[], bytes]) -> bytes:
+    def _once(self, limiter: RateLimiter, kind: str, number: int, make: Callable[[], bytes]) -> bytes:
         """Return a message; it is built once for all clients."""
         with self._lock:
             if kind not in self._packed or self._packed[kind][0] < number:
-                self._packed[kind] = number, self._worker.submit(charged, ration, make).result()
+                self._packed[kind] = number, self._worker.submit(charged, limiter, make).result()
             return self._packed[kind][1]
 
 
-def charged(ration: Ration, make: Callable[[], bytes]) -> bytes:
-    """Return the result of `make`, and charge its processor time to a ration."""
-    with ration.charged():
+def charged(limiter: RateLimiter, make: Callable[[], bytes]) -> bytes:
+    """Return the result of `make`, and charge its processor time to a limiter."""
+    with limiter.charged():
         return make()
 
 

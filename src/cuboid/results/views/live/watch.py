@@ -98,7 +98,7 @@ class Moment:
     events: tuple[EventRow, ...] = ()
 
 
-class Ration:
+class RateLimiter:
     """Limits how often a thread does a task: by an interval, and by a fraction of its processor time.
 
     Parameters
@@ -135,23 +135,24 @@ class Ration:
 
 
 class LiveView:
-    """Takes moments and maps from a run, for clients in other threads.
+    """Takes moments and maps from a run, for clients in other threads; of a rig, the pictures of its first camera.
 
     Call it after each used frame. Without clients it does nothing expensive.
 
     Attributes
     ----------
-    moments, maps : Ration
+    moments, maps : RateLimiter
         Limits of the cost of moments and of maps.
     """
 
     def __init__(self) -> None:
-        self.moments = Ration(MOMENT_EVERY_S, MOMENT_FRACTION)
-        self.maps = Ration(MAP_EVERY_S, MAP_FRACTION)
+        self.moments = RateLimiter(MOMENT_EVERY_S, MOMENT_FRACTION)
+        self.maps = RateLimiter(MAP_EVERY_S, MAP_FRACTION)
         self._changed = threading.Condition()
         self._moment: Moment | None = None
         self._map: tuple[int, MapPoints] | None = None
         self._last: tuple[Frame, FrameResult, TrackerView] | None = None
+        self._camera = ""
         self._first: Float64Array | None = None
         self._places: list[Float64Array] = []
         self._events: deque[EventRow] = deque(maxlen=EVENTS_SHOWN)
@@ -173,9 +174,12 @@ class LiveView:
             took_s = now_s - self._frame_s
             self._mean_s += (took_s - self._mean_s) * (1.0 if self._used == 2 else 0.05)
         self._frame_s = now_s
+        self._events.extend(EventRow.of(event, result) for event in result.events)
+        self._camera = frame.camera_name if self._last is None else self._camera
+        if frame.camera_name != self._camera:
+            return
         self._last = frame, result, tracker
         self._follow(result.T_world_camera)
-        self._events.extend(EventRow.of(event, result) for event in result.events)
         if not (self.is_watched and self.moments.due):
             return
         self.moments.begin()

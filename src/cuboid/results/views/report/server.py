@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -16,7 +15,7 @@ from cuboid.ground.core.results import TrackedObject, names_of
 from cuboid.inputs.readers import Recording
 from cuboid.method.text_search import TextMatch
 from cuboid.results.files import Results
-from cuboid.results.files.naming import name_document, name_object
+from cuboid.results.files.naming import name_document
 from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.redraw import KINDS, Draw, drawer
 from cuboid.results.views.replay import Replay, ReplayedFrame
@@ -74,7 +73,7 @@ class Viewer:
         self._find = find
         self._folder = folder
         self._replay = replay
-        self._rename = rename or partial(name_object, folder)
+        self._rename = rename or Results(folder).name
         self._recording = None if recording is None else recording.without_poses()  # the poses of the results are used
         self._drawers: dict[str, Draw] = {}
         self._lock = threading.Lock()  # a browser sends several requests at once

@@ -78,7 +78,7 @@ class Summary:
         """Return the document of the page, ready for JSON."""
         recording = Path(self.report.recording)
         kept = {item.label for item in self.found.objects}
-        seen = spans(self.tracks, self.frames, max(1, len(self.report.rig_recordings)))
+        seen = spans(self.tracks, self.frames, max(1, len(self.report.rig_cameras)))
         matrices = np.array([pose.T_world_camera[:3] for pose in self.poses], dtype="<f4")
         return {
             "title": recording.name,
@@ -90,7 +90,13 @@ class Summary:
             "planes": [surface_to_json(plane) for plane in self.found.planes],
             "objects": [self._object(item, seen.get(item.label, [])) for item in self.found.objects],
             "gone": [
-                {**label_colors(label), "label": label, "spans": runs, "into": self._survivor(label)}
+                {
+                    **label_colors(label),
+                    "label": label,
+                    "name": self.found.gone_names.get(label, ""),
+                    "spans": runs,
+                    "into": self._survivor(label),
+                }
                 for label, runs in sorted(seen.items())
                 if label not in kept
             ],
@@ -106,13 +112,12 @@ class Summary:
         }
 
     def _cameras(self) -> dict[str, Any]:
-        """Return which camera of a rig took each frame, -1 for frames without a sighting; empty without a rig."""
-        of_frame = {row.frame: row.camera for row in self.tracks if row.camera}
-        if not of_frame:
+        """Return the cameras of a rig, and which of them took each frame; empty without a rig."""
+        if not len(self.report.rig_frames[0]):
             return {}
-        names = sorted(set(of_frame.values()))
-        numbers = [names.index(of_frame[k]) if k in of_frame else -1 for k in self.frames]
-        return {"rig": {"names": names, "cameras": packed(np.array(numbers, dtype="<i4"))}}
+        names = [camera.name for camera in self.report.rig_cameras]
+        numbers = self.report.rig_frames[0][list(self.frames)]
+        return {"rig": {"names": names, "cameras": packed(numbers.astype("<i4"))}}
 
     def _furniture(self) -> dict[str, Any]:
         """Return the furniture; empty if the run did not search for it."""

@@ -57,9 +57,10 @@ function listObjects() {
   find("object-count").textContent = countOf(state);
   find("objects").replaceChildren(
     ...wantedObjects(state).map((object) => {
-      const row = objectRow(object, choose);
+      const selected = object.label === state.selected;
+      const row = objectRow(object, choose, null, selected);
       row.classList.toggle("hidden-now", !object.seen);
-      row.setAttribute("aria-pressed", String(object.label === state.selected));
+      row.setAttribute("aria-pressed", String(selected));
       return element("li", {}, row);
     }),
   );
@@ -158,15 +159,15 @@ async function asked(address) {
   }
 }
 
-/** Request new data repeatedly, but not while the page is hidden. */
-async function follow(address, take) {
+/** Request new data repeatedly, but not while the page is hidden; `query` returns the end of the address. */
+async function follow(address, take, query = () => "") {
   let number = 0;
   while (!connection.ended) {
     if (document.hidden) {
       await pause(PAUSE / 4);
       continue;
     }
-    const answer = await asked(`${address}/${number}`);
+    const answer = await asked(`${address}/${number}${query()}`);
     if (answer === null) return connection.ended || reconnect();
     const before = number;
     number = await take(answer, number);
@@ -250,7 +251,7 @@ async function main() {
     if (!moment.number) return number;
     await takeMoment(moment);
     return moment.number;
-  });
+  }, () => (state.selected === null ? "" : `?measured=${state.selected}`));
 }
 
 main().catch((error) => {

@@ -9,7 +9,7 @@ function bytesOf(base64) {
 
 const frames = new Int32Array(bytesOf(data.frames).buffer);
 const poses = new Float32Array(bytesOf(data.poses).buffer);
-/** Number of the camera of a rig that took each frame, -1 if unknown; without a rig 0. */
+/** Number of the camera of a rig that took each frame; without a rig 0. */
 const cameras = data.rig ? new Int32Array(bytesOf(data.rig.cameras).buffer) : new Int32Array(frames.length);
 const changed = data.changes || []; // a run in progress has none yet
 const happened = data.events || []; // the same

@@ -1,7 +1,10 @@
 // Objects as rows of a list; the search and the slider of the probability, which select them.
 
-/** A row of the list: picture if any, label with name, probability, size, and number of frames or similarity to a text. */
-function objectRow(object, chosen, fit = null) {
+/**
+ * A row of the list: picture if any, label with name, probability, size (with `errors`, how sure it is), and number of
+ * frames or similarity to a text.
+ */
+function objectRow(object, chosen, fit = null, errors = false) {
   const { picture } = object;
   const shown = picture ? element("img", { class: "thumb", src: picture.address, alt: "", loading: "lazy", decoding: "async" }) : "";
   const row = element(
@@ -12,7 +15,7 @@ function objectRow(object, chosen, fit = null) {
       "span",
       { class: "who" },
       element("span", { class: "label" }, chip(object), element("span", { class: "likely", title: "probability that it is one whole object" }, likely(object))),
-      element("span", { class: "size" }, sizeOf(object)),
+      element("span", { class: "size" }, sizeOf(object, errors)),
     ),
     fit === null
       ? element("span", { class: "seen-count", title: "frames in which it is seen" }, object.frames_seen.toLocaleString("en"))

@@ -217,7 +217,6 @@ class Scene {
     const lines = [];
     const last = new Map(); // the last frame of each camera
     for (let i = 0; i < frames.length; i++) {
-      if (cameras[i] < 0) continue;
       const color = colorOf(ground.path, 0.25 + 0.6 * (i / frames.length)), before = last.get(cameras[i]);
       if (before !== undefined) lines.push([poseOf(before).place, poseOf(i).place, color, [1.6 * ratio, 0]]);
       last.set(cameras[i], i);
