@@ -24,10 +24,14 @@ COMPILE = """
 import os
 from contextlib import suppress
 from cuboid.ground.compiling.baseline import FOLDER, baseline
-os.environ.update(baseline().environment)
+processor = baseline()
+if processor is None:
+    raise SystemExit("there is no common kind of this computer's processor")
+os.environ.update(processor.environment)
 import cuboid
 from cuboid.cli import main
-assert main(["compile", "--json"]) == 0
+if main(["compile", "--json"]) != 0:
+    raise SystemExit("the kernels cannot be compiled")
 with suppress(ImportError):
     main("synth --kind table --frames 1 --size 160x120 --output made".split())
 print(FOLDER.relative_to(os.path.dirname(os.path.dirname(cuboid.__file__))).as_posix())
@@ -48,6 +52,7 @@ class KernelHook(BuildHookInterface[Any]):
         words = [sys.executable, "-c", COMPILE]
         done = subprocess.run(words, env=environment, cwd=self._folder, capture_output=True, text=True, check=False)
         if done.returncode != 0:
+            shutil.rmtree(self._folder, ignore_errors=True)
             reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
             self.app.display_warning(f"the wheel has no compiled kernels; the first run compiles them ({reason})")
             return

@@ -5,6 +5,7 @@ python benchmarks/visits.py NAME --work DIR [--data DATA] [--kinds KIND ...] [--
 NAME is one of
 
   changes  pairs of made visits (`cuboid synth --visits 2`), poses given: labels kept, what was moved, gone, new
+  away     the same pairs as one run: things are moved and taken away while the camera looks elsewhere
   halves   scene 01 of RGB-D Scenes v2 (--data) in two recordings, frames 0-449 and 450-887, poses estimated
   places   recordings shown to the scenes of other rooms, made ones and those of --data: none may be recognised
 
@@ -14,6 +15,7 @@ DIR keeps the made recordings and the scenes.
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import sys
 from collections.abc import Sequence
@@ -24,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid import CuboidError, open_recording
+from cuboid import CuboidError, Tracker, open_recording
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.threads import limit_threads
 from cuboid.ground.geometry.se3 import transform
@@ -49,6 +51,8 @@ from tables import dump, show
 
 KINDS, SEEDS = ("table", "clutter", "leave"), {"table": range(1, 7), "clutter": range(1, 4), "leave": range(1, 4)}
 FRAMES = 120
+# Time between two visits that are tracked as one run, seconds; an object is at a place within this distance, metres.
+AWAY_S, NEAR_M = 20.0, 0.06
 # Where scene 01 is cut.
 HALF = 450
 # Rooms of the tries: so many frames, every other one, make the scene; so many, spread over all, are shown to others.
@@ -94,6 +98,69 @@ def changes(args: argparse.Namespace) -> None:
             "precision": round(total["right"] / max(total["told"], 1), 3),
         }
     )
+
+
+def away(args: argparse.Namespace) -> None:
+    """Judge pairs of made visits that are tracked as one recording."""
+    rows = []
+    for kind in args.kinds or KINDS:
+        for seed in args.seeds or SEEDS.get(kind, (1, 2, 3)):
+            visits = _visits(kind, seed, args)
+            rows.append({"place": f"{kind} {seed}", **_while_away(visits)})
+            print(rows[-1], file=sys.stderr, flush=True)
+    if args.json:
+        dump(rows)
+        return
+    names = ("unmoved", "kept", "moved", "recognised", "left", "gone", "seconds")
+    middle = [row["seconds"] for row in rows if row["seconds"] is not None]
+    total = [*(sum(row[name] for row in rows) for name in names[:-1]), float(np.median(middle))]
+    table = [[row["place"], *(row[name] for name in names)] for row in rows]
+    show("Changes while the camera looks away", ("place", *names), [*table, ["all", *total]])
+
+
+def _while_away(visits: Path) -> dict[str, Any]:
+    """Track both visits as one recording; return what became of the labels of the first one.
+
+    `left` counts the labels in places that the second visit shows to be empty, `gone` those that are no longer there
+    at the end, `seconds` is the median time until then.
+    """
+    before, after = (open_recording(visits / f"visit-{k}") for k in (1, 2))
+    tracker = Tracker(before.intrinsics)
+    for index in range(len(before)):
+        tracker.update(before.read(index))
+    truth = json.loads((visits / "visits.json").read_text(encoding="utf-8"))["visits"][1]["changes"]
+    first = {one["id"]: _label_at(tracker, one["from"]) for one in truth if one.get("from") and one["judged"]}
+    begin_s = before.read(len(before) - 1).timestamp_s + AWAY_S
+    there_s: dict[int, float] = {}
+    for index in range(len(after)):
+        frame = after.read(index)
+        time_s = begin_s + frame.timestamp_s
+        tracker.update(replace(frame, index=len(before) + index, timestamp_s=time_s))
+        empty = {k: _label_at(tracker, one["from"]) for one in truth if (k := one["id"]) in first}
+        there_s |= {k: time_s - begin_s for k, label in empty.items() if label == first[k]}
+    kinds = {one["id"]: one for one in truth if first.get(one["id"])}
+    last = {k: _label_at(tracker, one["to"]) for k, one in kinds.items() if one.get("to")}
+    unmoved = [k for k, one in kinds.items() if one["change"] == "unchanged"]
+    moved = [k for k, one in kinds.items() if one["change"] == "moved" and one["metres"] > NEAR_M and last[k]]
+    left = [k for k, one in kinds.items() if one["change"] != "unchanged" and one["empty_frames"] > len(after) // 2]
+    end_s = max(there_s.values(), default=0.0)
+    gone = [k for k in left if there_s.get(k, 0.0) < end_s]
+    return {
+        "unmoved": len(unmoved),
+        "kept": sum(last[k] == first[k] for k in unmoved),
+        "moved": len(moved),
+        "recognised": sum(last[k] == first[k] for k in moved),
+        "left": len(left),
+        "gone": len(gone),
+        "seconds": float(np.median([there_s.get(k, 0.0) for k in gone])) if gone else None,
+    }
+
+
+def _label_at(tracker: Tracker, center_m: Sequence[float]) -> int | None:
+    """Return the label of the object that is nearest to a place, None if there is none near it."""
+    off = {o.label: float(np.linalg.norm(o.box.center - center_m)) for o in tracker.objects}
+    label = min(off, key=off.__getitem__, default=None)
+    return label if label is not None and off[label] < NEAR_M else None
 
 
 def _visits(kind: str, seed: int, args: argparse.Namespace) -> Path:
@@ -221,7 +288,7 @@ def _shown(scene: Path, recording: Recording) -> int:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("name", choices=("changes", "halves", "places"))
+    parser.add_argument("name", choices=("changes", "away", "halves", "places"))
     parser.add_argument("--work", type=Path, required=True, metavar="DIR")
     parser.add_argument("--data", type=Path, default=None, metavar="DATA")
     parser.add_argument("--kinds", nargs="+", default=None)
@@ -232,7 +299,7 @@ def main() -> int:
     args = parser.parse_args()
     limit_threads(1)
     try:
-        {"changes": changes, "halves": halves, "places": places}[args.name](args)
+        {"changes": changes, "away": away, "halves": halves, "places": places}[args.name](args)
     except CuboidError as error:
         print(f"visits: {error}", file=sys.stderr)
         return 2

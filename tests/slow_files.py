@@ -17,8 +17,6 @@ SLOW_FILES = frozenset(
         "benchmarks/test_large_containers.py",
         "benchmarks/test_odometry.py",
         "benchmarks/test_places.py",
-        "benchmarks/test_suite.py",
-        "benchmarks/test_visits_benchmark.py",
         "calibration/test_board.py",
         "calibration/test_calibrate.py",
         "calibration/test_pose_fit.py",

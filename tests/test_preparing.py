@@ -10,12 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult
+from cuboid.method.poses.sources import Posed
 from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
 from cuboid.runs.pipeline.warmup import WarmUpRecording
+from cuboid.runs.tracking.measuring import FrameClock
+from cuboid.runs.tracking.running import RunningTracker
 from fakes import FakeRecording, FakeTracker
 
 FILES = "objects.json", "tracks.csv", "proposals.csv", "trajectory.txt", "map.ply"
@@ -134,6 +138,26 @@ def test_a_stopped_run_ends_the_thread() -> None:
     shown: list[int] = []
     run(FakeRecording(12), Ready, watch=lambda frame, *_: shown.append(frame.index), stop=lambda: len(shown) == 3)
     assert shown == [0, 1, 2]
+
+
+def test_the_map_of_a_stopped_run_follows_the_poses_that_frames_ahead_corrected() -> None:
+    class Correcting:
+        """Each frame moves the keyframe with its number."""
+
+        def locate(self, frame: Frame) -> Posed:
+            return Posed(np.eye(4), frame.index, {frame.index: np.eye(4)})
+
+    recording = FakeRecording(4)
+    mapper = FakeTracker(recording.intrinsics)
+    tracker = RunningTracker(recording.intrinsics, TrackerConfig(), mapper, Correcting(), None)
+    prepared = [tracker.prepare(recording.read(k)) for k in range(3)]
+    tracker.step(prepared[0], FrameClock())
+    assert [list(moved) for moved in mapper.carried] == [[0]]
+    tracker.leave_out_prepared()
+    assert [list(moved) for moved in mapper.carried] == [[0], [1], [2]]
+    assert mapper.frames == [0]
+    tracker.leave_out_prepared()
+    assert len(mapper.carried) == 3
 
 
 def test_frames_of_a_wrong_size_and_unit_are_skipped_in_their_turn() -> None:

@@ -20,8 +20,8 @@ from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.results.exports import EXPORTS, export
 from cuboid.results.files import Results
 from cuboid.results.views.mosaic import Mosaic
-from made_rigs import NAMES, POSES, SMALL, THINGS, WIDE, rig_document, write_camera, write_rig
-from made_scenes import look_at
+from made_rigs import NAMES, POSES, SMALL, TABLE, THINGS, WIDE, rig_document, write_camera, write_rig
+from made_scenes import cast, look_at
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +72,14 @@ def test_results_open_their_recordings_again(results: Results) -> None:
     assert results.report.config["rig"]["cameras"] == list(NAMES)
     assert isinstance(results.recording, RigRecording)
     assert results.recording.read(1).camera_name == "right"
+
+
+def test_results_of_one_camera_show_objects_from_all_cameras(results: Results) -> None:
+    item = results.objects[0]
+    views, expected = results.of_camera("right")._views(item), results._views(item)
+    assert {view.color.shape for view in expected} == {view.color.shape for view in views}
+    for view, other in zip(views, expected, strict=True):
+        np.testing.assert_array_equal(view.T_world_camera, other.T_world_camera)
 
 
 def test_a_camera_that_stops_and_one_that_starts_late_are_named(tmp_path: Path) -> None:
@@ -140,6 +148,18 @@ def test_poses_of_a_moving_rig_are_not_invented_over_gaps(tmp_path: Path) -> Non
     assert found[0.55] == pytest.approx(0.11)  # it moves on
     for time_s in (0.25, 0.3, 0.7):
         assert "has no frames near" in found[time_s]
+
+
+@pytest.mark.parametrize(("interval_s", "warned"), [(0.1, False), (0.2, True)])
+def test_a_slow_camera_with_the_poses_of_a_moving_rig_is_named(tmp_path: Path, interval_s: float, warned: bool) -> None:
+    moves = [look_at((1.0, 0.02 * k, 0.8), (0.0, 0.02 * k, 0.05)) for k in range(4)]
+    write_camera(tmp_path / "left", WIDE, moves, [interval_s * k for k in range(4)], posed=True)
+    write_camera(tmp_path / "right", SMALL, moves[:2], [0.0, 0.05])
+    document = rig_document("moving", [np.eye(4), np.eye(4)])
+    (tmp_path / "rig.json").write_text(json.dumps(document), encoding="utf-8")
+    lines = [line for line in open_recording(tmp_path).warnings if "get no pose" in line]
+    assert len(lines) == warned
+    assert not warned or "camera left, which has the poses of the rig, has a frame each 0.20 s" in lines[0]
 
 
 def test_the_poses_of_one_camera_move_the_others(tmp_path: Path) -> None:
@@ -269,6 +289,17 @@ def test_cameras_of_a_rig_agree_which_way_up_their_images_are() -> None:
         depth_m = np.broadcast_to(near[name], (240, 320)).astype(np.float32)
         tracker.update(cuboid.Frame(k, k / 30, color, depth_m, np.eye(4), camera=RigCamera(name, WIDE)))
     assert {name: memory.turns for name, memory in tracker._mapper._cameras.items() if name} == {"left": 0, "right": 0}
+
+
+@pytest.mark.parametrize(("apart_degrees", "pitch_degrees"), [(90, 45), (180, 60)])
+def test_cameras_around_a_table_are_turned_by_what_each_sees(apart_degrees: float, pitch_degrees: float) -> None:
+    pitch, color = np.radians(pitch_degrees), np.zeros((240, 320, 3), np.uint8)
+    tracker = cuboid.Tracker(WIDE, poses="given")
+    for k, (name, azimuth) in enumerate(zip(NAMES, np.radians((0, apart_degrees)), strict=True)):
+        T = look_at((np.cos(azimuth) * np.cos(pitch), np.sin(azimuth) * np.cos(pitch), np.sin(pitch)), (0.0, 0.0, 0.0))
+        depth_m = cast((TABLE,), T, WIDE)[0].astype(np.float32)
+        tracker.update(cuboid.Frame(k, k / 30, color, depth_m, T, camera=RigCamera(name, WIDE)))
+    assert [tracker._mapper._cameras[name].turns for name in NAMES] == [0, 0]
 
 
 def test_the_pictures_of_all_cameras_are_side_by_side() -> None:

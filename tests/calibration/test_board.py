@@ -13,10 +13,12 @@ import pytest
 from cuboid.cli import main
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry.se3 import angle, exp, inverse
-from cuboid.inputs.calibration.board import Board, board_of, board_pdf
-from cuboid.inputs.calibration.board_fit import BoardSeen, fit_board
+from cuboid.inputs.calibration.board import DICTIONARY, Board, board_of, board_pdf
+from cuboid.inputs.calibration.board_fit import BoardFit, BoardSeen, fit_board
 from cuboid.inputs.recordings.opening import open_recording
 from cuboid.inputs.recordings.rig import RigRecording
+from made_rigs import POSES as RIG_POSES
+from made_rigs import WIDE, write_camera
 from made_scenes import look_at
 
 BOARD = Board()
@@ -98,6 +100,26 @@ def test_a_board_gives_the_poses_within_a_millimetre(tmp_path: Path, capsys: pyt
     assert output.with_suffix(".png").is_file()
 
 
+def test_a_camera_without_depth_is_left_out_of_the_picture_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("a", "b"):
+        times_s = np.arange(3) / 30
+        write_camera(tmp_path / name, WIDE, [RIG_POSES[name == "b"]] * 3, times_s)
+    for file in (tmp_path / "a" / "depth").iterdir():
+        cv2.imwrite(str(file), np.zeros((WIDE.height, WIDE.width), np.uint16))
+    fit = BoardFit(np.array(RIG_POSES), np.zeros(2), np.zeros(2), np.array([3, 3]), 0.1)
+    monkeypatch.setattr("cuboid.runs.pipeline.rig_calibrating.calibrate_with_board", lambda *_: fit)
+    output = tmp_path / "rig.json"
+    call = ["calibrate", "--rig", str(tmp_path / "a"), str(tmp_path / "b"), "--output", str(output), "--board"]
+    assert main(call) == 0
+    assert re.search(r"^cuboid: warning: not in the picture: .*camera a: ", capsys.readouterr().err, re.M)
+    assert isinstance(open_recording(output), RigRecording)
+    picture = cv2.imread(str(output.with_suffix(".png")))
+    assert picture.shape == (WIDE.height, WIDE.width, 3)
+    assert (picture != picture[0, 0]).any(-1).mean() > 0.2  # camera b, in its own view
+
+
 def seen_by(k: int, times_s: np.ndarray, T_world_board: np.ndarray, rng: np.random.Generator) -> list[BoardSeen]:
     points = BOARD.corners @ T_world_board[:3, :3].T + T_world_board[:3, 3]
     T = inverse(POSES[k])
@@ -124,6 +146,16 @@ def test_a_camera_without_the_board_is_named(tmp_path: Path, capsys: pytest.Capt
     call = ["calibrate", "--rig", str(path), str(path), "--output", str(tmp_path / "rig.json"), "--board", "9x6x20mm"]
     assert main(call) == 2
     assert "no frame shows the board 9x6x20mm; --board has the size of another board" in capsys.readouterr().err
+
+
+def test_markers_of_another_board_alone_are_no_view() -> None:
+    board = Board(3, 3)
+    later = np.arange(100, 100 + len(board._charuco.getIds()))  # ids of another board
+    drawn = cv2.aruco.CharucoBoard((3, 3), 0.038, 0.6 * 0.038, cv2.aruco.getPredefinedDictionary(DICTIONARY), later)
+    image = np.full((400, 400), 255, np.uint8)
+    image[50:350, 50:350] = drawn.generateImage((300, 300))
+    numbers, pixels = board.find(np.dstack([image] * 3))
+    assert len(numbers) == len(pixels) == 0
 
 
 def test_the_printed_board_has_its_true_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from cuboid.cli import main
-from cuboid.ground.core.frame import RigCamera
+from cuboid.ground.core.frame import Frame, RigCamera
 from cuboid.ground.geometry.se3 import angle, inverse
 from cuboid.inputs.calibration.rig_check import RigWatch
 from cuboid.inputs.recordings.opening import open_recording
@@ -60,3 +61,12 @@ def test_a_knocked_camera_is_named(tmp_path: Path) -> None:
         assert steady[7]  # before the blow
         assert len(watch.warnings) == 1
         assert watch.warnings[0].startswith("camera left was knocked: 90 s after its start it sees the scene 3")
+
+
+def test_colors_of_watched_frames_are_not_kept() -> None:
+    watch, color = RigWatch(ahead=False), np.zeros((240, 320, 3), np.uint8)
+    kept = weakref.ref(color)
+    for k in range(3):
+        watch.add(Frame(k, k / 30, color, np.ones((240, 320), np.float32), camera=RigCamera("left", WIDE)))
+    del color
+    assert kept() is None

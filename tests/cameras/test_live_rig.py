@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ from played import CALIBRATION, PlayedDriver
 import cuboid
 from cuboid.cli import main
 from cuboid.ground.core.errors import InputError, OutputError
-from cuboid.inputs.cameras import CAMERAS, LiveRig
+from cuboid.inputs.cameras import CAMERAS, LiveRig, Shot
 from cuboid.inputs.cameras.live_rig import cameras_of, named_cameras
 from cuboid.inputs.readers import Calibration
 from cuboid.inputs.recordings.rig import RigRecording, read_rig
@@ -23,6 +26,7 @@ from cuboid.runs.pipeline.options import RunHooks
 from cuboid.runs.pipeline.run import track_recording
 from cuboid.runs.pipeline.streaming import FrameSource
 from cuboid.runs.tracking.types import Progress
+from cuboid.services.ros2.node import RosNode
 from fakes import FakeTracker
 
 T_RIG_RIGHT = np.array([[0.0, 0.0, -1.0, 1.2], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.2], [0.0, 0.0, 0.0, 1.0]])
@@ -81,6 +85,19 @@ def test_frames_come_in_the_order_of_their_times_with_camera_and_pose(opened: Op
     assert right.camera.intrinsics.fx == SMALL.fx
     np.testing.assert_allclose(right.T_world_camera, T_RIG_RIGHT)
     assert rig.warnings == []
+
+
+def test_close_ends_the_iteration_while_frames_wait(opened: Opened) -> None:
+    with opened(PlayedDriver(100), PlayedDriver(100)) as rig:
+        frames = iter(rig)
+        next(frames)
+        while any(camera.queue.head() is None for camera in rig._cameras):
+            time.sleep(0.001)
+        rig.close()
+        ended = threading.Thread(target=lambda: list(frames), daemon=True)
+        ended.start()
+        ended.join(1.0)
+        assert not ended.is_alive()
 
 
 @pytest.mark.parametrize("ends", ["fails", "falls silent"])
@@ -147,6 +164,67 @@ def test_a_camera_with_its_own_clock_is_brought_to_that_of_the_first(opened: Ope
     assert any("has its own clock" in line for line in rig.warnings)
 
 
+def test_results_of_a_camera_with_its_own_clock_have_the_stamps_of_its_images(
+    opened: Opened, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cuboid.services.ros2.node.DIAGNOSE_EVERY_S", float("inf"))
+    stamps: dict[str, list[float]] = {"left": [], "right": []}
+
+    class Camera:
+        frame_id = world = ""
+
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def stamp_ns(self, timestamp_s: float) -> int:
+            stamps[self.name].append(timestamp_s)
+            return 0
+
+    drivers = (
+        PlayedDriver(30, paced=False, every_s=0.02, interval_s=0.02),
+        PlayedDriver(30, paced=False, every_s=0.02, interval_s=0.02, first_s=7.0),
+    )
+    with opened(*drivers) as rig:
+        session = SimpleNamespace(names={}, take=lambda frame: None)
+        RosNode({name: Camera(name) for name in stamps}, rig, session, SimpleNamespace(world=""), lambda: 0).run()
+        assert any("has its own clock" in line for line in rig.warnings)
+    for name, first_s in (("left", 100.0), ("right", 7.0)):
+        assert stamps[name]
+        assert set(stamps[name]) <= {first_s + 0.02 * k for k in range(30)}
+
+
+def test_a_camera_whose_clock_steps_back_is_named_once(opened: Opened) -> None:
+    stepping = PlayedDriver(8, interval_s=0.02)
+    take = stepping.take
+
+    def take_stepping(wait_s: float) -> Shot:
+        shot = take(wait_s)
+        return replace(shot, timestamp_s=shot.timestamp_s - (5.0 if stepping.taken > 4 else 0.0))
+
+    stepping.take = take_stepping  # type: ignore[method-assign]
+    with opened(PlayedDriver(8, interval_s=0.02), stepping) as rig:
+        names = [frame.camera_name for frame in rig]
+    assert (names.count("left"), names.count("right"), rig.dropped) == (8, 4, 4)
+    named = [line for line in rig.warnings if "stepped back" in line]
+    assert len(named) == 1
+    assert named[0].startswith("camera right: its clock stepped back by 4.98 s")
+
+
+def test_a_run_that_fails_leaves_no_thread_behind(opened: Opened, tmp_path: Path) -> None:
+    class Failing(Progress):
+        def frame(self, result: cuboid.FrameResult) -> None:
+            if result.index == 15:
+                names.extend(thread.name for thread in threading.enumerate())
+                raise OSError("the disk is full")
+
+    names: list[str] = []
+    hooks = RunHooks(make_tracker=FakeTracker, progress=Failing())
+    with opened(PlayedDriver(10), PlayedDriver(10)) as rig, pytest.raises(OSError, match="the disk is full"):
+        track_recording(rig, tmp_path / "out", cuboid.TrackOptions(threads=2), hooks=hooks)
+    assert any(name.startswith("cuboid-rig-watch") for name in names)
+    assert not [one for one in threading.enumerate() if one.name.startswith("cuboid-rig-watch")]
+
+
 def test_devices_are_named_on_the_command_line_or_in_the_file(tmp_path: Path) -> None:
     assert named_cameras("realsense:1,size=64x48,oak,ros2:/left/color,depth=/left/depth") == [
         "realsense:1,size=64x48",
@@ -170,6 +248,11 @@ def test_wrong_calls_are_one_line(
     drivers = PlayedDriver(1), PlayedDriver(1)
     with pytest.raises(OutputError, match="frames are recorded into a new folder"):
         opened(*drivers, record=tmp_path)
+    document = json.loads((tmp_path / "rig.json").read_text(encoding="utf-8"))
+    document["cameras"][0]["name"], document["cameras"][1]["name"] = "c:1", "c/1"
+    (tmp_path / "same.json").write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(OutputError, match="'c:1' and 'c/1' would be written to one file"):
+        cuboid.open_cameras("toy:1,toy:2", tmp_path / "same.json", record=tmp_path / "kept")
     monkeypatch.setitem(CAMERAS._items, "toy", lambda options: PlayedDriver(0, then=fail))
     with cuboid.open_cameras("toy:1,toy:2", tmp_path / "rig.json") as rig, pytest.raises(InputError, match="failed: "):
         list(rig)

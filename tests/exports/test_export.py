@@ -4,6 +4,7 @@ import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -105,6 +106,19 @@ def test_wrong_calls_are_one_line(run: Results, tmp_path: Path, capsys: pytest.C
     (run.folder / "tracks.csv").unlink()
     assert "tracks.csv: cannot be read" in call(run.folder, "--to", "coco", "--output", there)
     assert not there.exists()
+
+
+def test_files_of_a_rig_are_refused_before_one_is_written(tmp_path: Path) -> None:
+    def run_of(*cameras: str) -> Any:
+        report = SimpleNamespace(rig_cameras=[SimpleNamespace(name=camera) for camera in cameras])
+        return SimpleNamespace(folder=tmp_path / "run", report=report)  # any use of its content is an AttributeError
+
+    (tmp_path / "out-b.txt").write_text("mine")
+    with pytest.raises(OutputError, match=r"out-b\.txt: exists"):
+        export(run_of("a", "b"), "kitti", tmp_path / "out.txt")
+    with pytest.raises(OutputError, match="'c:1' and 'c/1' would be written to one file"):
+        export(run_of("c:1", "c/1"), "kitti", tmp_path / "out.txt")
+    assert [file.name for file in tmp_path.iterdir()] == ["out-b.txt"]
 
 
 def test_a_trajectory_of_another_run_is_an_error(run: Results, tmp_path: Path) -> None:

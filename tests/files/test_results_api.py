@@ -11,9 +11,13 @@ import numpy as np
 import pytest
 
 import cuboid
+from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import MapPoints, SupportPlane
+from cuboid.ground.geometry.box import Box
 from cuboid.results.files import ObjectsFile, ResultWriter, read_objects, write_objects
 from cuboid.results.files.queries import MapQueries
+from cuboid.results.files.report import RunReport
+from cuboid.results.files.rows import AgentRow, EventRow, PoseRow
 from made_results import FRAMES, SEEN, SKIPPED, box, camera, made_objects, write_results
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scene"))
@@ -266,3 +270,23 @@ def rows(cloud: cuboid.PointCloud) -> np.ndarray:
     """Points with colors in an order that does not depend on how the map stores them."""
     both = np.column_stack((cloud.xyz, cloud.rgb))
     return both[np.lexsort(both.T)]
+
+
+def test_results_of_a_camera_have_the_frame_numbers_of_its_recording(tmp_path: Path) -> None:
+    rig = cuboid.Results(tmp_path, tmp_path)  # a recording that cannot be opened
+    lens = {key: [64.0, 64.0] for key in ("fx", "fy", "cx", "cy")} | {"width": [64, 64], "height": [48, 48]}
+    config = {"rig": {"cameras": ["left", "right"], "sequence": [0, 1, 0, 1, 0], "recordings": ["a", "b"], **lens}}
+    skipped = ((1, "no depth"), (2, "no pose"))
+    rig.report = RunReport("1", True, "rig.json", "rig", "given", 1, config, 5, 3, skipped, {}, 1.0, 1.0)
+    rig.poses = {k: PoseRow(k / 10, np.eye(4)) for k in (0, 3, 4)}
+    rig.events = [EventRow("appeared", k, None, np.zeros(3), 1.0, k, k / 10) for k in (0, 3, 4)]
+    rig.agents = [AgentRow(k, k / 10, Box(np.zeros(3), np.ones(3), np.eye(3))) for k in (3, 4)]
+    left, right = rig.of_camera("left"), rig.of_camera("right")
+    assert (left.report.skipped, right.report.skipped) == (((1, "no pose"),), ((0, "no depth"),))
+    assert [frame.index for frame in left.frames] == [0, 1, 2]
+    assert (left.report.frames_read, left.report.frames_used) == (3, 2)
+    assert [(event.label, event.frame) for event in left.events] == [(0, 0), (3, 2), (4, 2)]
+    assert [event.frame for event in right.events] == [1, 1, 1]
+    assert ([row.frame for row in left.agents], [row.frame for row in right.agents]) == ([2], [1])
+    with pytest.raises(InputError):
+        _ = right.recording

@@ -156,6 +156,47 @@ def test_a_thing_that_is_brought_appears_and_what_never_rests_gets_no_label() ->
     assert event.label == stage.label_of(2)
 
 
+@pytest.mark.parametrize("watched", [60, 240])
+def test_a_thing_that_is_taken_while_the_camera_looks_away_is_gone_when_it_looks_again(watched: int) -> None:
+    stage = Stage([0, 2, 4])
+    stage.show(frames=watched)
+    label = stage.label_of(1)
+    others = {stage.label_of(0), stage.label_of(2)}
+    assert None not in {label, *others}
+    stage.look(ASIDE, frames=30)
+    stage.at[1] = AWAY
+    stage.look(STANDING, frames=50)
+    assert {o.label for o in stage.tracker.objects} == others
+    stage.show(frames=160)
+    assert [(one.event, one.label) for one in stage.events] == [("gone", label)]
+
+
+def test_a_thing_that_is_moved_while_the_camera_looks_away_keeps_its_label() -> None:
+    stage = Stage([0, 2])
+    stage.show(frames=60)
+    label, other = stage.label_of(0), stage.label_of(1)
+    stage.look(ASIDE, frames=30)
+    stage.at[0] = (FREE_X[3], 0.1, 0.0)
+    stage.look(STANDING, frames=90)
+    assert (stage.label_of(0), stage.label_of(1)) == (label, other)
+    assert [(one.event, one.label) for one in stage.events] == [("moved", label)]
+
+
+def test_things_stay_while_poses_err_after_a_look_aside() -> None:
+    stage = Stage([0, 2, 4])
+    stage.show(frames=60)
+    labels = [stage.label_of(k) for k in range(3)]
+    stage.look(ASIDE, frames=30)
+    stage.look(STANDING)
+    stage.claimed = STANDING.copy()
+    stage.claimed[:3, 3] += 0.06 * STANDING[:3, 0]
+    for _ in range(90):
+        stage.show()
+    stage.look(STANDING, frames=30)
+    assert [stage.label_of(k) for k in range(3)] == labels
+    assert stage.events == []
+
+
 def test_what_came_while_the_camera_looked_away_gets_a_label_within_a_second() -> None:
     stage = Stage([0, 2])
     stage.show(frames=15)

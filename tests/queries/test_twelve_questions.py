@@ -32,6 +32,14 @@ from made_answers import BEGIN_S, THINGS, into_scene, label_of, put_results, tra
 from made_place import BEGIN_S as PLACE_BEGIN_S
 from made_place import write_place
 
+# The recordings of the store, each with its begin in seconds; 0: without times.
+RECORDINGS = {
+    "morning": BEGIN_S,
+    "noon": BEGIN_S + 7200.0,
+    "evening": 0.0,
+    "night": 0.0,
+    "yesterday": BEGIN_S - 86400.0,
+}
 # Conditions of where an object is.
 PLACES = {"on", "beside", "near_object"}
 TABLE_THINGS = {"bin", "box", "red cup", "can"}
@@ -75,19 +83,20 @@ class Made:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """The results of a morning; a scene of two days, the can away on the second; a store of morning and evening."""
+    """The results of a morning; a scene of two days, the can away on the second; a store of five recordings."""
     folder = tmp_path_factory.mktemp("asked")
-    morning, evening = track(folder, "morning", BEGIN_S), track(folder, "evening", 0.0)
+    tracked = {name: track(folder, name, begin_s) for name, begin_s in RECORDINGS.items()}
+    morning = tracked["morning"]
     store, scene = str(folder / "store"), folder / "room.cuboid"
     into_scene(scene, BEGIN_S)
     labels = {name: label_of(open_results(morning).objects, name) for name in THINGS}
     in_scene = {name: label_of([one for one, _ in open_place(str(scene))._source.objects()], name) for name in THINGS}
     into_scene(scene, BEGIN_S + 86400.0, without="can")
-    for number, results in enumerate((morning, evening), 1):
-        put_results(store, results, results.name.removesuffix("-results"), number)
+    for number, (name, results) in enumerate(tracked.items(), 1):
+        put_results(store, results, name, number)
     for path, known in ((morning, labels), (scene, in_scene)):
         assert main(["name", str(path), *(f"{label}={name}" for name, label in known.items())]) == 0
-    given = [f"{one}#{label}={name}" for one in ("morning", "evening") for name, label in labels.items()]
+    given = [f"{one}#{label}={name}" for one in RECORDINGS for name, label in labels.items()]
     assert main(["name", store, *given]) == 0
     return Made(morning, scene, store, labels, in_scene)
 
@@ -150,17 +159,17 @@ def of_page(app: Any) -> Callable[[Question], tuple[list[Any], list[Any]]]:
 
 def of_mcp(server: Any) -> Callable[[Question], tuple[list[Any], list[Any]]]:
     def ask(question: Question) -> tuple[list[Any], list[Any]]:
-        asked = dict(question.asked)
+        asked: dict[str, Any] = {**question.asked, **({} if "last" in question.asked else {"limit": 50})}
         for name in ("min_size", "max_size", "within"):
             if name in asked:
-                asked[f"{name}_m"] = float(asked.pop(name).removesuffix("cm")) / 100  # type: ignore[assignment]
+                asked[f"{name}_m"] = float(asked.pop(name).removesuffix("cm")) / 100
 
         async def call() -> tuple[list[Any], list[Any]]:
             async with Client(server) as client:
                 tool, values = ("last_seen", {"what": asked["last"]}) if "last" in asked else ("find_objects", asked)
                 answers = [
                     await client.call_tool(tool, values),
-                    await client.call_tool("ask", {"question": question.english}),
+                    await client.call_tool("ask", {"question": question.english, "limit": 50}),
                 ]
             assert not any(one.is_error for one in answers), answers
             return answers[0].structured_content["result"], answers[1].structured_content["objects"]
@@ -236,7 +245,7 @@ def test_a_scene_answers_for_its_last_visit(made: Made, question: Question, caps
 
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question.english)
 def test_a_store_answers_for_each_recording(made: Made, question: Question, capsys: pytest.CaptureFixture[str]) -> None:
-    recordings = ("morning",) if "since" in question.asked else ("morning", "evening")
+    recordings = ("morning", "noon") if "since" in question.asked else RECORDINGS
     expected = {(one, made.labels[name]) for one in recordings for name in question.answer}
     app = store_application(made.store, token=None)
     for ask in (
@@ -264,16 +273,19 @@ def test_where_and_when_is_the_same_everywhere(made: Made, capsys: pytest.Captur
     assert can.later.state == "gone"
     assert can.later.at is not None
     assert can.later.at.recording == 2
-    morning, evening = in_store.last_seen(Tables(made.store), "parcel")
-    for row in (morning, evening):
+    rows = {row["recording"]: row for row in in_store.last_seen(Tables(made.store), "parcel")}
+    assert rows.keys() == RECORDINGS.keys()
+    for row in rows.values():
         assert (row["last_frame"], row["later"]) == (11, "not looked at")
         assert row["camera_distance_m"] == pytest.approx(1.84, abs=0.01)
-    assert (str(morning["last_seen"])[:10], evening["last_seen"]) == ("2026-03-01", None), "no date of a file"
+    days = {name: row["last_seen"] and str(row["last_seen"])[:10] for name, row in rows.items()}
+    assert (days["morning"], days["yesterday"]) == ("2026-03-01", "2026-02-28")
+    assert days["evening"] is days["night"] is None, "no date of a file"
     capsys.readouterr()
     assert main(["find", str(made.scene), "--last", "can"]) == 0
     assert "looked for and gone since recording 2, frame" in capsys.readouterr().out
     assert main(["find", made.store, "where is the parcel"]) == 0
-    assert capsys.readouterr().out.count("not looked at since") == 2
+    assert capsys.readouterr().out.count("not looked at since") == len(RECORDINGS)
 
 
 def test_what_left_during_a_recording_is_in_every_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

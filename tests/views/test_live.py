@@ -10,6 +10,7 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -17,13 +18,13 @@ import numpy as np
 import pytest
 
 from cuboid.ground.core.errors import OutputError
-from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics, RigCamera
 from cuboid.ground.core.palette import hex_of
 from cuboid.ground.core.results import MapPoints
 from cuboid.results.views.live import LiveServer, LiveView
 from cuboid.results.views.live.messages import PICTURE_WIDTH_PX, map_message, moment_message
 from cuboid.results.views.live.server import PORTS
-from cuboid.results.views.live.watch import Moment, RateLimiter
+from cuboid.results.views.live.watch import SILENCE_S, Moment, RateLimiter
 from cuboid.results.views.serving import HOST
 from fakes import INTRINSICS, FakeRecording, FakeTracker
 
@@ -112,6 +113,30 @@ def test_nothing_is_taken_while_nobody_looks() -> None:
     assert view.moment_after(0, 0.0) is None
     assert view.first_pose is not None
     np.testing.assert_array_equal(view.first_pose, np.eye(4))  # from there the page looks, whenever it comes
+
+
+def test_when_the_first_camera_of_a_rig_ends_the_next_one_is_shown() -> None:
+    run = Run(LiveView())
+
+    def shown_after(name: str, time_s: float) -> str:
+        frame = replace(run.recording.read(0), timestamp_s=time_s, camera=RigCamera(name, INTRINSICS))
+        run.view(frame, run.tracker.update(frame), run.tracker)
+        assert run.view._last is not None
+        return run.view._last[0].camera_name
+
+    assert [shown_after(name, 0.1) for name in ("left", "right", "left")] == ["left"] * 3
+    assert shown_after("right", 0.1 + SILENCE_S) == "left"
+    assert shown_after("right", 0.2 + SILENCE_S) == "right"
+    assert shown_after("left", 0.3 + SILENCE_S) == "right"
+    run.view._take_moment()
+    moment = run.view.moment_after(0, 0.0)
+    assert moment is not None
+    assert moment.sightings
+    K = INTRINSICS
+    wide = Intrinsics(K.fx / 2, K.fy / 2, K.cx, K.cy, K.width, K.height)
+    own = moment_message(replace(moment, camera=RigCamera("right", wide)), INTRINSICS)
+    assert own == moment_message(replace(moment, camera=None), wide)
+    assert own != moment_message(moment, INTRINSICS)
 
 
 def test_a_moment_says_what_the_tracker_knew_then(server: LiveServer) -> None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cuboid.inputs.calibration.board import Board
     from cuboid.inputs.calibration.board_fit import BoardFit
     from cuboid.inputs.calibration.rig_fit import RigFit
+    from cuboid.inputs.calibration.still_view import StillView
     from cuboid.inputs.readers import Recording
 
 EXAMPLE = "cuboid calibrate RECORDING --output camera.json"
@@ -141,6 +142,7 @@ def _print_board(args: argparse.Namespace) -> int:
 def _calibrate_rig(args: argparse.Namespace) -> int:
     """Find the poses of a rig's cameras, write them with a picture, and print their errors."""
     import json
+    import sys
 
     import cv2
     import numpy as np
@@ -153,7 +155,6 @@ def _calibrate_rig(args: argparse.Namespace) -> int:
         names_of,
         overlay,
         rig_document,
-        still_views,
     )
 
     _check_rig_options(args)
@@ -163,28 +164,55 @@ def _calibrate_rig(args: argparse.Namespace) -> int:
     recordings = [open_recording(path, register=args.register) for path in args.rig]
     names = names_of(recordings)
     fit: RigFit | BoardFit
+    views: Sequence[StillView | None]
+    without: list[str] = []
     if args.board is None:
         fit, views = calibrate_rig(recordings, names)
         counted, counts, said = "points_confirmed", fit.confirmed.tolist(), ""
     else:
-        fit, views = calibrate_with_board(recordings, names, args.board), still_views(recordings, names)
+        fit = calibrate_with_board(recordings, names, args.board)
+        views, without = _views_there(recordings, names)
         counted, counts = "board_positions", fit.positions.tolist()
         said = f"corners are {fit.residual_px:.2f} px from their places; "
     document = rig_document(fit.T_rig_camera, recordings, names, args.output)
     with new_file(args.output, force=args.force) as file:
         file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    with new_file(picture, force=args.force) as file:
-        file.write_bytes(cv2.imencode(".png", overlay(views, fit.T_rig_camera)[..., ::-1])[1].tobytes())
+    if without:
+        print(f"cuboid: warning: not in the picture: {'; '.join(without)}", file=sys.stderr, flush=True)
+    drawn = [(view, T) for view, T in zip(views, fit.T_rig_camera, strict=True) if view is not None]
+    if drawn:
+        pixels = overlay([view for view, _ in drawn], np.array([T for _, T in drawn]))
+        with new_file(picture, force=args.force) as file:
+            file.write_bytes(cv2.imencode(".png", pixels[..., ::-1])[1].tobytes())
+    else:
+        picture.unlink(missing_ok=True)  # of an earlier call
+    written = [str(args.output), *([str(picture)] if drawn else [])]
     rows = [
         {"name": name, "error_mm": 1000 * float(error_m), "error_degrees": float(np.degrees(error_rad)), counted: count}
         for name, error_m, error_rad, count in zip(names, fit.error_m, fit.error_rad, counts, strict=True)
     ]
 
     def show() -> None:
-        _print_rig(rows, counted, f"{said}the first camera is the rig; written: {args.output}, {picture}")
+        _print_rig(rows, counted, f"{said}the first camera is the rig; written: {', '.join(written)}")
 
-    give(args, {"output": str(args.output), "picture": str(picture), "cameras": rows, "rig": document}, show)
+    found = {"output": str(args.output), "picture": str(picture) if drawn else None, "cameras": rows, "rig": document}
+    give(args, found, show)
     return 0
+
+
+def _views_there(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[list[StillView | None], list[str]]:
+    """Return the still view of each camera, None without enough depth; and the reasons, one line each."""
+    from cuboid.runs.pipeline.rig_calibrating import still_view_of
+
+    views: list[StillView | None] = []
+    reasons = []
+    for recording, name in zip(recordings, names, strict=True):
+        try:
+            views.append(still_view_of(recording, name))
+        except InputError as error:
+            views.append(None)
+            reasons.append(str(error))
+    return views, reasons
 
 
 def _check_rig_options(args: argparse.Namespace) -> None:

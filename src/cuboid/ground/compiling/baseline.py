@@ -56,5 +56,8 @@ def usable_baseline() -> Baseline | None:
     found = baseline()
     if found is None or not FOLDER.is_dir():
         return None
-    features = binding.get_host_cpu_features()
+    try:
+        features = binding.get_host_cpu_features() if found.needs else {}
+    except RuntimeError:  # LLVM does not know the processor
+        return None
     return found if all(features.get(name, False) for name in found.needs) else None

@@ -87,12 +87,14 @@ class Board:
         gray = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
         _, _, markers, ids = self._detector.detectBoard(gray)
         none = np.zeros(0, np.int64), np.zeros((0, 2))
-        if ids is None or len(ids) < MIN_MARKERS:
+        if ids is None:
             return none
         known = dict(zip(self._charuco.getIds().ravel().tolist(), self._charuco.getObjPoints(), strict=True))
         seen = [
             (known[k], one.reshape(4, 2)) for k, one in zip(ids.ravel().tolist(), markers, strict=True) if k in known
         ]
+        if len(seen) < MIN_MARKERS:
+            return none
         places = self._places(np.concatenate([at[:, :2] for at, _ in seen]), np.concatenate([px for _, px in seen]))
         if places is None:
             return none

@@ -8,6 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 
+from cuboid.ground.arrays import Float32Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Frame, RigCamera
 from cuboid.ground.geometry.se3 import angle, transform
@@ -56,8 +57,12 @@ class RigWatch:
                 self._check(camera)
         while self._pending:
             self._tell(self._pending.popleft().result())
+        self.close()
+
+    def close(self) -> None:
+        """End the thread; checks that have not begun are left out. `finish` calls it; after an error, call it alone."""
         if self._pool is not None:
-            self._pool.shutdown()
+            self._pool.shutdown(cancel_futures=True)
 
     def _check(self, camera: _Watched) -> None:
         check = camera.next_check()
@@ -72,11 +77,12 @@ class RigWatch:
 
 
 class _Watched:
-    """A camera with its still view at the start, and its last frames."""
+    """A camera with its still view at the start, and the depth of its last frames."""
 
     def __init__(self, camera: RigCamera) -> None:
         self._camera = camera
-        self._frames: deque[Frame] = deque(maxlen=FRAMES)
+        # Times in seconds and depth images: the check at the end of a run, which may come any time, needs the last.
+        self._frames: deque[tuple[float, Float32Array]] = deque(maxlen=FRAMES)
         self._first: StillView | None = None
         self._start_s: float | None = None
         self._due_s = -np.inf
@@ -85,10 +91,13 @@ class _Watched:
         self._knocked = False
 
     def take(self, frame: Frame) -> bool:
-        """Keep a frame; return whether the frames of the next check are complete."""
+        """Keep the depth of a frame; return whether the frames of the next check are complete."""
+        if self._knocked:
+            self._frames.clear()
+            return False
         if self._start_s is None:
             self._start_s = frame.timestamp_s
-        self._frames.append(frame)
+        self._frames.append((frame.timestamp_s, frame.depth_m))
         self._since_check += 1
         self._since_due += frame.timestamp_s >= self._due_s
         return self._since_due == FRAMES
@@ -96,29 +105,29 @@ class _Watched:
     @property
     def has_new_frames(self) -> bool:
         """Whether enough frames came since the last check."""
-        return self._since_check >= FRAMES
+        return self._since_check >= FRAMES and not self._knocked
 
     def next_check(self) -> Callable[[], str | None]:
         """Return the check of the last frames; the first check keeps what the camera sees, and finds nothing."""
         frames, start_s = list(self._frames), self._start_s or 0.0
         self._since_due = self._since_check = 0
-        self._due_s = start_s + EVERY_S * (1 + (frames[-1].timestamp_s - start_s) // EVERY_S)
+        self._due_s = start_s + EVERY_S * (1 + (frames[-1][0] - start_s) // EVERY_S)
 
         def check() -> str | None:
             if self._knocked:
                 return None
-            view = self._view(frames)
+            view = self._view([depth_m for _, depth_m in frames])
             if self._first is None:
                 self._first = view
                 return None
-            return None if view is None else self._compare(self._first, view, frames[0].timestamp_s - start_s)
+            return None if view is None else self._compare(self._first, view, frames[0][0] - start_s)
 
         return check
 
-    def _view(self, frames: list[Frame]) -> StillView | None:
+    def _view(self, depths_m: list[Float32Array]) -> StillView | None:
         """Return what the frames show that stands still; None if it is too little."""
         try:
-            return still_view(frames, self._camera.intrinsics)
+            return still_view(depths_m, self._camera.intrinsics)
         except InputError:
             return None
 

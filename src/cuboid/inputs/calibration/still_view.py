@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
+from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.depth import without_mixed
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.tolerances import DEPTH_NOISE_PER_M
 
 # A pixel is still if this fraction of its readings lies within STILL_SIGMAS standard deviations and STILL_M, metres, of
@@ -38,7 +38,6 @@ class StillView:
     ----------
     depth_m : (H, W) float32
         0 where there is no reading, or none that is still.
-    color : (H, W, 3) uint8
     camera : Intrinsics
     points, normals : (N, 3) float64
         The thinned cloud of flat surfaces in the camera frame; normals face the camera.
@@ -47,25 +46,24 @@ class StillView:
     """
 
     depth_m: Float32Array
-    color: UInt8Array
     camera: Intrinsics
     points: Float64Array
     normals: Float64Array
     solid: Float64Array
 
 
-def still_view(frames: Iterable[Frame], camera: Intrinsics) -> StillView:
-    """Return the still view of a fixed camera from some of its frames.
+def still_view(depths_m: Iterable[Float32Array], camera: Intrinsics) -> StillView:
+    """Return the still view of a fixed camera from the depth images (H, W) of some of its frames, metres.
 
     Raises
     ------
     InputError
         There is no frame, or nothing in them stands still.
     """
-    taken = list(frames)
+    taken = list(depths_m)
     if not taken:
         raise InputError("no frame can be used")
-    depths = np.stack([frame.depth_m for frame in taken])
+    depths = np.stack(taken)
     depths[depths == 0] = np.nan
     known = np.count_nonzero(np.isfinite(depths), axis=0)
     median = np.zeros(depths.shape[1:], np.float32)
@@ -84,7 +82,7 @@ def still_view(frames: Iterable[Frame], camera: Intrinsics) -> StillView:
     solid_m = without_mixed(median)[::SOLID_STEP, ::SOLID_STEP]
     rows, columns = np.nonzero(solid_m)
     solid = camera.points(columns * SOLID_STEP, rows * SOLID_STEP, solid_m[rows, columns])
-    return StillView(median, taken[len(taken) // 2].color, camera, points, normals, solid)
+    return StillView(median, camera, points, normals, solid)
 
 
 def _cloud(depth_m: Float32Array, camera: Intrinsics) -> tuple[Float64Array, Float64Array]:

@@ -106,9 +106,9 @@ class LatestQueue(Generic[T]):
         self._stopped.set()
 
     def head(self) -> T | None:
-        """Return the oldest item, which remains in the queue; None if there is none now."""
+        """Return the oldest item, which remains in the queue; None if there is none now, or the queue was stopped."""
         with self._changed:
-            return self._items[0] if self._items else None
+            return self._items[0] if self._items and not self._stopped.is_set() else None
 
     @property
     def exhausted(self) -> bool:

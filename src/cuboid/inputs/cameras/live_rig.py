@@ -20,7 +20,7 @@ from typing import Any, Self
 from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.frame import Frame, Rig, RigCamera
 from cuboid.ground.core.limits import FRAMES_WAITING
-from cuboid.ground.core.paths import PathLike, as_path, file_name
+from cuboid.ground.core.paths import PathLike, as_path, file_name, refuse_same_file_names
 from cuboid.ground.formats import rig_file
 from cuboid.ground.formats.folder import writing
 from cuboid.ground.formats.rig_file import FIXED, RigDocument
@@ -53,6 +53,8 @@ class LiveRig:
     rig : Rig
     record : path or None
         Folder with a ``rig.json`` and one recording for each camera; complete when the iteration has ended.
+    camera_time_s : float
+        Time of the present frame on the clock of its camera, as the driver gave it, seconds.
     """
 
     def __init__(
@@ -60,12 +62,12 @@ class LiveRig:
         document: RigDocument,
         cameras: Sequence[LiveCamera],
         changed: threading.Condition,
-        record: Path | None = None,
+        record: PathLike | None = None,
     ) -> None:
         names = tuple(entry.name for entry in document.cameras)
         parts = tuple(RigCamera(name, one.intrinsics) for name, one in zip(names, cameras, strict=True))
         poses = {entry.name: entry.pose for entry in document.cameras if entry.pose is not None}
-        self.rig, self.record = Rig(document.kind, parts, poses), record
+        self.rig, self.record = Rig(document.kind, parts, poses), None if record is None else as_path(record)
         self.name = ", ".join(names)
         self.intrinsics = cameras[0].intrinsics
         self.depth_units_per_metre = cameras[0].depth_units_per_metre
@@ -74,11 +76,12 @@ class LiveRig:
             raise InputError("the cameras give no poses; a moving rig then needs the 'T_rig_camera' of each camera")
         self.warnings: list[str] = []
         self.idle: Callable[[], None] = lambda: None
+        self.camera_time_s = 0.0
         self._document, self._cameras, self._changed = document, tuple(cameras), changed
         self._times_s: list[list[float]] = [[] for _ in cameras]
         self._sequence: list[int] = []
         self._late = 0
-        self._ended = [False] * len(cameras)
+        self._ended, self._stepped_back = [False] * len(cameras), [False] * len(cameras)
         self._clocks = [_Clock() for _ in cameras]
         self._last = (float("-inf"), 0)
 
@@ -121,10 +124,11 @@ class LiveRig:
         with ExitStack() as stack:
             stack.callback(self._finish)
             frame_of = [stack.enter_context(camera.capturing()) for camera in self._cameras]
-            for k, shot in self._shots():
-                frame = frame_of[k](shot)
+            for k, shot, time_s in self._shots():
+                frame = frame_of[k](replace(shot, timestamp_s=time_s))
                 if frame is None:
                     continue
+                self.camera_time_s = shot.timestamp_s
                 self._times_s[k].append(frame.timestamp_s)
                 self._sequence.append(k)
                 camera = self.rig.cameras[k]
@@ -134,8 +138,8 @@ class LiveRig:
         if index == 0 and self.warnings:
             raise InputError(self.warnings[-1])
 
-    def _shots(self) -> Iterator[tuple[int, Shot]]:
-        """Iterate over the images of all cameras in the order of their times, each with the number of its camera."""
+    def _shots(self) -> Iterator[tuple[int, Shot, float]]:
+        """Iterate over the images of all cameras in the order of their times: number of the camera, image, time."""
         while True:
             self._name_ended()
             with self._changed:
@@ -149,6 +153,7 @@ class LiveRig:
             if k is None or shot is None:
                 self.idle()
                 continue
+            self._name_step_back(k, shot)
             time_s = self._clocks[k].time_s(shot)
             if time_s is None:
                 continue
@@ -156,7 +161,7 @@ class LiveRig:
                 self._late += 1
                 continue
             self._last = time_s, k
-            yield k, replace(shot, timestamp_s=time_s)
+            yield k, shot, time_s
         self._name_ended()
 
     def _heads(self) -> list[Shot | None]:
@@ -190,6 +195,16 @@ class LiveRig:
                     f"camera {self.rig.cameras[k].name} has its own clock; its times follow from the arrival of its "
                     "frames, to some hundredths of a second"
                 )
+
+    def _name_step_back(self, k: int, shot: Shot) -> None:
+        """Report, once for each camera, that its clock steps back: its frames are late until it has caught up."""
+        step_s = self._clocks[k].step_back_s(shot)
+        if step_s > 0 and not self._stepped_back[k]:
+            self._stepped_back[k] = True
+            self.warnings.append(
+                f"camera {self.rig.cameras[k].name}: its clock stepped back by {step_s:.2f} s; frames that are then "
+                "earlier than the last one of any camera are dropped"
+            )
 
     def _name_ended(self) -> None:
         """Report each camera that ended by itself since the last call, while others go on."""
@@ -234,6 +249,7 @@ class _Clock:
         self.is_reference = False
         self.frames_left = 0
         self.shift_s = 0.0
+        self._last_s = float("-inf")
         self._reference: _Clock | None = None
 
     def begin(self, shot: Shot, reference: _Clock | None, *, paced: bool) -> None:
@@ -247,6 +263,11 @@ class _Clock:
     def shifted_s(self, shot: Shot) -> float:
         """Return the time of a frame on the clock of the reference, seconds."""
         return round(shot.timestamp_s + self.shift_s, MICROSECOND)
+
+    def step_back_s(self, shot: Shot) -> float:
+        """Return the time by which the clock is behind that of the frame before, seconds; not positive if it is not."""
+        step_s, self._last_s = self._last_s - shot.timestamp_s, shot.timestamp_s
+        return step_s
 
     def time_s(self, shot: Shot) -> float | None:
         """Return the time of the next frame; None if it serves only to find the time of the clock."""
@@ -318,7 +339,7 @@ def open_cameras(cameras: str, rig: PathLike, *, record: PathLike | None = None,
     InputError
         The file is malformed, or a camera cannot be opened.
     OutputError
-        `record` exists.
+        `record` exists, or two cameras would be recorded in one folder.
     MissingExtraError
         A driver needs a package that is not installed.
     """
@@ -326,6 +347,8 @@ def open_cameras(cameras: str, rig: PathLike, *, record: PathLike | None = None,
     folder, changed = None if record is None else as_path(record), threading.Condition()
     if folder is not None and folder.exists():
         raise OutputError(f"{record}: exists; frames are recorded into a new folder")
+    if folder is not None:
+        refuse_same_file_names([entry.name for entry in document.cameras])
     with ExitStack() as opened:
         found = []
         for entry, camera in zip(document.cameras, cameras_of(cameras, file, document), strict=True):

@@ -123,10 +123,7 @@ class RosCamera:
         return "" if self._poses is None else self._poses.found_world
 
     def stamp_ns(self, timestamp_s: float) -> int:
-        """Return the stamp of the image of a frame to the nanosecond, of one of the last frames.
-
-        The time of a frame of a rig is rounded to microseconds.
-        """
+        """Return the stamp of the image of one of the last frames, to the nanosecond, from the time of its `Shot`."""
         return self._stamps_ns[min(self._stamps_ns, key=lambda known_s: abs(known_s - timestamp_s))]
 
     def take(self, wait_s: float) -> Shot | None:

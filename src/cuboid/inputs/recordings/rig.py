@@ -137,7 +137,21 @@ class RigRecording(Recording):
         self.warnings = (
             *(f"camera {part.camera.name}: {one}" for part in self.parts for one in part.recording.warnings),
             *late_warnings([part.camera.name for part in self.parts], self._times_s),
+            *self._sparse_warnings(),
         )
+
+    def _sparse_warnings(self) -> list[str]:
+        """Return a warning if the camera that moves the rig has its frames too far apart for poses between them."""
+        if self._reference is None or self.kind == FIXED or len(self._times_s[self._reference]) < 2:
+            return []
+        interval_s = float(np.median(np.diff(self._times_s[self._reference])))
+        if interval_s <= MAX_GAP_S:
+            return []
+        name = self.parts[self._reference].camera.name
+        return [
+            f"camera {name}, which has the poses of the rig, has a frame each {interval_s:.2f} s; between frames more "
+            f"than {MAX_GAP_S:.1f} s apart, those of the other cameras get no pose"
+        ]
 
     def __len__(self) -> int:
         """Return the number of frames of all cameras, bad ones included."""

@@ -142,6 +142,8 @@ class MapObject(ObjectRecord):
         Number of the object that it is attached to, if nothing supported it from below at the last fit; 0: none.
     moved : bool
         Whether it was seen to move by itself.
+    doubt : float
+        Log-odds that it is not in its place, from the frames since it was last seen there; see `presence.doubts`.
     merged_into : MapObject or None
         The object into which it was merged.
     """
@@ -168,6 +170,7 @@ class MapObject(ObjectRecord):
     noise_m: float = field(default_factory=float, metadata=ADDED)
     holder: int = 0
     moved: bool = field(default_factory=bool, metadata=ADDED)
+    doubt: float = field(default_factory=float, metadata=ADDED)
     merged_into: MapObject | None = field(default=None, metadata=TRANSIENT)
 
     @property

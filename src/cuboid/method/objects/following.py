@@ -1,9 +1,10 @@
 """Objects that move while the camera watches: they leave, are followed, rest again, or are gone and come back.
 
 An object leaves when frames see through most of it while something moves near it. As long as its shape and colors are
-found from frame to frame, it is followed as a rigid cluster. It rests when it has stood on a surface for a while. A
-lost object waits with its label: a new object of similar size and colors gets this label, as between two visits. An
-object that waits for too long is gone. If it leaves less than two seconds after it got its label, the label ends.
+found from frame to frame, it is followed as a rigid cluster. It rests when it has stood on a surface for a while. One
+that left while the camera looked elsewhere is missed later (`presence`). A lost object waits with its label: a new
+object of similar size and colors gets this label, as between two visits. An object that waits for too long is gone. If
+it leaves less than two seconds after it got its label, the label ends.
 A new object gets a label within a second after it came to rest; hands and people seldom rest for so long.
 """
 
@@ -32,16 +33,17 @@ from cuboid.method.objects.arrivals import IN_PLACE_M, Arrivals
 from cuboid.method.objects.cluster import Cluster, Fit
 from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.kernels.leaving import count_passed
+from cuboid.method.objects.presence import DOUBTED, GONE, Rays, doubts
 from cuboid.method.objects.similarity import ColorProfile, color_profile_of, most_similar, similarity
 from cuboid.method.objects.store import ObjectStore
-from cuboid.method.objects.visibility import measure_visibility
+from cuboid.method.objects.visibility import boxes_in_frustum, measure_visibility
 from cuboid.method.poses.pyramid import Level, levels_of
 from cuboid.method.surfaces.planes import PlaneTracker
 
 # An object begins to move when frames see through the first fraction of the visible part of its place. It has left when
 # all frames of this time, seconds, and at least two, see through the second fraction.
 MOVING_FRACTION, DEPARTED_FRACTION, DEPARTED_S = 0.2, 0.5, 0.06
-# An object can leave only if something moved within this distance of it, metres: about the width of a hand.
+# An object leaves in view if something moved within this distance of it, metres: about the width of a hand.
 MOTION_GAP_M = 0.1
 # Largest distance of an object from its place in the first frame of its motion, and later from its expected place,
 # metres.
@@ -158,6 +160,8 @@ class Following:
         # Times at which objects got a new label, by number; the new objects that came while the camera watched.
         self._labelled_s: dict[int, float] = {}
         self._came: list[MapObject] = []
+        # Whether the last frame shows an object that is rather gone than there, but not certainly.
+        self._in_doubt = False
         self._arrivals = Arrivals(config.depth_noise_per_m)
         self._events: list[ObjectEvent] = []
         self._levels: tuple[Level, ...] | None = None
@@ -227,18 +231,38 @@ class Following:
         return moving if moving.any() else None
 
     def _find_leaving(self, seen: Observation, time_s: float) -> None:
-        image, noise = seen.image, self._config.depth_noise_per_m
-        pinhole, T = image.camera.pinhole, np.ascontiguousarray(seen.T_camera_world)
-        for entry in self._may_leave(time_s):
-            points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
-            stays, passed = count_passed(points, image.depth_m, pinhole, T, IN_PLACE_M, noise)
-            enough = passed >= MIN_READINGS
-            if enough and passed >= DEPARTED_FRACTION * (stays + passed):
-                self._departed_s.setdefault((entry.number, seen.camera), time_s)
-            else:
-                self._departed_s.pop((entry.number, seen.camera), None)
-            if enough and passed >= MOVING_FRACTION * (stays + passed):
-                self._let_go(entry, seen, time_s)
+        """Find the labelled objects that begin to move, that have left, and that are no longer in their place."""
+        entries = self._in_view(seen)
+        rays = {entry.number: self._rays(entry, seen) for entry in entries}
+        after = doubts(rays, {entry.number: entry.doubt for entry in entries}, seen.weight)
+        for number, doubt in after.items():
+            self._store.doubt(self._store[number], doubt)
+        self._in_doubt = any(DOUBTED < doubt < GONE for doubt in after.values())
+        near_motion = self._near_motion(time_s)
+        for entry in entries:
+            shown = rays[entry.number]
+            enough = shown.through >= MIN_READINGS
+            if entry.number in near_motion:
+                if enough and shown.fraction >= DEPARTED_FRACTION:
+                    self._departed_s.setdefault((entry.number, seen.camera), time_s)
+                else:
+                    self._departed_s.pop((entry.number, seen.camera), None)
+                if enough and shown.fraction >= MOVING_FRACTION:
+                    self._let_go(entry, seen, time_s)
+            elif entry.doubt >= GONE:
+                self._let_wait(entry, time_s)
+
+    def _in_view(self, seen: Observation) -> list[MapObject]:
+        """Return the labelled objects that reach into the picture, by number."""
+        boxes, far_m = self._store.boxes[: self._store.numbers], self._config.max_depth_m
+        found = boxes_in_frustum(boxes, self._store.bounds, seen.image, seen.T_camera_world, far_m)
+        entries = map(self._store.__getitem__, found.tolist())
+        return [entry for entry in entries if entry.confirmed and len(entry.points)]
+
+    def _rays(self, entry: MapObject, seen: Observation) -> Rays:
+        image, points = seen.image, np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
+        T, noise = np.ascontiguousarray(seen.T_camera_world), self._config.depth_noise_per_m
+        return Rays(*count_passed(points, image.depth_m, image.camera.pinhole, T, IN_PLACE_M, noise))
 
     def _note_motion(self, places: Float32Array, time_s: float) -> None:
         """Record near which labelled objects something moves."""
@@ -247,11 +271,10 @@ class Following:
             if entry.box.distances_m(centers).min(initial=np.inf) < MOTION_GAP_M:
                 self._motion_s[entry.number] = self._motion_s.get(entry.number, (time_s, time_s))[0], time_s
 
-    def _may_leave(self, time_s: float) -> list[MapObject]:
-        """Return the labelled objects near which something moved for long enough, and not long ago."""
+    def _near_motion(self, time_s: float) -> frozenset[int]:
+        """Return the numbers of the objects near which something moved for long enough, and not long ago."""
         self._motion_s = {number: at_s for number, at_s in self._motion_s.items() if time_s - at_s[1] < GONE_S}
-        numbers = {number for number, (first_s, last_s) in self._motion_s.items() if last_s - first_s >= DEPARTED_S}
-        return [entry for entry in self._store.confirmed() if entry.number in numbers] if numbers else []
+        return frozenset(n for n, (first_s, last_s) in self._motion_s.items() if last_s - first_s >= DEPARTED_S)
 
     def _let_go(self, entry: MapObject, seen: Observation, time_s: float) -> None:
         """Follow an object that begins to move; if it has left and is not found, its label waits."""
@@ -265,9 +288,14 @@ class Following:
             followed = _Followed(entry, profile, cluster, box, entry.points, time_s, time_s)
             self._followed.append(followed)
         elif time_s - self._departed_s.get((entry.number, seen.camera), time_s) >= DEPARTED_S:
-            self._remove(entry)
-            if not young:
-                self._gone.append(_Gone(entry, color_profile_of(entry), entry.box, time_s))
+            self._let_wait(entry, time_s)
+
+    def _let_wait(self, entry: MapObject, time_s: float) -> None:
+        """Remove an object that has left its place; its label waits, unless it is too young."""
+        young = self._is_young(entry, time_s)
+        self._remove(entry)
+        if not young:
+            self._gone.append(_Gone(entry, color_profile_of(entry), entry.box, time_s))
 
     def _is_young(self, entry: MapObject, time_s: float) -> bool:
         since_s = self._labelled_s.get(entry.number)
@@ -333,14 +361,11 @@ class Following:
             rows = slots[(inside > 0) & (slots >= 0)].astype(np.int64)
             self._voxels.claim(rows, entry.number)
 
-    @property
-    def settled(self) -> frozenset[int]:
-        """Numbers of the objects that were set down a short time ago."""
-        return frozenset(entry.number for entry, _ in self._settled)
-
     # --- waiting objects -------------------------------------------------------------------------------------------
 
     def _report_gone(self, time_s: float) -> None:
+        # Between visits to a scene, another object may have taken over the label.
+        self._gone = [one for one in self._gone if one.entry.number in self._store]
         for gone in self._gone:
             if not gone.reported and time_s - gone.since_s >= GONE_S:
                 gone.reported = self._report("gone", gone.entry, gone.from_box, None, 1.0)
@@ -356,14 +381,14 @@ class Following:
         self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < YOUNG_S}
         came = [
             *self._came,
-            *(entry for entry in entries if self._newcomers[entry.number].has_come or self._is_in_old_place(entry)),
+            *(entry for entry in entries if self._is_new_in_its_place(entry) or self._is_in_old_place(entry)),
         ]
         self._came = []
         for entry in came:
             if not entry.confirmed or self._recognize(entry):
                 continue
             young = time_s - self._newcomers[entry.number].complete_s < COMPARED_S
-            if young or entry.last_frame < frame:
+            if young or entry.last_frame < frame or self._in_doubt:
                 self._came.append(entry)
             elif self._newcomers[entry.number].has_come:
                 self._report("appeared", entry, None, entry.box, entry.score)
@@ -397,6 +422,10 @@ class Following:
         profile = color_profile_of(entry)
         scores = [similarity(profile, entry.box, gone.profile, gone.from_box) for gone in self._gone]
         return most_similar(scores), scores
+
+    def _is_new_in_its_place(self, entry: MapObject) -> bool:
+        newcomer = self._newcomers[entry.number]
+        return newcomer.has_come or newcomer.was_absent
 
     def _is_in_old_place(self, entry: MapObject) -> bool:
         """Return whether an object is where one was that seemed to leave."""

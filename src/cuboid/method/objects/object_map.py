@@ -25,7 +25,7 @@ from cuboid.method.objects.confirmation import is_confirmable
 from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.fitting import Fitting
 from cuboid.method.objects.objectness import Quantities, probability, quantities_of
-from cuboid.method.objects.retirement import abandoned, carved
+from cuboid.method.objects.retirement import abandoned
 from cuboid.method.objects.store import ObjectStore, ObjectStoreState
 from cuboid.method.objects.validity import fits_object
 from cuboid.method.objects.visibility import boxes_in_frustum, places_in_view
@@ -102,7 +102,6 @@ class ObjectMap:
         seen: Observation,
         frame: SegmentedFrame,
         objects: Sequence[MapObject],
-        settled: frozenset[int],
     ) -> Association:
         """Update the map of objects with a frame.
 
@@ -112,8 +111,6 @@ class ObjectMap:
         frame : SegmentedFrame
         objects : sequence of MapObject
             From `objects_in_frustum`.
-        settled : frozenset of int
-            Numbers of objects that were set down a short time ago: their new place has few points yet.
 
         Returns
         -------
@@ -130,7 +127,6 @@ class ObjectMap:
         self._record_shown(seen, found)
         changed = [o.number for o in objects] + [int(n) for n in number_of if n]
         self._fitting.fit_grown(changed, seen.eye, seen.new_viewpoint, seen.weight)
-        self._retire_removed(found, settled)
         self._merge(changed, seen.eye)
         self._retire_abandoned(changed)
         return found
@@ -254,13 +250,6 @@ class ObjectMap:
         candidates = [o for o in others if o.state is State.CANDIDATE]
         for entry in places_in_view(candidates, self.store.boxes_of(candidates), seen):
             self.store.record_missed(entry)
-
-    def _retire_removed(self, found: Association, settled: frozenset[int]) -> None:
-        """Retire unmatched confirmed objects whose points were removed by free-space carving: most were taken away."""
-        matched = set(found.match.tolist())
-        unmatched = [o for j, o in enumerate(found.objects) if j not in matched and o.confirmed]
-        for entry in carved([o for o in unmatched if o.number not in settled], self._voxels):
-            self.store.retire(entry)
 
     def reset_supports(self) -> None:
         """Reset the support of all objects and refit labelled ones, because the up direction has changed.

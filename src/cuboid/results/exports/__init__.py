@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from cuboid.ground.core.errors import InputError, OutputError
-from cuboid.ground.core.paths import PathLike, as_path, file_name
+from cuboid.ground.core.paths import PathLike, as_path, file_name, refuse_same_file_names
 from cuboid.ground.formats.folder import OUTPUT_NAMES
 from cuboid.ground.formats.reading import real_path
 from cuboid.results.exports import (
@@ -27,7 +28,7 @@ from cuboid.results.exports import (
 )
 from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results
-from cuboid.results.files.pending import new_file, new_folder
+from cuboid.results.files.pending import new_file, new_folder, refuse_taken
 
 __all__ = [
     "EXPORTS",
@@ -89,14 +90,13 @@ def export(run: Results, name: str, path: PathLike, *, force: bool = False, **op
             with_it = ", ".join(key for key, one in EXPORTS.items() if option in one.options)
             raise InputError(f"'{name}' has no option {option}; of the exports these have: {with_it or 'none'}")
     if form.one_camera and run.report.rig_cameras:
+        paths = _paths_of_cameras(path, [camera.name for camera in run.report.rig_cameras], force=force)
         notes = [
-            f"{camera.name}: {note}"
-            for camera in run.report.rig_cameras
-            for note in export(
-                run.of_camera(camera.name), name, path_of_camera(path, camera.name), force=force, **options
-            )
+            f"{camera}: {note}"
+            for camera, file in paths.items()
+            for note in export(run.of_camera(camera), name, file, force=force, **options)
         ]
-        return [f"a file for each camera, such as {path_of_camera(path, run.report.rig_cameras[0].name)}", *notes]
+        return [f"a file for each camera, such as {next(iter(paths.values()))}", *notes]
     if form.suffix:
         with new_file(path, force=force) as file:
             return form.write(run, file, **options)
@@ -107,6 +107,15 @@ def export(run: Results, name: str, path: PathLike, *, force: bool = False, **op
 def path_of_camera(path: Path, camera: str) -> Path:
     """Return the path of a camera's file: the name of the camera follows that of the file."""
     return path.with_name(f"{path.stem}-{file_name(camera)}{path.suffix}")
+
+
+def _paths_of_cameras(path: Path, cameras: Sequence[str], *, force: bool) -> dict[str, Path]:
+    """Return the path of each camera's file; raise OutputError, before one is written, if it cannot be used."""
+    refuse_same_file_names(cameras)
+    paths = {camera: path_of_camera(path, camera) for camera in cameras}
+    for file in paths.values():
+        refuse_taken(file, force=force)
+    return paths
 
 
 def _refuse(run: Results, name: str, form: Export, path: Path) -> None:

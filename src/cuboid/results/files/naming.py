@@ -11,12 +11,12 @@ from typing import Any
 
 from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.results import TrackedObject
-from cuboid.ground.formats.folder import EVENTS, OBJECTS, REPORT
+from cuboid.ground.formats.folder import EVENTS, OBJECTS, REPORT, TRACKS
 from cuboid.method.objects.naming import chosen_name
 from cuboid.results.files.gone import gone_labels
-from cuboid.results.files.objects import read_objects, write_objects
+from cuboid.results.files.objects import ObjectsFile, read_objects, write_objects
 from cuboid.results.files.pending import PendingFile, write_whole
-from cuboid.results.files.rows import read_events
+from cuboid.results.files.rows import read_events, read_tracks
 
 # Largest number of characters of a name, which is shown beside its label.
 LONGEST_NAME = 100
@@ -75,7 +75,7 @@ def name_object(folder: Path, label: int, name: str) -> None:
         )
         changed, shown_name = dataclasses.replace(found, objects=objects, furniture=furniture), name_document(named)
     else:
-        _refuse_unknown(folder, label)
+        _refuse_unknown(folder, found, label)
         others = {one: text for one, text in found.gone_names.items() if one != label}
         changed = dataclasses.replace(found, gone_names=others | ({label: name} if name else {}))
         shown_name = {"name": name}
@@ -88,10 +88,11 @@ def name_object(folder: Path, label: int, name: str) -> None:
         write_whole(report, _renamed_page(report.read_text(encoding="utf-8"), label, shown_name))
 
 
-def _refuse_unknown(folder: Path, label: int) -> None:
+def _refuse_unknown(folder: Path, found: ObjectsFile, label: int) -> None:
     """Raise InputError unless an object with the label left during the run."""
-    events = folder / EVENTS
-    if not events.exists() or label not in gone_labels(read_events(events)):
+    events, merged = folder / EVENTS, {old for item in found.objects for old in item.merged_labels}
+    left = gone_labels(read_events(events)) - merged if events.exists() else set()
+    if label not in left or all(row.label != label for row in read_tracks(folder / TRACKS)):
         raise InputError(f"{folder / OBJECTS}: no object has the label {label}")
 
 

@@ -9,6 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar
 
+import numpy as np
+
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError, shown
 from cuboid.ground.core.frame import Intrinsics
@@ -27,12 +29,12 @@ from cuboid.ground.formats.folder import (
     VIEWS,
     finish_replacing,
 )
-from cuboid.ground.formats.stored import is_there
 from cuboid.inputs.readers.recording import Recording
 from cuboid.inputs.readers.reopen import reopen_recording
 from cuboid.inputs.recordings.rig import FORMAT as RIG
 from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.sources import LOST
+from cuboid.results.files.camera_rows import CameraRows
 from cuboid.results.files.gone import gone_objects
 from cuboid.results.files.naming import name_object
 from cuboid.results.files.object_table import ObjectTable
@@ -285,39 +287,16 @@ class Results(MapQueries):
     def of_camera(self, name: str) -> Results:
         """Return the results of one camera of a rig, with the frame numbers of its own recording.
 
-        Objects, planes and the map are those of the rig; tracks, poses, intrinsics and the recording are those of the
-        camera.
+        Objects, planes and the map are those of the rig, with its frame numbers; rows, skipped frames, poses,
+        intrinsics and the recording are those of the camera. An event is at the camera's next used frame, or at its
+        last one. The recording is opened when it is first needed.
 
         Raises
         ------
         InputError
             The results have no such camera.
         """
-        report = self.report
-        names = [camera.name for camera in report.rig_cameras]
-        if name not in names:
-            raise InputError(f"{self.folder}: there is no camera '{name}'; there are: {', '.join(names) or 'none'}")
-        k, (cameras, numbers) = names.index(name), report.rig_frames
-        if not len(cameras):
-            raise InputError(f"{self.folder / RUN}: does not say which camera took each frame")
-        one, settings = Results(self.folder, self.recording_path), {**report.config}
-        settings.pop("rig")
-        recordings = report.rig_recordings
-        one.report = replace(report, recording=recordings[k] if recordings else report.recording, config=settings)
-        one.found = replace(self.found, intrinsics=report.rig_cameras[k].intrinsics)
-        one.poses = {int(numbers[frame]): row for frame, row in self.poses.items() if cameras[frame] == k}
-        one.tracks = [
-            replace(row, frame=int(numbers[row.frame]), camera="") for row in self.tracks if cameras[row.frame] == k
-        ]
-        if self._has_recording:
-            assert isinstance(self.recording, RigRecording)
-            one.recording = self.recording.of(name)
-        return one
-
-    @property
-    def _has_recording(self) -> bool:
-        """Whether the recording is there."""
-        return self.recording_path is not None or is_there(self.report.recording)
+        return CameraResults(self, name)
 
     def embed(self, model: PathLike | TextModel | None = None) -> Embeddings:
         """Embed pictures of the objects with an image-text model, store the vectors beside the results, return them.
@@ -442,6 +421,86 @@ class Results(MapQueries):
         if strange:
             raise InputError(f"{path}: frame {min(strange)} is not among the used frames of {RUN}")
         return rows
+
+
+class CameraResults(Results):
+    """The results of one camera of a rig; `Results.of_camera` makes it."""
+
+    def __init__(self, rig: Results, name: str) -> None:
+        super().__init__(rig.folder, rig.recording_path)
+        names = [camera.name for camera in rig.report.rig_cameras]
+        if name not in names:
+            raise InputError(f"{self.folder}: there is no camera '{name}'; there are: {', '.join(names) or 'none'}")
+        cameras, numbers = rig.report.rig_frames
+        if not len(cameras):
+            raise InputError(f"{self.folder / RUN}: does not say which camera took each frame")
+        k = names.index(name)
+        self._whole, self._camera_name = rig, name
+        self._of = CameraRows(k, {frame: int(numbers[frame]) for frame in np.flatnonzero(cameras == k).tolist()})
+
+    def name(self, label: int, name: str) -> TrackedObject:
+        """Set the name of an object of the rig; see `Results.name`."""
+        named = self._whole.name(label, name)
+        for old in ("found", "survivor"):
+            self.__dict__.pop(old, None)
+        return named
+
+    @cached_property
+    def report(self) -> RunReport:
+        """The report of the run, with the frames of the camera."""
+        return self._of.report(self._whole.report, len(self.poses))
+
+    @cached_property
+    def found(self) -> ObjectsFile:
+        """The content of `objects.json`, with the intrinsics of the camera."""
+        intrinsics = self._whole.report.rig_cameras[self._of.number].intrinsics
+        return replace(self._whole.found, intrinsics=intrinsics)
+
+    @cached_property
+    def _points(self) -> MapPoints:
+        return self._whole.map_points()
+
+    def _views(self, item: TrackedObject, max_views: int | None = None) -> list[ObjectView]:
+        """Return the views of an object, those of all cameras: stored views have the frame numbers of the rig."""
+        return self._whole._views(item, max_views)
+
+    @cached_property
+    def recording(self) -> Recording:
+        """The recording of the camera; see `Results.recording`."""
+        rig = self._whole.recording
+        assert isinstance(rig, RigRecording)
+        return rig.of(self._camera_name)
+
+    @cached_property
+    def poses(self) -> dict[int, PoseRow]:
+        """Pose and time of each used frame of the camera."""
+        return self._of.poses(self._whole.poses)
+
+    @cached_property
+    def tracks(self) -> list[TrackRow]:
+        """The sightings in the frames of the camera, by frame and label."""
+        return [replace(row, camera="") for row in self._of.rows(self._whole.tracks)]
+
+    @cached_property
+    def events(self) -> list[EventRow]:
+        """The events of the rig, each at the camera's next used frame, else at its last one."""
+        return self._of.events(self._whole.events, self._whole.poses)
+
+    @cached_property
+    def agents(self) -> list[AgentRow]:
+        """The boxes of moving things in the frames of the camera, by frame."""
+        return self._of.rows(self._whole.agents)
+
+    @cached_property
+    def proposals(self) -> list[ProposalRow]:
+        """The 3D proposals of the frames of the camera."""
+        return self._of.rows(self._whole.proposals)
+
+    @cached_property
+    def proposal_labels(self) -> list[int]:
+        """The label of each of the `proposals`, 0 for none."""
+        pairs = zip(self._whole.proposals, self._whole.proposal_labels, strict=True)
+        return [label for row, label in pairs if row.frame in self._of.own]
 
 
 def open_results(folder: PathLike, recording: PathLike | None = None) -> Results:

@@ -91,6 +91,15 @@ def write_whole(path: Path, content: str | bytes) -> None:
         file.show()
 
 
+def refuse_taken(path: Path, *, force: bool) -> None:
+    """Raise OutputError if a file must not be written at a path: for a folder, or an existing file without `force`."""
+    with writing(path):
+        if path.is_dir():
+            raise OutputError(f"{path}: is a folder; the output must be a file")
+        if path.exists() and not force:
+            raise OutputError(f"{path}: exists; --force replaces it")
+
+
 @contextlib.contextmanager
 def new_file(path: Path, *, force: bool) -> Iterator[Path]:
     """Yield the path at which to write a file that appears at the end.
@@ -106,11 +115,7 @@ def new_file(path: Path, *, force: bool) -> Iterator[Path]:
     OutputError
         The file exists and `force` is not given, it is a folder, or it cannot be written.
     """
-    with writing(path):
-        if path.is_dir():
-            raise OutputError(f"{path}: is a folder; the output must be a file")
-        if path.exists() and not force:
-            raise OutputError(f"{path}: exists; --force replaces it")
+    refuse_taken(path, force=force)
     file = PendingFile(path)
     with file.writing():
         path.parent.mkdir(parents=True, exist_ok=True)

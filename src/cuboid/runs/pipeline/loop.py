@@ -127,7 +127,7 @@ class Pipeline:
         Takes each frame of a fixed rig.
     problems : sequence of sequences of str
         Growing lists of warnings, which `progress` gets as soon as they are there.
-    told : set of str
+    reported : set of str
         The warnings that it got.
     """
 
@@ -141,7 +141,7 @@ class Pipeline:
     session: SceneRun | None = None
     rig_watch: RigWatch | None = None
     problems: Sequence[Sequence[str]] = ()
-    told: set[str] = field(default_factory=set)
+    reported: set[str] = field(default_factory=set)
 
     def follow(self, frames: Iterable[Decoded], stop: Callable[[], bool]) -> bool:
         """Process all frames; return False if `stop` ended the loop early."""
@@ -159,8 +159,8 @@ class Pipeline:
     def _warn(self) -> None:
         """Report the new problems."""
         for line in chain.from_iterable(self.problems):
-            if line not in self.told:
-                self.told.add(line)
+            if line not in self.reported:
+                self.reported.add(line)
                 self.progress.warning(line)
 
     def prepare(self, decoded: Decoded) -> Decoded:

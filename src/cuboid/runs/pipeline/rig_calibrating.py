@@ -16,7 +16,7 @@ from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.formats.rig_file import FIXED, FORMAT, MAX_NAME, NAME_PATTERN, VERSION
-from cuboid.ground.geometry.se3 import transform
+from cuboid.ground.geometry.se3 import inverse, transform
 from cuboid.inputs.calibration.board import Board
 from cuboid.inputs.calibration.board_fit import BoardFit, fit_board, seen_boards
 from cuboid.inputs.calibration.rig_fit import RigFit, fit_rig
@@ -61,13 +61,15 @@ def calibrate_with_board(recordings: Sequence[Recording], names: Sequence[str], 
 
 def still_views(recordings: Sequence[Recording], names: Sequence[str]) -> list[StillView]:
     """Return the still view of each camera; raises InputError if one has none."""
-    views = []
-    for name, recording in zip(names, recordings, strict=True):
-        try:
-            views.append(still_view(_spread(recording, FRAMES), recording.intrinsics))
-        except InputError as error:
-            raise InputError(f"{recording.path}: camera {name}: {error}") from None
-    return views
+    return [still_view_of(recording, name) for recording, name in zip(recordings, names, strict=True)]
+
+
+def still_view_of(recording: Recording, name: str) -> StillView:
+    """Return the still view of a camera; raises InputError, which names the camera, if it has none."""
+    try:
+        return still_view((frame.depth_m for frame in _spread(recording, FRAMES)), recording.intrinsics)
+    except InputError as error:
+        raise InputError(f"{recording.path}: camera {name}: {error}") from None
 
 
 def _refuse_one(recordings: Sequence[Recording]) -> None:
@@ -107,15 +109,16 @@ def rig_document(
 
 
 def overlay(views: Sequence[StillView], T_rig_camera: Float64Array) -> UInt8Array:
-    """Return a picture (H, W, 3) of the clouds of all cameras in the view of the first one, a color for each camera.
+    """Return a picture (H, W, 3) of the clouds of cameras in the view of the first one, a color for each camera.
 
     Where the colors mix on a surface, the clouds lie on each other; two edges in two colors side by side are an error.
     """
     camera = views[0].camera
     picture = np.full((camera.height, camera.width, 3), BACKGROUND, np.uint8)
     pixels, depths, colors = [], [], []
+    T_first_rig = inverse(T_rig_camera[0])
     for k, (view, T) in enumerate(zip(views, T_rig_camera, strict=True)):
-        points = transform(T, view.points)
+        points = transform(T_first_rig @ T, view.points)
         points = points[points[:, 2] > 0]
         pixels.append(np.rint(camera.pixels(points)).astype(np.int64))
         depths.append(points[:, 2])

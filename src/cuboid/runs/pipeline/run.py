@@ -104,6 +104,8 @@ def track_recording(
         bare = taken if source.given_with_frames else taken.without_poses()
         cameras = taken.rig.cameras if isinstance(taken, RigLike) else ()
         rig_watch = None if writer is None else _rig_watch(taken, plan.options)
+        if rig_watch is not None:
+            opened.callback(rig_watch.close)
         make_view = (hooks.make_view or partial(_video, cameras=cameras)) if results.video else None
         with _view(writer, taken, every, make_view) as view:
             problems = [] if rig_watch is None else [rig_watch.warnings]
@@ -112,6 +114,7 @@ def track_recording(
             pipeline = Pipeline(taken.path, planned, *stages, problems)
             with closing(_decode(bare, frames, pipeline, plan.options)) as decoded:
                 complete = pipeline.follow(decoded, hooks.stop)
+        tracker.leave_out_prepared()
         if complete and not tracker.T_world_camera and plan.poses == ESTIMATED:
             raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
         return_free_memory()

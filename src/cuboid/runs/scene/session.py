@@ -119,6 +119,11 @@ class SceneTracker(KeptMap):
         """The tracker itself, which counts the frames of all recordings."""
         return self._tracker
 
+    @property
+    def gone_names(self) -> dict[int, str]:
+        """Names from the detector of objects that left in view of this recording, by label."""
+        return self._tracker.gone_names
+
     def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
         """Run a detector on every n-th frame; see `Tracker`. It gets frame numbers of the recording."""
         if detector is None:

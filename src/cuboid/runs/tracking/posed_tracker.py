@@ -55,6 +55,10 @@ from cuboid.runs.tracking.tracked_map import TrackedMap
 
 # Poses in the map are rounded to this many decimals, metres: this removes rounding errors that depend on the world.
 POSE_DECIMALS = 9
+# Two cameras look the same way if the angle between their optical axes is less than this, radians. Up of their images
+# differs by an eighth of a turn or more only if both look down by more than 75 degrees; an image from there has no
+# clear up. The cameras of a moving pair are turned less against each other.
+SAME_VIEW_RAD = math.radians(20.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,16 +301,20 @@ class PosedTracker(TrackedMap):
         return self._cameras[name]
 
     def _turns_of(self, frame: Frame, T_world_camera: Float64Array) -> int | None:
-        """Return the quarter turns of a camera: those that agree best with another camera of its rig, if there is one.
+        """Return the quarter turns of a camera: as another camera that looks its way has them, else by its depth.
 
-        Cameras of a rig have one idea of up: two guesses that contradict each other would mislead the search for up.
+        Such cameras have one idea of up: two guesses that contradict each other would mislead the search for up.
         """
-        other = next((one for one in self._cameras.values() if one.turns is not None and one.last is not None), None)
-        if other is None or other.turns is None or other.last is None:
-            return farther_up(frame.depth_m)
-        image_up = Roll(other.intrinsics, other.turns).image_up(other.last[1].T_world_camera)
-        rolls = (Roll(self._camera.intrinsics, turns) for turns in range(4))
-        return int(np.argmax([roll.image_up(T_world_camera) @ image_up for roll in rolls]))
+        for other in self._cameras.values():
+            if other.turns is None or other.last is None:
+                continue
+            T_world_other = other.last[1].T_world_camera
+            if T_world_other[:3, 2] @ T_world_camera[:3, 2] < math.cos(SAME_VIEW_RAD):
+                continue
+            image_up = Roll(other.intrinsics, other.turns).image_up(T_world_other)
+            rolls = (Roll(self._camera.intrinsics, turns) for turns in range(4))
+            return int(np.argmax([roll.image_up(T_world_camera) @ image_up for roll in rolls]))
+        return farther_up(frame.depth_m)
 
     def _repeat(self, frame: Frame, last: FrameResult) -> FrameResult:
         """Return the result of the last frame for an exact repetition of it: it shows the same objects again."""
@@ -355,7 +363,7 @@ class PosedTracker(TrackedMap):
             "candidates": len(in_frustum) - len(objects),
         }
         segmented = SegmentedFrame(segments, boxes, voxels, candidate)
-        found = self._map.update(seen, segmented, objects, self._following.settled)
+        found = self._map.update(seen, segmented, objects)
         in_frustum = self._map.objects_in_frustum(seen.image, seen.T_camera_world)
         if due:
             self._refine(seen, heat, slots, in_frustum)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -72,6 +73,8 @@ class RunningTracker(KeptMap):
         self._mapper, self._write = mapper, write
         self._preparing = mapper if isinstance(mapper, Preparing) else None
         self._busy = threading.Lock()
+        # Poses of the frames that were prepared and not yet processed.
+        self._ahead: deque[Posed] = deque()
         self.log, self.counts = FrameLog(), Counts()
         self.times_s: dict[int, float] = {}
         self.T_world_camera: dict[int, Float64Array] = {}
@@ -118,6 +121,8 @@ class RunningTracker(KeptMap):
         clock = FrameClock()
         prepared = self._posed(frame)
         clock.lap("poses")
+        if prepared.posed is not None:
+            self._ahead.append(prepared.posed)
         images = None
         if prepared.posed is not None and self._preparing is not None:
             images = self._preparing.prepare(prepared.frame)
@@ -133,11 +138,19 @@ class RunningTracker(KeptMap):
             if isinstance(frame, SkippedFrame):
                 return self.skip(frame.index, frame.reason)
             prepared = frame if isinstance(frame, PreparedFrame) else self._posed(frame)
+            if prepared is frame and prepared.posed is not None:
+                self._ahead.popleft()
             if prepared.refused is not None:
                 raise prepared.refused
             return self._step(prepared, clock)
         finally:
             self._busy.release()
+
+    def leave_out_prepared(self) -> None:
+        """Give up the frames that were prepared and not processed; the map follows the poses that they corrected."""
+        while self._ahead:
+            if moved := self._ahead.popleft().moved:
+                self._mapper.apply_correction(moved)
 
     def _posed(self, frame: Frame) -> PreparedFrame:
         """Return a frame with its pose, or with the reason why it cannot be used."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import closing, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -106,13 +107,14 @@ class RosNode:
 
     def run(self, limit: int | None = None) -> None:
         """Track until the camera is closed, or until `limit` frames were processed."""
-        for count, frame in enumerate(self._live, start=1):
-            self._track(frame)
-            self.between_frames()
-            if count == limit:
-                break
-        if self._watch is not None:
-            self._watch.finish()
+        with nullcontext() if self._watch is None else closing(self._watch):
+            for count, frame in enumerate(self._live, start=1):
+                self._track(frame)
+                self.between_frames()
+                if count == limit:
+                    break
+            if self._watch is not None:
+                self._watch.finish()
 
     def between_frames(self) -> None:
         """Answer requests and commands, and send diagnostics once a second."""
@@ -154,7 +156,8 @@ class RosNode:
     def _track(self, frame: Frame) -> None:
         begun_s = time.perf_counter()
         camera = self._cameras[frame.camera_name]
-        stamp_ns = camera.stamp_ns(frame.timestamp_s)
+        live = self._live
+        stamp_ns = camera.stamp_ns(live.camera_time_s if isinstance(live, LiveRig) else frame.timestamp_s)
         if self._watch is not None:
             self._watch.add(frame)
         result = self._session.take(frame)

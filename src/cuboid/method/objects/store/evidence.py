@@ -61,6 +61,10 @@ class ObjectEvidence(StoredObjects):
         """Set the probability that an object is one whole thing."""
         entry.probability = probability
 
+    def doubt(self, entry: MapObject, log_odds: float) -> None:
+        """Set the doubt that an object is in its place; see `presence`."""
+        entry.doubt = log_odds
+
     def record_seen(self, entries: Iterable[ObjectRecord], frame: int) -> None:
         """Count a frame that shows objects; `last_frame` is the last frame that was counted."""
         for entry in entries:

@@ -190,7 +190,7 @@ class ObjectStore(EvidenceWithoutDepth):
         All that it stood on is forgotten, sightings elsewhere count little, and the next fit waits for further ones.
         """
         limit_sightings(entry, MOVED_SIGHTINGS)
-        entry.state, entry.moved = State.CONFIRMED, True
+        entry.state, entry.moved, entry.doubt = State.CONFIRMED, True, 0.0
         self._confirmed[entry.number] = entry
         self.reset_support(entry)
         self.attach(entry, 0, supports_plane=False)

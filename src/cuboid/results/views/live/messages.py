@@ -83,7 +83,7 @@ def moment_message(moment: Moment, intrinsics: Intrinsics, measured: int | None 
     ----------
     moment : Moment
     intrinsics : Intrinsics
-        Of the recording's color image.
+        Of the recording's color image; a camera of a rig has its own.
     measured : int, optional
         Label of the object whose dimensions the picture has.
     """
@@ -172,7 +172,7 @@ def _scene(moment: Moment) -> dict[str, Any]:
 def _picture(moment: Moment, intrinsics: Intrinsics, measured: int | None) -> bytes:
     """Return the reduced frame with its boxes, and with the dimensions of one object, as JPEG."""
     hidden = hidden_objects(moment.sightings, moment.objects)
-    color, camera = _small(moment.color, intrinsics)
+    color, camera = _small(moment.color, intrinsics if moment.camera is None else moment.camera.intrinsics)
     T, names, tags = moment.T_world_camera, names_of(moment.objects), list[Rect]()
     picture = draw_frame(color, T, camera, moment.sightings, hidden, None, names=names, places=tags)
     add_dimensions(picture, [item.box for item in moment.objects if item.label == measured], T, camera, "cm", tags)

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
-from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.frame import Frame, RigCamera
 from cuboid.ground.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 from cuboid.results.files.rows import EventRow
 
@@ -29,6 +29,9 @@ MAP_FRACTION = 0.015
 # Distance between vertices of the camera's path, metres; a page gets at most this many vertices (16 kB).
 STRIDE_M = 0.01
 MAX_PLACES = 1000
+
+# A camera of a rig without a frame for this time, in seconds of the recording, has ended: the page shows another one.
+SILENCE_S = 2.0
 
 # The page lists this many of the latest events.
 EVENTS_SHOWN = 20
@@ -82,6 +85,8 @@ class Moment:
         Positions of the camera so far.
     events : tuple of EventRow
         The latest events, by frame.
+    camera : RigCamera or None
+        The camera of a rig that took the frame.
     """
 
     number: int
@@ -96,6 +101,7 @@ class Moment:
     milliseconds: float
     path: Float32Array
     events: tuple[EventRow, ...] = ()
+    camera: RigCamera | None = None
 
 
 class RateLimiter:
@@ -135,8 +141,9 @@ class RateLimiter:
 
 
 class LiveView:
-    """Takes moments and maps from a run, for clients in other threads; of a rig, the pictures of its first camera.
+    """Takes moments and maps from a run, for clients in other threads.
 
+    Of a rig, it takes the pictures of the first camera; once that has ended, of the next one that sends a frame.
     Call it after each used frame. Without clients it does nothing expensive.
 
     Attributes
@@ -175,7 +182,8 @@ class LiveView:
             self._mean_s += (took_s - self._mean_s) * (1.0 if self._used == 2 else 0.05)
         self._frame_s = now_s
         self._events.extend(EventRow.of(event, result) for event in result.events)
-        self._camera = frame.camera_name if self._last is None else self._camera
+        if self._last is None or self._has_ended(self._last[0], frame):
+            self._camera, self._places = frame.camera_name, []
         if frame.camera_name != self._camera:
             return
         self._last = frame, result, tracker
@@ -263,6 +271,10 @@ class LiveView:
     def _is_later_map(self, number: int) -> bool:
         return self._map is not None and self._map[0] > number
 
+    def _has_ended(self, last: Frame, frame: Frame) -> bool:
+        """Return whether the camera of the last frame has ended, at the time of a frame of another camera."""
+        return frame.camera_name != self._camera and frame.timestamp_s - last.timestamp_s > SILENCE_S
+
     def _follow(self, T_world_camera: Float64Array) -> None:
         """Store the position of the camera if it has moved."""
         if self._first is None:
@@ -291,6 +303,7 @@ class LiveView:
             milliseconds=1e3 * self._mean_s,
             path=self._path(),
             events=tuple(self._events),
+            camera=frame.camera,
         )
         with self._changed:
             self._moment = moment
