@@ -55,10 +55,9 @@ from cuboid.runs.tracking.tracked_map import TrackedMap
 
 # Poses in the map are rounded to this many decimals, metres: this removes rounding errors that depend on the world.
 POSE_DECIMALS = 9
-# Two cameras look the same way if the angle between their optical axes is less than this, radians. Up of their images
-# differs by an eighth of a turn or more only if both look down by more than 75 degrees; an image from there has no
-# clear up. The cameras of a moving pair are turned less against each other.
-SAME_VIEW_RAD = math.radians(20.0)
+# Two cameras look the same way if the angle between their optical axes is less than this, radians: the cameras of a
+# moving pair that overlap, and no two cameras 90 degrees apart around a table that look down by up to 60 degrees.
+SAME_VIEW_RAD = math.radians(41.0)
 
 
 @dataclass(frozen=True, slots=True)
