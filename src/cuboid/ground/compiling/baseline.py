@@ -13,7 +13,7 @@ from pathlib import Path
 
 from llvmlite import binding
 
-# Where a wheel has its compiled kernels; a wheel that was built without them, and a checkout, have no such folder.
+# The folder of the compiled kernels in a wheel. A checkout, and a wheel without compiled kernels, do not have it.
 FOLDER = Path(__file__).with_name("machine_code")
 
 

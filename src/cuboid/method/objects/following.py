@@ -36,7 +36,7 @@ from cuboid.method.objects.kernels.leaving import count_passed
 from cuboid.method.objects.presence import DOUBTED, GONE, Rays, doubts
 from cuboid.method.objects.similarity import ColorProfile, color_profile_of, most_similar, similarity
 from cuboid.method.objects.store import ObjectStore
-from cuboid.method.objects.visibility import boxes_in_frustum, measure_visibility
+from cuboid.method.objects.visibility import measure_visibility, objects_in_frustum
 from cuboid.method.poses.pyramid import Level, levels_of
 from cuboid.method.surfaces.planes import PlaneTracker
 
@@ -254,9 +254,7 @@ class Following:
 
     def _in_view(self, seen: Observation) -> list[MapObject]:
         """Return the labelled objects that reach into the picture, by number."""
-        boxes, far_m = self._store.boxes[: self._store.numbers], self._config.max_depth_m
-        found = boxes_in_frustum(boxes, self._store.bounds, seen.image, seen.T_camera_world, far_m)
-        entries = map(self._store.__getitem__, found.tolist())
+        entries = objects_in_frustum(self._store, seen.image, seen.T_camera_world, self._config.max_depth_m)
         return [entry for entry in entries if entry.confirmed and len(entry.points)]
 
     def _rays(self, entry: MapObject, seen: Observation) -> Rays:

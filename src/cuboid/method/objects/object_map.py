@@ -28,7 +28,7 @@ from cuboid.method.objects.objectness import Quantities, probability, quantities
 from cuboid.method.objects.retirement import abandoned
 from cuboid.method.objects.store import ObjectStore, ObjectStoreState
 from cuboid.method.objects.validity import fits_object
-from cuboid.method.objects.visibility import boxes_in_frustum, places_in_view
+from cuboid.method.objects.visibility import objects_in_frustum, places_in_view
 from cuboid.method.surfaces.frame_segments import FrameSegments
 from cuboid.method.surfaces.planes import PlaneTracker
 
@@ -85,9 +85,7 @@ class ObjectMap:
 
     def objects_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
         """Return the objects, confirmed or not, whose bounding spheres reach into the image within range, by number."""
-        far_m, store = self._config.max_depth_m, self.store
-        found = boxes_in_frustum(store.boxes[: store.numbers], store.bounds, image, T_camera_world, far_m)
-        return [store[n] for n in found.tolist()]
+        return objects_in_frustum(self.store, image, T_camera_world, self._config.max_depth_m)
 
     def prune_candidates(self, objects: Sequence[MapObject]) -> list[MapObject]:
         """Return the visible objects; if a frame has too many candidates, the least likely ones are retired."""

@@ -31,7 +31,7 @@ DOUBTED, GONE = THERE_LOG_ODDS, THERE_LOG_ODDS + CERTAIN_LOG_ODDS
 
 @dataclass(frozen=True, slots=True)
 class Rays:
-    """What the rays of a frame to the points of an object show: points in their place, and points seen through."""
+    """Counts of the points of an object in a frame: seen in their place, and seen through."""
 
     in_place: int
     through: int

@@ -19,6 +19,7 @@ from cuboid.ground.geometry.se3 import transform
 from cuboid.method.objects.association import SAME, Association
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.kernels import sightings as kernel
+from cuboid.method.objects.store import ObjectStore
 from cuboid.method.surfaces.frame_segments import FrameSegments
 from cuboid.method.surfaces.kernels.outlines import EDGE_LEVELS
 
@@ -59,6 +60,14 @@ def boxes_in_frustum(
     c, found = image.camera, np.empty(len(boxes), np.int64)
     pinhole, T = c.pinhole, np.ascontiguousarray(T_camera_world)
     return found[: kernel.boxes_in_frustum(boxes, bounds, T, pinhole, c.width, c.height, far_m, found)]
+
+
+def objects_in_frustum(
+    store: ObjectStore, image: WorkingImage, T_camera_world: Float64Array, far_m: float
+) -> list[MapObject]:
+    """Return the objects, confirmed or not, whose bounding spheres reach into the image within range, by number."""
+    found = boxes_in_frustum(store.boxes[: store.numbers], store.bounds, image, T_camera_world, far_m)
+    return [store[n] for n in found.tolist()]
 
 
 def places_in_view(objects: Sequence[MapObject], boxes: Float64Array, observed: Observation) -> list[MapObject]:

@@ -1,4 +1,4 @@
-"""What a tracker remembers of the earlier frames of one camera."""
+"""The memory of a tracker of the earlier frames of one camera."""
 
 from __future__ import annotations
 

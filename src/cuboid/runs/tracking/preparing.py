@@ -42,7 +42,7 @@ class PreparedImages:
 
 @dataclass(slots=True)
 class _Expected:
-    """What a camera's next frame probably needs; the tracker decides when it processes the frame.
+    """The expected rotation and pixel offset of a camera's next frame; the tracker decides when it processes the frame.
 
     `turns` is None before the first frame with depth; `first` is the number of frames that the tracker had used before
     the first one that was prepared, less those that it has not used since.
