@@ -179,6 +179,30 @@ def match(boxes: list[tuple], things: list[Thing]) -> dict[int, Thing]:
     return pairs
 
 
+class Pipeline:
+    """The objects so far; takes the points of one frame after the other."""
+
+    def __init__(self) -> None:
+        self.things: list[Thing] = []
+        self._up: np.ndarray | None = None
+
+    def find(self, points: np.ndarray, T_world_camera: np.ndarray) -> list[tuple]:
+        """Return what is found in one frame: points, box, the plane's normal, its height along it."""
+        planes, rest, self._up = supports(points, T_world_camera, self._up)
+        found = [(p, upright_box(p, normal, base), normal, base) for p, normal, base in clusters(rest, planes)]
+        return [item for item in found if np.sort(item[1][1])[1] >= SMALLEST_M and item[1][1].max() <= LARGEST_M]
+
+    def add(self, found: list[tuple]) -> list[Thing]:
+        """Take in what was found in a frame; return the confirmed objects among it."""
+        pairs = match([item[1] for item in found], self.things)
+        for k, (part, _, normal, base) in enumerate(found):
+            if k not in pairs:
+                pairs[k] = Thing(len(self.things) + 1)
+                self.things.append(pairs[k])
+            pairs[k].add(part, normal, base)
+        return [pairs[k] for k in range(len(found)) if pairs[k].seen >= CONFIRM]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recording", type=Path)
@@ -188,23 +212,13 @@ def main() -> None:
     args = parser.parse_args()
     o3d.utility.random.seed(1)
     o3d.utility.set_verbosity_level(o3d.utility.VerbosityLevel.Error)
-    recording = Recording(args.recording)
-    things: list[Thing] = []
-    rows, times, up = [], [], None
+    recording, pipeline = Recording(args.recording), Pipeline()
+    rows, times = [], []
     for frame in range(0, len(recording.depths), args.every)[: args.limit]:
         start = time.process_time()
-        points = recording.cloud(frame)
-        planes, points, up = supports(points, recording.poses[frame], up)
-        found = [(p, upright_box(p, normal, base), normal, base) for p, normal, base in clusters(points, planes)]
-        found = [item for item in found if np.sort(item[1][1])[1] >= SMALLEST_M and item[1][1].max() <= LARGEST_M]
-        pairs = match([item[1] for item in found], things)
-        for k, (part, _, normal, base) in enumerate(found):
-            if k not in pairs:
-                pairs[k] = Thing(len(things) + 1)
-                things.append(pairs[k])
-            pairs[k].add(part, normal, base)
-            if pairs[k].seen >= CONFIRM:
-                rows.append((frame, pairs[k].label, *pairs[k].box))
+        found = pipeline.find(recording.cloud(frame), recording.poses[frame])
+        # A box as it is now: it changes with the next frame.
+        rows += [(frame, thing.label, *thing.box) for thing in pipeline.add(found)]
         times.append((time.process_time() - start) * 1e3)
     with args.output.open("w", newline="") as file:
         writer = csv.writer(file)

@@ -19,7 +19,7 @@ from scenes import source_digest
 # The files of a result that are judged; the others are deleted, except the map of made places (walls of relations).
 JUDGED_FILES = {AGENTS, EVENTS, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY}
 # Packages that no stage of tracking imports: results do not depend on them.
-NOT_TRACKING = ("synthetic", "evaluation", "annotation")
+NOT_TRACKING = ("lab", "services", "fleet")
 # Number of short recordings that one process tracks: it loads its kernels once.
 PARTS_A_PROCESS = 15
 # `python -m cuboid track` once for each recording; the last line of its output lists the failures.

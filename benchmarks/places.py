@@ -60,6 +60,15 @@ def main() -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_options(parser)
+    parser.add_argument("--against", type=Path, default=None, metavar="CHECKOUT|FILE")
+    parser.add_argument("--leave-out", nargs="+", default=[], metavar="KIND", help="kinds or places not in the verdict")
+    parser.add_argument("--save", type=Path, default=None, metavar="FILE", help="write all figures as JSON")
+    return parser.parse_args()
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which places are tracked, and where results are kept."""
     parser.add_argument("--work", type=Path, required=True, metavar="DIR", help="keeps recordings and results")
     parser.add_argument("--data", type=Path, default=None, metavar="DATA", help="real recordings with their truth")
     parser.add_argument("--real", type=Path, default=None, metavar="DIR", help="further real recordings")
@@ -68,30 +77,22 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes")
     parser.add_argument("--seeds", nargs="*", type=int, default=None, metavar="N", help="of made places")
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="these places or kinds of places")
-    parser.add_argument("--against", type=Path, default=None, metavar="CHECKOUT|FILE")
-    parser.add_argument("--leave-out", nargs="+", default=[], metavar="KIND", help="kinds or places not in the verdict")
-    parser.add_argument("--save", type=Path, default=None, metavar="FILE", help="write all figures as JSON")
-    return parser.parse_args()
 
 
 def _run(args: argparse.Namespace) -> int:
     earlier = _earlier(args.against)
-    seeds = _seeds(args, earlier)
-    folders = Folders(args.data, args.real, args.real_truth, args.work)
-    real, absent = real_places(folders, QUICK_EVERY_STILL if args.quick else 1)
-    places = list(named([*real, *made_places(seeds, args.work)], args.only))
-    if not places:
-        raise InputError("there is no place to judge")
+    seeds = list(earlier["seeds"]) if earlier is not None and args.seeds is None else drawn_seeds(args)
+    places, absent = chosen_places(args, seeds)
     print(f"seeds of made places: {' '.join(map(str, seeds)) or 'none'}")
     if absent:
         print(f"absent, and left out: {', '.join(absent)}")
     with ThreadPoolExecutor(args.jobs) as executor:
-        unmade = _render(places, executor)
-        rows = _rows(Checkout.of(SOURCE.parent, args.work), places, unmade, executor)
+        unmade = render_all(places, executor)
+        rows = tracked_rows(Checkout.of(SOURCE.parent, args.work), places, unmade, executor)
         print(f"\n{places_table(rows)}\n\n{means_table(rows)}\n\n{reliability_table(rows)}", flush=True)
         other = None if earlier is None else earlier["places"]
         if args.against is not None and other is None:
-            other = _rows(Checkout.of(args.against / "src", args.work), places, unmade, executor)
+            other = tracked_rows(Checkout.of(args.against / "src", args.work), places, unmade, executor)
     if args.save is not None:
         document = {"format": FORMAT, "version": VERSION, "seeds": seeds, "places": rows}
         args.save.write_text(json.dumps(document, indent=1), encoding="utf-8")
@@ -100,14 +101,22 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _seeds(args: argparse.Namespace, earlier: dict[str, Any] | None) -> list[int]:
-    """Return the seeds of made places: those asked for, those of an earlier call, or fresh ones."""
+def drawn_seeds(args: argparse.Namespace) -> list[int]:
+    """Return the seeds of made places: those asked for, or fresh ones."""
     if args.seeds is not None:
         return list(args.seeds)
-    if earlier is not None:
-        return list(earlier["seeds"])
     span = LAST_SEED - FIRST_SEED + 1
     return sorted(FIRST_SEED + secrets.randbelow(span) for _ in range(QUICK_SEEDS if args.quick else SEEDS))
+
+
+def chosen_places(args: argparse.Namespace, seeds: Sequence[int]) -> tuple[list[Place], list[str]]:
+    """Return the places that the options name, and the names of real ones that are absent."""
+    folders = Folders(args.data, args.real, args.real_truth, args.work)
+    real, absent = real_places(folders, QUICK_EVERY_STILL if args.quick else 1)
+    places = list(named([*real, *made_places(seeds, args.work)], args.only))
+    if not places:
+        raise InputError("there is no place to judge")
+    return places, absent
 
 
 def _earlier(against: Path | None) -> dict[str, Any] | None:
@@ -125,14 +134,14 @@ def _earlier(against: Path | None) -> dict[str, Any] | None:
     raise InputError(f"{against}: is no file written by --save (format {FORMAT}, version {VERSION})")
 
 
-def _render(places: Sequence[Place], executor: ThreadPoolExecutor) -> dict[str, str]:
+def render_all(places: Sequence[Place], executor: ThreadPoolExecutor) -> dict[str, str]:
     """Make the recordings of made places; return the reasons of failures by place."""
     parts = [(place, part) for place in places for part in place.parts if part.synth]
     reasons = executor.map(render, [part for _, part in parts])
     return {place.name: reason for (place, _), reason in zip(parts, reasons, strict=True) if reason is not None}
 
 
-def _rows(
+def tracked_rows(
     checkout: Checkout, places: Sequence[Place], unmade: dict[str, str], executor: ThreadPoolExecutor
 ) -> list[dict[str, Any]]:
     """Track all places with a checkout, and judge them; return the rows in the order of the places."""

@@ -42,7 +42,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "outlines: ends alone",
         6,
-        ((OUTLINES, "if to_end > max(1.0, END_FRACTION * (high - low)):", "if far < 0.0:"),),
+        ((OUTLINES, "if to_end > max(1.0, END_FRACTION * (high - low)):", "if to_end < 0.0:"),),
     ),
     Rule(
         "outlines: color",

@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -16,6 +15,8 @@ from typing import Any
 import pytest
 from numba import types
 
+from cuboid.cli import main
+from cuboid.cli.parser import MISTAKE
 from cuboid.ground import locks
 from cuboid.ground.compiling import compiletime, kernelcache
 from cuboid.ground.compiling.compiled import KERNELS
@@ -134,6 +135,41 @@ def test_the_order_of_a_named_tuples_fields_counts(folder: Path) -> None:
     assert made.other(made.Pair(3.0, 2.0)) == 1.0
     made = module(SOURCE, ("    first: object\n    second: object", "    second: object\n    first: object"))
     assert made.other(made.Pair(3.0, 2.0)) == -1.0
+
+
+def test_a_kernel_that_is_compiled_anew_uses_those_that_are_loaded(folder: Path) -> None:
+    module().outer(1.0)
+    made = module(SOURCE, ("TABLE = np.array([1, 2])", "TABLE = np.array([6, 2])"))
+    assert made.called(1.0) == 4.0
+    assert made.outer(1.0) == 10.0
+    assert (compiled("called"), compiled("outer")) == (False, True)
+
+
+LOADED = """
+import sys
+import made_kernels
+assert made_kernels.outer(1.0) == 5.0
+try:
+    made_kernels.room(-1)
+except ValueError as error:
+    print(error)
+print(made_kernels.room(3), made_kernels.highest(made_kernels.room(3)))
+print(*(name for name in ("scipy.linalg", "numba.np.arraymath") if name in sys.modules))
+"""
+
+
+def test_a_loaded_kernel_needs_nothing_of_the_compiler(tmp_path: Path, folder: Path) -> None:
+    more = "@kernel\ndef room(n):\n    return np.zeros(n)\n\n@kernel\ndef highest(a):\n    return a.argmax()\n"
+    (tmp_path / "made_kernels.py").write_text(SOURCE + more)
+    said = [
+        subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True, cwd=tmp_path).stdout
+        for _ in range(2)
+    ]
+    fault, answer, imported = said[1].splitlines()
+    assert said[0].splitlines()[:2] == [fault, answer]
+    assert fault == "negative dimensions not allowed"
+    assert answer == "[0. 0. 0.] 0"
+    assert not imported
 
 
 def test_a_damaged_file_is_compiled_again(folder: Path) -> None:
@@ -267,23 +303,43 @@ def test_other_processes_help_where_many_kernels_are_missing(
     monkeypatch: pytest.MonkeyPatch, missing: int, processes: int, helpers: int
 ) -> None:
     monkeypatch.setattr(ahead, "listed_kernels", lambda: [FakeKernel(k >= missing) for k in range(80)])
+    monkeypatch.setattr(ahead, "is_writable", lambda: True)
     assert ahead.useful_helpers(processes) == helpers
 
 
-@pytest.mark.parametrize("cached", [True, False])
-def test_another_process_compiles_what_is_not_on_disk_at_the_end(monkeypatch: pytest.MonkeyPatch, cached: bool) -> None:
-    started: list[int] = []
+def test_no_other_process_helps_where_nothing_can_be_stored(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ahead, "listed_kernels", lambda: [FakeKernel(cached=False)] * ahead.MIN_MISSING)
+    folder.write_text("a file where the folder should be")
+    assert ahead.useful_helpers(4) == 0
 
-    @contextmanager
-    def helpers(count: int) -> Iterator[list[Any]]:
-        started.append(count)
-        yield []
 
-    monkeypatch.setattr(ahead, "helpers", helpers)
-    monkeypatch.setattr(ahead, "compile_listed", lambda *_, **__: None)
-    monkeypatch.setattr(ahead, "listed_kernels", lambda: [FakeKernel(cached)])
-    ahead.compile_all(1)
-    assert started == ([0] if cached else [0, 1])
+def test_compiling_ahead_into_a_folder_that_cannot_be_written_is_a_mistake(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(ahead, "listed_kernels", lambda: [FakeKernel(cached=False)])
+    folder.write_text("a file where the folder should be")
+    assert main(["compile"]) == MISTAKE
+    assert f"{folder}: compiled kernels cannot be stored here" in capsys.readouterr().err
+
+
+def test_a_kernel_that_another_process_compiles_is_awaited_at_the_end(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module()
+    cache = KERNELS["made_kernels.outer"].cache
+    monkeypatch.setattr(ahead, "listed", lambda: [("made_kernels.outer", ["float64"])])
+    folder.mkdir()
+    path = folder / f"{cache.index.stem}.lock"
+    handle = locks.lock_file(path)
+    ahead.compile_listed()
+    assert not cache.index.exists()
+    with ThreadPoolExecutor() as pool:
+        done = pool.submit(ahead.compile_all)
+        time.sleep(0.2)
+        assert not done.done()
+        locks.release(handle, path)
+        done.result()
+    assert cache.index.exists()
 
 
 def test_helpers_end_with_the_work_that_they_help() -> None:

@@ -16,21 +16,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compile, and print how many kernels came with the installation, and how many are in the cache."""
+    """Compile, and print how many kernels came with the installation, and how many are in the cache.
+
+    Raises
+    ------
+    OutputError
+        If kernels are missing and cannot be stored.
+    """
     from cuboid.cli.progress import counting
     from cuboid.cli.results import give
-    from cuboid.ground.core.threads import cores, limit_threads
+    from cuboid.ground.core.threads import limit_threads
 
     limit_threads(1)
     from cuboid.ground.compiling.compiled import KERNELS
-    from cuboid.ground.compiling.kernelcache import cache_folder
+    from cuboid.ground.compiling.kernelcache import VARIABLE, cache_folder, is_writable
+    from cuboid.ground.core.errors import OutputError
     from cuboid.runs.pipeline.ahead import compile_all, listed_kernels
 
     begun_s = time.perf_counter()
-    listed_kernels()
+    if not (all(kernel.cached for kernel in listed_kernels()) or is_writable()):
+        raise OutputError(
+            f"{cache_folder()}: compiled kernels cannot be stored here; name another folder in {VARIABLE}"
+        )
     before = cached_count()
     with counting("kernels") as progress:
-        compile_all(cores(), progress)
+        compile_all(progress)
     done, seconds, folder = cached_count() - before, time.perf_counter() - begun_s, str(cache_folder())
     there = before + done
     installed = sum(kernel.cache.installed for kernel in KERNELS.values())

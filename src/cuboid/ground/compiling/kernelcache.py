@@ -17,11 +17,12 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.caching import FunctionCache
 
 from cuboid.ground import locks
 from cuboid.ground.compiling import baseline, compiletime
 from cuboid.ground.compiling.kernelstamp import stamp_of
+from cuboid.ground.compiling.loading import KernelFile, KernelResults
 
 # The environment variable of numba that names its cache folder; a user who sets it has chosen the folder.
 VARIABLE = "NUMBA_CACHE_DIR"
@@ -77,6 +78,14 @@ def _make_private(folder: Path) -> bool:
     return stat.S_ISDIR(status.st_mode) and is_private and os.access(folder, os.W_OK | os.X_OK)
 
 
+def is_writable() -> bool:
+    """Return whether compiled kernels can be stored."""
+    folder = cache_folder()
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
+
+
 class _Location:
     """Tells numba the folder of a kernel; it replaces numba's locators, which know only the source file."""
 
@@ -90,8 +99,8 @@ class _Location:
         cache_folder().mkdir(parents=True, exist_ok=True)
 
 
-class _Results(CompileResultCacheImpl):
-    """The files of a compiled kernel that numba writes, named by kernel and stamp."""
+class _Results(KernelResults):
+    """The files of a compiled kernel, named by kernel and stamp."""
 
     def __init__(self, function: FunctionType) -> None:
         self._lineno = function.__code__.co_firstlineno
@@ -162,7 +171,7 @@ class KernelCache(FunctionCache):
 
     @cached_property
     def _cache_file(self) -> Any:  # type: ignore[override]
-        return IndexDataCacheFile(self._cache_path, self._base, self.stamp)
+        return KernelFile(self._cache_path, self._base, self.stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the cached code for a signature; None if this process must compile it.
@@ -191,10 +200,11 @@ class KernelCache(FunctionCache):
             self._unlock()
 
     def _load(self, sig: Any, target_context: Any) -> Any:
+        found = None
         try:
-            found = super().load_overload(sig, target_context)
+            with self._guard_against_spurious_io_errors():
+                found = self._load_overload(sig, target_context)
         except Exception:  # a damaged file may raise anything: the kernel is compiled again
-            found = None
             with suppress(OSError):
                 self.index.unlink()
         if found is not None:
@@ -207,12 +217,11 @@ class KernelCache(FunctionCache):
         processor = baseline.usable_baseline()
         if processor is None:
             return None
-        target_context.refresh()
         key, fields = self._index_key(sig, target_context.codegen())
         triple = key[1][0]
         key = key[0], (triple, processor.cpu, processor.environment["NUMBA_CPU_FEATURES"]), *key[2:]
         try:
-            data = IndexDataCacheFile(str(baseline.FOLDER), self._base, self.stamp).load((key, fields))
+            data = KernelFile(str(baseline.FOLDER), self._base, self.stamp).load((key, fields))
             return None if data is None else self._impl.rebuild(target_context, data)
         except Exception:  # a damaged file may raise anything: the user's cache has the kernel, or it is compiled
             return None

@@ -17,6 +17,8 @@ UNLABELLED = (170, 170, 170)
 
 # Number of different colors; labels beyond it repeat them.
 COLORS = 256
+# So many are computed for a run with few labels; all of them take a tenth of a second.
+FIRST_COLORS = 32
 
 # Color vision of people who lack one kind of cone: G. Machado, M. Oliveira and L. Fernandes, "A physiologically-
 # based model for simulation of color vision deficiency" (2009), severity 1, on linear RGB.
@@ -74,7 +76,10 @@ def color_of(label: int) -> tuple[int, int, int]:
     label : int
         1, 2, ...; 0 means no label and gives grey.
     """
-    return UNLABELLED if label == 0 else _palette()[(label - 1) % COLORS]
+    if label == 0:
+        return UNLABELLED
+    number = (label - 1) % COLORS
+    return _palette(COLORS if number >= FIRST_COLORS else FIRST_COLORS)[number]
 
 
 def hex_of(label: int) -> str:
@@ -92,8 +97,8 @@ def ink_on(color: tuple[int, int, int]) -> tuple[int, int, int]:
 
 
 @cache
-def _palette() -> tuple[tuple[int, int, int], ...]:
-    """Return all colors: first the Okabe-Ito hues, then repeatedly the candidate that is farthest from all so far.
+def _palette(count: int) -> tuple[tuple[int, int, int], ...]:
+    """Return so many colors: first the Okabe-Ito hues, then repeatedly the candidate that is farthest from all so far.
 
     The distance of two colors is their smallest distance in Oklab over all `VISIONS`.
     """
@@ -102,7 +107,7 @@ def _palette() -> tuple[tuple[int, int, int], ...]:
     seen = [weight * oklab(linear_rgb(candidates / 255.0) @ M.T) for M, weight in VISIONS]
     distance = np.full(len(candidates), np.inf)
     chosen: list[int] = []
-    for i in range(COLORS):
+    for i in range(count):
         # Rounded, so that differences between machines in the last digit do not decide.
         nearest = i if i < len(okabe_ito) else int(np.argmax(distance.round(9)))
         chosen.append(nearest)

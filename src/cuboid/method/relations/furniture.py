@@ -15,6 +15,7 @@ from cuboid.ground.core.tolerances import DRIFT_M
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import level_rotation
 from cuboid.method.boxes.fit import fit_box
+from cuboid.method.relations.kernels.links import number_parts
 from cuboid.method.relations.walls import CELL_M, Numbers, cubes_of
 
 # Sides and legs of furniture extend beyond the outline of its top by at most this, metres.
@@ -147,13 +148,9 @@ def _on(area: _Area, points: Float64Array, heights: Float64Array) -> Float64Arra
 
 def _connected(points: Float64Array) -> npt.NDArray[np.int32]:
     """Return the number of the connected part of each point (N, 3), (N,): gaps within a part are at most `LINK_M`."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    i, j = cKDTree(points).query_pairs(LINK_M, output_type="ndarray").T
-    links = coo_array((np.ones(len(i), bool), (i, j)), shape=(len(points), len(points)))
-    return np.asarray(connected_components(links, directed=False)[1], np.int32)
+    part = np.empty(len(points), np.int32)
+    number_parts(points, LINK_M, part)
+    return part
 
 
 def _parts_that_bear(
@@ -181,16 +178,17 @@ def _parts_that_bear(
 
 def _pieces(bears: npt.NDArray[np.bool_], part: npt.NDArray[np.int32]) -> list[tuple[Numbers, npt.NDArray[np.bool_]]]:
     """Return planes and points of each piece of furniture: planes with a common part belong to one piece."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
-    shared = bears.astype(np.int64) @ bears.T.astype(np.int64)
-    piece_of = np.asarray(connected_components(csr_array(shared), directed=False)[1], np.int32)
     pieces = []
-    for number in dict.fromkeys(piece_of[bears.any(axis=1)].tolist()):
-        members = np.flatnonzero(piece_of == number)
-        of_it: npt.NDArray[np.bool_] = np.any(bears[members], axis=0)
-        pieces.append((members, of_it[part]))
+    left = bears.any(axis=1)
+    while left.any():
+        members = np.arange(len(bears)) == np.argmax(left)
+        of_it, count = bears[members].any(axis=0), 0
+        while count < members.sum():  # the planes of these parts, and then the parts of these planes
+            count = members.sum()
+            members = bears[:, of_it].any(axis=1)
+            of_it = bears[members].any(axis=0)
+        pieces.append((np.flatnonzero(members), np.asarray(of_it[part])))
+        left &= ~members
     return pieces
 
 

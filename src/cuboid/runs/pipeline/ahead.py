@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.ground.compiling.compiled import KERNELS, Kernel
+from cuboid.ground.compiling.kernelcache import is_writable
 from cuboid.ground.compiling.signatures import decode
 from cuboid.ground.core.threads import limit_threads
 
@@ -40,8 +41,10 @@ def listed_kernels() -> list[Kernel]:
     return [KERNELS[name] for name in names]
 
 
-def compile_listed(begin: float = 0.0, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
-    """Compile the listed kernels that are neither in the cache nor being compiled by another process.
+def compile_listed(
+    begin: float = 0.0, progress: Callable[[int, int], None] = lambda done, total: None, *, wait: bool = False
+) -> None:
+    """Load the listed kernels, and compile those that are not in the cache.
 
     Parameters
     ----------
@@ -49,6 +52,8 @@ def compile_listed(begin: float = 0.0, progress: Callable[[int, int], None] = la
         Where in the list this process begins, from 0 to 1; it ends there as well.
     progress : callable
         Called with the number of finished kernels and the total number.
+    wait : bool
+        Wait for a kernel that another process compiles; otherwise leave it out.
     """
     kernels = listed()
     first = int(begin * len(kernels))
@@ -56,7 +61,7 @@ def compile_listed(begin: float = 0.0, progress: Callable[[int, int], None] = la
         progress(done, len(kernels))
         module, _, function = name.rpartition(".")
         dispatcher = getattr(import_module(module), function)
-        if not KERNELS[name].cache.busy:
+        if wait or not KERNELS[name].cache.busy:
             dispatcher.compile(tuple(map(decode, signature)))
     progress(len(kernels), len(kernels))
 
@@ -79,24 +84,18 @@ def helpers(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
 
 
 def useful_helpers(processes: int) -> int:
-    """Return the number of helpers beside this process, if `processes` may compile; 0 if few kernels are missing."""
+    """Return the number of helpers beside this process, if `processes` may compile.
+
+    It is 0 if few kernels are missing, and if no process can store any.
+    """
     missing = sum(not kernel.cached for kernel in listed_kernels())
-    return min(processes, MAX_PROCESSES) - 1 if missing >= MIN_MISSING else 0
+    return min(processes, MAX_PROCESSES) - 1 if missing >= MIN_MISSING and is_writable() else 0
 
 
-def compile_all(processes: int, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
-    """Compile all listed kernels in at most `processes` processes."""
-    with helpers(useful_helpers(processes)) as running:
-        compile_listed(progress=progress)
-        _wait(running)
-    if not all(kernel.cached for kernel in listed_kernels()):  # left by a helper that died, or its file was damaged
-        with helpers(1) as running:
-            _wait(running)
-
-
-def _wait(running: list[subprocess.Popen[bytes]]) -> None:
-    for process in running:
-        process.wait()
+def compile_all(progress: Callable[[int, int], None] = lambda done, total: None) -> None:
+    """Compile all listed kernels, beside the helpers that the display of progress starts, and wait for theirs."""
+    compile_listed(progress=progress)
+    compile_listed(wait=True)
 
 
 def main() -> None:

@@ -79,10 +79,10 @@ def _refuse_one(recordings: Sequence[Recording]) -> None:
 
 def _spread(recording: Recording, count: int) -> Iterator[Frame]:
     """Iterate over some usable frames, evenly spread."""
-    bare = recording.without_poses()
-    for index in np.unique(np.linspace(0, len(bare) - 1, count).astype(int)).tolist():
+    images_only = recording.without_poses()
+    for index in np.unique(np.linspace(0, len(images_only) - 1, count).astype(int)).tolist():
         with suppress(FrameError):
-            yield bare.read(index)
+            yield images_only.read(index)
 
 
 def names_of(recordings: Sequence[Recording]) -> list[str]:

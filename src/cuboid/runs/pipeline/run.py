@@ -81,17 +81,26 @@ def track_recording(
     >>> recording = cuboid.open_recording("my-recording")  # doctest: +SKIP
     >>> cuboid.track_recording(recording, "results", cuboid.TrackOptions(limit=300))  # doctest: +SKIP
     """
-    begun_s = working_s()
     output = None if output is None else as_path(output)
     taken: RecordingLike = stream_of(recording) if isinstance(recording, FrameSource) else recording
     results, hooks = results or ResultOptions(), hooks or RunHooks()
     plan = plan_for(taken, options or TrackOptions())
-    every = plan.options.every
     if into is not None and plan.poses in (AUTO, CORRECTED):
         raise InputError(f"{taken.path}: --poses {plan.poses} cannot go into a scene; use given or estimated")
     if into is not None and plan.options.fixed:
         raise InputError(f"{taken.path}: --fixed cannot go into a scene; use given or estimated poses")
-    frames = _frames(plan)
+    outcome = _track(plan, output, results, into, hooks)
+    if output is not None and results.page:
+        return_free_memory()  # the map is not needed any more
+        write_page(Results(output), taken.read, () if into is None else into.shown_changes())
+    return outcome
+
+
+def _track(
+    plan: Plan, output: Path | None, results: ResultOptions, into: IntoScene | None, hooks: RunHooks
+) -> RunOutcome:
+    """Track the frames and write all results but the page."""
+    begun_s, taken, every, frames = working_s(), plan.recording, plan.options.every, _frames(plan)
     with ExitStack() as opened:
         corrected = plan.poses == ESTIMATED if into is None else into.corrects(plan.poses)
         writer = _writer(opened, taken, output, results.force, corrected)
@@ -101,7 +110,7 @@ def track_recording(
             frames = session.go_on(frames, writer)
         planned = None if isinstance(taken, Stream) else len(frames)
         hooks.progress.start(planned)
-        bare = taken if source.given_with_frames else taken.without_poses()
+        images_only = taken if source.given_with_frames else taken.without_poses()
         cameras = taken.rig.cameras if isinstance(taken, RigLike) else ()
         rig_watch = None if writer is None else _rig_watch(taken, plan.options)
         if rig_watch is not None:
@@ -112,13 +121,13 @@ def track_recording(
             problems += [taken.source.warnings] if isinstance(taken, Stream) else []
             stages = (tracker, plan.options.scale, view, hooks.watch, hooks.progress, session, rig_watch)
             pipeline = Pipeline(taken.path, planned, *stages, problems)
-            with closing(_decode(bare, frames, pipeline, plan.options)) as decoded:
+            with closing(_decode(images_only, frames, pipeline, plan.options)) as decoded:
                 complete = pipeline.follow(decoded, hooks.stop)
         tracker.leave_out_prepared()
         if complete and not tracker.T_world_camera and plan.poses == ESTIMATED:
             raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
         return_free_memory()
-        warnings = own_warnings(tracker) if writer is None else checked_warnings(tracker, _readable(bare), every)
+        warnings = own_warnings(tracker) if writer is None else checked_warnings(tracker, _readable(images_only), every)
         if rig_watch is not None:
             rig_watch.finish()
             warnings = (*rig_watch.warnings, *warnings)
@@ -133,8 +142,6 @@ def track_recording(
             writer.finish(found, points, report, tracker.corrected_trajectory(), tracker.kept_views)
         if session is not None:
             session.finish(complete=complete, walls=found.walls if results.relations else None)
-    if output is not None and results.page:
-        write_page(Results(output), taken.read, () if into is None else into.shown_changes())
     return RunOutcome(
         report=report,
         objects=found.objects,
@@ -187,7 +194,7 @@ def _tracking(
     session.tracker.use_detector(options.detector, plan.detector_every)
     source = session.poses(source)
     tracker = RunningTracker(camera, plan.config, session.tracker, source, write, shapes=shapes)
-    tracker.resume(session.begun.T_world_camera, session.begun.times_s, session.begun.skipped)
+    tracker.resume(session.committed.T_world_camera, session.committed.times_s, session.committed.skipped)
     return tracker, source
 
 

@@ -24,7 +24,7 @@ SKIPPED = "skipped"
 
 
 @dataclass(frozen=True, slots=True)
-class Begun:
+class CommittedProgress:
     """The progress of an interrupted run at its last commit.
 
     Attributes
@@ -122,7 +122,7 @@ class SceneRun:
     Attributes
     ----------
     tracker : SceneTracker
-    begun : Begun
+    committed : CommittedProgress
         Progress of the run before its interruption; empty for a new run.
     """
 
@@ -132,7 +132,7 @@ class SceneRun:
         texts = scene.pending()
         skipped = [line.split("\t", 1) for line in texts.pop(SKIPPED, "").splitlines()]
         poses = scene.poses(tracker.visit.number)
-        self.begun = Begun(
+        self.committed = CommittedProgress(
             tracker.visit.next_frame,
             tuple((int(frame), reason) for frame, reason in skipped),
             {frame: T for frame, (_, T) in poses.items()},
@@ -143,8 +143,8 @@ class SceneRun:
     def go_on(self, frames: Sequence[int], writer: ResultWriter | None) -> Sequence[int]:
         """Continue the results of an interrupted run, and return the remaining frames."""
         if writer is not None:
-            writer.go_on(self.begun.texts, self.tracker.keep)
-        return frames[bisect_left(frames, self.begun.next_frame) :]
+            writer.go_on(self.committed.texts, self.tracker.keep)
+        return frames[bisect_left(frames, self.committed.next_frame) :]
 
     def poses(self, given: Poses) -> Poses:
         """Return the source of poses in the scene's world."""

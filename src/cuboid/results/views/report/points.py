@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
+import math
 import zlib
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -30,6 +32,9 @@ MEASURED_POINTS = 2000
 
 # Spacing of a map with a single point.
 DEFAULT_SPACING_M = 0.01
+
+# OpenCV's number of the exact tree of FLANN (FLANN_INDEX_KDTREE_SINGLE).
+EXACT_TREE = 4
 
 # The default level of zlib: a higher level saves one percent and takes twice the time.
 EFFORT = 6
@@ -131,14 +136,12 @@ def morton(cells: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint64]:
 
 def spacing(xyz: Float32Array) -> float:
     """Return the median distance, metres, of points (N, 3) to their nearest neighbours."""
-    from scipy.spatial import cKDTree
-
     if len(xyz) < 2:
         return DEFAULT_SPACING_M
-    probes = xyz[:: max(1, len(xyz) // MEASURED_POINTS)]
-    tree = cKDTree(xyz, balanced_tree=False, compact_nodes=False)  # both options cost more than they save here
-    nearest = np.asarray(tree.query(probes, k=2)[0])
-    return float(np.median(nearest[:, 1])) or DEFAULT_SPACING_M
+    probes = np.ascontiguousarray(xyz[:: max(1, len(xyz) // MEASURED_POINTS)])
+    tree = cv2.flann.Index(np.ascontiguousarray(xyz), {"algorithm": EXACT_TREE})
+    _, squared = tree.knnSearch(probes, 2, params={"checks": -1})
+    return math.sqrt(float(np.median(squared[:, 1]))) or DEFAULT_SPACING_M
 
 
 def _evenly(numbers: npt.NDArray[np.int64], max_count: int) -> npt.NDArray[np.int64]:

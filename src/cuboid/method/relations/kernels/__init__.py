@@ -1,0 +1,1 @@
+"""Hot loops of this package on flat arrays; each is compared with a readable NumPy version by its test."""
