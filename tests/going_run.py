@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics, RigCamera
 from cuboid.ground.core.results import FrameResult, MapPoints, ObjectEvent
 from cuboid.results.views.live import LiveView
 from fakes import FakeTracker
@@ -35,10 +36,10 @@ def frame(index: int) -> Frame:
 
 
 class Going:
-    """A run in a thread of its own until it is ended."""
+    """A run in a thread of its own until it is ended; the cameras of a rig take turns and look apart."""
 
-    def __init__(self, view: LiveView) -> None:
-        self._view = view
+    def __init__(self, view: LiveView, cameras: Sequence[str] = ()) -> None:
+        self._view, self._cameras = view, cameras
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self.last = 0
@@ -54,6 +55,12 @@ class Going:
         tracker = TableTracker(CAMERA)
         while not self._ended.is_set():
             here = frame(self.last)
+            if self._cameras:
+                k = self.last % len(self._cameras)
+                T = here.T_world_camera
+                assert T is not None
+                T[:3, 3] += (0.4 * k, -0.1 * k, 0.0)
+                here = replace(here.at(T), camera=RigCamera(self._cameras[k], CAMERA))
             found: FrameResult = tracker.update(here)
             moved = ObjectEvent("moved", 1, np.zeros(3), np.array([0.3, 0.4, 0.0]), 1.0)
             self._view(here, replace(found, events=(moved,) if self.last == 5 else ()), tracker)

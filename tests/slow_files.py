@@ -17,6 +17,7 @@ SLOW_FILES = frozenset(
         "benchmarks/test_large_containers.py",
         "benchmarks/test_odometry.py",
         "benchmarks/test_places.py",
+        "benchmarks/test_scene_as_rig.py",
         "calibration/test_board.py",
         "calibration/test_calibrate.py",
         "calibration/test_pose_fit.py",

@@ -302,6 +302,19 @@ def test_cameras_around_a_table_are_turned_by_what_each_sees(apart_degrees: floa
     assert [tracker._mapper._cameras[name].turns for name in NAMES] == [0, 0]
 
 
+@pytest.mark.parametrize("pitch_degrees", [70, 80])
+def test_a_camera_that_looks_steeply_down_is_turned_by_up_in_the_map(pitch_degrees: float) -> None:
+    """Two such cameras look nearly the same way, wherever they stand: up in their images differs."""
+    pitch, color = np.radians(pitch_degrees), np.zeros((240, 320, 3), np.uint8)
+    tracker = cuboid.Tracker(WIDE, poses="given")
+    names = [f"camera-{k}" for k in range(4)]
+    for k, azimuth in enumerate(np.radians((0, 90, 180, 270))):
+        T = look_at((np.cos(azimuth) * np.cos(pitch), np.sin(azimuth) * np.cos(pitch), np.sin(pitch)), (0.0, 0.0, 0.0))
+        depth_m = cast((TABLE, *THINGS), T, WIDE)[0].astype(np.float32)
+        tracker.update(cuboid.Frame(k, k / 30, color, depth_m, T, camera=RigCamera(names[k], WIDE)))
+    assert [tracker._mapper._cameras[name].turns for name in names] == [0] * 4
+
+
 def test_the_pictures_of_all_cameras_are_side_by_side() -> None:
     mosaic = Mosaic([RigCamera("left", WIDE), RigCamera("right", SMALL)])
     red, blue = np.full((240, 320, 3), (200, 0, 0), np.uint8), np.full((184, 240, 3), (0, 0, 200), np.uint8)
@@ -370,5 +383,8 @@ def test_a_rig_can_be_added_to_a_scene_and_drawn(rig: Path, tmp_path: Path) -> N
     assert main(call) == 0
     with cuboid.Scene.open(scene) as opened:
         assert len(opened.objects) == len(THINGS)
+        opened.write_results(tmp_path / "again")
+    rows, again = (Results(folder).tracks for folder in (output, tmp_path / "again"))
+    assert [(row.frame, row.label, row.camera) for row in again] == [(row.frame, row.label, row.camera) for row in rows]
     assert main(["render", str(output)]) == 0
     assert '"rig":' in (output / "report.html").read_text(encoding="utf-8")

@@ -104,6 +104,18 @@ def test_a_label_has_its_box_fitted_anew_when_more_was_seen_and_from_one_place_w
     assert entry.fitted == 11
 
 
+def test_a_candidate_before_a_fixed_camera_has_its_box_fitted_anew_when_half_as_much_again_was_seen() -> None:
+    fits: dict[bool, list[int]] = {}
+    for fixed in (False, True):
+        fitting, entry = seen(JAR)
+        fits[fixed] = []
+        for sightings in range(2, 12):
+            entry.sightings = sightings
+            fitting.fit_grown([entry.number], EYE, new_viewpoint=False, fixed=fixed)
+            fits[fixed].append(entry.fitted)
+    assert fits == {False: [2, 3, 4, 5, 6, 7, 7, 9, 9, 11], True: [2, 3, 3, 5, 5, 5, 8, 8, 8, 8]}
+
+
 @pytest.mark.parametrize(
     ("above", "top_m", "state"),
     [
@@ -146,3 +158,17 @@ def test_a_fit_tells_that_a_labelled_object_in_the_same_place_is_the_same_one(ot
     jar.moved = True
     fitting.fit(jar)
     assert (fitting._store.affinity.of(1, 2) or 0.0) == pytest.approx(SAME_LOG_ODDS if same else 0.0)
+
+
+@pytest.mark.parametrize(("log_odds", "furniture"), [(0.0, True), (-1.0, True), (1.0, False)])
+def test_an_object_that_covers_its_own_part_is_no_furniture(log_odds: float, furniture: bool) -> None:
+    """A plant covers its pot, which one camera shows apart from it; a shelf covers what stands in it."""
+    whole = np.concatenate([shell((0.2, 0.24), (0.3, 0.42), (0.0, 0.3)), grid((0.2, 0.44), (0.3, 0.42), (0.2, 0.21))])
+    fitting, cover = seen(whole)
+    pot = fitting._store.add(box_of(shell((0.3, 0.37), (0.32, 0.39), (0.0, 0.1))), 0)
+    pot.points = shell((0.3, 0.37), (0.32, 0.39), (0.0, 0.1)).astype(np.float32)
+    for one in (cover, pot):
+        fitting._store.confirm(one)
+    fitting._store.add_pair_evidence(cover, pot, log_odds, novelty=1.0)
+    fitting.fit(cover)
+    assert cover.supports_plane is furniture

@@ -186,6 +186,16 @@ def test_the_launch_file_starts_the_node_with_options_of_the_command(monkeypatch
     assert args.foxglove == ("0.0.0.0", 8765)
 
 
+def test_the_launch_file_starts_the_node_for_a_rig(monkeypatch: pytest.MonkeyPatch) -> None:
+    color, depth = "/left/color,/right/color", "/left/depth,/right/depth"
+    (node,) = launched(monkeypatch, rig="/etc/a,b/rig.json", color=color, depth=depth, pose="tf")
+    parser = ArgumentParser(allow_abbrev=False)
+    add_arguments(parser)
+    args = parser.parse_args(node.arguments)
+    assert args.rig == Path("/etc/a,b/rig.json")
+    assert (args.color, args.depth) == (["/left/color", "/right/color"], ["/left/depth", "/right/depth"])
+
+
 def test_the_launch_file_starts_rviz_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
     node, rviz = launched(monkeypatch, rviz="true")
     assert node.package == "cuboid_ros"

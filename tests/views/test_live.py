@@ -24,7 +24,7 @@ from cuboid.ground.core.results import MapPoints
 from cuboid.results.views.live import LiveServer, LiveView
 from cuboid.results.views.live.messages import PICTURE_WIDTH_PX, map_message, moment_message
 from cuboid.results.views.live.server import PORTS
-from cuboid.results.views.live.watch import SILENCE_S, Moment, RateLimiter
+from cuboid.results.views.live.watch import SILENCE_S, CameraView, Moment, RateLimiter
 from cuboid.results.views.serving import HOST
 from fakes import INTRINSICS, FakeRecording, FakeTracker
 
@@ -115,28 +115,35 @@ def test_nothing_is_taken_while_nobody_looks() -> None:
     np.testing.assert_array_equal(view.first_pose, np.eye(4))  # from there the page looks, whenever it comes
 
 
-def test_when_the_first_camera_of_a_rig_ends_the_next_one_is_shown() -> None:
+def test_a_moment_of_a_rig_has_the_last_picture_of_each_camera() -> None:
     run = Run(LiveView())
-
-    def shown_after(name: str, time_s: float) -> str:
-        frame = replace(run.recording.read(0), timestamp_s=time_s, camera=RigCamera(name, INTRINSICS))
-        run.view(frame, run.tracker.update(frame), run.tracker)
-        assert run.view._last is not None
-        return run.view._last[0].camera_name
-
-    assert [shown_after(name, 0.1) for name in ("left", "right", "left")] == ["left"] * 3
-    assert shown_after("right", 0.1 + SILENCE_S) == "left"
-    assert shown_after("right", 0.2 + SILENCE_S) == "right"
-    assert shown_after("left", 0.3 + SILENCE_S) == "right"
-    run.view._take_moment()
-    moment = run.view.moment_after(0, 0.0)
-    assert moment is not None
-    assert moment.sightings
     K = INTRINSICS
     wide = Intrinsics(K.fx / 2, K.fy / 2, K.cx, K.cy, K.width, K.height)
-    own = moment_message(replace(moment, camera=RigCamera("right", wide)), INTRINSICS)
-    assert own == moment_message(replace(moment, camera=None), wide)
-    assert own != moment_message(moment, INTRINSICS)
+    lenses = {"left": INTRINSICS, "right": wide}
+    for index, (name, time_s) in enumerate((("left", 0.1), ("right", 0.2), ("left", 0.3), ("right", 0.2 + SILENCE_S))):
+        frame = replace(run.recording.read(index), timestamp_s=time_s, camera=RigCamera(name, lenses[name]))
+        run.view(frame, run.tracker.update(frame), run.tracker)
+
+    def shown() -> list[dict[str, Any]]:
+        run.view._take_moment()
+        moment = run.view.moment_after(0, 0.0)
+        assert moment is not None
+        document = json.loads(moment_message(moment, INTRINSICS))
+        assert (document["frame"], document["seen"]) == (frame.index, 1)
+        return document["cameras"]
+
+    left, right = shown()
+    assert [(one["name"], one["ended"], one["lens"]["fx"]) for one in (left, right)] == [
+        ("left", False, K.fx),
+        ("right", False, K.fx / 2),
+    ]
+    assert (left["pose"][3], right["pose"][3]) == pytest.approx((0.02, 0.03))
+    assert len(base64.b64decode(right["path"])) == 2 * 12
+    assert left["picture"] != right["picture"]
+    frame = replace(run.recording.read(4), timestamp_s=0.4 + SILENCE_S, camera=RigCamera("right", wide))
+    run.view(frame, run.tracker.update(frame), run.tracker)
+    assert [(one["name"], one["ended"]) for one in shown()] == [("left", True), ("right", False)]
+    assert shown()[0] == {**left, "ended": True}  # its last picture stays
 
 
 def test_a_moment_says_what_the_tracker_knew_then(server: LiveServer) -> None:
@@ -145,15 +152,17 @@ def test_a_moment_says_what_the_tracker_knew_then(server: LiveServer) -> None:
     moment = json.loads(ask(server, run, "/moment/0"))
     assert moment["number"] == 1
     assert moment["used"] == moment["frame"] + 1
-    assert moment["pose"][3] == pytest.approx(moment["frame"] * 0.01)
+    (camera,) = moment["cameras"]
+    assert (camera["name"], camera["ended"]) == ("", False)
+    assert camera["pose"][3] == pytest.approx(moment["frame"] * 0.01)
     (item,) = moment["objects"]
     assert (item["label"], item["seen"], item["color"]) == (1, True, hex_of(1))
     assert item["size"] == [0.1, 0.2, 0.3]
     assert moment["planes"][0]["extent"] == [[0, 0, 0.85], [1, 0, 0.85], [0, 1, 0.85]]
     assert moment["up"] == [0, 0, 1]
-    picture = cv2.imdecode(np.frombuffer(base64.b64decode(moment["picture"]), np.uint8), cv2.IMREAD_COLOR)
+    picture = cv2.imdecode(np.frombuffer(base64.b64decode(camera["picture"]), np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (48, 64, 3)
-    path = np.frombuffer(base64.b64decode(moment["path"]), "<f4").reshape(-1, 3)
+    path = np.frombuffer(base64.b64decode(camera["path"]), "<f4").reshape(-1, 3)
     np.testing.assert_allclose(path[:, 0], 0.01 * np.arange(moment["used"]), atol=1e-6)
     assert json.loads(ask(server, run, "/moment/1"))["number"] > 1
 
@@ -165,7 +174,8 @@ def test_the_picture_has_the_dimensions_of_the_object_that_is_selected(server: L
 
     def picture(question: str) -> np.ndarray:
         moment = json.loads(ask(server, run, question))
-        shown = cv2.imdecode(np.frombuffer(base64.b64decode(moment["picture"]), np.uint8), cv2.IMREAD_COLOR)
+        content = base64.b64decode(moment["cameras"][0]["picture"])
+        shown = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
         return shown.astype(int) - moment["frame"] % 256  # the frames are of one gray, which grows
 
     plain = picture("/moment/0")
@@ -187,16 +197,18 @@ def test_a_long_path_is_told_in_few_places() -> None:
     view.end(complete=True)
     moment = view.moment_after(0, 0.0)
     assert moment is not None
-    assert 500 < len(moment.path) <= 1000
-    assert moment.path[0, 0] == 0.0
-    assert moment.path[-1, 0] == pytest.approx(44.98, abs=0.1)
+    path = moment.cameras[0].path
+    assert 500 < len(path) <= 1000
+    assert path[0, 0] == 0.0
+    assert path[-1, 0] == pytest.approx(44.98, abs=0.1)
 
 
 def test_the_picture_of_a_large_frame_is_small(server: LiveServer) -> None:
     K = Intrinsics(1000.0, 1000.0, 640.0, 360.0, 1280, 720)
     color = np.full((720, 1280, 3), (200, 30, 30), np.uint8)
-    moment = Moment(1, 7, 8, color, np.eye(4), (), (), (), None, 25.0, np.zeros((1, 3), np.float32))
-    content = base64.b64decode(json.loads(moment_message(moment, K))["picture"])
+    camera = CameraView(color, np.eye(4), (), np.zeros((1, 3), np.float32))
+    moment = Moment(1, 7, 8, (camera,), (), (), None, 25.0)
+    content = base64.b64decode(json.loads(moment_message(moment, K))["cameras"][0]["picture"])
     picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (270, PICTURE_WIDTH_PX, 3)
     assert np.abs(picture[50, 200].astype(int) - (30, 30, 200)).max() < 12  # red is red

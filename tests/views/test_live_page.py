@@ -91,6 +91,31 @@ def test_the_page_follows_a_run_to_its_end(watched: Watched) -> None:
     assert all(address.startswith(f"http://localhost:{server.port}/") for address in watched.requests)
 
 
+def test_the_pictures_of_all_cameras_of_a_rig_are_side_by_side(watched: Watched) -> None:
+    page, names = watched.page, ["left", "middle", "right"]
+    with LiveServer(LiveView(), "table", CAMERA) as server, Going(server.view, names):
+        watched.open(f"http://localhost:{server.port}/")
+        tiles = page.locator("#picture.several .framed")
+        tiles.nth(2).wait_for()
+        assert tiles.all_inner_texts() == names
+        left, middle, right = [one.bounding_box() or {} for one in tiles.all()]
+        assert (left["y"], left["width"]) == (middle["y"], pytest.approx(middle["width"], abs=1.0))
+        assert middle["x"] >= left["x"] + left["width"]
+        assert right["y"] >= left["y"] + left["height"]
+        for one in tiles.all():
+            picture = pixels(one)
+            assert (picture[..., 1].astype(int) - picture[..., 0] > 60).mean() > 0.6
+        tiles.nth(1).click()  # enlarged, and the eye can look through this camera
+        page.locator("#picture .framed:nth-child(2)[aria-pressed=true]").wait_for()
+        assert (tiles.nth(1).bounding_box() or {})["width"] > 1.9 * middle["width"]
+        page.click("#look-through")
+        page.set_viewport_size({"width": 400, "height": 800})
+        page.wait_for_function("document.querySelector('#picture').getBoundingClientRect().right <= 400")
+        assert page.locator("#view").bounding_box()["height"] > 150  # type: ignore[index]
+        page.set_viewport_size(VIEWPORT)
+    assert watched.complaints == []
+
+
 def test_a_page_whose_program_is_gone_waits_for_the_next_run(watched: Watched) -> None:
     page = watched.page
     with LiveServer(LiveView(), "table", CAMERA) as server, Going(server.view):

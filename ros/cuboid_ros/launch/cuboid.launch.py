@@ -9,8 +9,9 @@ from launch_ros.substitutions import FindPackageShare
 
 # Argument, default, meaning; empty ones are left out.
 ARGUMENTS = (
-    ("color", "/camera/color/image_raw", "topic of color images"),
-    ("depth", "/camera/aligned_depth_to_color/image_raw", "topic of depth, aligned to color"),
+    ("color", "/camera/color/image_raw", "topic of color images; of a rig, those of all cameras, with commas between"),
+    ("depth", "/camera/aligned_depth_to_color/image_raw", "topic of depth, aligned to color; of a rig, as for color"),
+    ("rig", "", "rig.json of several cameras, in the order of the color topics"),
     ("info", "", "topic of color's CameraInfo, if it is not camera_info beside color"),
     ("pose", "estimated", "tf, estimated, or a topic of poses"),
     ("world", "", "frame of the world, if it is not the root of tf or map"),
@@ -18,6 +19,7 @@ ARGUMENTS = (
     ("foxglove", "", "HOST:PORT at which Foxglove is served, too"),
     ("detector", "", "ONNX file or name of a detector, which names the objects"),
 )
+TOPICS = ("color", "depth")
 FLAGS = (("use_sim_time", "--sim-time"),)
 
 
@@ -26,8 +28,9 @@ def actions(context):
     given = context.launch_configurations
     words = []
     for name, _, _ in ARGUMENTS:
-        if given[name]:
-            words += [f"--{name}={given[name]}"]
+        # The topics of a rig: an option for each camera.
+        values = given[name].split(",") if name in TOPICS else [given[name]]
+        words += [f"--{name}={value}" for value in values if value]
     words += [option for name, option in FLAGS if given[name] == "true"]
     parameters = [{"use_sim_time": given["use_sim_time"] == "true", "object_frames": given["object_frames"] == "true"}]
     node = Node(

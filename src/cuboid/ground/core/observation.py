@@ -53,6 +53,8 @@ class Observation:
         1 where a reading lies on something that moves; None if nothing moves.
     camera : str
         Name of its camera in the rig; empty if all frames are of one camera.
+    fixed : bool
+        Whether the pose is exactly that of the last frame from a new viewpoint: the camera is fixed.
     still : WorkingImage
         The subsampled frame without moving readings.
     """
@@ -67,6 +69,7 @@ class Observation:
     weight: float
     moving: UInt8Array | None = None
     camera: str = ""
+    fixed: bool = False
     still: WorkingImage = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

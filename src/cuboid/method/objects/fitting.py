@@ -29,8 +29,10 @@ from cuboid.method.objects.validity import too_large
 from cuboid.method.surfaces.plane import Plane
 from cuboid.method.surfaces.planes import PlaneTracker
 
-# A box is refitted when the number of sightings has grown by this fraction.
-GROWN = 0.15
+# A box is refitted when the number of sightings has grown by the first fraction. Sightings from the same viewpoint
+# repeat their noise: for a labelled object the number must then have grown by the third one, and for a candidate before
+# a fixed camera, which gets its label soon after its first boxes, by the second one.
+GROWN, GROWN_FIXED, GROWN_SAME = 0.15, 0.5, 1.0
 # Largest number of labelled objects, and of candidates, that are refitted in a frame with little or with full weight;
 # others follow in later frames.
 MIN_FITS, MAX_FITS = 4, 12
@@ -67,16 +69,25 @@ class Fitting:
         self._boxing = boxing
 
     def fit_grown(
-        self, numbers: Sequence[int], eye: Float64Array, new_viewpoint: bool = True, weight: float = 1.0
+        self,
+        numbers: Sequence[int],
+        eye: Float64Array,
+        *,
+        new_viewpoint: bool = True,
+        fixed: bool = False,
+        weight: float = 1.0,
     ) -> None:
         """Refit objects that were sighted more often since the last fit; the camera is at `eye` (3,).
 
-        Further sightings of a confirmed object from the same viewpoint (`new_viewpoint` is False) only repeat its
-        noise: their number must have doubled. A frame with more `weight` (0..1) as evidence refits more objects.
+        From the same viewpoint (`new_viewpoint` is False), labelled objects need more sightings, and candidates as well
+        if the camera is `fixed`. A frame with more `weight` (0..1) as evidence refits more objects.
         """
-        waiting = [o for o in self._store.all_of(numbers) if o.sightings >= (1 + GROWN) * o.fitted and o.sightings > 0]
-        if not new_viewpoint:
-            waiting = [o for o in waiting if not o.confirmed or o.sightings >= 2 * o.fitted]
+        labelled, candidate = (GROWN, GROWN) if new_viewpoint else (GROWN_SAME, GROWN_FIXED if fixed else GROWN)
+        waiting = [
+            o
+            for o in self._store.all_of(numbers)
+            if o.sightings >= (1 + (labelled if o.confirmed else candidate)) * o.fitted and o.sightings > 0
+        ]
         fits = max(MIN_FITS, round(weight * MAX_FITS))
         waiting.sort(key=lambda o: ((o.fitted + 1) / (o.sightings + 1), o.number))
         confirmed = [o for o in waiting if o.confirmed][:fits]
@@ -135,7 +146,8 @@ class Fitting:
                 entry, rests[0], neighbours, self._voxels.voxel_m
             )
         labelled = [o for o in neighbours if o.confirmed]
-        supports_plane = self._supports_plane(entry) or encloses(entry, labelled, self._voxels.voxel_m)
+        separate = [o for o in labelled if not self._is_rather_part(entry, o)]
+        supports_plane = self._supports_plane(entry) or encloses(entry, separate, self._voxels.voxel_m)
         continuing = self._continuing_sides(entry, labelled)
         if plane is not None and continuing < STRUCTURE_SIDES and not supports_plane and not holder:
             self._store.place(entry, self._with_seat(entry, seen_box, plane, neighbours))
@@ -158,6 +170,11 @@ class Fitting:
         iou = iou_matrix(self._store.boxes_of([entry]), self._store.boxes_of(others))[0]
         for k in np.flatnonzero(iou >= COINCIDENT_IOU).tolist():
             self._store.add_pair_evidence(entry, others[k], SAME_LOG_ODDS, novelty=1.0)
+
+    def _is_rather_part(self, entry: MapObject, other: MapObject) -> bool:
+        """Return whether two objects are rather one than two: a plant covers its pot, and is no furniture."""
+        log_odds = self._store.affinity.of(entry.number, other.number)
+        return log_odds is not None and log_odds > 0.0
 
     def _find_support(self, entry: MapObject, rows: Rows) -> tuple[Rows, Plane | None, Rest | None, dict[int, int]]:
         """Find the supporting plane of an object.

@@ -124,7 +124,9 @@ class ObjectMap:
         self._add_overlaps(objects, novelty, separate)
         self._record_shown(seen, found)
         changed = [o.number for o in objects] + [int(n) for n in number_of if n]
-        self._fitting.fit_grown(changed, seen.eye, seen.new_viewpoint, seen.weight)
+        self._fitting.fit_grown(
+            changed, seen.eye, new_viewpoint=seen.new_viewpoint, fixed=seen.fixed, weight=seen.weight
+        )
         self._merge(changed, seen.eye)
         self._retire_abandoned(changed)
         return found

@@ -141,7 +141,8 @@ def _track(
         if writer is not None:
             writer.finish(found, points, report, tracker.corrected_trajectory(), tracker.kept_views)
         if session is not None:
-            session.finish(complete=complete, walls=found.walls if results.relations else None)
+            walls = found.walls if results.relations else None
+            session.finish(complete=complete, walls=walls, settings=plan.settings())
     return RunOutcome(
         report=report,
         objects=found.objects,

@@ -57,17 +57,19 @@ def write_results(
     config = document(settings, dict[str, Any], "recordings.settings")
     every = document(settings, Settings, "recordings.settings").every
     posed_frames = scene.poses(number)
-    _, numbers = rig_frames(config)
+    cameras, numbers = rig_frames(config)
+    camera_names: Sequence[str] = config["rig"]["cameras"] if len(cameras) else ()
     taken: Sequence[int] = range(0, frames, every)
     if len(numbers):  # of a rig, each camera has its own n-th frames
         taken = np.flatnonzero(numbers[:frames] % every == 0).tolist()
     missing = [k for k in taken if k not in posed_frames]
     sightings, objects = _seen(scene, number)
     tracker, planes = load_tracker(connection, scene.path), scene.planes
-    with ResultWriter(folder, force=force) as writer:
+    with ResultWriter(folder, force=force, rig=bool(camera_names)) as writer:
         for frame, (time_s, T_world_camera) in posed_frames.items():
             seen, heat = tuple(sightings.get(frame, ())), np.zeros((0, 0), np.float32)
-            writer.add(FrameResult(frame, time_s, T_world_camera, seen, (), len(objects), heat, {}))
+            camera = camera_names[cameras[frame]] if camera_names else ""
+            writer.add(FrameResult(frame, time_s, T_world_camera, seen, (), len(objects), heat, {}, camera=camera))
         report = RunReport(
             version=__version__,
             complete=bool(complete),

@@ -6,6 +6,7 @@ from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
@@ -163,9 +164,12 @@ class SceneRun:
         self.tracker.keep(SKIPPED, f"{index}\t{reason}\n")
         self.tracker.skip(index)
 
-    def finish(self, *, complete: bool, walls: Sequence[Wall] | None = None) -> None:
+    def finish(
+        self, *, complete: bool, walls: Sequence[Wall] | None = None, settings: Mapping[str, Any] | None = None
+    ) -> None:
         """Commit everything; with `complete`, the recording is finished and cannot be resumed.
 
-        With the walls of the place, the relations of the objects are noted too.
+        With the walls of the place, the relations of the objects are noted too. The settings replace those of the
+        beginning of the run: of live cameras, they have the camera of each frame.
         """
-        self.tracker.close(complete=complete, walls=walls)
+        self.tracker.close(complete=complete, walls=walls, settings=settings)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -223,7 +223,13 @@ class SceneTracker(KeptMap):
         if self._writing is None and self._commit_timer.due():
             self._commit()
 
-    def close(self, *, complete: bool = True, walls: Sequence[Wall] | None = None) -> None:
+    def close(
+        self,
+        *,
+        complete: bool = True,
+        walls: Sequence[Wall] | None = None,
+        settings: Mapping[str, Any] | None = None,
+    ) -> None:
         """Write all new data and close the scene.
 
         Parameters
@@ -232,6 +238,8 @@ class SceneTracker(KeptMap):
             Whether the recording was processed to its end; else it can be resumed.
         walls : sequence of Wall, optional
             Walls of the place; if given, the relations of all objects of the scene are noted for this recording.
+        settings : mapping, optional
+            The settings at the end of the run, which replace those at its beginning.
 
         Raises
         ------
@@ -247,7 +255,7 @@ class SceneTracker(KeptMap):
                 self._changes.recognise(self._tracker, self._visit.first_frame + self._next_frame)
             if complete:
                 self._tracker.voxels.levels.thin_all()
-            self._commit(complete=complete, ended=True, walls=walls if complete else None)
+            self._commit(complete=complete, ended=True, walls=walls if complete else None, settings=settings)
             self.finish_commit()
         finally:
             self._thread.shutdown()
@@ -259,7 +267,14 @@ class SceneTracker(KeptMap):
             self._pace.hurry()
             self._thread.shutdown()
 
-    def _commit(self, *, complete: bool = False, ended: bool = False, walls: Sequence[Wall] | None = None) -> None:
+    def _commit(
+        self,
+        *,
+        complete: bool = False,
+        ended: bool = False,
+        walls: Sequence[Wall] | None = None,
+        settings: Mapping[str, Any] | None = None,
+    ) -> None:
         begun_s = time.thread_time()
         state, rows = self._state.snapshot(), self._records.take(self._tracker)
         pending, self._pending = self._pending, []
@@ -284,6 +299,8 @@ class SceneTracker(KeptMap):
                 if relate is not None:
                     relate(connection)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
+                if settings is not None:
+                    visit.write_settings(connection, settings)
                 values = T_world_recording, visit.number
                 connection.execute("UPDATE recordings SET T_world_recording = ? WHERE id = ?", values)
             self._commit_timer.cost_s += time.thread_time() - begun_s

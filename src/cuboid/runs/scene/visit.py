@@ -99,6 +99,10 @@ class Visit:
         if complete:
             connection.execute("DELETE FROM pending WHERE recording = ?", (self.number,))
 
+    def write_settings(self, connection: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
+        """Replace the settings of the recording, within the caller's transaction."""
+        connection.execute("UPDATE recordings SET settings = ? WHERE id = ?", (_as_text(settings), self.number))
+
 
 def now() -> str:
     """Return the current time as text in the file's format: UTC, ISO 8601."""
@@ -128,7 +132,7 @@ def begin(
             "first_frame": first,
             "frames": source.frames,
             "camera": _camera(source.intrinsics),
-            "settings": json.dumps(source.settings, sort_keys=True),
+            "settings": _as_text(source.settings),
             "T_world_recording": T_world_recording.astype("<f8").tobytes(),
         }
         places = ", ".join(f":{name}" for name in row)
@@ -198,6 +202,10 @@ def pending(connection: sqlite3.Connection, visit: Visit) -> dict[str, str]:
     for file, text in read_rows(connection, columns, "pending WHERE recording = ? ORDER BY id", (visit.number,)):
         texts.setdefault(file, []).append(text)
     return {file: "".join(parts) for file, parts in texts.items()}
+
+
+def _as_text(settings: Mapping[str, Any]) -> str:
+    return json.dumps(settings, sort_keys=True)
 
 
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -55,8 +55,9 @@ from cuboid.runs.tracking.tracked_map import TrackedMap
 
 # Poses in the map are rounded to this many decimals, metres: this removes rounding errors that depend on the world.
 POSE_DECIMALS = 9
-# Two cameras look the same way if the angle between their optical axes is less than this, radians: the cameras of a
-# moving pair that overlap, and no two cameras 90 degrees apart around a table that look down by up to 60 degrees.
+# While up is unknown, two cameras look the same way if the angle between their optical axes is less than this, radians:
+# the cameras of a moving pair that overlap, and no two cameras 90 degrees apart around a table that look down by up to
+# 60 degrees.
 SAME_VIEW_RAD = math.radians(41.0)
 
 
@@ -300,20 +301,22 @@ class PosedTracker(TrackedMap):
         return self._cameras[name]
 
     def _turns_of(self, frame: Frame, T_world_camera: Float64Array) -> int | None:
-        """Return the quarter turns of a camera: as another camera that looks its way has them, else by its depth.
+        """Return the quarter turns of a camera: those for which up in its images is up in the map.
 
-        Such cameras have one idea of up: two guesses that contradict each other would mislead the search for up.
+        Before up is known: as another camera that looks its way has them, else by its depth. Such cameras have one idea
+        of up: two guesses that contradict each other would mislead the search for up.
         """
+        up = self.up
         for other in self._cameras.values():
-            if other.turns is None or other.last is None:
+            if up is not None or other.turns is None or other.last is None:
                 continue
             T_world_other = other.last[1].T_world_camera
-            if T_world_other[:3, 2] @ T_world_camera[:3, 2] < math.cos(SAME_VIEW_RAD):
-                continue
-            image_up = Roll(other.intrinsics, other.turns).image_up(T_world_other)
-            rolls = (Roll(self._camera.intrinsics, turns) for turns in range(4))
-            return int(np.argmax([roll.image_up(T_world_camera) @ image_up for roll in rolls]))
-        return farther_up(frame.depth_m)
+            if T_world_other[:3, 2] @ T_world_camera[:3, 2] >= math.cos(SAME_VIEW_RAD):
+                up = Roll(other.intrinsics, other.turns).image_up(T_world_other)
+        if up is None:
+            return farther_up(frame.depth_m)
+        rolls = (Roll(self._camera.intrinsics, turns) for turns in range(4))
+        return int(np.argmax([roll.image_up(T_world_camera) @ up for roll in rolls]))
 
     def _repeat(self, frame: Frame, last: FrameResult) -> FrameResult:
         """Return the result of the last frame for an exact repetition of it: it shows the same objects again."""
@@ -425,6 +428,8 @@ class PosedTracker(TrackedMap):
         assert T_world_camera is not None
         if self._camera.count == 0:
             self._estimate_noise(image)
+        new_viewpoint, viewpoint = self._is_new_viewpoint(T_world_camera), self._camera.viewpoint
+        assert viewpoint is not None
         return Observation(
             frame=frame.index,
             image=image,
@@ -432,9 +437,10 @@ class PosedTracker(TrackedMap):
             T_world_camera=T_world_camera,
             up_camera=frame.up_camera,
             keyframe=keyframe,
-            new_viewpoint=self._is_new_viewpoint(T_world_camera),
+            new_viewpoint=new_viewpoint,
             weight=self._weight(image, T_world_camera, frame.timestamp_s),
             camera=frame.camera_name,
+            fixed=not new_viewpoint and np.array_equal(T_world_camera, viewpoint),
         )
 
     def _find_motion(self, seen: Observation, time_s: float) -> Observation:

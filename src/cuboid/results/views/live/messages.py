@@ -15,12 +15,12 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.palette import color_of
-from cuboid.ground.core.results import MapPoints, names_of
+from cuboid.ground.core.results import MapPoints, TrackedObject, names_of
 from cuboid.results.files.objects import surface_to_json
 from cuboid.results.files.text import rounded, rounded_list
 from cuboid.results.views.dimensions import add_dimensions
 from cuboid.results.views.drawing import draw_frame, hidden_objects
-from cuboid.results.views.live.watch import Moment
+from cuboid.results.views.live.watch import CameraView, Moment
 from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.report.page import SHARED, assembled, page_source, style
 from cuboid.results.views.report.points import LARGEST, STEP_M, spacing, thinned
@@ -91,11 +91,9 @@ def moment_message(moment: Moment, intrinsics: Intrinsics, measured: int | None 
         "number": moment.number,
         "frame": moment.frame,
         "used": moment.used,
-        "seen": len(moment.sightings),
+        "seen": len(moment.seen),
         "milliseconds": rounded(moment.milliseconds, 1),
-        "pose": rounded_list(moment.T_world_camera[:3].ravel(), TURN_DIGITS),
-        "path": packed(moment.path.astype("<f4")),
-        "picture": base64.b64encode(_picture(moment, intrinsics, measured)).decode("ascii"),
+        "cameras": [_camera(view, moment.objects, intrinsics, measured) for view in moment.cameras],
         **_scene(moment),
     }
     return json.dumps(document, separators=(",", ":"), allow_nan=False).encode("ascii")
@@ -160,7 +158,7 @@ def spacing_of(points: MapPoints) -> float | None:
 
 def _scene(moment: Moment) -> dict[str, Any]:
     """Return the data of a moment for the scene of the page."""
-    seen = {sighting.label for sighting in moment.sightings}
+    seen = moment.seen
     return {
         "up": None if moment.up is None else rounded_list(moment.up, TURN_DIGITS),
         "objects": [{**object_document(item), "seen": item.label in seen} for item in moment.objects],
@@ -169,13 +167,28 @@ def _scene(moment: Moment) -> dict[str, Any]:
     }
 
 
-def _picture(moment: Moment, intrinsics: Intrinsics, measured: int | None) -> bytes:
+def _camera(
+    view: CameraView, objects: Sequence[TrackedObject], intrinsics: Intrinsics, measured: int | None
+) -> dict[str, Any]:
+    """Return the data of one camera: its place, and its picture as JPEG in base64."""
+    intrinsics = intrinsics if view.camera is None else view.camera.intrinsics
+    return {
+        "name": "" if view.camera is None else view.camera.name,
+        "lens": camera_document(intrinsics),
+        "pose": rounded_list(view.T_world_camera[:3].ravel(), TURN_DIGITS),
+        "path": packed(view.path.astype("<f4")),
+        "picture": base64.b64encode(_picture(view, objects, intrinsics, measured)).decode("ascii"),
+        "ended": view.ended,
+    }
+
+
+def _picture(view: CameraView, objects: Sequence[TrackedObject], intrinsics: Intrinsics, measured: int | None) -> bytes:
     """Return the reduced frame with its boxes, and with the dimensions of one object, as JPEG."""
-    hidden = hidden_objects(moment.sightings, moment.objects)
-    color, camera = _small(moment.color, intrinsics if moment.camera is None else moment.camera.intrinsics)
-    T, names, tags = moment.T_world_camera, names_of(moment.objects), list[Rect]()
-    picture = draw_frame(color, T, camera, moment.sightings, hidden, None, names=names, places=tags)
-    add_dimensions(picture, [item.box for item in moment.objects if item.label == measured], T, camera, "cm", tags)
+    hidden = hidden_objects(view.sightings, objects)
+    color, camera = _small(view.color, intrinsics)
+    T, names, tags = view.T_world_camera, names_of(objects), list[Rect]()
+    picture = draw_frame(color, T, camera, view.sightings, hidden, None, names=names, places=tags)
+    add_dimensions(picture, [item.box for item in objects if item.label == measured], T, camera, "cm", tags)
     return encode_jpeg(picture, PICTURE_QUALITY)
 
 

@@ -30,7 +30,7 @@ MAP_FRACTION = 0.015
 STRIDE_M = 0.01
 MAX_PLACES = 1000
 
-# A camera of a rig without a frame for this time, in seconds of the recording, has ended: the page shows another one.
+# A camera of a rig without a frame for this time, in seconds of the recording, has ended: the page says so.
 SILENCE_S = 2.0
 
 # The page lists this many of the latest events.
@@ -64,6 +64,33 @@ class TrackerView(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class CameraView:
+    """The last frame of one camera.
+
+    Attributes
+    ----------
+    color : (H, W, 3) uint8
+        RGB, in the size of the recording; read-only.
+    T_world_camera : (4, 4) float64
+    sightings : tuple of Sighting
+        Objects in this frame.
+    path : (N, 3) float32
+        Positions of the camera so far.
+    camera : RigCamera or None
+        None without a rig.
+    ended : bool
+        Whether the other cameras have had frames for a while since.
+    """
+
+    color: UInt8Array
+    T_world_camera: Float64Array
+    sightings: tuple[Sighting, ...]
+    path: Float32Array
+    camera: RigCamera | None = None
+    ended: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Moment:
     """The state of a run at one moment.
 
@@ -73,35 +100,60 @@ class Moment:
         Number of the moment, from 1.
     frame, used : int
         Frame of the recording; number of frames used so far.
-    color : (H, W, 3) uint8
-        RGB, in the size of the recording; read-only.
-    T_world_camera : (4, 4) float64
-    sightings, objects, planes :
+    cameras : tuple of CameraView
+        The cameras of a rig in the order of their first frames; one without a rig.
+    objects, planes :
         Results of the tracker after this frame.
     up : (3,) float64 or None
     milliseconds : float
         Running mean of the time of a frame.
-    path : (N, 3) float32
-        Positions of the camera so far.
     events : tuple of EventRow
         The latest events, by frame.
-    camera : RigCamera or None
-        The camera of a rig that took the frame.
     """
 
     number: int
     frame: int
     used: int
-    color: UInt8Array
-    T_world_camera: Float64Array
-    sightings: tuple[Sighting, ...]
+    cameras: tuple[CameraView, ...]
     objects: tuple[TrackedObject, ...]
     planes: tuple[SupportPlane, ...]
     up: Float64Array | None
     milliseconds: float
-    path: Float32Array
     events: tuple[EventRow, ...] = ()
-    camera: RigCamera | None = None
+
+    @property
+    def seen(self) -> frozenset[int]:
+        """Labels of the objects in the last frames of the cameras."""
+        return frozenset(item.label for view in self.cameras if not view.ended for item in view.sightings)
+
+
+class _CameraPath:
+    """The last frame of a camera with its result, and the places of the camera so far."""
+
+    def __init__(self) -> None:
+        self._last: tuple[Frame, FrameResult] | None = None
+        self._places: list[Float64Array] = []
+
+    def add(self, frame: Frame, result: FrameResult) -> None:
+        """Store a frame, and the position of the camera if it has moved."""
+        self._last = frame, result
+        place = result.T_world_camera[:3, 3]
+        if not self._places or np.abs(place - self._places[-1]).max() >= STRIDE_M:
+            self._places.append(place)
+
+    def view(self, time_s: float) -> CameraView:
+        """Return the camera at the time of the last frame of all cameras."""
+        assert self._last is not None
+        frame, result = self._last
+        places = self._places[:: 1 + len(self._places) // MAX_PLACES]
+        return CameraView(
+            color=frame.color,
+            T_world_camera=result.T_world_camera,
+            sightings=result.sightings,
+            path=np.array(places, np.float32).reshape(-1, 3),
+            camera=frame.camera,
+            ended=time_s - frame.timestamp_s > SILENCE_S,
+        )
 
 
 class RateLimiter:
@@ -143,7 +195,6 @@ class RateLimiter:
 class LiveView:
     """Takes moments and maps from a run, for clients in other threads.
 
-    Of a rig, it takes the pictures of the first camera; once that has ended, of the next one that sends a frame.
     Call it after each used frame. Without clients it does nothing expensive.
 
     Attributes
@@ -158,10 +209,9 @@ class LiveView:
         self._changed = threading.Condition()
         self._moment: Moment | None = None
         self._map: tuple[int, MapPoints] | None = None
-        self._last: tuple[Frame, FrameResult, TrackerView] | None = None
-        self._camera = ""
+        self._last: tuple[Frame, TrackerView] | None = None
         self._first: Float64Array | None = None
-        self._places: list[Float64Array] = []
+        self._cameras: dict[str, _CameraPath] = {}
         self._events: deque[EventRow] = deque(maxlen=EVENTS_SHOWN)
         self._used = 0
         self._mean_s = 0.0
@@ -182,12 +232,10 @@ class LiveView:
             self._mean_s += (took_s - self._mean_s) * (1.0 if self._used == 2 else 0.05)
         self._frame_s = now_s
         self._events.extend(EventRow.of(event, result) for event in result.events)
-        if self._last is None or self._has_ended(self._last[0], frame):
-            self._camera, self._places = frame.camera_name, []
-        if frame.camera_name != self._camera:
-            return
-        self._last = frame, result, tracker
-        self._follow(result.T_world_camera)
+        self._last = frame, tracker
+        if self._first is None:
+            self._first = result.T_world_camera
+        self._cameras.setdefault(frame.camera_name, _CameraPath()).add(frame, result)
         if not (self.is_watched and self.moments.due):
             return
         self.moments.begin()
@@ -271,39 +319,19 @@ class LiveView:
     def _is_later_map(self, number: int) -> bool:
         return self._map is not None and self._map[0] > number
 
-    def _has_ended(self, last: Frame, frame: Frame) -> bool:
-        """Return whether the camera of the last frame has ended, at the time of a frame of another camera."""
-        return frame.camera_name != self._camera and frame.timestamp_s - last.timestamp_s > SILENCE_S
-
-    def _follow(self, T_world_camera: Float64Array) -> None:
-        """Store the position of the camera if it has moved."""
-        if self._first is None:
-            self._first = T_world_camera
-        place = T_world_camera[:3, 3]
-        if not self._places or np.abs(place - self._places[-1]).max() >= STRIDE_M:
-            self._places.append(place)
-
-    def _path(self) -> Float32Array:
-        places = self._places[:: 1 + len(self._places) // MAX_PLACES]
-        return np.array(places, np.float32).reshape(-1, 3)
-
     def _take_moment(self) -> None:
         assert self._last is not None
-        frame, result, tracker = self._last
+        frame, tracker = self._last
         moment = Moment(
             number=1 if self._moment is None else self._moment.number + 1,
             frame=frame.index,
             used=self._used,
-            color=frame.color,
-            T_world_camera=result.T_world_camera,
-            sightings=result.sightings,
+            cameras=tuple([camera.view(frame.timestamp_s) for camera in self._cameras.values()]),
             objects=tuple(tracker.objects),
             planes=tuple(tracker.planes),
             up=tracker.up,
             milliseconds=1e3 * self._mean_s,
-            path=self._path(),
             events=tuple(self._events),
-            camera=frame.camera,
         )
         with self._changed:
             self._moment = moment
@@ -313,7 +341,7 @@ class LiveView:
         assert self._last is not None
         self.maps.begin()
         with self.maps.charged():
-            points = self._last[2].map_points()
+            points = self._last[1].map_points()
         with self._changed:
             self._map = (1 if self._map is None else self._map[0] + 1), points
             self._map_asked = False

@@ -1,6 +1,6 @@
-// The scene of the latest moment, and the eye that keeps the camera in view.
+// The scene of the latest moment, and the eye that keeps the cameras in view.
 
-// To keep the camera in view, the eye moves away to at most this multiple of the best distance for the objects.
+// To keep the cameras in view, the eye moves away to at most this multiple of the best distance for the objects.
 const FARTHEST = 2;
 
 const poseFrom = (m) => ({
@@ -28,11 +28,13 @@ void main() {
   color = vec4(texture(picture, at).rgb, 0.93);
 }`;
 
-/** The picture of the camera, at its image plane in the world. */
+const placeIn = (path, i) => Array.from(path.subarray(3 * i, 3 * i + 3));
+
+/** The picture of a camera, at its image plane in the world. */
 class Screen {
-  constructor(gl) {
+  constructor(gl, made) {
     this.gl = gl;
-    this.made = compile(gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
+    this.made = made;
     this.array = gl.createVertexArray();
     this.buffer = gl.createBuffer();
     this.texture = gl.createTexture();
@@ -73,9 +75,8 @@ class Screen {
 class LiveScene extends Scene {
   constructor(renderer, state) {
     super(renderer, state);
-    this.screen = new Screen(renderer.gl);
-    this.pose = null;
-    this.path = [];
+    this.made = compile(renderer.gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
+    this.cameras = [];
   }
 
   stateOf(object) {
@@ -83,23 +84,36 @@ class LiveScene extends Scene {
     return object.seen ? "seen" : "hidden";
   }
 
-  /** Show a moment and its picture. */
-  take(moment, picture) {
-    this.pose = poseFrom(moment.pose);
-    this.path = new Float32Array(bytesOf(moment.path).buffer);
+  /** Show a moment and the pictures of its cameras. */
+  take(moment, pictures) {
     this.size = pyramidSize();
+    this.cameras = moment.cameras.map(({ lens, pose, path }, k) => ({
+      lens,
+      pose: poseFrom(pose),
+      path: new Float32Array(bytesOf(path).buffer),
+      screen: this.cameras[k]?.screen || new Screen(this.renderer.gl, this.made),
+    }));
+    this.cameras.forEach((camera, k) => camera.screen.show(pictures[k], this.cornersOf(camera)));
     this.boxes = new Map(data.objects.map((object) => [object.label, corners(object)]));
-    this.screen.show(picture, imageCorners(this.pose, this.depth()));
     this.update();
   }
 
-  /** The corners of the pyramid of the camera. */
-  camera() {
-    return [this.pose.place, ...imageCorners(this.pose, this.depth())];
+  /** The camera through which the eye looks: the chosen one, else the first. */
+  get camera() {
+    return this.cameras[this.state.camera ?? 0];
+  }
+
+  /** The corners of the pyramids of the cameras. */
+  cameraCorners() {
+    return this.cameras.flatMap((camera) => [camera.pose.place, ...this.cornersOf(camera)]);
+  }
+
+  cornersOf({ pose, lens }) {
+    return imageCorners(pose, this.depth(), lens);
   }
 
   seenFrom() {
-    return someOf(this.path.length / 3, (i) => ({ place: Array.from(this.path.subarray(3 * i, 3 * i + 3)) }));
+    return this.cameras.flatMap((camera) => someOf(camera.path.length / 3, (i) => ({ place: placeIn(camera.path, i) })));
   }
 
   takeMap(points) {
@@ -111,16 +125,20 @@ class LiveScene extends Scene {
   }
 
   pathLines(ground, ratio) {
-    const count = this.path.length / 3;
-    const placeOf = (i) => (i < count ? Array.from(this.path.subarray(3 * i, 3 * i + 3)) : this.pose.place);
     const lines = super.pathLines(ground, ratio);
-    for (let i = 1; i <= count; i++)
-      lines.push([placeOf(i - 1), placeOf(i), colorOf(ground.path, 0.25 + 0.6 * (i / count)), [1.6 * ratio, 0]]);
+    for (const { path, pose } of this.cameras) {
+      const count = path.length / 3;
+      for (let i = 1; i <= count; i++) {
+        const to = i < count ? placeIn(path, i) : pose.place;
+        lines.push([placeIn(path, i - 1), to, colorOf(ground.path, 0.25 + 0.6 * (i / count)), [1.6 * ratio, 0]]);
+      }
+    }
     return lines;
   }
 
   cameraLines(ground, ratio) {
-    return this.pose ? pyramidLines(this.pose, this.depth(), colorOf(ground.path, 1), 2 * ratio) : [];
+    const color = colorOf(ground.path, 1);
+    return this.cameras.flatMap(({ pose, lens }) => pyramidLines(pose, this.depth(), color, 2 * ratio, lens));
   }
 
   cameraFaces() {
@@ -129,21 +147,21 @@ class LiveScene extends Scene {
 
   draw(eye) {
     super.draw(eye);
-    if (this.state.layers.camera && !this.state.follow) this.screen.draw(eye);
+    if (this.state.layers.camera && !this.state.follow) for (const { screen } of this.cameras) screen.draw(eye);
   }
 }
 
-/** An eye that keeps objects and camera in view until the user chooses another point of view. */
+/** An eye that keeps objects and cameras in view until the user chooses another point of view. */
 class LiveOrbit extends Orbit {
   constructor(canvas, changed, grabbed) {
     super(canvas, changed, grabbed);
-    this.camera = [];
+    this.cameras = [];
     this.arrives = 0;
   }
 
-  /** Set the points of the camera that must be in view: its position and the corners of its picture. */
+  /** Set the points that must be in view: positions of the cameras and corners of their pictures. */
   take(places) {
-    this.camera = places;
+    this.cameras = places;
     this.span = this.spanOfScene();
   }
 
@@ -154,13 +172,13 @@ class LiveOrbit extends Orbit {
     return place;
   }
 
-  /** Whether the camera is visible from a point of view, within this fraction of the view's width and height. */
+  /** Whether the cameras are visible from a point of view, within this fraction of the view's width and height. */
   holds(place, share) {
     const before = this.place;
     this.place = place;
     const { clip_world } = this.eye();
     this.place = before;
-    return (this.camera || []).every((point) => {
+    return (this.cameras || []).every((point) => {
       const [x, y, , w] = toClip(clip_world, point);
       return w > 0 && Math.abs(x) < share * w && Math.abs(y) < share * w;
     });
@@ -175,7 +193,7 @@ class LiveOrbit extends Orbit {
     return performance.now() < this.arrives;
   }
 
-  get losesCamera() {
+  get losesCameras() {
     return !this.holds(this.place, 1);
   }
 }

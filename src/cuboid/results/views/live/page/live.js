@@ -7,6 +7,7 @@ const state = {
   selected: null,
   frame: null,
   follow: false,
+  camera: null, // of a rig, the number of the one whose picture is enlarged
   wanted: null,
   least: 0,
 };
@@ -92,30 +93,52 @@ function placeTags() {
   });
 }
 
-/** Replace the previous picture; the new one is decoded already, so that nothing flickers. */
-function showPicture(picture) {
-  const before = find("frame-picture");
-  picture.id = before.id;
-  picture.alt = before.alt;
-  before.replaceWith(picture);
+/** Show the decoded pictures in place of the previous ones, so that nothing flickers; of a rig, side by side. */
+function showPictures(cameras, pictures) {
+  const several = cameras.length > 1;
+  if (find("picture").children.length !== cameras.length || several !== find("picture").classList.contains("several")) {
+    find("picture").replaceChildren(...cameras.map((camera, k) => (several ? tile(camera.name, k) : element("div", { class: "framed" }))));
+    find("picture").classList.toggle("several", several);
+  }
+  [...find("picture").children].forEach((place, k) => {
+    pictures[k].alt = several ? "" : "Picture of the camera";
+    place.querySelector("img")?.remove();
+    place.prepend(pictures[k]);
+    if (!several) return;
+    place.classList.toggle("ended", cameras[k].ended);
+    place.querySelector("span").textContent = cameras[k].name + (cameras[k].ended ? " · no frames" : "");
+    place.setAttribute("aria-pressed", String(k === state.camera));
+  });
 }
+
+/** The place of the picture of one of several cameras; a click enlarges it. */
+function tile(name, k) {
+  const made = element("button", { class: "framed", title: `Enlarge the picture of ${name}` }, element("span", {}, name));
+  made.addEventListener("click", () => {
+    update({ camera: k === state.camera ? null : k });
+    [...find("picture").children].forEach((other, i) => other.setAttribute("aria-pressed", String(i === state.camera)));
+    if (state.follow) orbit.fly(behindCamera());
+  });
+  return made;
+}
+
+const behindCamera = () => orbit.behind(scene.camera.pose, scene.camera.lens);
 
 async function takeMoment(moment) {
   // the up direction, about which the eye turns, is fixed when the page loads
   if (!frames.length || (data.up === null && moment.up !== null)) return location.reload();
   const before = data.objects.length;
   Object.assign(data, { objects: moment.objects, planes: moment.planes });
-  const picture = new Image();
-  picture.src = `data:image/jpeg;base64,${moment.picture}`;
-  await picture.decode();
-  showPicture(picture);
-  scene.take(moment, picture);
+  const pictures = moment.cameras.map(({ picture }) => Object.assign(new Image(), { src: `data:image/jpeg;base64,${picture}` }));
+  await Promise.all(pictures.map((picture) => picture.decode()));
+  showPictures(moment.cameras, pictures);
+  scene.take(moment, pictures);
   placeTags();
   listObjects();
   listEvents(moment.events);
-  orbit.take(scene.camera());
-  if (state.follow) orbit.set(orbit.behind(scene.pose));
-  else if (!touched && !orbit.isFlying && (data.objects.length !== before || orbit.losesCamera)) orbit.fly(orbit.home(), 1200);
+  orbit.take(scene.cameraCorners());
+  if (state.follow) orbit.set(behindCamera());
+  else if (!touched && !orbit.isFlying && (data.objects.length !== before || orbit.losesCameras)) orbit.fly(orbit.home(), 1200);
   const rate = moment.milliseconds > 0 ? [`${(1000 / moment.milliseconds).toFixed(0)} frames/s`] : [];
   const facts = [`frame ${moment.frame}`, ...rate, `${moment.seen} seen / ${moment.objects.length} known`];
   if (data.points.total) facts.push(plural(data.points.total, "point"));
@@ -224,7 +247,7 @@ async function main() {
   });
   find("look-through").addEventListener("click", () => {
     update({ follow: !state.follow });
-    orbit.fly(state.follow && scene.pose ? orbit.behind(scene.pose) : orbit.home());
+    orbit.fly(state.follow && scene.camera ? behindCamera() : orbit.home());
   });
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches("input")) return;

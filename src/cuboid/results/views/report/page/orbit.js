@@ -106,8 +106,8 @@ class Orbit {
   }
 
   /** The point of view of a camera. */
-  behind(pose) {
-    const { fx, fy, width, height } = data.camera;
+  behind(pose, lens = data.camera) {
+    const { fx, fy, width, height } = lens;
     const aspect = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
     const t = Math.max(height / (2 * fy), width / (2 * fx) / aspect);
     const distance = 1.2;

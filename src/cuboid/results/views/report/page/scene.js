@@ -41,8 +41,8 @@ function milestones(size) {
 }
 
 /** The four corners of the image at a depth in front of a camera, clockwise from the upper left. */
-function imageCorners(pose, depth) {
-  const { fx, fy, cx, cy, width, height } = data.camera;
+function imageCorners(pose, depth, lens = data.camera) {
+  const { fx, fy, cx, cy, width, height } = lens;
   return [[0, 0], [width, 0], [width, height], [0, height]].map(([x, y]) =>
     [[pose.right, (x - cx) / fx], [pose.down, (y - cy) / fy], [pose.ahead, 1]].reduce(
       (p, [way, share]) => add(p, scale(way, share * depth)),
@@ -51,8 +51,8 @@ function imageCorners(pose, depth) {
   );
 }
 
-function pyramidLines(pose, depth, color, width) {
-  const image = imageCorners(pose, depth);
+function pyramidLines(pose, depth, color, width, lens = data.camera) {
+  const image = imageCorners(pose, depth, lens);
   const style = [width, 0];
   return image.flatMap((corner, i) => [
     [pose.place, corner, color, style],
