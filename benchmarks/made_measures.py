@@ -47,13 +47,13 @@ class Thing:
         True box, in the world.
     kind : str
         "box", "cylinder" or "bag".
-    touches : bool
-        Whether another object touches it.
+    touches : tuple of int
+        Indices of the objects that touch it.
     """
 
     box: Box
     kind: str
-    touches: bool
+    touches: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,8 @@ def recording(work: Path, view: str, sensor: str, distance_m: float, seed: int) 
     """
     scene = _scene(view, distance_m, seed)
     intrinsics = scene.intrinsics(*SIZE_PX)
-    things = [Thing(scene.box(o), o.model.name, bool(o.touches)) for o in scene.objects]
+    place = {o.id: k for k, o in enumerate(scene.objects)}
+    things = [Thing(scene.box(o), o.model.name, tuple(place[k] for k in o.touches)) for o in scene.objects]
     file = work / f"{view}-{sensor}-{distance_m}-{seed}.npz"
     if not file.is_file():
         work.mkdir(parents=True, exist_ok=True)

@@ -1,14 +1,17 @@
 """Errors of measures on made parcels and parts, and how often the stated interval holds the truth.
 
-python benchmarks/measures.py --work DIR [--views above,side,hand] [--seeds N]
+python benchmarks/measures.py --work DIR [--views above,side,hand] [--seeds N] [--hand-seeds N]
 
-The recordings are made once and kept in DIR (see `made_measures.py`). A fixed camera sees the objects for 2 s with
-known poses; a hand-held one goes round them, and its poses are estimated.
+A row for each view, sensor and distance, then rows over several of them. The recordings are made once and kept in DIR
+(see `made_measures.py`). A fixed camera sees the objects for 2 s with known poses; a hand-held one goes round them,
+and its poses are estimated. A whole object is neither cut nor joined with a neighbour; errors and intervals are those
+of whole objects.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,86 +20,122 @@ import numpy.typing as npt
 from cuboid import Tracker
 from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.core.sizes import SIGMAS_95
-from made_measures import PRESETS, VIEWS, Made, Thing, recording
+from made_measures import PRESETS, VIEWS, Made, recording
 
 DISTANCES_M = (0.5, 0.8, 1.2)
 # An object is the true one if its centre is within this distance, metres, or this fraction of the longest side.
 MATCH_M, MATCH_FRACTION = 0.03, 0.35
-# An object is whole, neither cut nor joined with a neighbour, if its box laid upon the true one has this IoU.
+# An object is whole if its box laid upon the true one has this IoU.
 WHOLE_IOU = 0.5
+HEAD = (
+    "| view | sensor | distance | whole of all | median error (mm) | bias l, w, h (mm) | interval holds | told apart |"
+)
 
 Array = npt.NDArray[np.float64]
 
 
+@dataclass
+class Cell:
+    """What was measured in some recordings.
+
+    Attributes
+    ----------
+    objects : int
+        Number of true objects.
+    error_m : list of (3,) float64
+        Errors of length, width and height of the whole ones.
+    held : list of (3,) bool
+        Whether their intervals hold the truth.
+    touching, apart : int
+        Pairs of objects that touch, and those of them that were measured as two.
+    """
+
+    objects: int = 0
+    error_m: list[Array] = field(default_factory=list)
+    held: list[npt.NDArray[np.bool_]] = field(default_factory=list)
+    touching: int = 0
+    apart: int = 0
+
+    def __add__(self, other: Cell) -> Cell:
+        numbers = self.objects + other.objects, self.touching + other.touching, self.apart + other.apart
+        return Cell(numbers[0], self.error_m + other.error_m, self.held + other.held, *numbers[1:])
+
+    def row(self) -> str:
+        """Return the figures as cells of a table."""
+        whole = f"{len(self.error_m)} of {self.objects}"
+        apart = f"{self.apart} of {self.touching}" if self.touching else ""
+        if not self.error_m:
+            return f"{whole} | | | | {apart}"
+        error_mm, held = 1e3 * np.array(self.error_m), np.array(self.held)
+        median, bias = float(np.median(np.abs(error_mm))), np.median(error_mm, axis=0)
+        signed = ", ".join(f"{value:z.1f}" for value in bias)
+        return f"{whole} | {median:.1f} | {signed} | {held.mean():.2f} ({held.size}) | {apart}"
+
+
 def main() -> None:
-    """Measure, and print a row for each view, sensor and distance."""
+    """Measure, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else None)
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--views", default="above,side")
-    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--hand-seeds", type=int, default=2)
     args = parser.parse_args()
-    measured = "median error l, w, h (mm) | bias (mm) | interval holds | of whole objects (cases)"
-    print(f"| view | sensor | distance | found | {measured} |")
-    print("|---|---|---|---|---|---|---|---|")
-    for view in (one for one in VIEWS if one in args.views.split(",")):
+    views = [view for view in VIEWS if view in args.views.split(",")]
+    print(HEAD)
+    print("|---" * HEAD.count(" | ") + "|---|")
+    cells: dict[tuple[str, str, float], Cell] = {}
+    for view in views:
         for sensor in PRESETS:
             for distance_m in DISTANCES_M:
-                _row(args.work, view, sensor, distance_m, args.seeds)
+                cell = Cell()
+                for seed in range(args.hand_seeds if view == "hand" else args.seeds):
+                    cell += _measured(recording(args.work, view, sensor, distance_m, seed), posed=view != "hand")
+                cells[view, sensor, distance_m] = cell
+                print(f"| {view} | {sensor} | {distance_m} m | {cell.row()} |", flush=True)
+    for view in views:
+        for distance_m in DISTANCES_M:
+            some = [cell for key, cell in cells.items() if key[0] == view and key[2] == distance_m]
+            print(f"| {view} | all | {distance_m} m | {sum(some, Cell()).row()} |")
+    print(f"| all | all | all | {sum(cells.values(), Cell()).row()} |")
 
 
-def _row(work: Path, view: str, sensor: str, distance_m: float, seeds: int) -> None:
-    errors: list[Array] = []
-    held: list[list[bool]] = []
-    whole: list[bool] = []
-    total = 0
-    for seed in range(seeds):
-        made = recording(work, view, sensor, distance_m, seed)
-        total += len(made.things)
-        for thing, item in _pairs(made, posed=view != "hand"):
-            error, sigma = _error_m(thing, item)
-            errors.append(1e3 * error)
-            held.append((np.abs(error) <= SIGMAS_95 * sigma).tolist())
-            whole.append(_iou(item.box.size, item.box.size - error) >= WHOLE_IOU)
-    if not errors:
-        print(f"| {view} | {sensor} | {distance_m} m | 0 of {total} | | | | |")
-        return
-    median, bias = (_text(np.median(values, axis=0)) for values in (np.abs(errors), errors))
-    found = f"{len(errors)} of {total}"
-    kept = np.array(held)[whole]
-    share = f"{kept.mean():.2f} ({kept.size})" if len(kept) else ""
-    row = (view, sensor, f"{distance_m} m", found, median, bias, f"{np.mean(held):.2f}", share)
-    print(f"| {' | '.join(row)} |", flush=True)
-
-
-def _pairs(made: Made, *, posed: bool) -> list[tuple[Thing, TrackedObject]]:
-    """Track a recording; return each true object with the one that was found there."""
+def _measured(made: Made, *, posed: bool) -> Cell:
+    """Track a recording, and compare its objects with the true ones."""
     tracker = Tracker(made.intrinsics, poses="given" if posed else "estimated")
     for frame in made.frames(posed=posed):
         tracker.update(frame)
     T_world_map = np.eye(4) if posed else made.poses[0]
-    found = [(item, item.box.moved(T_world_map).center) for item in tracker.objects]
-    pairs = []
+    places = [(item, item.box.moved(T_world_map).center) for item in tracker.objects]
+    cell, labels = Cell(len(made.things)), []
     for thing in made.things:
-        away = [float(np.linalg.norm(center - thing.box.center)) for _, center in found]
-        if away and min(away) < max(MATCH_M, MATCH_FRACTION * float(thing.box.size.max())):
-            pairs.append((thing, found[int(np.argmin(away))][0]))
-    return pairs
+        item = _nearest(places, thing.box.center, max(MATCH_M, MATCH_FRACTION * float(thing.box.size.max())))
+        labels.append(0)
+        if item is None:
+            continue
+        # The longer level side first.
+        error_m = item.box.size - np.array([*sorted(thing.box.size[:2], reverse=True), thing.box.size[2]])
+        if _iou(item.box.size, item.box.size - error_m) >= WHOLE_IOU:
+            cell.error_m.append(error_m)
+            cell.held.append(np.abs(error_m) <= SIGMAS_95 * np.array(item.size_sigma_m))
+            labels[-1] = item.label
+    for k, thing in enumerate(made.things):
+        for other in thing.touches:
+            if other > k:
+                cell.touching += 1
+                cell.apart += bool(labels[k] and labels[other] and labels[k] != labels[other])
+    return cell
 
 
-def _error_m(thing: Thing, item: TrackedObject) -> tuple[Array, Array]:
-    """Return the errors of length, width and height, and their stated standard deviations: longer level side first."""
-    true = np.array([*sorted(thing.box.size[:2], reverse=True), thing.box.size[2]])
-    return np.asarray(item.box.size - true), np.array(item.size_sigma_m)
+def _nearest(places: list[tuple[TrackedObject, Array]], center: Array, within_m: float) -> TrackedObject | None:
+    """Return the object with the nearest centre; None if that is too far away."""
+    away = [float(np.linalg.norm(one - center)) for _, one in places]
+    return places[int(np.argmin(away))][0] if away and min(away) < within_m else None
 
 
 def _iou(size: Array, other: Array) -> float:
     """Return the IoU of two boxes that are laid upon each other."""
     common = float(np.prod(np.minimum(size, other)))
     return common / (float(np.prod(size) + np.prod(other)) - common)
-
-
-def _text(values: Array) -> str:
-    return ", ".join(f"{value:z.1f}" for value in values)
 
 
 if __name__ == "__main__":

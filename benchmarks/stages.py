@@ -17,7 +17,7 @@ import subprocess
 import sys
 import time
 import venv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -122,7 +122,8 @@ def measure(recording: Recording, python: Path, limit: int, names: Sequence[str]
     K = recording.intrinsics
     small, voxel_m = K.downscaled(PEER_SCALE), TrackerConfig().voxel_m
     rows: dict[str, list[dict[str, Any]]] = {name: [] for name in ("Cuboid", *names)}
-    ours, times, true = Ours(K), [], []
+    ours, true = Ours(K), dict[int, np.ndarray]()
+    times_s = dict[int, float]()
     with ExitStack() as opened:
         peers = {name: opened.enter_context(peer_of(python, PEERS[name], small, voxel_m)) for name in names}
         for index in range(min(limit, len(recording))):
@@ -131,24 +132,30 @@ def measure(recording: Recording, python: Path, limit: int, names: Sequence[str]
                 if frame.T_world_camera is None:
                     continue
                 reduced = downscale(frame, PEER_SCALE)
-                for name, peer in peers.items():
-                    rows[name].append(ask(peer, reduced))
-                rows["Cuboid"].append(ours.stages(frame))
-                times.append(frame.timestamp_s)
-                true.append(frame.T_world_camera)
+                answers = {name: ask(peer, reduced) for name, peer in peers.items()}
+                answers["Cuboid"] = ours.stages(frame)
+                for name, row in answers.items():
+                    rows[name].append(row)
+                times_s[index], true[index] = frame.timestamp_s, frame.T_world_camera
         for peer in peers.values():
             assert peer.stdin is not None
             peer.stdin.close()
-    truth = TimedPoses(recording.path, np.array(times), np.array(true).reshape(-1, 4, 4))
-    paths = {name: np.array([row["T"] for row in rows[name]]) for name in names}
-    paths["Cuboid"] = np.array(list(ours.trajectory().values()))
-    return {name: figures(rows[name], paths[name], truth) for name in rows}
+    found = {name: {k: np.array(row["T"]) for k, row in zip(times_s, rows[name], strict=True)} for name in names}
+    found["Cuboid"] = ours.trajectory()
+    truth = timed_poses(recording.path, true, times_s)
+    return {name: figures(rows[name], timed_poses(recording.path, found[name], times_s), truth) for name in rows}
 
 
-def figures(rows: list[dict[str, Any]], path: np.ndarray, truth: TimedPoses) -> dict[str, Any]:
+def timed_poses(path: Path, poses: Mapping[int, np.ndarray], times_s: Mapping[int, float]) -> TimedPoses:
+    """Return the poses of frames at their times, both by frame; a frame may have no pose, or no time."""
+    frames = [k for k in times_s if k in poses]
+    T_world_camera = np.array([poses[k] for k in frames]).reshape(-1, 4, 4)
+    return TimedPoses(path, np.array([times_s[k] for k in frames]), T_world_camera)
+
+
+def figures(rows: list[dict[str, Any]], estimate: TimedPoses, truth: TimedPoses) -> dict[str, Any]:
     """Return the figures of one program."""
     timed = rows[WARM_UP:] or rows
-    estimate = TimedPoses(truth.path, truth.times_s[: len(path)], path)
     labels = {label for row in rows for label in row.get("labels", ())}
     return {
         **{stage: float(np.median([row[stage] for row in timed])) for stage in STAGES if stage in rows[0]},

@@ -17,6 +17,8 @@ from cuboid.ground.arrays import UInt8Array
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+# What a processor is slow at, and no test looks at: smooth edges, and text painted by WebGL.
+FLAGS += ("--webgl-antialiasing-mode=none", "--disable-gpu-rasterization")
 
 # Small: every pixel is computed by the processor.
 VIEWPORT: ViewportSize = {"width": 1000, "height": 640}

@@ -38,6 +38,13 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if fast and str(collection_path.relative_to(REPOSITORY / "tests")) in SLOW_FILES else None
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int | None:
+    """Return a process more than there are cores: many tests wait, for servers, browsers and killed runs."""
+    given = "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ
+    return None if given else (os.cpu_count() or 1) + 1
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Keep the order of files that is set below, and compile the kernels of tracking on all cores.
 

@@ -12,6 +12,8 @@ from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry.box import Box
 
 CAMERA = Intrinsics(270.0, 270.0, 159.5, 119.5, 320, 240)
+# Where no box is, and by the number of the box.
+COLORS = ((np.arange(-1, 255)[:, None] * np.array([53, 97, 31]) + 90) % 256).astype(np.uint8)
 
 
 def upright(center_xy: tuple[float, float], size: tuple[float, float, float], turn: float = 0.0, z: float = 0.0) -> Box:
@@ -40,11 +42,12 @@ def cast(
     boxes: Sequence[Box], T_world_camera: np.ndarray, camera: Intrinsics = CAMERA
 ) -> tuple[np.ndarray, np.ndarray]:
     """Depth (H, W) in metres and the number of the box hit (H, W), -1 none; by the slab method."""
-    world = _rays(camera) @ T_world_camera[:3, :3].T
-    depth, hit = np.full(world.shape[:2], np.inf), np.full(world.shape[:2], -1)
+    rays = _rays(camera)
+    depth, hit = np.full(rays.shape[:2], np.inf), np.full(rays.shape[:2], -1)
     for k, box in enumerate(boxes):
         origin = box.rotation.T @ (T_world_camera[:3, 3] - box.center)
-        _hit_box(world @ box.rotation, -box.size / 2 - origin, box.size / 2 - origin, k, depth, hit)
+        R_box_camera = box.rotation.T @ T_world_camera[:3, :3]
+        _hit_box(rays, R_box_camera, -box.size / 2 - origin, box.size / 2 - origin, k, depth, hit)
     return np.where(np.isfinite(depth), depth, 0.0), hit
 
 
@@ -56,13 +59,16 @@ def _rays(camera: Intrinsics) -> np.ndarray:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _hit_box(rays, low, high, k, depth, hit):  # type: ignore[no-untyped-def]
-    """Write depth and number of a box where it is nearer; rays (H, W, 3) and corners (3,) are in its own axes."""
+def _hit_box(rays, R_box_camera, low, high, k, depth, hit):  # type: ignore[no-untyped-def]
+    """Write depth and number of a box where it is nearer; corners (3,) are in its own axes, rays (H, W, 3) not."""
     for r in range(rays.shape[0]):
         for c in range(rays.shape[1]):
             near, far = -np.inf, np.inf
             for axis in range(3):
-                inverse = 1.0 / rays[r, c, axis]
+                along = 0.0
+                for i in range(3):
+                    along += R_box_camera[axis, i] * rays[r, c, i]
+                inverse = 1.0 / along
                 a, b = low[axis] * inverse, high[axis] * inverse
                 if np.isnan(a) or np.isnan(b):  # along a side: no hit
                     near, far = np.inf, -np.inf
@@ -82,6 +88,6 @@ def frame_of(
     depth, hit = cast(boxes, T_world_camera)
     rng = np.random.default_rng(index)
     noisy = depth + rng.normal(size=depth.shape) * noise_per_m * depth**2
-    color = ((hit[..., None] * np.array([53, 97, 31]) + 90) % 256).astype(np.uint8)
+    color = COLORS[hit + 1]
     shown = T_world_camera if T_shown is None else T_shown
     return Frame(index, index / 30, color, np.where(depth > 0, noisy, 0).astype(np.float32), shown)

@@ -18,6 +18,7 @@ SLOW_FILES = frozenset(
         "benchmarks/test_odometry.py",
         "benchmarks/test_places.py",
         "benchmarks/test_scene_as_rig.py",
+        "benchmarks/test_stages.py",
         "calibration/test_board.py",
         "calibration/test_calibrate.py",
         "calibration/test_pose_fit.py",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,15 @@ import pytest
 
 from cuboid import open_recording
 from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.frame import Frame
 from cuboid.ground.geometry.se3 import inverse, quat_wxyz_from_rotation
+from cuboid.inputs.calibration.pose_fit import pose_fit
 from cuboid.lab.synthetic import make_scene, render_recording
+from cuboid.method.poses.sources import CorrectedPoses
 from cuboid.results.files import RunReport
 from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
+from cuboid.runs.tracking.diagnosis import RunFacts, diagnose
 from made_scenes import CAMERA, cast, look_at, upright
 
 FRAMES = 24
@@ -91,29 +96,44 @@ def _write_poses(folder: Path, names: str) -> None:
     (folder / "poses.txt").write_text("\n".join(lines))
 
 
+@pytest.fixture(scope="module")
+def frames(good: Path) -> list[Frame]:
+    recording = open_recording(good)
+    return [recording.read(k) for k in range(len(recording))]
+
+
 @pytest.mark.parametrize(
     "names", ["inverse", "opengl", "mm", "cm", "wxyz", "inverse,opengl", "mm,opengl", "wxyz,inverse"]
 )
 def test_poses_in_another_convention_are_named_with_the_option_that_mends_them(
-    good: Path, tmp_path: Path, names: str
+    good: Path, frames: list[Frame], tmp_path: Path, names: str
 ) -> None:
     bad = changed(good, tmp_path / "bad", lambda folder: _write_poses(folder, names))
-    (warning,) = report_of(bad, tmp_path / "given", poses="given").warnings
-    assert warning.startswith("the given poses are ")
-    assert warning.endswith(f"run again with --pose-convention {names}")
-    if names in ("inverse", "opengl", "wxyz"):  # each alone: poses that are in two conventions fit even less
-        assert report_of(bad, tmp_path / "corrected", poses="corrected").warnings == (warning,)
-        given, corrected = ((tmp_path / poses / "trajectory.txt").read_bytes() for poses in ("given", "corrected"))
-        assert given == corrected, "a wrong convention is never corrected"
-
-    recording, mended = open_recording(good), open_recording(bad, pose_convention=names)
-    for k in range(len(recording)):
+    recording, read, mended = open_recording(good), open_recording(bad), open_recording(bad, pose_convention=names)
+    assert not all(np.allclose(read.pose(k), recording.pose(k), atol=1e-6) for k in range(FRAMES))
+    for k in range(FRAMES):
         assert mended.pose(k) == pytest.approx(recording.pose(k), abs=1e-6)
 
+    fit = pose_fit(frames.__getitem__, recording.intrinsics, {k: read.pose(k) for k in range(FRAMES)})
+    (warning,) = diagnose(RunFacts(FRAMES, FRAMES, 0, 0, 1, 1.0, 1.0, 1000.0, fit, True, 1, 1, 1))
+    assert warning.startswith("the given poses are ")
+    assert warning.endswith(f"run again with --pose-convention {names}")
+    poses = CorrectedPoses(recording.intrinsics)
+    for k, frame in enumerate(frames):
+        posed = poses.locate(replace(frame, T_world_camera=read.pose(k)))
+        np.testing.assert_array_equal(posed.T_world_camera, read.pose(k), "a wrong convention is never corrected")
+    assert poses.warnings() == ()
 
-def test_with_the_option_that_mends_poses_there_are_no_warnings(good: Path, tmp_path: Path) -> None:
-    names = "wxyz,inverse"
+
+@pytest.mark.parametrize("names", ["inverse", "mm,opengl"])
+def test_a_run_names_the_convention_and_with_it_has_no_warnings(good: Path, tmp_path: Path, names: str) -> None:
     bad = changed(good, tmp_path / "bad", lambda folder: _write_poses(folder, names))
+    (warning,) = report_of(bad, tmp_path / "given", poses="given").warnings
+    assert warning.endswith(f"run again with --pose-convention {names}")
+    if names == "inverse":
+        assert report_of(bad, tmp_path / "corrected", poses="corrected").warnings == (warning,)
+        given, corrected = ((tmp_path / poses / "trajectory.txt").read_bytes() for poses in ("given", "corrected"))
+        assert given == corrected
     assert report_of(bad, tmp_path / "mended", pose_convention=names).warnings == ()
 
 

@@ -20,15 +20,13 @@ from cuboid.runs.tracking.running import NO_DEPTH
 from fakes import INTRINSICS, FakeRecording
 from made_scenes import CAMERA, frame_of, look_at, upright
 
+# Poses given, estimated and corrected; none; a depth camera of its own; a measured up; one frame.
 SAMPLES = {
     "scene_01": ("rgbd-scenes-v2/imgs/scene_01", {}),
-    "freiburg1_xyz": ("rgbd_dataset_freiburg1_xyz", {}),
     "desk": ("desk-realsense", {}),
-    "office": ("office-scan", {}),
     "dish": ("dish-from-above", {}),
     "overhead": ("overhead-hands", {}),
     "bin": ("bin-robot-hand", {}),
-    "open3d": ("containers/open3d", {}),
     "bag": ("containers/realsense/single_depth_color_640x480.bag", {}),
     "azure": ("containers/azure-kinect/recording.mkv", {}),
     "record3d": ("containers/record3d-exr", {}),

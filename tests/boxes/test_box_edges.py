@@ -75,11 +75,19 @@ def test_a_thick_flat_top_gets_its_height_and_a_dome_keeps_its_own() -> None:
     flat = top(0.4, "rectangle", (0.2, 0.12))
     flat[:, 2] += rng.normal(0.0, 0.005, len(flat))
     points, readings = voxels(flat)
-    box = to_top(standing(0.113, (0.2, 0.12), 0.4), points, readings, VOXEL_M)
+    box = to_top(standing(0.113, (0.2, 0.12), 0.4), points, readings, VOXEL_M, 0.001)
     assert box.size[2] == pytest.approx(0.1, abs=0.001)
     assert box.center[2] == pytest.approx(0.05, abs=0.001)
     dome = top(0.0, "disc", (0.2, 0.2))
     dome[:, 2] += 0.05 - 5.0 * ((dome[:, :2] - (0.313, 0.207)) ** 2).sum(1)
     points, readings = voxels(dome)
     around = standing(0.15, (0.2, 0.2), 0.0)
-    assert to_top(around, points, readings, VOXEL_M) is around
+    assert to_top(around, points, readings, VOXEL_M, 0.001) is around
+
+
+def test_a_bowl_keeps_its_rim() -> None:
+    inside, wall = top(0.0, "disc", (0.18, 0.18), 0.07), top(0.0, "disc", (0.2, 0.2), 0.1)
+    wall = wall[np.hypot(*(wall[:, :2] - (0.313, 0.207)).T) > 0.09]
+    points, readings = voxels(np.concatenate([inside, wall]))
+    around = standing(0.1, (0.2, 0.2), 0.0)
+    assert to_top(around, points, readings, VOXEL_M, 0.001) is around

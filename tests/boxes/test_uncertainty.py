@@ -31,8 +31,10 @@ def sure(
     pixel_m: float = PIXEL_M,
     box: Box = BOX,
     R_world_map: np.ndarray = np.eye(3),  # noqa: B008
+    level_sigma_m: tuple[float, float] = (np.nan, np.nan),
 ) -> Uncertainty:
-    return uncertainty_of(box, points, directions, noise_m, 0.8, pixel_m, VOXEL_M, rests=rests, R_world_map=R_world_map)
+    known = {"level_sigma_m": np.array(level_sigma_m), "rests": rests, "R_world_map": R_world_map}
+    return uncertainty_of(box, points, directions, noise_m, 0.8, pixel_m, VOXEL_M, **known)
 
 
 def test_from_above_only_the_top_is_seen_and_all_measures_are_known() -> None:
@@ -99,3 +101,16 @@ def test_a_turned_map_changes_nothing_in_the_world() -> None:
     straight = sure(TOP[:20], DOWN)
     assert turned.center_sigma_m == pytest.approx(straight.center_sigma_m)
     assert straight.center_sigma_m[0] != pytest.approx(straight.center_sigma_m[1], rel=0.1)
+
+
+def test_a_side_from_the_edges_of_the_top_is_as_sure_as_these() -> None:
+    found, by_depth = sure(TOP, DOWN, level_sigma_m=(0.001, np.nan)), sure(TOP, DOWN)
+    assert found.size_sigma_m[0] == pytest.approx(0.001, rel=0.05)
+    np.testing.assert_array_equal(found.size_sigma_m[1:], by_depth.size_sigma_m[1:])
+
+
+def test_a_rounded_top_widens_length_and_width() -> None:
+    rounded = TOP.copy()
+    inside = np.minimum(0.1 - np.abs(TOP[:, 0]), 0.07 - np.abs(TOP[:, 1]))
+    rounded[:, 2] -= np.maximum(0.0, 0.01 - inside) / 2.0
+    assert (sure(rounded, DOWN).size_sigma_m[:2] > 1.2 * sure(TOP, DOWN).size_sigma_m[:2]).all()

@@ -79,7 +79,9 @@ def test_the_first_reading_outwards_decides_what_borders_on_a_piece(seed: int) -
     depth, on = any_image(np.random.default_rng(seed))
     count, labels = numbered(depth, on)
     touches, others = np.empty((count, 3), np.int64), np.empty((count, kernel.KINDS), np.int64)
-    kernel.bounds(depth, on, labels, NOISE, JUMP_M, REACH, touches, others)
+    groups = np.empty(count, np.int64)
+    kernel.bounds(depth, on, labels, NOISE, JUMP_M, REACH, touches, others, groups)
+    joined = list(range(count))
     expected_touches, expected_others = np.zeros_like(touches), np.zeros_like(others)
     for v, u in np.argwhere(labels >= 0).tolist():
         z, piece = float(depth[v, u]), labels[v, u]
@@ -99,9 +101,13 @@ def test_the_first_reading_outwards_decides_what_borders_on_a_piece(seed: int) -
                         expected_touches[piece, on[there]] += 1
                     else:
                         expected_others[piece, kernel.CONTACT] += 1
+                        if labels[there] >= 0:
+                            pair = {joined[piece], joined[labels[there]]}
+                            joined = [min(pair) if one in pair else one for one in joined]
                     break
     assert (touches == expected_touches).all()
     assert (others == expected_others).all()
+    assert groups.tolist() == joined
 
 
 @given(st.integers(0, 10_000))

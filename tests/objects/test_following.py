@@ -27,7 +27,7 @@ FREE_X, AWAY = (-0.42, -0.21, 0.0, 0.21, 0.42), (0.0, 0.0, -5.0)
 class Stage:
     """A table with things before a camera that stands, or turns away; the tracker gets every n-th frame of 30 Hz."""
 
-    def __init__(self, places: list[int], every: int = 1) -> None:
+    def __init__(self, places: list[int], every: int = 3) -> None:
         self.every = every
         self.tracker, self.index, self.events = PosedTracker(CAMERA), 0, list[ObjectEvent]()
         self.camera = self.claimed = STANDING
@@ -75,7 +75,7 @@ class Stage:
         return here[0].label if here else None
 
 
-@pytest.mark.parametrize("every", [1, 2, 3, 6], ids=["30 Hz", "15 Hz", "10 Hz", "5 Hz"])
+@pytest.mark.parametrize("every", [1, 3, 6], ids=["30 Hz", "10 Hz", "5 Hz"])
 def test_a_thing_that_is_carried_keeps_its_label_on_the_way_and_is_told_to_have_moved(every: int) -> None:
     stage = Stage([0, 2], every)
     stage.show(frames=75)
@@ -120,7 +120,7 @@ def test_a_thing_that_is_put_back_has_not_moved() -> None:
 
 
 def test_a_thing_that_is_taken_away_is_gone_and_has_its_label_when_it_is_back() -> None:
-    stage = Stage([0, 2])
+    stage = Stage([0, 2], every=1)
     stage.tracker.use_detector(stage.mugs)
     stage.show(frames=75)
     label = stage.label_of(0)

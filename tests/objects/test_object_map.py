@@ -7,8 +7,10 @@ import pytest
 from made_maps import map_of, shell
 
 from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry.box import Box
-from cuboid.method.objects import object_map
+from cuboid.method.boxes.top_edges import Picture
+from cuboid.method.objects import fitting, object_map
 from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS, DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
 from cuboid.method.objects.association import Association
 from cuboid.method.objects.object_map import ObjectMap
@@ -70,3 +72,34 @@ def test_of_the_objects_of_a_frame_the_most_probable_one_has_the_first_label(mon
     confirmed = objects.record_seen(7, entries, lambda entry: entry is not entries[3])
     assert confirmed == [entries[1], entries[0]]
     assert [entry.label for entry in entries] == [2, 1, 0, 0]
+
+
+def test_few_objects_of_a_frame_are_measured_those_with_the_fewest_views_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    config, measured = TrackerConfig(), []
+
+    def nothing_clear(box: Box, picture: Picture, rim_m: float, steps_m: np.ndarray) -> np.ndarray:
+        assert picture.color.flags.c_contiguous
+        measured.append(round(float(box.center[0])))
+        return np.full(4, np.nan)
+
+    monkeypatch.setattr(fitting, "top_sides", nothing_clear)
+    objects = ObjectMap(config, map_of((shell((0.3, 0.4), (0.3, 0.4), (0.0, 0.16)), 1)), PlaneTracker(config))
+    entries = [objects.store.add(Box(np.array([float(k), 0.0, 0.08]), JAR, np.eye(3)), 0) for k in range(4)]
+    for entry in entries:
+        objects.store.confirm(entry)
+        entry.sightings = 4
+    objects.store.set_box(entries[0], entries[0].box, np.array([[0.1, 0.1, 1e-3, 1e-3]]))
+    match, none = np.arange(4), np.zeros((4, 4))
+    found = Association(entries, match, match - 9, none, np.ones(4), none.astype(np.int64), np.zeros(4, np.int64))
+    color = np.zeros((48, 64, 3), np.uint8)[..., ::-1]
+    picture = Picture(color, np.ones((48, 64), np.float32), Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48), np.eye(4), 1e-3)
+    for _ in range(3):
+        objects._measure(found, picture, new_viewpoint=True)
+        measured.append(-1)
+    assert measured == [1, 2, -1, 3, 0, -1, -1]
+    assert [len(entry.sides_m) for entry in entries] == [1, 0, 0, 0]
+    for entry in entries:
+        entry.sightings = 7
+    objects._measure(found, picture, new_viewpoint=False)
+    objects._measure(found, picture, new_viewpoint=False)
+    assert measured[7:] == [1, 2, 3], "a second view needs another viewpoint, or twice as many sightings"

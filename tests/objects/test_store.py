@@ -260,3 +260,24 @@ def test_a_state_keeps_the_objects_without_depth() -> None:
     assert [o.number for o in again.without_depth()] == [1, 2]
     assert [o.confirmed for o in again.without_depth()] == [False, True]
     assert without_depth(again, 0.0, 9).number == 3
+
+
+def test_measured_sides_follow_the_axes_of_a_new_box_and_a_box_that_only_moves() -> None:
+    store, c, s = store_of(1), np.cos(0.6), np.sin(0.6)
+    entry, views = store[1], np.array([[0.12, 0.1, 1e-3, 2e-3]])
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    store.confirm(entry)
+    store.set_box(entry, entry.box, views)
+    store.lift(entry)
+    store.move(entry, Box(entry.box.center, entry.box.size, turned), np.ones((3, 3), np.float32))
+    store.set_down(entry, entry.box)
+    np.testing.assert_array_equal(entry.sides_m, views)
+    store.set_box(entry, Box(entry.box.center, entry.box.size, turned @ quarter))
+    np.testing.assert_array_equal(entry.sides_m, views[:, [1, 0, 3, 2]])
+    entry.sightings = 9
+    store.count_measured(entry)
+    assert entry.measured == 9
+    store.set_down(entry, Box(entry.box.center, entry.box.size, np.eye(3)))
+    assert entry.sides_m.shape == (0, 4), "they are of other axes"
+    assert entry.measured == 0, "it is measured anew"

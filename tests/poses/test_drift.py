@@ -27,9 +27,23 @@ def run(world: World) -> tuple[DriftCorrection, list[np.ndarray]]:
     return correction, [correction.correct(frame, frame.T_world_camera) for frame in world.frames()]
 
 
+def as_read(T: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """Return how a pose reads whose file is in conventions that are taken for ours."""
+    back = {"wxyz": ("xyzw",)}
+    for name in reversed(names):
+        T = converted(T, back.get(name, (name,)))
+    return T
+
+
+CONVENTIONS = ("inverse", "opengl", "wxyz", "inverse,opengl", "wxyz,inverse")
+BODY = small_motion((0.05, 0.02, -0.03), (0.03, -0.05, 0.02))
+OTHERS = {name: World(given=[as_read(T, convention_names(name)) for T in TRUE]) for name in CONVENTIONS}
+OTHERS["another body"] = World(given=[T @ BODY for T in TRUE])
+
+
 @cache
 def run_of(name: str) -> tuple[DriftCorrection, list[np.ndarray]]:
-    return run((EXACT | DRIFTS)[name])
+    return run((EXACT | DRIFTS | OTHERS)[name])
 
 
 def off_m(found: list[np.ndarray]) -> np.ndarray:
@@ -53,28 +67,17 @@ def test_a_wrong_depth_scale_is_named(factor: float) -> None:
     assert correction.cause.scale == pytest.approx(factor, abs=0.002)
 
 
-@pytest.mark.parametrize("convention", ["inverse", "opengl", "wxyz", "inverse,opengl", "wxyz,inverse"])
+@pytest.mark.parametrize("convention", CONVENTIONS)
 def test_poses_in_another_convention_are_named_and_never_corrected(convention: str) -> None:
-    names = convention_names(convention)
-    given = [as_read(T, names) for T in TRUE]
-    correction, found = run(World(given=given))
+    correction, found = run_of(convention)
     assert (correction.proven_at, correction.withdrawn_at, correction.max_shift_m) == (None, None, 0.0)
-    assert all(T is as_given for T, as_given in zip(found, given, strict=True))
+    assert all(T is as_given for T, as_given in zip(found, OTHERS[convention].given, strict=True))
     assert correction.cause is not None
-    assert correction.cause.convention == names
-
-
-def as_read(T: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """Return how a pose reads whose file is in conventions that are taken for ours."""
-    back = {"wxyz": ("xyzw",)}
-    for name in reversed(names):
-        T = converted(T, back.get(name, (name,)))
-    return T
+    assert correction.cause.convention == convention_names(convention)
 
 
 def test_poses_of_another_body_than_the_camera_are_named() -> None:
-    body = small_motion((0.05, 0.02, -0.03), (0.03, -0.05, 0.02))
-    correction, _ = run(World(given=[T @ body for T in TRUE]))
+    correction, _ = run_of("another body")
     assert correction.proven_at is None
     assert correction.cause is not None
     assert correction.cause.offset is not None
@@ -125,6 +128,19 @@ def test_a_correction_that_does_not_hold_is_taken_back() -> None:
     assert off_m(found)[correction.withdrawn_at - FRAMES :].max() == 0.0
 
 
+def test_poses_of_a_run_are_corrected_once_they_have_proved_to_drift() -> None:
+    world, poses = DRIFTS["drift 2 mm"], CorrectedPoses(CAMERA)
+    found = [poses.locate(frame).T_world_camera for frame in world.frames()]
+    first = run_of("drift 2 mm")[0].proven_at
+    assert first is not None
+    assert all(T is given for T, given in zip(found[:first], world.given, strict=False))
+    assert not any(np.array_equal(T, given) for T, given in zip(found[first:], world.given[first:], strict=True))
+    assert off_m(found).mean() < 0.5 * off_m(world.given).mean()
+    assert off_m(found)[-10:].max() < 0.01 < off_m(world.given)[-10:].min()
+    (warning,) = poses.warnings()
+    assert warning.startswith(f"the given camera poses drift: from frame {first} on they are aligned")
+
+
 def test_a_run_says_how_many_moving_pixels_were_left_out() -> None:
     correction, _ = run_of("drift 2 mm")
     assert correction.left_out.frames == 0
@@ -138,29 +154,34 @@ def test_a_run_says_how_many_moving_pixels_were_left_out() -> None:
 
 
 def test_a_run_says_why_poses_do_not_fit() -> None:
-    def warnings(world: World, *, apply: bool = True) -> tuple[str, ...]:
-        poses = CorrectedPoses(CAMERA, apply=apply)
-        for frame in world.frames():
-            posed = poses.locate(frame)
-            assert apply or np.array_equal(posed.T_world_camera, frame.T_world_camera)
-        assert poses.origin == ("corrected" if apply else "given")
+    def said(poses: CorrectedPoses) -> tuple[str, ...]:
         return (*poses.warnings(), *(() if poses.misfit is None else (poses.misfit,)))
 
-    assert warnings(World()) == ()
-    (warning,) = warnings(DRIFTS["drift 2 mm"])
+    def warnings(name: str) -> tuple[str, ...]:
+        poses = CorrectedPoses(CAMERA)
+        assert poses.origin == "corrected"
+        poses._drift = run_of(name)[0]
+        return said(poses)
+
+    assert warnings("nothing wrong") == ()
+    (warning,) = warnings("drift 2 mm")
     assert re.fullmatch(
         r"the given camera poses drift: from frame \d+ on they are aligned to earlier frames, \d+ cm off at most",
         warning,
     )
-    (warning,) = warnings(DRIFTS["drift 2 mm"], apply=False)
+    unchanged = CorrectedPoses(CAMERA, apply=False)
+    assert unchanged.origin == "given"
+    for frame in DRIFTS["drift 2 mm"].frames():
+        np.testing.assert_array_equal(unchanged.locate(frame).T_world_camera, frame.T_world_camera)
+    (warning,) = said(unchanged)
     assert re.fullmatch(
         r"the given camera poses drift: from frame \d+ on they disagree .*; --poses corrected .*", warning
     )
-    (warning,) = warnings(EXACT["depth times 0.9"])
+    (warning,) = warnings("depth times 0.9")
     assert "the depth is 0.90 times what the poses say; --depth-scale" in warning
-    (warning,) = warnings(World(given=[T @ small_motion((0.05, 0.02, -0.03), (0.03, -0.05, 0.02)) for T in TRUE]))
+    (warning,) = warnings("another body")
     assert "another sensor than the camera" in warning
-    (warning,) = warnings(World(given=[np.linalg.inv(T) for T in TRUE]), apply=False)
+    (warning,) = warnings("inverse")
     assert warning.endswith("they agree with the frames; run again with --pose-convention inverse")
 
 

@@ -8,8 +8,8 @@ import resource
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -79,20 +79,32 @@ def run(words: Sequence[str], **options: Any) -> subprocess.CompletedProcess[str
     return subprocess.CompletedProcess(words, process.returncode, out, err)
 
 
-def run_here(*words: object) -> subprocess.CompletedProcess[str]:
-    """Run a cuboid command in this process, a second sooner than in its own."""
+def run_here(*words: object, tracker: type | None = FakeTracker) -> subprocess.CompletedProcess[str]:
+    """Run a cuboid command in this process, a second sooner than in its own; with the real tracker if it is None."""
     call = [str(word) for word in words]
     with (
         pytest.MonkeyPatch.context() as patched,
         redirect_stdout(StringIO()) as out,
         redirect_stderr(StringIO()) as err,
     ):
-        patched.setattr("cuboid.runs.pipeline.run._tracker", FakeTracker)
+        if tracker is not None:
+            patched.setattr("cuboid.runs.pipeline.run._tracker", tracker)
         try:
             status = main(call)
         except SystemExit as ended:
             status = int(str(ended.code))
     return subprocess.CompletedProcess(call, status, out.getvalue(), err.getvalue())
+
+
+@contextmanager
+def at_most(limit_bytes: int) -> Iterator[None]:
+    """Stand in for a full disk: no file of this process may grow beyond this."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def refused(done: subprocess.CompletedProcess[str]) -> str:

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from commands import refused, run
+from commands import refused, run, run_here
 
 from cuboid.ground.core.errors import CuboidError
 from cuboid.ground.core.threads import limit_threads
@@ -29,6 +29,11 @@ RESULTS = ("objects.json", "tracks.csv", "proposals.csv", "trajectory.txt", "map
 
 def command(*words: object) -> list[str]:
     return [sys.executable, "-m", "cuboid", *map(str, words)]
+
+
+def here(words: list[str]) -> subprocess.CompletedProcess[str]:
+    """Run a call in this process, which has the kernels of tracking loaded."""
+    return run_here(*words[3:], tracker=None)
 
 
 def track(recording: Path, out: Path, scene: Path, *words: object) -> list[str]:
@@ -48,7 +53,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def whole(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The results of a run without a scene."""
     out = tmp_path_factory.mktemp("whole") / "out"
-    done = run(command("track", recording, "--output", out, "--threads", 1))
+    done = here(command("track", recording, "--output", out, "--threads", 1))
     assert done.returncode == 0, done.stderr
     return results(out)
 
@@ -107,7 +112,7 @@ def test_killed_at_any_moment_a_run_goes_on_to_the_same_results(
             if runs:
                 words = track(recording, out, scene, "--commit-every", 0.05, "--resume")
         if not runs or not runs[-1].complete:
-            done = run([*words, "--force"])
+            done = here([*words, "--force"])
             assert done.returncode == 0, done.stderr
             resumed += "--resume" in words
         assert results(out) == whole
@@ -137,7 +142,7 @@ def test_others_read_while_one_writes(recording: Path, tmp_path: Path) -> None:
 def test_a_second_writer_is_refused(recording: Path, tmp_path: Path) -> None:
     scene = tmp_path / "s.cuboid"
     first = Writing(scene, create=True)
-    line = refused(run(track(recording, tmp_path / "out", scene)))
+    line = refused(here(track(recording, tmp_path / "out", scene)))
     assert "another program is writing this scene" in line
     assert not (tmp_path / "out").exists()
     first.close()
@@ -148,7 +153,7 @@ def test_a_full_disk_is_one_line_and_costs_only_what_was_not_saved(
     recording: Path, whole: dict[str, bytes], tmp_path: Path
 ) -> None:
     scene, out = tmp_path / "s.cuboid", tmp_path / "out"
-    assert run(track(recording, tmp_path / "whole", tmp_path / "w.cuboid")).returncode == 0
+    assert here(track(recording, tmp_path / "whole", tmp_path / "w.cuboid")).returncode == 0
     # Small: it is met by a commit, however few of these there are on a busy machine, before the results are.
     limit = (tmp_path / "w.cuboid").stat().st_size // 8
 
@@ -162,7 +167,7 @@ def test_a_full_disk_is_one_line_and_costs_only_what_was_not_saved(
     sound(scene)
     with Scene.open(scene) as opened:
         saved = bool(opened.recordings)
-    done = run([*words, "--resume"] if saved else words)
+    done = here([*words, "--resume"] if saved else words)
     assert done.returncode == 0, done.stderr
     assert results(out) == whole
 
@@ -170,15 +175,15 @@ def test_a_full_disk_is_one_line_and_costs_only_what_was_not_saved(
 def test_another_run_is_not_gone_on_with(recording: Path, tmp_path: Path) -> None:
     scene = tmp_path / "s.cuboid"
     words = track(recording, tmp_path / "out", scene)
-    assert "no recording was broken off" in refused(run([*words, "--resume"]))
+    assert "no recording was broken off" in refused(here([*words, "--resume"]))
     process = subprocess.Popen([*words, "--commit-every", "0.01"], stderr=subprocess.DEVNULL)
     while not scene.exists() or not any(one.frames_used for one in Scene.open(scene).recordings):
         time.sleep(0.02)
     process.kill()
     process.wait()
-    assert f"the run of {recording} was broken off before frame " in refused(run(words))
+    assert f"the run of {recording} was broken off before frame " in refused(here(words))
     assert len(Scene.open(scene).recordings) == 1
-    assert "the run was begun with every = 1, not 2" in refused(run([*words, "--resume", "--every", "2"]))
+    assert "the run was begun with every = 1, not 2" in refused(here([*words, "--resume", "--every", "2"]))
     moved = tmp_path / "moved"
     moved.symlink_to(recording)
-    assert run([*track(moved, tmp_path / "out", scene), "--resume"]).returncode == 0
+    assert here([*track(moved, tmp_path / "out", scene), "--resume"]).returncode == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -11,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from commands import TESTS, bound, command, contents, refused, run, run_here
+from commands import TESTS, at_most, bound, command, contents, refused, run, run_here
 
 from fakes import write_recording
 
@@ -25,18 +24,13 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def tracked(recording: Path) -> Path:
-    assert run(command("track", recording, "--output", recording.parent / "out")).returncode == 0
+    assert run_here("track", recording, "--output", recording.parent / "out").returncode == 0
     return recording.parent / "out"
 
 
 @pytest.fixture
 def results(tracked: Path, tmp_path: Path) -> Path:
     return shutil.copytree(tracked, tmp_path / "out")
-
-
-def at_most(limit_bytes: int) -> Callable[[], None]:
-    """Stand in for a full disk: no file of the process may grow beyond this."""
-    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limit_bytes))
 
 
 @pytest.mark.parametrize(
@@ -58,8 +52,9 @@ def test_a_full_disk_leaves_what_was_there(results: Path, recording: Path, words
     before = contents(results.parent)
     named = {"OUT": results, "RECORDING": recording, "OUT.json": results.parent / "out.json"}
     named |= {"OUT-ply": results.parent / "out-ply", "truth.json": results.parent / "truth.json"}
-    line = refused(run(command(*(named.get(word, word) for word in words)), preexec_fn=at_most(300)))
-    assert "cannot be written" in line
+    with at_most(300):
+        done = run_here(*(named.get(word, word) for word in words))
+    assert "cannot be written" in refused(done)
     assert contents(results.parent) == before
 
 

@@ -32,12 +32,11 @@ from made_answers import BEGIN_S, THINGS, into_scene, label_of, put_results, tra
 from made_place import BEGIN_S as PLACE_BEGIN_S
 from made_place import write_place
 
-# The recordings of the store, each with its begin in seconds; 0: without times.
+# The recordings of the store, each with its begin in seconds; 0: without times. The copy has the morning's results.
 RECORDINGS = {
     "morning": BEGIN_S,
-    "noon": BEGIN_S + 7200.0,
+    "copy": BEGIN_S,
     "evening": 0.0,
-    "night": 0.0,
     "yesterday": BEGIN_S - 86400.0,
 }
 # Conditions of where an object is.
@@ -83,10 +82,10 @@ class Made:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """The results of a morning; a scene of two days, the can away on the second; a store of five recordings."""
+    """The results of a morning; a scene of two days, the can away on the second; a store of four recordings."""
     folder = tmp_path_factory.mktemp("asked")
-    tracked = {name: track(folder, name, begin_s) for name, begin_s in RECORDINGS.items()}
-    morning = tracked["morning"]
+    tracked = {name: track(folder, name, RECORDINGS[name]) for name in ("morning", "evening", "yesterday")}
+    morning = tracked["copy"] = tracked["morning"]
     store, scene = str(folder / "store"), folder / "room.cuboid"
     into_scene(scene, BEGIN_S)
     labels = {name: label_of(open_results(morning).objects, name) for name in THINGS}
@@ -245,7 +244,7 @@ def test_a_scene_answers_for_its_last_visit(made: Made, question: Question, caps
 
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question.english)
 def test_a_store_answers_for_each_recording(made: Made, question: Question, capsys: pytest.CaptureFixture[str]) -> None:
-    recordings = ("morning", "noon") if "since" in question.asked else RECORDINGS
+    recordings = ("morning", "copy") if "since" in question.asked else RECORDINGS
     expected = {(one, made.labels[name]) for one in recordings for name in question.answer}
     app = store_application(made.store, token=None)
     for ask in (
@@ -280,7 +279,7 @@ def test_where_and_when_is_the_same_everywhere(made: Made, capsys: pytest.Captur
         assert row["camera_distance_m"] == pytest.approx(1.84, abs=0.01)
     days = {name: row["last_seen"] and str(row["last_seen"])[:10] for name, row in rows.items()}
     assert (days["morning"], days["yesterday"]) == ("2026-03-01", "2026-02-28")
-    assert days["evening"] is days["night"] is None, "no date of a file"
+    assert days["evening"] is None, "no date of a file"
     capsys.readouterr()
     assert main(["find", str(made.scene), "--last", "can"]) == 0
     assert "looked for and gone since recording 2, frame" in capsys.readouterr().out

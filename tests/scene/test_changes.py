@@ -97,6 +97,16 @@ def test_moved_gone_and_new(first: Path, moved: Path) -> None:
             scene.changes("yesterday")
 
 
+def test_results_of_an_earlier_recording_do_not_tell_how_sure_later_boxes_are(moved: Path, tmp_path: Path) -> None:
+    with Scene.open(moved) as scene:
+        for number in (1, 2):
+            scene.write_results(tmp_path / str(number), number)
+    earlier, last = (Results(tmp_path / name).found.objects for name in "12")
+    for item in earlier:
+        assert (item.size_sigma_m, item.center_sigma_m, item.sides_seen) == ((), (), ())
+    assert all(len(item.size_sigma_m) == 3 and item.sides_seen for item in last)
+
+
 def test_the_page_shows_what_changed(moved: Path, tmp_path: Path) -> None:
     with Scene.open(moved) as scene:
         one, two = (label_at_begin(scene, place[0]) for place in (ONE, TWO))

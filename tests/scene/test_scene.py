@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import json
 import re
 import shutil
 import sqlite3
@@ -59,6 +60,27 @@ def test_objects_are_told_where_they_stand(made: Path) -> None:
         picture = scene.picture(1)
         assert picture is not None
         assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).shape[2] == 3
+
+
+def test_objects_tell_how_sure_they_are(path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with Scene.open(path) as scene:
+        kept = {item.label: item for item in scene.objects}
+    for item in kept.values():
+        assert 0.001 < min(item.size_sigma_m) <= max(item.size_sigma_m) < 0.05
+        assert 0.0 < min(item.center_sigma_m) <= max(item.center_sigma_m) < 0.05
+        assert "+z" in item.sides_seen
+    assert cli.main(["find", str(path), "--json"]) == 0
+    found = json.loads(capfd.readouterr().out)["objects"]
+    assert all(0.001 < one["height_sigma_m"] < 0.05 for one in found)
+    assert [tuple(one["sides_seen"]) for one in found] == [kept[one["label"]].sides_seen for one in found]
+    with contextlib.closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("DELETE FROM scene WHERE key GLOB 'accuracy/*'")  # as in scenes of earlier versions
+    with Scene.open(path) as scene:
+        assert [item.size_sigma_m for item in scene.objects] == [(), ()]
+    with contextlib.closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("INSERT INTO scene VALUES ('accuracy/1/0', '0.1 0.1 +x')")
+    with Scene.open(path) as scene, pytest.raises(InputError, match="the accuracy of an object is damaged"):
+        scene.objects  # noqa: B018
 
 
 def test_the_history_of_an_object(made: Path) -> None:
@@ -164,6 +186,45 @@ def test_the_results_of_a_recording(path: Path, tmp_path: Path) -> None:
         (one.frame, label) for label, past in history.items() for one in past
     )
     assert len(results.map_points().xyz) > 1000
+
+
+def set_rig(path: Path, rig: object) -> None:
+    """Store settings of a rig with the recording of a scene."""
+    settings = json.dumps({"every": 1, "rig": rig})
+    with contextlib.closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE recordings SET settings = ?", (settings,))
+
+
+def test_a_recording_of_a_rig_may_be_long(path: Path, tmp_path: Path) -> None:
+    set_rig(path, {"cameras": ["left", "right"], "sequence": [k % 2 for k in range(4000)]})
+    assert problems(path) == []
+    assert rescue(path, tmp_path / "new.cuboid") == []
+    for scene_path in (path, tmp_path / "new.cuboid"):
+        with Scene.open(scene_path) as scene:
+            scene.write_results(tmp_path / scene_path.stem)
+        rows = Results(tmp_path / scene_path.stem).tracks
+        assert {row.camera for row in rows} == {"left", "right"}
+        assert all(row.camera == ("left", "right")[row.frame % 2] for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("rig", "says"),
+    [
+        ({"cameras": ["left", "right"], "sequence": [0, 1]}, "cameras for 2 frames, expected at least 16"),
+        (
+            {"cameras": ["left", "right"], "sequence": [2] * 16},
+            "of camera 2, the last camera of the rig is 1",
+        ),
+        ({"cameras": ["left", "right"], "sequence": [-1] * 16}, "expected"),
+        ({"sequence": [0] * 16}, "cameras"),
+        (None, "expected"),
+    ],
+)
+def test_frames_of_a_rig_without_a_camera_are_damaged(rig: object, says: str, path: Path, tmp_path: Path) -> None:
+    set_rig(path, rig)
+    with Scene.open(path) as scene, pytest.raises(InputError, match=rf"^[^\n]*settings is damaged: [^\n]*{says}"):
+        scene.write_results(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_other_files_are_refused_in_one_line(path: Path, tmp_path: Path) -> None:

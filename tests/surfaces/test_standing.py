@@ -63,3 +63,15 @@ def test_from_above_things_stand_on_the_area_that_surrounds_them() -> None:
     # A thing that the image border cuts off may be held there.
     beside = upright((0.0, 0.0), (0.2, 6.0, 0.2))
     assert areas(cast([table, beside], pose)[0].astype(np.float32)).evidence.sum() == 0.0
+
+
+def test_from_above_things_in_contact_are_surrounded_together() -> None:
+    pose = look_at((0.0, 1e-3, 1.0), (0, 0, 0))
+    table = upright((0, 0), (4.0, 4.0, 0.05), z=-0.05)
+    left, right = upright((-0.061, 0.0), (0.12, 0.2, 0.1)), upright((0.061, 0.0), (0.12, 0.2, 0.1))
+    depth_m, hit = cast([table, left, right], pose)
+    # the edges have no readings, as with stereo or time of flight
+    depth_m[:, 1:][hit[:, 1:] != hit[:, :-1]] = 0.0
+    depth_m[:, :-1][hit[:, 1:] != hit[:, :-1]] = 0.0
+    found = areas(depth_m.astype(np.float32))
+    assert found.evidence.max() > 0.5

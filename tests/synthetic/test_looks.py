@@ -64,11 +64,13 @@ def test_same_seed_same_bytes_in_style_real(tmp_path):
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
 
 
-@pytest.mark.parametrize("style", STYLES)
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_sensor_measures_every_kind(kind, style):
-    """Fill of the depth image and error against the true depth; the median error is below 6 cm."""
-    scene = make_scene(kind, 2, frames=2, style=style)
+def test_every_sensor_measures_every_kind(kind):
+    """Fill of the depth image and error against the true depth; the median error is below 6 cm.
+
+    Depth is the same in both styles, which another test asserts.
+    """
+    scene = make_scene(kind, 2, frames=2, style="real")
     view = SceneView(scene, scene.intrinsics(*SIZE))
     for sensor in SENSORS:
         rendered = view.render(1, sensor)

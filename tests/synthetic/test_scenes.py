@@ -22,7 +22,7 @@ def outlines(scene):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_objects_stand_on_their_surface_without_overlap(kind, seed):
     scene = make_scene(kind, seed, frames=30)
     assert len(scene.objects) >= (1 if kind == "alone" else 4)
@@ -40,7 +40,7 @@ def test_objects_stand_on_their_surface_without_overlap(kind, seed):
                 assert gap_m(plan[o.id], plan[other.id]) >= least
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_clutter_has_narrow_gaps_and_objects_that_touch(seed):
     scene = make_scene("clutter", seed, frames=10)
     plan = outlines(scene)

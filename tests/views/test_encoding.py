@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import resource
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -35,6 +36,15 @@ def write(writer: VideoWriter, frames: Iterable[UInt8Array]) -> None:
 def decode(path: Path) -> list[UInt8Array]:
     with av.open(str(path)) as container:
         return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+
+
+def open_files() -> list[str]:
+    """Return the paths of the files that this process has open."""
+    found = []
+    for entry in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(OSError):  # the folder itself, which is closed
+            found.append(str(entry.readlink()))
+    return found
 
 
 def boxes_of(path: Path) -> list[str]:
@@ -147,6 +157,20 @@ class TestAnyWriter:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
         assert "\n" not in str(raised.value)
         assert list(tmp_path.iterdir()) == []
+        assert not [path for path in open_files() if path.startswith(str(tmp_path))]
+
+
+@pytest.mark.parametrize("limit", [0, 40, 4096, 5000])
+def test_no_file_stays_open_on_a_full_disk(tmp_path: Path, limit: int) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (4, 240, 320, 3)).astype(np.uint8)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
+    try:
+        with pytest.raises(OutputError, match=r"a\.mp4: cannot be written"):
+            write(Mp4Writer(tmp_path / "a.mp4", 30.0), list(noise))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not [path for path in open_files() if path.startswith(str(tmp_path))]
 
 
 def test_a_gif_is_small_short_and_repeats(tmp_path: Path) -> None:

@@ -146,6 +146,20 @@ def test_a_moment_of_a_rig_has_the_last_picture_of_each_camera() -> None:
     assert shown()[0] == {**left, "ended": True}  # its last picture stays
 
 
+def test_a_camera_with_long_intervals_has_ended_after_three_of_them() -> None:
+    run = Run(LiveView())
+    times = [(name, time_s) for time_s in (0.0, 3.0) for name in ("left", "right")] + [("left", 6.0), ("left", 12.1)]
+    ended = []
+    for index, (name, time_s) in enumerate(times):
+        frame = replace(run.recording.read(index), timestamp_s=time_s, camera=RigCamera(name, INTRINSICS))
+        run.view(frame, run.tracker.update(frame), run.tracker)
+        run.view._take_moment()
+        moment = run.view.moment_after(0, 0.0)
+        assert moment is not None
+        ended.append([one.ended for one in moment.cameras])
+    assert ended[-2:] == [[False, False], [False, True]]
+
+
 def test_a_moment_says_what_the_tracker_knew_then(server: LiveServer) -> None:
     run = Run(server.view)
     run.step()

@@ -9,6 +9,7 @@ import os
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -116,14 +117,34 @@ def measured(page: Page) -> dict[str, Any]:
     return page.evaluate(MEASURE)  # type: ignore[no-any-return]
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("name", PAGES)
-def test_nothing_overflows_and_fingers_hit(
-    opened: dict[str, Watched], name: str, size: tuple[int, int], tmp_path: Path
-) -> None:
+@dataclass(frozen=True)
+class Shown:
+    """A page at one size, and what was measured there."""
+
+    name: str
+    size: tuple[int, int]
+    page: Page
+    found: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def shown(request: pytest.FixtureRequest, opened: dict[str, Watched]) -> Shown:
+    name, size = request.param
     page = opened[name].page
     resize(page, size)
-    found = measured(page)
+    return Shown(name, size, page, measured(page))
+
+
+def at_all_sizes(*names: str) -> pytest.MarkDecorator:
+    """Run a test with these pages at all sizes; all tests of a page at a size follow each other."""
+    pairs = [(name, size) for name in names for size in SIZES]
+    ids = [f"{name}-{size[0]}" for name, size in pairs]
+    return pytest.mark.parametrize("shown", pairs, ids=ids, indirect=True, scope="module")
+
+
+@at_all_sizes(*PAGES)
+def test_nothing_overflows_and_fingers_hit(shown: Shown, opened: dict[str, Watched], tmp_path: Path) -> None:
+    name, size, page, found = shown.name, shown.size, shown.page, shown.found
     assert found["width"] <= size[0]
     assert found["sideways"] == []
     for target in found["targets"]:
@@ -138,13 +159,9 @@ def test_nothing_overflows_and_fingers_hit(
     assert opened[name].complaints == []
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("name", ["report", "view"])
-def test_all_labels_show_at_the_start(opened: dict[str, Watched], name: str, size: tuple[int, int]) -> None:
-    page = opened[name].page
-    resize(page, size)
-    found = measured(page)
-    tags, view = found["tags"], found["view"]
+@at_all_sizes("report", "view")
+def test_all_labels_show_at_the_start(shown: Shown) -> None:
+    tags, view = shown.found["tags"], shown.found["view"]
     assert len(tags) == COUNT
     for tag in tags:
         assert not tag["dot"], tag
@@ -152,30 +169,27 @@ def test_all_labels_show_at_the_start(opened: dict[str, Watched], name: str, siz
         assert view["top"] <= tag["top"] < tag["bottom"] <= view["bottom"], tag
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_the_tables_of_the_second_tab_fit(opened: dict[str, Watched], size: tuple[int, int]) -> None:
-    page = opened["report"].page
-    resize(page, size)
+@at_all_sizes("report")
+def test_the_tables_of_the_second_tab_fit(shown: Shown) -> None:
+    page = shown.page
     page.click("#tab-run")
     try:
         found = measured(page)
-        assert found["width"] <= size[0]
+        assert found["width"] <= shown.size[0]
         assert found["sideways"] == []
     finally:
         page.click("#tab-scene")
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("name", ["view", "live"])
-def test_the_picture_fills_its_part(opened: dict[str, Watched], name: str, size: tuple[int, int]) -> None:
-    page = opened[name].page
-    resize(page, size)
-    part, image = (page.locator(which).bounding_box() for which in ("#picture", "#frame-picture"))
+@at_all_sizes("view", "live")
+def test_the_picture_fills_its_part(shown: Shown) -> None:
+    page = shown.page
+    part, image = (page.locator(which).bounding_box() for which in ("#picture", "#picture .framed img"))
     assert part is not None
     assert image is not None
     assert image["width"] == pytest.approx(part["width"], abs=2)
     assert image["height"] == pytest.approx(part["height"], abs=2)
-    ratio = page.locator("#frame-picture").evaluate("image => image.naturalWidth / image.naturalHeight")
+    ratio = page.locator("#picture .framed img").evaluate("image => image.naturalWidth / image.naturalHeight")
     assert image["width"] / image["height"] == pytest.approx(ratio, rel=0.01)
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from playwright.sync_api import Browser
 
 from browser import Watched, browser, pixels
 from cuboid.cli import serving, view
@@ -41,6 +42,12 @@ STRIP_PX = 24
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_results(tmp_path_factory.mktemp("view"))
+
+
+@pytest.fixture(scope="module")
+def launched() -> Iterator[Browser]:
+    with browser() as found:
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -172,42 +179,43 @@ def test_the_command_says_where_and_ends_with_ctrl_c(results: Path) -> None:
     assert (process.returncode, out, err) == (0, "ended\n", "")
 
 
-def test_image_and_map_are_side_by_side_and_one_slider_moves_both(server: ThreadingHTTPServer) -> None:
-    with browser() as launched:
-        watched = Watched(launched)
-        page = watched.page
-        watched.open(f"http://localhost:{server.server_port}/")
-        assert page.inner_text("#frame-number") == "frame 35"  # the first that shows all three objects
-        image, canvas = page.locator("#frame-picture"), page.locator("#canvas")
-        places = [image.bounding_box(), canvas.bounding_box()]
-        assert places[0] is not None
-        assert places[1] is not None
-        assert places[1]["x"] + places[1]["width"] <= places[0]["x"] + 1
-        before = pixels(canvas).astype(int)
-        page.locator("#slider").focus()
-        page.keyboard.press("Home")
-        page.wait_for_function("document.getElementById('frame-picture').src.endsWith('/frame/0.jpg?what=boxes')")
-        image.evaluate("image => image.decode()")
-        middle = pixels(image)
-        middle = middle[middle.shape[0] // 2, middle.shape[1] // 2]
-        assert np.abs(middle.astype(int) - (0, 100, 200)).max() < 8
-        assert np.abs(pixels(canvas) - before).max() > 60  # the boxes are not known yet, the camera is elsewhere
-        page.keyboard.press("End")
-        page.click('.object[data-label="2"]')
-        outline = page.locator("#frame-outline .edge").bounding_box()
-        shown = image.bounding_box()
-        assert outline is not None
-        assert shown is not None
-        assert shown["x"] <= outline["x"] < outline["x"] + outline["width"] <= shown["x"] + shown["width"]
-        assert outline["width"] > 10
-        page.click("#card .close")
-        with page.expect_response(lambda answer: "what=depth" in answer.url) as asked:
-            page.click('[data-kind="depth"]')
-        assert asked.value.ok
-        assert watched.complaints == []
-        assert {address.split("/frame/")[0].rstrip("/") for address in watched.requests} == {
-            f"http://localhost:{server.server_port}"
-        }
+def test_image_and_map_are_side_by_side_and_one_slider_moves_both(
+    launched: Browser, server: ThreadingHTTPServer
+) -> None:
+    watched = Watched(launched)
+    page = watched.page
+    watched.open(f"http://localhost:{server.server_port}/")
+    assert page.inner_text("#frame-number") == "frame 35"  # the first that shows all three objects
+    image, canvas = page.locator("#frame-picture"), page.locator("#canvas")
+    places = [image.bounding_box(), canvas.bounding_box()]
+    assert places[0] is not None
+    assert places[1] is not None
+    assert places[1]["x"] + places[1]["width"] <= places[0]["x"] + 1
+    before = pixels(canvas).astype(int)
+    page.locator("#slider").focus()
+    page.keyboard.press("Home")
+    page.wait_for_function("document.getElementById('frame-picture').src.endsWith('/frame/0.jpg?what=boxes')")
+    image.evaluate("image => image.decode()")
+    middle = pixels(image)
+    middle = middle[middle.shape[0] // 2, middle.shape[1] // 2]
+    assert np.abs(middle.astype(int) - (0, 100, 200)).max() < 8
+    assert np.abs(pixels(canvas) - before).max() > 60  # the boxes are not known yet, the camera is elsewhere
+    page.keyboard.press("End")
+    page.click('.object[data-label="2"]')
+    outline = page.locator("#frame-outline .edge").bounding_box()
+    shown = image.bounding_box()
+    assert outline is not None
+    assert shown is not None
+    assert shown["x"] <= outline["x"] < outline["x"] + outline["width"] <= shown["x"] + shown["width"]
+    assert outline["width"] > 10
+    page.click("#card .close")
+    with page.expect_response(lambda answer: "what=depth" in answer.url) as asked:
+        page.click('[data-kind="depth"]')
+    assert asked.value.ok
+    assert watched.complaints == []
+    assert {address.split("/frame/")[0].rstrip("/") for address in watched.requests} == {
+        f"http://localhost:{server.server_port}"
+    }
 
 
 NAMED = (200, '{"name": "milk <b>carton", "name_score": null, "names": []}')
@@ -275,41 +283,38 @@ def test_what_is_no_name_changes_nothing(
     assert (own_results / "objects.json").read_bytes() == before
 
 
-def test_a_name_is_given_in_the_page(own_server: ThreadingHTTPServer, own_results: Path) -> None:
-    with browser() as launched:
-        watched = Watched(launched)
-        page = watched.page
-        watched.open(f"http://localhost:{own_server.server_port}/")
-        page.click('.object[data-label="2"]')
-        with page.expect_response(lambda answer: "names=1" in answer.url):  # the picture with the name in it
-            page.fill("#name", "milk carton")
-            page.keyboard.press("Enter")
-        page.wait_for_function(
-            "document.querySelector('.object[data-label=\"2\"] .chip').textContent === '#2 milk carton'"
-        )
-        for place in ("#card .chip", '#tags [data-label="2"]'):
-            assert page.locator(place).get_attribute("title") == "#2 milk carton"
-        assert page.locator('#plot [data-row="2"] .name').evaluate("text => text.textContent").startswith("#2 milk")
-        assert Results(own_results).found.objects[1].name == "milk carton"
-        assert page.input_value("#name") == "milk carton"
-        page.click('.object[data-label="1"]')
-        assert page.input_value("#name") == ""
-        page.fill("#name", "cup")
-        (own_results / "objects.json").unlink()
+def test_a_name_is_given_in_the_page(launched: Browser, own_server: ThreadingHTTPServer, own_results: Path) -> None:
+    watched = Watched(launched)
+    page = watched.page
+    watched.open(f"http://localhost:{own_server.server_port}/")
+    page.click('.object[data-label="2"]')
+    with page.expect_response(lambda answer: "names=1" in answer.url):  # the picture with the name in it
+        page.fill("#name", "milk carton")
         page.keyboard.press("Enter")
-        page.wait_for_selector("#card .note.bad:visible")
-        assert "objects.json" in page.inner_text("#card .note")
-        assert page.inner_text("#card .chip") == "#1"
-        page.close()
+    page.wait_for_function("document.querySelector('.object[data-label=\"2\"] .chip').textContent === '#2 milk carton'")
+    for place in ("#card .chip", '#tags [data-label="2"]'):
+        assert page.locator(place).get_attribute("title") == "#2 milk carton"
+    assert page.locator('#plot [data-row="2"] .name').evaluate("text => text.textContent").startswith("#2 milk")
+    assert Results(own_results).found.objects[1].name == "milk carton"
+    assert page.input_value("#name") == "milk carton"
+    page.click('.object[data-label="1"]')
+    assert page.input_value("#name") == ""
+    page.fill("#name", "cup")
+    (own_results / "objects.json").unlink()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#card .note.bad:visible")
+    assert "objects.json" in page.inner_text("#card .note")
+    assert page.inner_text("#card .chip") == "#1"
+    page.close()
 
 
-def test_without_its_given_name_an_object_has_its_class_again(own_results: Path) -> None:
+def test_without_its_given_name_an_object_has_its_class_again(launched: Browser, own_results: Path) -> None:
     document = json.loads((own_results / "objects.json").read_text())
     document["objects"][1] |= {"name": "bottle", "name_score": 0.87, "names": [["can", 0.1]]}
     (own_results / "objects.json").write_text(json.dumps(document))
     replay = Replay(own_results)
     viewer = Viewer(own_results, replay, replay.recording)
-    with make_server(viewer) as server, browser() as launched:
+    with make_server(viewer) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         watched = Watched(launched)
@@ -333,14 +338,14 @@ def test_without_its_given_name_an_object_has_its_class_again(own_results: Path)
     assert (found.name, found.name_score) == ("bottle", 0.87)
 
 
-def test_a_text_ranks_the_list(own_results: Path, tmp_path: Path) -> None:
+def test_a_text_ranks_the_list(launched: Browser, own_results: Path, tmp_path: Path) -> None:
     pytest.importorskip("tokenizers")
     model = TextModel(made_text_model(tmp_path / "model"))
     vectors = {k: model.query(text).vector for k, text in ((1, "red"), (2, "green"), (3, "blue"))}
     (own_results / "embeddings.npz").write_bytes(Embeddings(model.identity, vectors).content())
     results, replay = Results(own_results), Replay(own_results)
     viewer = Viewer(own_results, replay, replay.recording, find=partial(results.find, model=model))
-    with make_server(viewer) as server, browser() as launched:
+    with make_server(viewer) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         status, said = post(server, "/text", {"text": "blue"})

@@ -12,10 +12,13 @@ from cuboid.method.boxes.fit import plane_axes
 from cuboid.method.boxes.kernels.shifts import shift_means
 from cuboid.method.boxes.quantiles import quantile
 
+# Smallest noise of a thick surface, voxels: two standard deviations are a voxel.
+THICK_VOXELS = 0.5
+
 
 def is_thick(noise_m: float, voxel_m: float) -> bool:
     """Return whether noise of this standard deviation makes surfaces thicker than a voxel, as for distant objects."""
-    return 2.0 * noise_m >= voxel_m
+    return noise_m >= THICK_VOXELS * voxel_m
 
 
 def denoised(

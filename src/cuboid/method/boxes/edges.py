@@ -14,10 +14,13 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.faces import lengthwise
+from cuboid.method.boxes.quantiles import quantile
 
 # Smallest cosine between up and the direction to a camera that sees an object from above, 30 degrees: sides are then
 # seen so obliquely that the edges of the top are more exact.
 FROM_ABOVE = 0.866
+# Smallest cosine of this angle at which the top is seen well enough to give its height, 60 degrees.
+TOP_SEEN = 0.5
 # A side is a seen face, and not only an edge of the top, if this fraction of the readings near it lie below the top
 # layer.
 FACE_FRACTION = 0.3
@@ -27,8 +30,11 @@ TOP_VOXELS = 1.5
 TOP_THICK_VOXELS = 4.0
 # The middle of a top is this fraction of its core, per side: half of the area.
 MIDDLE_FRACTION = 0.7
-# The heights of middle and border of a flat top differ by less than this, metres: systematic errors of depth.
+# The heights of the parts of a flat top differ by less than this beyond noise, metres: systematic errors of
+# depth.
 FLAT_M = 0.002
+# This quantile of heights tells how high the readings of a part of the top reach, at the same noise.
+HIGH = 0.9
 # The core of a top begins this far inside its edges, voxels, and is at least as wide: its density needs full voxels.
 INSIDE_VOXELS, CORE_VOXELS = 1.0, 1.0
 # Mean distance of the outermost points from an edge, voxels: the point of a voxel that is filled to a fraction f,
@@ -43,26 +49,33 @@ AREA_TOLERANCE = 0.1
 ROUND_VOXELS = 1.0
 
 
-def to_top(box: Box, points: Float64Array, readings: Float64Array, voxel_m: float) -> Box:
+def to_top(box: Box, points: Float64Array, readings: Float64Array, voxel_m: float, noise_m: float) -> Box:
     """Return a box whose top lies in the middle of its flat top face, however thick the noise makes that face.
 
-    Above the core of the footprint all readings show the top: their mean height is that of the face. A top whose middle
-    and border differ in height is not flat, and stays.
+    Above the core of the footprint all readings show the top: their mean height is that of the face. A top whose parts
+    differ in height by more than noise is not flat, and stays, as does a hollow one with a higher rim.
 
-    Parameters are those of `to_edges`.
+    Parameters are those of `to_edges`, and the standard deviation of the points, metres.
     """
     local, half = (points - box.center) @ box.rotation, box.size / 2.0
     core = half[:2] - INSIDE_VOXELS * voxel_m
     if (2.0 * core < CORE_VOXELS * voxel_m).any():
         return box
     out = (np.abs(local[:, :2]) / core).max(1)
-    near = (out < 1.0) & (local[:, 2] > half[2] - min(TOP_THICK_VOXELS * voxel_m, half[2]))
+    layer = local[:, 2] > half[2] - min(TOP_THICK_VOXELS * voxel_m, box.size[2])
+    near, rim = layer & (out < 1.0), layer & (out >= 1.0)
+    weight = readings * near
+    # The middle, the border, and the halves towards each side.
     middle = near & (out < MIDDLE_FRACTION)
-    weight, border = readings * near, near & ~middle
-    if not (readings[middle].sum() > 0.0 and readings[border].sum() > 0.0):
+    halves = [near & (sign * local[:, axis] > 0.0) for axis in (0, 1) for sign in (1.0, -1.0)]
+    parts = [middle, near & ~middle, *halves]
+    if not all(readings[part].sum() > 0.0 for part in parts):
         return box
-    heights = [float(np.average(local[part, 2], weights=readings[part])) for part in (middle, border)]
-    if abs(heights[0] - heights[1]) > FLAT_M:
+    heights = [float(np.average(local[part, 2], weights=readings[part])) for part in parts]
+    if np.ptp(heights) > FLAT_M + noise_m:
+        return box
+    highest = [quantile(local[part, 2], HIGH) for part in (near, rim) if part.any()]
+    if highest[0] < highest[-1] - FLAT_M - noise_m:
         return box
     moved_m = min(0.0, float(weight @ local[:, 2]) / float(weight.sum()) - half[2])
     return Box(box.center + moved_m / 2.0 * box.up, box.size + np.array([0.0, 0.0, moved_m]), box.rotation)

@@ -20,6 +20,7 @@ from cuboid.ground.core.tolerances import MIN_READINGS, MIN_SIGMA_M
 from cuboid.ground.core.values import SideName
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.edges import FROM_ABOVE
+from cuboid.method.boxes.rims import LOWER_RIM, rim_drop_m
 
 # The sides of a box in the order of all arrays here, and their outward normals in the axes of the box.
 SIDES: tuple[SideName, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -75,6 +76,7 @@ def uncertainty_of(
     pixel_m: float,
     voxel_m: float,
     *,
+    level_sigma_m: Float64Array,
     rests: bool,
     R_world_map: Float64Array,
 ) -> Uncertainty:
@@ -95,6 +97,8 @@ def uncertainty_of(
         Width of a pixel of the working image at this distance, metres.
     voxel_m : float
         Edge of a voxel, metres.
+    level_sigma_m : (2,) float64
+        Standard deviations of length and width from the edges of its top, metres; NaN if they are not known from these.
     rests : bool
         Whether a supporting plane is known beneath it.
     R_world_map : (3, 3) float64
@@ -123,7 +127,11 @@ def uncertainty_of(
     pairs, moving = sigma.reshape(3, 2), (sigma * edges).reshape(3, 2)
     # Errors of two edges have the same sign, so that they add up in the length; all others are independent.
     together_m2 = 2.0 * moving.prod(1)
-    size_m = np.sqrt((pairs**2).sum(1) + together_m2 + (SCALE_FRACTION * box.size) ** 2)
+    size_m2 = (pairs**2).sum(1) + together_m2
+    # The outline of a rounded object is wider than what depth shows of it, by up to a voxel.
+    size_m2[:2] += min(LOWER_RIM * rim_drop_m(box, points, voxel_m), voxel_m) ** 2
+    size_m2[:2] = np.where(np.isnan(level_sigma_m), size_m2[:2], level_sigma_m**2)
+    size_m = np.sqrt(size_m2 + (SCALE_FRACTION * box.size) ** 2)
     along_m = np.sqrt((pairs**2).sum(1) / 4.0 + (SCALE_FRACTION * distance_m) ** 2)
     return Uncertainty(size_m, np.sqrt((R_world_map @ box.rotation) ** 2 @ along_m**2), tuple(seen))
 

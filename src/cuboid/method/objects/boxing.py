@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.core.tolerances import SIGMAS
 from cuboid.ground.geometry.box import Box
-from cuboid.method.boxes.denoising import denoised, is_thick
-from cuboid.method.boxes.edges import FROM_ABOVE, to_edges, to_top
+from cuboid.method.boxes.denoising import THICK_VOXELS, denoised, is_thick
+from cuboid.method.boxes.edges import FROM_ABOVE, TOP_SEEN, to_edges, to_top
 from cuboid.method.boxes.faces import to_faces
 from cuboid.method.boxes.fit import fit_box
 from cuboid.method.boxes.hidden import as_deep_as_wide, is_clear_of, is_unseen_beyond, with_hidden
@@ -104,9 +105,9 @@ class Boxing:
             and is_unseen_beyond(round_box, box, *plane, self._voxels)
         ):
             round_box = to_faces(round_box, points, trust, noise_m, top_alone=True)
-            return self._to_tops(round_box, points, readings, eye)
+            return self._to_tops(round_box, points, readings, noise_m, eye)
         box = to_faces(box, points, trust, noise_m, top_alone=False)
-        box = self._to_tops(box, points, readings, eye)
+        box = self._to_tops(box, points, readings, noise_m, eye)
         return with_hidden(box, points, *plane, others, self._voxels)
 
     def _standing(self, points: Float64Array, trust: Float64Array, plane: Plane) -> Box:
@@ -118,15 +119,22 @@ class Boxing:
         part = fit_box(points, *plane, STRAY_FRACTION, trust, discs=False)
         return box if is_unseen_beyond(box, part, *plane, self._voxels) else part
 
-    def _to_tops(self, box: Box, points: Float64Array, readings: Float64Array, eye: Float64Array | None) -> Box:
-        """Return a box that ends at the seen top and at its edges, if the camera sees it from above."""
+    def _to_tops(
+        self, box: Box, points: Float64Array, readings: Float64Array, noise_m: float, eye: Float64Array | None
+    ) -> Box:
+        """Return a box that ends at the seen top, and at its edges if the camera sees it from straight above."""
         if eye is None:
             return box
         ray = eye - box.center
-        if float(ray @ box.up) < FROM_ABOVE * math.sqrt(ray @ ray):
+        facing = float(ray @ box.up) / max(math.sqrt(ray @ ray), 1e-9)
+        if facing < TOP_SEEN:
             return box
-        box = to_top(box, points, readings, self._voxels.voxel_m)
-        return to_edges(box, points, readings, self._voxels.voxel_m)
+        voxel_m = self._voxels.voxel_m
+        found = to_top(box, points, readings, voxel_m, noise_m)
+        if facing >= FROM_ABOVE:
+            return to_edges(found, points, readings, voxel_m)
+        # Seen obliquely, the inside of a mug may look like a flat top, but a lower one than noise explains.
+        return found if box.size[2] - found.size[2] <= SIGMAS * THICK_VOXELS * voxel_m else box
 
     def _trust(self, rows: Rows) -> tuple[Float64Array, Float64Array, float]:
         """Return of voxels the weights (N,), the numbers of readings (N,), and the noise of the positions, metres."""

@@ -138,6 +138,11 @@ class MapObject(ObjectRecord):
         Area of its points over the area of its box at the last fit.
     noise_m : float
         Standard deviation of its points at the last fit, metres.
+    sides_m : (V, 4) float64
+        Its length and width, and their standard deviations, metres, in the most exact of the views that showed edges
+        of its top; NaN where one of both was not clear; see `measured_sides`.
+    measured : int
+        Number of sightings when the edges of its top were last looked for.
     holder : int
         Number of the object that it is attached to, if nothing supported it from below at the last fit; 0: none.
     moved : bool
@@ -168,6 +173,8 @@ class MapObject(ObjectRecord):
     continuing: int = field(default_factory=int, metadata=ADDED)
     filled: float = field(default_factory=float, metadata=ADDED)
     noise_m: float = field(default_factory=float, metadata=ADDED)
+    sides_m: Float64Array = field(default_factory=lambda: np.zeros((0, 4)), metadata=ADDED)
+    measured: int = field(default_factory=int, metadata=ADDED)
     holder: int = 0
     moved: bool = field(default_factory=bool, metadata=ADDED)
     doubt: float = field(default_factory=float, metadata=ADDED)

@@ -15,6 +15,9 @@ from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import iou_matrix
 from cuboid.method.boxes.fit import fit_box
 from cuboid.method.boxes.hidden import with_hidden_foot
+from cuboid.method.boxes.measured_sides import along_axes, still_valid, with_sides, with_view
+from cuboid.method.boxes.rims import rim_drop_m, steps_m
+from cuboid.method.boxes.top_edges import Picture, top_sides
 from cuboid.method.heatmap.stored_points import Rows
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.affinity import SAME_LOG_ODDS
@@ -100,6 +103,17 @@ class Fitting:
         for entry in confirmed + candidates:
             self.fit(entry, eye)
 
+    def measure(self, entries: Sequence[MapObject], picture: Picture) -> None:
+        """Find the sides of objects in a frame that shows them, by the edges of their tops."""
+        for entry in entries:
+            seen = entry.box, entry.points, self._voxels.voxel_m
+            view_m = top_sides(entry.box, picture, rim_drop_m(*seen), steps_m(*seen))
+            sides_m = with_view(entry.sides_m, view_m)
+            self._store.count_measured(entry)
+            if sides_m is not entry.sides_m:
+                box = with_sides(entry.box, sides_m, self._voxels.voxel_m)
+                self._store.set_box(entry, box, along_axes(sides_m, entry.box, box))
+
     def fit(self, entry: MapObject, eye: Float64Array | None = None) -> None:
         """Fit the box of an object; retire it if it has too few voxels, or if it has grown too large.
 
@@ -124,6 +138,8 @@ class Fitting:
             # A floating object may stand on a plane that was not known yet: estimate its support again from later
             # sightings.
             supports = {plane.identity: 1}
+        sides_m = still_valid(entry.sides_m, entry.box, box, self._voxels.voxel_m)
+        fitted, box = box, with_sides(box, sides_m, self._voxels.voxel_m)
         self._store.fit(
             entry,
             box,
@@ -137,6 +153,7 @@ class Fitting:
                 (points - seen_box.center) @ seen_box.rotation, seen_box.size, 2.0 * self._voxels.voxel_m
             ),
             noise_m=noise_m,
+            sides_m=along_axes(sides_m, fitted, box),
         )
         neighbours = self._store.neighbours(entry)
         self._add_coincidences(entry, neighbours)
@@ -150,7 +167,7 @@ class Fitting:
         supports_plane = self._supports_plane(entry) or encloses(entry, separate, self._voxels.voxel_m)
         continuing = self._continuing_sides(entry, labelled)
         if plane is not None and continuing < STRUCTURE_SIDES and not supports_plane and not holder:
-            self._store.place(entry, self._with_seat(entry, seen_box, plane, neighbours))
+            self._store.set_box(entry, self._with_seat(entry, seen_box, plane, neighbours))
         # Regardless of its outline: an object that supports a plane, or encloses others, at two successive fits is
         # furniture.
         furniture = entry.confirmed and entry.supports_plane and supports_plane

@@ -102,16 +102,18 @@ def _pieces(
     on: npt.NDArray[np.int8],
     jump_m: float,
     config: TrackerConfig,
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the regions off all areas (H, W), and what borders on each: areas (N, planes) and others (N, KINDS).
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the regions off all areas (H, W), what borders on each, and the groups of regions in contact (N,).
 
-    Depth differences above `jump_m`, metres, and the noise separate regions.
+    Areas (N, planes) and other things (N, KINDS) may border on a region; see `kernels.standing.bounds`. Depth
+    differences above `jump_m`, metres, and the noise separate regions.
     """
     noise, labels = config.depth_noise_per_m, np.empty(depth_m.shape, np.int32)
     count = kernel.label_pieces(depth_m, on, noise, jump_m, labels, np.empty((depth_m.size, 2), np.int32))
     touches, others = np.empty((count, planes), np.int64), np.empty((count, kernel.KINDS), np.int64)
-    kernel.bounds(depth_m, on, labels, noise, jump_m, GAP_M * camera.fx, touches, others)
-    return labels, touches, others
+    groups = np.empty(count, np.int64)
+    kernel.bounds(depth_m, on, labels, noise, jump_m, GAP_M * camera.fx, touches, others, groups)
+    return labels, touches, others, groups
 
 
 def _standing_readings(
@@ -134,7 +136,7 @@ def _standing_readings(
     small : (P,) bool
         Areas that are treated as faces of objects.
     """
-    labels, touches, others = _pieces(depth_m, camera, len(planes), _faces_as_surface(on, small), JUMP_M, config)
+    labels, touches, others, _ = _pieces(depth_m, camera, len(planes), _faces_as_surface(on, small), JUMP_M, config)
     return _weighted_readings(depth_m, camera, planes, labels, *_clearness(touches, others), config)
 
 
@@ -150,12 +152,16 @@ def _surrounded_readings(
 
     An object stands on the area behind it if no other surface borders on it, unless the area is visible beneath its
     middle: then it hangs. From above, an object hides its foot, and depth jumps separate its parts, such as the cap and
-    the shoulder of a bottle: a region continues across them. In front of a wall, the floor or another object is beneath
-    it. See `_standing_readings`.
+    the shoulder of a bottle: a region continues across them, and regions in contact, such as boxes side by side, are
+    surrounded together. In front of a wall, the floor or another object is beneath it. See `_standing_readings`.
     """
     on = _faces_as_surface(on, small)
-    labels, touches, others = _pieces(depth_m, camera, len(planes), on, math.inf, config)
-    around = touches / np.maximum(1, touches.sum(1) + others.sum(1))[:, None]
+    labels, touches, others, groups = _pieces(depth_m, camera, len(planes), on, math.inf, config)
+    others[:, kernel.CONTACT] = 0
+    together, beside = np.zeros_like(touches), np.zeros_like(others)
+    np.add.at(together, groups, touches)
+    np.add.at(beside, groups, others)
+    around = (together / np.maximum(1, together.sum(1) + beside.sum(1))[:, None])[groups]
     beneath = around.argmax(1)
     clear = np.where(around.max(1) >= AROUND_FRACTION, around.max(1), 0.0)
     for k, (v, u) in _large_pieces(labels, clear):

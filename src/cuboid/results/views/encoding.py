@@ -29,6 +29,9 @@ B_FRAMES = "0"
 # Distance between key frames, to which a browser can seek at once: two seconds at 30 frames/s.
 KEY_FRAME_EVERY = 60
 
+# Room for the header of an MP4, whose size is about 50 bytes: a block of most file systems.
+HEADER_BYTES = 4096
+
 # Code points of ITU-T H.273: BT.601, and the limited range, which all players support. Without them, players assume
 # another color matrix for large pictures.
 BT601 = 6
@@ -147,6 +150,8 @@ class Mp4Writer(VideoWriter):
         self._file.drop()
 
     def _open(self, width: int, height: int) -> None:
+        # If FFmpeg cannot write the header, its file stays open until the process ends, and a full disk in use.
+        self._file.partial.write_bytes(bytes(HEADER_BYTES))
         options = {"movflags": "+faststart"}
         self._container = av.open(str(self._file.partial), "w", format="mp4", options=options)
         self._stream = self._container.add_stream("libx264", rate=self._rate)

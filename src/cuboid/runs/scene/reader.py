@@ -6,7 +6,7 @@ import sqlite3
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,15 @@ from cuboid.method.objects.naming import chosen_name
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries
 from cuboid.runs.scene.answers import PastRelation, SceneEvent, SceneObject, ScenePast, SceneRecording
-from cuboid.runs.scene.classes import KEY, MIN_PROBABILITY, read_classes, read_kinds, read_min_probability
+from cuboid.runs.scene.classes import (
+    KEY,
+    MIN_PROBABILITY,
+    Accuracy,
+    read_accuracy,
+    read_classes,
+    read_kinds,
+    read_min_probability,
+)
 from cuboid.runs.scene.database import has_table, open_to_read, user_errors
 from cuboid.runs.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.runs.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
@@ -125,9 +133,13 @@ class SceneReader(MapQueries):
             of_class = "scene WHERE key GLOB ? ORDER BY key"
             classes = read_classes(self._rows(("scene.key", "scene.value"), of_class, (f"{KEY}/*",)))
             kinds = read_kinds(self._connection()) if rows else {}
+            accuracy = read_accuracy(self._connection()) if rows else {}
             begins = self._rows(("recordings.id", "recordings.first_frame"), "recordings ORDER BY id")
             found = [
-                self._object(row, merged.get(row[0], ()), index_of, classes.get(row[0], []), begins) for row in rows
+                self._object(
+                    row, merged.get(row[0], ()), index_of, classes.get(row[0], []), begins, accuracy.get(row[0])
+                )
+                for row in rows
             ]
             least = read_min_probability(self._rows(("scene.value",), "scene WHERE key = ?", (MIN_PROBABILITY,)))
             found = [
@@ -366,6 +378,7 @@ class SceneReader(MapQueries):
         index_of: Mapping[int, int],
         classes: list[tuple[str, float]],
         begins: Sequence[Row],
+        accuracy: Accuracy | None,
     ) -> SceneObject:
         values = dict(zip(_COLUMNS, row, strict=True))
         name = values["name"]
@@ -378,6 +391,7 @@ class SceneReader(MapQueries):
             mean_color=np.array((values["red"], values["green"], values["blue"])),
             first_seen=_seen(begins, values["first_frame"]),
             last_seen=_seen(begins, values["last_frame"]),
+            **({} if accuracy is None else asdict(accuracy)),
         )
         return found if name is None else found.with_given_name(name)
 

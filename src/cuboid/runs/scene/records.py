@@ -17,9 +17,10 @@ from cuboid.ground.core.records import box_numbers
 from cuboid.ground.core.results import FrameResult, Sighting, SupportPlane, TrackedObject
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.method.boxes.uncertainty import Uncertainty
 from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.naming import name_scores
-from cuboid.runs.scene.classes import MIN_PROBABILITY, read_kinds, write_classes, write_kinds
+from cuboid.runs.scene.classes import MIN_PROBABILITY, Accuracy, read_kinds, write_accuracy, write_classes, write_kinds
 from cuboid.runs.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 
@@ -59,6 +60,8 @@ class Rows:
         New kinds of labels whose kind changed; None for volumes. Labels that are not listed keep the scene's entry.
     ended : list of int
         Labels of objects without usable depth that no longer exist.
+    accuracy : dict of int to Accuracy
+        How sure the boxes of `objects` are, by label.
     min_probability : float
         Objects with a lower probability are not among the present ones.
     pictures : dict of int to (float, bytes)
@@ -76,6 +79,7 @@ class Rows:
     without_depth: list[tuple[TrackedObject, int]] = field(default_factory=list)
     kinds: dict[int, str | None] = field(default_factory=dict)
     ended: list[int] = field(default_factory=list)
+    accuracy: dict[int, Accuracy] = field(default_factory=dict)
     min_probability: float = 0.0
 
     def write(self, connection: sqlite3.Connection) -> None:
@@ -96,6 +100,7 @@ class Rows:
         of_map = {entry.label: name_scores(entry.name_log_odds) for entry, label in self.objects if not label}
         write_classes(connection, of_map | {label: _classes_of(item) for item, label in self.without_depth})
         write_kinds(connection, self.kinds)
+        write_accuracy(connection, self.accuracy | {label: _accuracy_of(item) for item, label in self.without_depth})
         many("UPDATE objects SET state = 'gone' WHERE label = ? AND state = 'present'", [(k,) for k in self.ended])
         many("UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", [(b, a) for a, b in self.merged])
         many(
@@ -181,10 +186,12 @@ class Records:
             plane = tracker.support.find(entry.plane)
             identity = None if plane is None else plane.identity
             counts = entry.frames_seen, entry.last_frame, len(entry.merged_labels)
-            now = (entry.box, entry.points, entry.state, *counts, identity, entry.name_log_odds)
+            accuracy = entry.directions, entry.sides_m
+            now = (entry.box, entry.points, entry.state, *counts, identity, entry.name_log_odds, *accuracy)
             if not _same(self._written.get(entry.label), now):
                 # The attributes' values are replaced, never modified: the copy stays as it is.
                 copied = replace(entry, plane=identity, box=tracker.in_world(entry.box))
+                rows.accuracy[entry.label] = _accuracy_of(tracker.uncertainty(entry))
                 rows.objects += [(copied, 0), *((copied, k) for k in entry.merged_labels if k not in self._merged)]
                 rows.merged += [(k, entry.label) for k in entry.merged_labels]
                 self._merged |= {*entry.merged_labels}
@@ -291,6 +298,11 @@ def _row_without_depth(item: TrackedObject, label: int) -> dict[str, Any]:
         **dict(zip(BOX, box_numbers(item.box), strict=True)),
         **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), 0.0),
     }
+
+
+def _accuracy_of(item: TrackedObject | Uncertainty) -> Accuracy:
+    size_m, center_m = (tuple(float(v) for v in values) for values in (item.size_sigma_m, item.center_sigma_m))
+    return Accuracy(size_m, center_m, item.sides_seen)
 
 
 def _classes_of(item: TrackedObject) -> list[tuple[str, float]]:

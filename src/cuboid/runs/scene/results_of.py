@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import UnsetType
 
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import FrameResult, Sighting, TrackedObject
@@ -19,7 +20,7 @@ from cuboid.results.files.report import rig_frames
 from cuboid.runs.scene.answers import SceneObject, ScenePast
 from cuboid.runs.scene.furniture import known_furniture, of_recording, read_names
 from cuboid.runs.scene.reader import SceneReader
-from cuboid.runs.scene.validation import Settings, columns_of, document, read_rows
+from cuboid.runs.scene.validation import DamagedError, Settings, SettingsOfRig, columns_of, document, read_rows
 from cuboid.runs.scene.visit import load_tracker
 
 NOT_IN_SCENE = "the scene has no pose of this frame"
@@ -57,18 +58,18 @@ def write_results(
     config = document(settings, dict[str, Any], "recordings.settings")
     every = document(settings, Settings, "recordings.settings").every
     posed_frames = scene.poses(number)
-    cameras, numbers = rig_frames(config)
-    camera_names: Sequence[str] = config["rig"]["cameras"] if len(cameras) else ()
+    frame_cameras = _frame_cameras(settings, max(posed_frames, default=-1))
+    _, numbers = rig_frames(config)
     taken: Sequence[int] = range(0, frames, every)
     if len(numbers):  # of a rig, each camera has its own n-th frames
         taken = np.flatnonzero(numbers[:frames] % every == 0).tolist()
     missing = [k for k in taken if k not in posed_frames]
     sightings, objects = _seen(scene, number)
     tracker, planes = load_tracker(connection, scene.path), scene.planes
-    with ResultWriter(folder, force=force, rig=bool(camera_names)) as writer:
+    with ResultWriter(folder, force=force, rig=bool(frame_cameras)) as writer:
         for frame, (time_s, T_world_camera) in posed_frames.items():
             seen, heat = tuple(sightings.get(frame, ())), np.zeros((0, 0), np.float32)
-            camera = camera_names[cameras[frame]] if camera_names else ""
+            camera = frame_cameras[frame] if frame_cameras else ""
             writer.add(FrameResult(frame, time_s, T_world_camera, seen, (), len(objects), heat, {}, camera=camera))
         report = RunReport(
             version=__version__,
@@ -92,6 +93,32 @@ def write_results(
         writer.finish(found, points, report)
 
 
+def _frame_cameras(settings: str, last_frame: int) -> list[str]:
+    """Return the name of the camera of each frame of a rig; empty for one camera.
+
+    It is also empty for a live rig whose run was killed: the sequence is stored at the end of a run.
+
+    Raises
+    ------
+    DamagedError
+        The rig has not a camera for each frame up to the last one with a pose.
+    """
+    rig = document(settings, SettingsOfRig, "recordings.settings").rig
+    if isinstance(rig, UnsetType) or not rig.sequence:
+        return []
+    if max(rig.sequence) >= len(rig.cameras):
+        raise DamagedError(
+            f"recordings.settings is damaged: a frame is of camera {max(rig.sequence)}, the last camera of the rig is "
+            f"{len(rig.cameras) - 1}"
+        )
+    if len(rig.sequence) <= last_frame:
+        raise DamagedError(
+            f"recordings.settings is damaged: the rig has cameras for {len(rig.sequence)} frames, expected at least "
+            f"{last_frame + 1}"
+        )
+    return [rig.cameras[k] for k in rig.sequence]
+
+
 def _seen(scene: SceneReader, number: int) -> tuple[dict[int, list[Sighting]], list[TrackedObject]]:
     """Return the sightings of a recording by frame, and the objects that were seen in it."""
     frames: dict[int, list[Sighting]] = defaultdict(list)
@@ -104,14 +131,20 @@ def _seen(scene: SceneReader, number: int) -> tuple[dict[int, list[Sighting]], l
         for past in sightings:
             frames[past.frame].append(Sighting(past.label, past.box, past.iou, past.visible, past.rect_xyxy))
         if item.label not in gone and item.state != "unlikely":
-            objects.append(_object(item, sightings))
+            objects.append(_object(item, sightings, last=number == len(scene.recordings)))
     for rows in frames.values():
         rows.sort(key=lambda change: change.label)
     return frames, objects
 
 
-def _object(item: SceneObject, sightings: list[ScenePast]) -> TrackedObject:
+def _object(item: SceneObject, sightings: list[ScenePast], *, last: bool) -> TrackedObject:
+    """Return an object with its box at the end of a recording.
+
+    Only of the `last` recording the scene knows how sure that box is.
+    """
     values = {item_field.name: getattr(item, item_field.name) for item_field in fields(TrackedObject)}
+    if not last:
+        values |= {"size_sigma_m": (), "center_sigma_m": (), "sides_seen": ()}
     seen = {past.frame for past in sightings}
     return TrackedObject(
         **{

@@ -39,6 +39,8 @@ VERSION = 1
 Whole: TypeAlias = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 Key: TypeAlias = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
 Long: TypeAlias = Annotated[str, Meta(max_length=10_000)]
+# Those of a rig have the number of the camera of each frame, three characters: four cameras of 30 Hz for six days.
+SettingsText: TypeAlias = Annotated[str, Meta(max_length=200_000_000)]
 Moment: TypeAlias = Annotated[str, Meta(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00$")]
 CheckSum: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
 BlockRows: TypeAlias = Annotated[int, Meta(ge=0, le=BLOCK_ROWS)]
@@ -131,7 +133,8 @@ TABLES = {
             "ended": Moment | None,
             "complete": Annotated[int, Meta(ge=0, le=1)],
             **dict.fromkeys(("first_frame", "frames", "next_frame"), FrameNumber),
-            **dict.fromkeys(("camera", "settings"), Long),
+            "camera": Long,
+            "settings": SettingsText,
             "T_world_recording": Motion,
         },
         "id",

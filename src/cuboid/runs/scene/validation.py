@@ -14,7 +14,7 @@ from msgspec import Meta
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.core.values import Point, refuse_no_quaternion
+from cuboid.ground.core.values import Name, Point, refuse_no_quaternion
 from cuboid.ground.formats.json_validation import in_words
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
@@ -32,6 +32,19 @@ class Settings(msgspec.Struct, frozen=True):
 
     every: Annotated[int, Meta(ge=1, le=10**9)] = 1
     scale: Annotated[int, Meta(ge=1, le=10**4)] = 1
+
+
+class RigSettings(msgspec.Struct, frozen=True):
+    """The fields of a rig in `recordings.settings` that are used."""
+
+    cameras: list[Name]
+    sequence: list[Annotated[int, Meta(ge=0)]]
+
+
+class SettingsOfRig(msgspec.Struct, frozen=True):
+    """The rig in `recordings.settings`; unset for one camera."""
+
+    rig: RigSettings | msgspec.UnsetType = msgspec.UNSET
 
 
 Outline: TypeAlias = list[Point]

@@ -27,6 +27,7 @@ from cuboid.ground.geometry.se3 import inverse, moved_beyond
 from cuboid.method.boxes.fit import Resting, fit_boxes
 from cuboid.method.boxes.hidden import with_hidden_foot
 from cuboid.method.boxes.quantiles import quantile
+from cuboid.method.boxes.top_edges import Picture
 from cuboid.method.detection.types import Detector
 from cuboid.method.heatmap.anchors import LAST_KEYFRAME
 from cuboid.method.heatmap.pixel_heat import pixel_heat, weigh
@@ -365,7 +366,9 @@ class PosedTracker(TrackedMap):
             "candidates": len(in_frustum) - len(objects),
         }
         segmented = SegmentedFrame(segments, boxes, voxels, candidate)
-        found = self._map.update(seen, segmented, objects)
+        noise_per_m = self._camera.config.depth_noise_per_m
+        picture = Picture(frame.color, frame.depth_m, self._roll.camera, seen.T_camera_world, noise_per_m)
+        found = self._map.update(seen, segmented, objects, picture)
         in_frustum = self._map.objects_in_frustum(seen.image, seen.T_camera_world)
         if due:
             self._refine(seen, heat, slots, in_frustum)

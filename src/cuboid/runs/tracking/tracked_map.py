@@ -14,6 +14,7 @@ from cuboid.ground.core.results import MapPoints, SupportPlane, TrackedObject
 from cuboid.ground.core.working import step_of
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import transform
+from cuboid.method.boxes.measured_sides import measured
 from cuboid.method.boxes.uncertainty import Uncertainty, uncertainty_of
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.box_without_depth import Planes
@@ -98,7 +99,7 @@ class TrackedMap(MapQueries):
 
     def _tracked(self, entry: MapObject, index_of: Mapping[int, int]) -> TrackedObject:
         """Return an object as results contain it; `index_of` gives the index of a plane by its identity."""
-        plane, sure = self._planes.find(entry.plane), self._sure_of(entry)
+        plane, sure = self._planes.find(entry.plane), self.uncertainty(entry)
         return TrackedObject(
             **same_fields(entry),
             box=self._box_in_world(entry.label, entry.box),
@@ -111,9 +112,10 @@ class TrackedMap(MapQueries):
             sides_seen=sure.sides_seen,
         )
 
-    def _sure_of(self, entry: MapObject) -> Uncertainty:
-        """Return how sure the box of an object is, or the last result again while its values are the same."""
-        last, values = self._sure.get(entry.label), (entry.box, entry.points, entry.directions, entry.plane)
+    def uncertainty(self, entry: MapObject) -> Uncertainty:
+        """Return how sure the box of an object with a label is, or the last result while its values are the same."""
+        last = self._sure.get(entry.label)
+        values = entry.box, entry.points, entry.directions, entry.plane, entry.sides_m
         if last is None or any(old is not new for old, new in zip(last[0], values, strict=True)):
             voxel_m, k = self._voxels.voxel_m, self.intrinsics
             focal_px = k.fx / step_of(k, self.config.working_width_px)
@@ -126,6 +128,7 @@ class TrackedMap(MapQueries):
                 distance_m,
                 distance_m / focal_px,
                 voxel_m,
+                level_sigma_m=measured(entry.box, entry.sides_m, voxel_m)[1],
                 rests=entry.plane is not None,
                 R_world_map=self.T_world_map[:3, :3],
             )

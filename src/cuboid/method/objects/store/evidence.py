@@ -10,6 +10,7 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import transform
+from cuboid.method.boxes.measured_sides import along_axes
 from cuboid.method.objects.entry import MapObject, ObjectRecord, State, summed_counts, with_direction
 from cuboid.method.objects.naming import counted_view, merged_evidence, with_scores
 from cuboid.method.objects.store.objects import StoredObjects
@@ -109,7 +110,10 @@ class ObjectEvidence(StoredObjects):
     # --- box and points --------------------------------------------------------------------------------------------
 
     def place(self, entry: MapObject, box: Box) -> None:
-        """Set the box of an object; the table of boxes has the same one as long as the object is alive."""
+        """Set the place of an object: its box, moved as a whole, so that its measured sides are those of the same axes.
+
+        The table of boxes has the same box as long as the object is alive.
+        """
         entry.box = box
         if entry.state is not State.RETIRED:
             self._boxes.place(entry.number, box)
@@ -127,6 +131,7 @@ class ObjectEvidence(StoredObjects):
         supports: dict[int, int],
         filled: float,
         noise_m: float,
+        sides_m: Float64Array,
     ) -> None:
         """Set the result of a fit to the voxels that an object owns now.
 
@@ -147,11 +152,35 @@ class ObjectEvidence(StoredObjects):
             Area of the points over the area of the box.
         noise_m : float
             Standard deviation of the points, metres.
+        sides_m : (V, 4) float64
+            As for `set_box`.
         """
         self.postpone_fit(entry)
         entry.points, entry.colors, entry.heat, entry.keyframe = points, colors, heat, keyframe
         entry.plane, entry.supports, entry.filled, entry.noise_m = plane, supports, filled, noise_m
+        self.set_box(entry, box, sides_m)
+
+    def set_box(self, entry: MapObject, box: Box, sides_m: Float64Array | None = None) -> None:
+        """Set another box of an object, and its views along the axes of that box.
+
+        Parameters
+        ----------
+        entry : MapObject
+        box : Box
+        sides_m : (V, 4) float64, optional
+            Sides by the edges of its top, and their standard deviations, along the axes of the box. By default those
+            that it has; none if the axes are others.
+        """
+        if sides_m is None:
+            sides_m = along_axes(entry.sides_m, entry.box, box)
+        if len(entry.sides_m) and not len(sides_m):
+            entry.measured = 0  # it is measured anew
+        entry.sides_m = sides_m
         self.place(entry, box)
+
+    def count_measured(self, entry: MapObject) -> None:
+        """Note that the sides of an object were measured, clear or not: the next time is later."""
+        entry.measured = entry.sightings
 
     def postpone_fit(self, entry: MapObject) -> None:
         """Count all sightings as fitted: the next fit waits for further ones."""
@@ -216,7 +245,7 @@ def limit_sightings(entry: MapObject, max_sightings: int) -> None:
     before, after = entry.sightings, min(entry.sightings, max_sightings)
     if after == before:
         return
-    entry.sightings, entry.fitted = after, min(entry.fitted, after)
+    entry.sightings, entry.fitted, entry.measured = after, min(entry.fitted, after), min(entry.measured, after)
     entry.shown = round(after / before * entry.shown)
     entry.outline = after / before * entry.outline
     entry.agreement *= (after - 1) / (before - 1)  # the first one has no similarity

@@ -195,7 +195,7 @@ class ObjectStore(EvidenceWithoutDepth):
         self.reset_support(entry)
         self.attach(entry, 0, supports_plane=False)
         self.postpone_fit(entry)
-        self.place(entry, box)
+        self.set_box(entry, box)
 
     # --- merged ----------------------------------------------------------------------------------------------------
 
@@ -219,7 +219,7 @@ class ObjectStore(EvidenceWithoutDepth):
         kept.supports = summed_counts(kept.supports, gone.supports)
         self.merge_names(kept, gone)
         kept.views = np.vstack([kept.views, gone.views])
-        kept.fitted = 0
+        kept.fitted = kept.measured = 0
         self._voxels.stored.transfer(gone.number, kept.number)
         self.affinity.transfer(gone.number, kept.number)
         self._close(gone)

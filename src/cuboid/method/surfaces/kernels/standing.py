@@ -133,7 +133,15 @@ def gather_pieces(labels, starts, pixels):
 
 
 @kernel
-def bounds(depth, on, labels, noise, jump_m, reach, touches, others):
+def root(groups, k):
+    """Return the lowest number of the group of k: each entry of `groups` (N,) leads to a lower one, or to itself."""
+    while groups[k] != k:
+        k = groups[k]
+    return k
+
+
+@kernel
+def bounds(depth, on, labels, noise, jump_m, reach, touches, others, groups):
     """Count the kinds of neighbours across the outline of each piece: a plane that it touches, or something else.
 
     The first reading outwards decides, across holes up to `reach` pixels at 1 m; if there is none, nothing is counted.
@@ -149,10 +157,14 @@ def bounds(depth, on, labels, noise, jump_m, reach, touches, others):
     others : (N, KINDS) int64, output
         Number of outline pixels at which the next surface lies behind (FREE), lies in front (HIDDEN), continues and
         is not a plane (CONTACT), or at which the image ends (BORDER).
+    groups : (N,) int64, output
+        Lowest number among the pieces that are connected with each one by contact.
     """
     rows, columns = depth.shape
     touches[:] = 0
     others[:] = 0
+    for k in range(len(groups)):
+        groups[k] = k
     for v in range(rows):
         for u in range(columns):
             piece = labels[v, u]
@@ -184,4 +196,9 @@ def bounds(depth, on, labels, noise, jump_m, reach, touches, others):
                         touches[piece, on[vv, uu]] += 1
                     else:
                         others[piece, CONTACT] += 1
+                        if labels[vv, uu] >= 0:
+                            first, second = root(groups, piece), root(groups, labels[vv, uu])
+                            groups[max(first, second)] = min(first, second)
                     break
+    for k in range(len(groups)):
+        groups[k] = root(groups, k)

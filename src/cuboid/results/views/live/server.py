@@ -62,7 +62,7 @@ class LiveServer:
         self._spacing_m: float | None = None
         self._lock = threading.Lock()
         self._worker = ThreadPoolExecutor(1, "live view")  # one thread: each new thread would load the fonts
-        self._packed: dict[str, tuple[int, bytes]] = {}
+        self._packed: dict[tuple[str, int | None], tuple[int, bytes]] = {}
 
         class Handler(PageHandler):
             show = staticmethod(self._answer)
@@ -107,7 +107,7 @@ class LiveServer:
             known = next((item.label for item in moment.objects if item.label == measured), None)
             return "application/json", self._once(
                 self.view.moments,
-                f"moment {known}",
+                ("moment", known),
                 moment.number,
                 lambda: moment_message(moment, self._intrinsics, known),
             )
@@ -121,19 +121,23 @@ class LiveServer:
         found = self.view.map_after(number, POLL_TIMEOUT_S)
         if found is None:
             return "application/octet-stream", b""
-        return "application/octet-stream", self._once(self.view.maps, "map", found[0], lambda: self._packed_map(*found))
+        return "application/octet-stream", self._once(
+            self.view.maps, ("map", None), found[0], lambda: self._packed_map(*found)
+        )
 
     def _packed_map(self, number: int, points: MapPoints) -> bytes:
         if self._spacing_m is None:
             self._spacing_m = spacing_of(points)
         return map_message(number, points, self._spacing_m or 0.01)
 
-    def _once(self, limiter: RateLimiter, kind: str, number: int, make: Callable[[], bytes]) -> bytes:
-        """Return a message; it is built once for all clients."""
+    def _once(self, limiter: RateLimiter, of: tuple[str, int | None], number: int, make: Callable[[], bytes]) -> bytes:
+        """Return a message of a kind, with the dimensions of an object or without; it is built once for all clients."""
         with self._lock:
-            if kind not in self._packed or self._packed[kind][0] < number:
-                self._packed[kind] = number, self._worker.submit(charged, limiter, make).result()
-            return self._packed[kind][1]
+            if of not in self._packed or self._packed[of][0] < number:
+                made = self._worker.submit(charged, limiter, make).result()
+                self._packed = {key: kept for key, kept in self._packed.items() if key[0] != of[0] or kept[0] >= number}
+                self._packed[of] = number, made
+            return self._packed[of][1]
 
 
 def charged(limiter: RateLimiter, make: Callable[[], bytes]) -> bytes:

@@ -30,8 +30,10 @@ MAP_FRACTION = 0.015
 STRIDE_M = 0.01
 MAX_PLACES = 1000
 
-# A camera of a rig without a frame for this time, in seconds of the recording, has ended: the page says so.
+# A camera of a rig without a frame for this time, in seconds of the recording, has ended: the page says so. One with
+# long intervals (`--every`) has ended after so many of its own: frames are lost one or two in a row.
 SILENCE_S = 2.0
+SILENCE_INTERVALS = 3
 
 # The page lists this many of the latest events.
 EVENTS_SHOWN = 20
@@ -132,10 +134,13 @@ class _CameraPath:
 
     def __init__(self) -> None:
         self._last: tuple[Frame, FrameResult] | None = None
+        self._interval_s = 0.0
         self._places: list[Float64Array] = []
 
     def add(self, frame: Frame, result: FrameResult) -> None:
         """Store a frame, and the position of the camera if it has moved."""
+        if self._last is not None:
+            self._interval_s = frame.timestamp_s - self._last[0].timestamp_s
         self._last = frame, result
         place = result.T_world_camera[:3, 3]
         if not self._places or np.abs(place - self._places[-1]).max() >= STRIDE_M:
@@ -145,6 +150,7 @@ class _CameraPath:
         """Return the camera at the time of the last frame of all cameras."""
         assert self._last is not None
         frame, result = self._last
+        silence_s = max(SILENCE_S, SILENCE_INTERVALS * self._interval_s)
         places = self._places[:: 1 + len(self._places) // MAX_PLACES]
         return CameraView(
             color=frame.color,
@@ -152,7 +158,7 @@ class _CameraPath:
             sightings=result.sightings,
             path=np.array(places, np.float32).reshape(-1, 3),
             camera=frame.camera,
-            ended=time_s - frame.timestamp_s > SILENCE_S,
+            ended=time_s - frame.timestamp_s > silence_s,
         )
 
 
