@@ -36,7 +36,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass
 class Cell:
-    """What was measured in some recordings.
+    """The measures of some recordings.
 
     Attributes
     ----------

@@ -171,7 +171,7 @@ def main() -> int:
     parser.add_argument("recording", type=Path)
     parser.add_argument("--work", type=Path, required=True, metavar="DIR")
     parser.add_argument("--peers-python", type=Path, default=None, metavar="PYTHON")
-    parser.add_argument("--limit", type=int, default=100, metavar="N", help="use at most so many frames")
+    parser.add_argument("--limit", type=int, default=100, metavar="N", help="use at most N frames")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     limit_threads(1)

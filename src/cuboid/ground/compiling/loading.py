@@ -30,7 +30,7 @@ class KernelFile(IndexDataCacheFile):
 
 
 class KernelResults(CompileResultCacheImpl):
-    """What a file of a kernel contains, and how it becomes callable."""
+    """The content of a kernel's file, and the step from it to a callable kernel."""
 
     def reduce(self, compiled: Any) -> Any:
         """Return the content of the file: numba's, without the source text with types."""

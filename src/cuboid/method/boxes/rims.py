@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from cuboid.ground.arrays import Float32Array, Float64Array
@@ -17,11 +19,38 @@ MIDDLE_FRACTION = 0.6
 FLAT_VOXELS = 0.5
 
 
-def rim_drop_m(box: Box, points: Float32Array | Float64Array, voxel_m: float) -> float:
+def rim_drop_m(drops: Sequence[Float64Array]) -> float:
     """Return how much lower the rim of a top is than its middle, metres; 0 if the top is too small to tell.
 
-    The highest point of each column of voxels counts, so that seen sides do not matter. A rounded top is lower at all
-    four sides, and the highest rim is taken: mixed readings lower a rim where a far surface lies behind it.
+    A rounded top is lower at all four sides, and the highest rim is taken: mixed readings lower a rim where a far
+    surface lies behind it.
+
+    Parameters
+    ----------
+    drops : sequence of (M,) float64
+        From `side_drops`.
+    """
+    return max(0.0, min((float(np.median(side)) for side in drops if len(side)), default=0.0))
+
+
+def steps_m(drops: Sequence[Float64Array], voxel_m: float) -> Float64Array:
+    """Return how much lower a part of an object ends at the sides across its length and its width, (2,) metres.
+
+    The larger one of two opposite sides counts; 0 without a lower part. Its top has one height, which tells it from
+    mixed readings. Parameters as for `rim_drop_m`, and the size of a voxel, metres.
+    """
+    found = np.zeros(4)
+    for k, side in enumerate(drops):
+        if len(side):
+            low, middle, high = np.quantile(side, (0.25, 0.5, 0.75))
+            found[k] = middle if middle > voxel_m and high - low < FLAT_VOXELS * voxel_m else 0.0
+    return np.asarray(found.reshape(2, 2).max(1))
+
+
+def side_drops(box: Box, points: Float32Array | Float64Array, voxel_m: float) -> list[Float64Array]:
+    """Return how much lower than its middle a top is in the columns at each of its four sides; none if too small.
+
+    The highest point of each column of voxels counts, so that seen sides do not matter.
 
     Parameters
     ----------
@@ -30,26 +59,6 @@ def rim_drop_m(box: Box, points: Float32Array | Float64Array, voxel_m: float) ->
         Its points, in the frame of the box.
     voxel_m : float
     """
-    drops = [float(np.median(side)) for side in _drops(box, points, voxel_m) if len(side)]
-    return max(0.0, min(drops, default=0.0))
-
-
-def steps_m(box: Box, points: Float32Array | Float64Array, voxel_m: float) -> Float64Array:
-    """Return how much lower a part of an object ends at the sides across its length and its width, (2,) metres.
-
-    The larger one of two opposite sides counts; 0 without a lower part. Its top has one height, which tells it from
-    mixed readings. Parameters as for `rim_drop_m`.
-    """
-    found = np.zeros(4)
-    for k, side in enumerate(_drops(box, points, voxel_m)):
-        if len(side):
-            low, middle, high = np.quantile(side, (0.25, 0.5, 0.75))
-            found[k] = middle if middle > voxel_m and high - low < FLAT_VOXELS * voxel_m else 0.0
-    return np.asarray(found.reshape(2, 2).max(1))
-
-
-def _drops(box: Box, points: Float32Array | Float64Array, voxel_m: float) -> list[Float64Array]:
-    """Return how much lower than its middle a top is in the columns at each of its four sides; none if too small."""
     local, half = (points - box.center) @ box.rotation, box.size / 2.0
     if not len(local):
         return []

@@ -20,7 +20,7 @@ from cuboid.ground.core.tolerances import MIN_READINGS, MIN_SIGMA_M
 from cuboid.ground.core.values import SideName
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.edges import FROM_ABOVE
-from cuboid.method.boxes.rims import LOWER_RIM, rim_drop_m
+from cuboid.method.boxes.rims import LOWER_RIM, rim_drop_m, side_drops
 
 # The sides of a box in the order of all arrays here, and their outward normals in the axes of the box.
 SIDES: tuple[SideName, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -129,7 +129,7 @@ def uncertainty_of(
     together_m2 = 2.0 * moving.prod(1)
     size_m2 = (pairs**2).sum(1) + together_m2
     # The outline of a rounded object is wider than what depth shows of it, by up to a voxel.
-    size_m2[:2] += min(LOWER_RIM * rim_drop_m(box, points, voxel_m), voxel_m) ** 2
+    size_m2[:2] += min(LOWER_RIM * rim_drop_m(side_drops(box, points, voxel_m)), voxel_m) ** 2
     size_m2[:2] = np.where(np.isnan(level_sigma_m), size_m2[:2], level_sigma_m**2)
     size_m = np.sqrt(size_m2 + (SCALE_FRACTION * box.size) ** 2)
     along_m = np.sqrt((pairs**2).sum(1) / 4.0 + (SCALE_FRACTION * distance_m) ** 2)

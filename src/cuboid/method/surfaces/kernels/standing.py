@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cuboid.ground.compiling.compiled import kernel
 from cuboid.ground.core.tolerances import JUMP_SIGMAS, SIGMAS
+from cuboid.method.surfaces.kernels.pieces import find_root
 
 # Columns of `others` in `bounds`: kinds of neighbour across the outline of a piece, other than planes it touches.
 FREE, HIDDEN, BORDER, CONTACT = range(4)
@@ -133,14 +134,6 @@ def gather_pieces(labels, starts, pixels):
 
 
 @kernel
-def root(groups, k):
-    """Return the lowest number of the group of k: each entry of `groups` (N,) leads to a lower one, or to itself."""
-    while groups[k] != k:
-        k = groups[k]
-    return k
-
-
-@kernel
 def bounds(depth, on, labels, noise, jump_m, reach, touches, others, groups):
     """Count the kinds of neighbours across the outline of each piece: a plane that it touches, or something else.
 
@@ -197,8 +190,8 @@ def bounds(depth, on, labels, noise, jump_m, reach, touches, others, groups):
                     else:
                         others[piece, CONTACT] += 1
                         if labels[vv, uu] >= 0:
-                            first, second = root(groups, piece), root(groups, labels[vv, uu])
+                            first, second = find_root(groups, piece), find_root(groups, labels[vv, uu])
                             groups[max(first, second)] = min(first, second)
                     break
     for k in range(len(groups)):
-        groups[k] = root(groups, k)
+        groups[k] = find_root(groups, k)
