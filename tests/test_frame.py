@@ -27,6 +27,19 @@ def test_depth_that_is_no_reading_becomes_0(none: float) -> None:
     assert depth_m[0, 1] == none or np.isnan(depth_m[0, 1]), "the caller's array stays"
 
 
+def test_depth_with_the_wrong_sign_is_refused_and_a_marker_of_no_reading_is_not() -> None:
+    readings = np.linspace(0.5, 2, 12, dtype=np.float32).reshape(3, 4)
+    with pytest.raises(cuboid.FrameError, match=r"frame 7: 12 depth readings are negative .*: change the sign"):
+        made(depth_m=-readings)
+    half = np.where(np.arange(12).reshape(3, 4) < 5, readings, -readings)
+    with pytest.raises(cuboid.FrameError, match="7 depth readings are negative"):
+        made(depth_m=half)
+    for marker in (-1.0, -np.inf):
+        assert not made(depth_m=np.full((3, 4), marker, np.float32)).has_depth
+    marked = np.where(np.arange(12).reshape(3, 4) < 2, readings, np.float32(-1))
+    assert (made(depth_m=marked).depth_m > 0).sum() == 2
+
+
 def test_masked_depth_becomes_0_and_valid_depth_is_not_copied() -> None:
     depth_m = np.full((3, 4), 2, np.float32)
     assert made(depth_m=depth_m).depth_m is depth_m

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+import cuboid
 from cuboid import open_recording
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Frame
@@ -51,6 +52,14 @@ def changed(good: Path, folder: Path, change: Callable[[Path], None]) -> Path:
 
 def test_a_good_recording_has_no_warnings(good: Path, tmp_path: Path) -> None:
     assert report_of(good, tmp_path / "out").warnings == ()
+
+
+def test_depth_that_is_the_same_in_all_pixels_is_named() -> None:
+    tracker = cuboid.Tracker(CAMERA)
+    for k in range(3):
+        color, depth_m = np.zeros((240, 320, 3), np.uint8), np.full((240, 320), 1.5, np.float32)
+        tracker.update(Frame(k, k / 30, color, depth_m, look_at([0.1 * k, -1.2, 0.8], [0, 0, 0.05])))
+    assert "same depth in all their pixels (1.5 m)" in tracker.warnings[0]
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.1])

@@ -151,6 +151,8 @@ class Frame:
         RGB.
     depth_m : (H, W) float32
         Depth along the optical axis in metres; 0 is no reading. NaN, infinite, negative and masked values become 0.
+        An image in which more readings are negative than positive is refused, unless one negative value, such as -1,
+        stands for no reading.
     T_world_camera : (4, 4) float64 or None
         Transform from camera coordinates (x right, y down, z forward) to world coordinates. Rounding errors of the
         rotation are removed.
@@ -162,8 +164,8 @@ class Frame:
     Raises
     ------
     FrameError
-        If the index is no whole number from 0, if an image has another shape or type or no pixel, if the time is not a
-        finite number of seconds, if the pose is not rigid or not finite, or if up is zero or not finite.
+        If the index is no whole number from 0, if an image has another shape or type or no pixel, if most depth
+        readings are negative, if the time is not a finite number of seconds, if the pose is not rigid or not finite, or if up is zero or not finite.
     """
 
     index: int
@@ -229,7 +231,7 @@ class Frame:
             )
         if not depth_m.size:
             raise FrameError(f"frame {self.index}: images must have pixels, got {_form(color)}")
-        object.__setattr__(self, "depth_m", _with_zeros(depth_m))
+        object.__setattr__(self, "depth_m", _with_zeros(depth_m, self.index))
         if not _finite(self.timestamp_s) or abs(self.timestamp_s) > LATEST_S:
             raise FrameError(f"frame {self.index}: expected a time in seconds, got {shown(self.timestamp_s)}")
         if self.T_world_camera is not None:
@@ -296,13 +298,26 @@ def _form(image: object) -> str:
     return f"{image.shape} {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
 
 
-def _with_zeros(depth_m: Float32Array) -> Float32Array:
-    """Return depth with 0 in place of NaN, infinite, negative and masked values; the array itself if it has none."""
+def _with_zeros(depth_m: Float32Array, index: int) -> Float32Array:
+    """Return depth with 0 in place of NaN, infinite, negative and masked values; the array itself if it has none.
+
+    Raises
+    ------
+    FrameError
+        More readings are negative than positive. Pixels with the most negative value may be pixels without a reading.
+    """
     if isinstance(depth_m, np.ma.MaskedArray):
         depth_m = depth_m.filled(0)
     if depth_m.min() >= 0 and depth_m.max() < np.inf:  # both are False if there is a NaN
         return depth_m
-    return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, np.float32(0))
+    positive, finite = depth_m > 0, np.isfinite(depth_m)
+    negative = depth_m[finite & (depth_m < 0)]
+    if negative.size and np.count_nonzero(negative > negative.min()) > np.count_nonzero(positive & finite):
+        raise FrameError(
+            f"frame {index}: {negative.size} depth readings are negative (median {np.median(negative):.3g}); expected "
+            "metres in front of the camera, and 0 for no reading: change the sign of the depth"
+        )
+    return np.where(positive & finite, depth_m, np.float32(0))
 
 
 def unit(vector: npt.ArrayLike) -> Float64Array:

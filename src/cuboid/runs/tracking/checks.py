@@ -54,6 +54,7 @@ def _facts_of(facts: RunFacts, tracker: RunningTracker, frames: Collection[int])
         facts,
         depth_fraction=median_or_none([fractions[k] for k in frames if k in fractions]),
         depth_median_m=median_or_none([medians_m[k] for k in frames if k in medians_m]),
+        depth_constant=tracker.counts.mostly_constant(frames),
     )
 
 
@@ -126,6 +127,7 @@ def run_facts(tracker: RunningTracker, recording: RecordingLike | None = None, e
         pose_fit=None,
         misfit=tracker.pose_misfit,
         up_known=tracker.up is not None,
+        depth_constant=tracker.counts.mostly_constant(tracker.T_world_camera),
         planes=len(tracker.planes),
         proposals=tracker.counts.proposals,
         objects=len(tracker.objects),

@@ -22,6 +22,8 @@ PIXEL_STEP = 8
 MANY_LOST, MIN_LOST = 0.1, 3
 # Fraction of pixels with readings below which a warning is given; real recordings at hand have 29 to 100 %.
 FEW_READINGS = 0.15
+# Fraction of frames with the same depth in all pixels that gives a warning: noise of a camera makes no such frame.
+MANY_CONSTANT = 0.5
 # Plausible range of the median depth of a room or a table, metres; real recordings at hand have 0.44 to 2.2.
 NEAREST_MEDIAN_M, FARTHEST_MEDIAN_M = 0.2, 8.0
 # Largest distance at which objects are found, metres.
@@ -49,11 +51,14 @@ class Counts:
         3D proposals of the used frames.
     depth_fraction, depth_median_m : dict of int to float
         By the index of each used frame: the fraction of pixels with a reading, and the median of the readings.
+    constant : set of int
+        Indices of the used frames with one depth in all pixels.
     """
 
     proposals: int = 0
     depth_fraction: dict[int, float] = field(default_factory=dict)
     depth_median_m: dict[int, float] = field(default_factory=dict)
+    constant: set[int] = field(default_factory=set)
 
     def add(self, frame: Frame, result: FrameResult) -> None:
         """Count a used frame."""
@@ -62,7 +67,13 @@ class Counts:
         self.depth_fraction[frame.index] = readings.size / depth_m.size
         if readings.size:
             self.depth_median_m[frame.index] = float(np.median(readings))
+            if readings.min() == readings.max() and frame.depth_m.min() == frame.depth_m.max():
+                self.constant.add(frame.index)
         self.proposals += len(result.proposals)
+
+    def mostly_constant(self, frames: Collection[int]) -> bool:
+        """Return whether most of these frames have one depth in all pixels."""
+        return sum(frame in self.constant for frame in frames) > MANY_CONSTANT * len(frames)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +87,8 @@ class RunFacts:
         Number of frames in which the camera was lost while poses were estimated.
     frames_without_pose : int
         Number of frames that lack a given pose.
+    depth_constant : bool
+        Whether most used frames have one depth in all pixels.
     every : int
         Step between the frames that were read.
     depth_fraction, depth_median_m : float or None
@@ -108,6 +121,7 @@ class RunFacts:
     planes: int
     proposals: int
     objects: int
+    depth_constant: bool = False
     farthest_m: float = 0.0
     untimely: tuple[int, ...] = ()
     calibration: str | None = None
@@ -129,10 +143,26 @@ def diagnose(facts: RunFacts) -> tuple[str, ...]:
     mismatch = _scale_or_poses(facts)
     if mismatch is None and facts.registration is None:  # color beside depth disturbs the other checks
         mismatch = facts.calibration or facts.misfit
-    causes = (mismatch, facts.registration, _few_readings(facts), _lost(facts), _without_pose(facts))
+    causes = (
+        _constant_depth(facts),
+        mismatch,
+        facts.registration,
+        _few_readings(facts),
+        _lost(facts),
+        _without_pose(facts),
+    )
     explained = any(cause is not None for cause in causes)
     found = tuple(cause for cause in (*causes, _far_world(facts), _untimely(facts)) if cause is not None)
     return (*found, _no_object(facts)) if not (explained or facts.objects) and facts.frames_used else found
+
+
+def _constant_depth(facts: RunFacts) -> str | None:
+    if not facts.depth_constant or facts.depth_median_m is None:
+        return None
+    return (
+        f"most frames have the same depth in all their pixels ({facts.depth_median_m:.3g} m): no camera measures this; "
+        "check the source of the depth images"
+    )
 
 
 def _lost(facts: RunFacts) -> str | None:
