@@ -7,6 +7,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from cuboid.runs.scene import Scene, before
 from cuboid.runs.scene.checking import problems, rescue
 from cuboid.runs.scene.editing import transform_rows
 from cuboid.runs.scene.localisation import JoinedPart
+from cuboid.runs.scene.packing import check_sum, unpacked
 from cuboid.runs.scene.schema import TABLES
 from cuboid.runs.scene.validation import DamagedError
 
@@ -200,3 +202,60 @@ def test_nothing_waits_for_a_device_that_lies_where_a_log_belongs(path: Path, en
     said = f"{place}: is a FIFO, a regular file was expected: it belongs to the scene"
     assert done.stdout.splitlines() == [said] * 4
     assert place.is_fifo()
+
+
+@pytest.mark.parametrize("links", [{1: 2, 2: 1}, {1: 1}])
+def test_objects_that_were_merged_in_a_circle_are_told_and_rescued(path: Path, links: dict[int, int]) -> None:
+    for label, into in links.items():
+        change(path, "UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", into, label)
+    with pytest.raises(InputError, match=r"merged_into is damaged: 1 into (2 into )?1; 'cuboid scene check --rescue"):
+        ask(path)
+    assert any("merged_into is damaged" in line for line in problems(path))
+    rescue(path, path.with_name("new.cuboid"))
+    assert problems(path.with_name("new.cuboid")) == []
+    with Scene.open(path.with_name("new.cuboid")) as scene:
+        assert {item.label: item.state for item in scene.all_objects if item.label in links} == dict.fromkeys(
+            links, "gone"
+        )
+
+
+@pytest.mark.parametrize(
+    ("query", "says"),
+    [
+        ("UPDATE objects SET state = 'merged' WHERE label = 1", "object 1 is damaged: its state and 'merged_into'"),
+        ("UPDATE objects SET merged_into = 2 WHERE label = 1", "object 1 is damaged: its state and 'merged_into'"),
+        ("UPDATE boxes SET label = 999 WHERE label = 1", "boxes refers to object 999, which is not there"),
+        ("UPDATE sightings SET label = 999 WHERE label = 1", "sightings refers to object 999, which is not there"),
+    ],
+)
+def test_links_between_rows_are_checked(path: Path, query: str, says: str) -> None:
+    change(path, query)
+    assert any(line.startswith(says) for line in problems(path))
+    rescue(path, path.with_name("new.cuboid"))
+    assert problems(path.with_name("new.cuboid")) == []
+
+
+@pytest.mark.parametrize("query", ["UPDATE blocks SET data = ? WHERE number = 1", "UPDATE arrays SET data = ?"])
+def test_a_huge_value_is_refused_before_it_is_read(path: Path, query: str) -> None:
+    if "arrays" in query:
+        query += " WHERE rowid = (SELECT min(rowid) FROM arrays)"
+    size = 400_000_000
+    connection = sqlite3.connect(path, isolation_level=None)
+    connection.execute(query.replace("?", f"zeroblob({size})"))
+    connection.close()
+    script = (
+        "import resource, sys; from pathlib import Path; from cuboid.runs.scene.checking import problems\n"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "print(problems(Path(sys.argv[1])))\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"
+    )
+    lines = subprocess.run([sys.executable, "-c", script, path], capture_output=True, text=True, check=True).stdout
+    told, grown_kib = lines.splitlines()
+    assert "damaged" in told
+    assert int(grown_kib) < 150_000
+
+
+def test_bytes_that_become_huge_are_refused_before_they_are_decompressed(path: Path) -> None:
+    data = zlib.compress(bytes(20_000_000), 9)
+    with pytest.raises(DamagedError, match="more than 80 bytes"):
+        unpacked(data, check_sum(data), '["<f8", [10]]', "the array")

@@ -19,6 +19,9 @@ SAMPLE_POINTS = 400
 LIMITS = {"proposals": MAX_PROPOSALS, "clusters": MAX_SEGMENTS, "candidates": MAX_CANDIDATES}
 # Memory of the process in units of 2**20 bytes; above it, parts of the map that are out of view are evicted.
 MEMORY_MB = 512.0
+# Size of one value in a scene file, bytes: above it the file is damaged, and the value is not read. The longest text
+# that a scene allows, the settings of a rig, has 200 million characters.
+MAX_SCENE_VALUE_BYTES = 2**28
 # Number of frames of a live camera that wait for the tracker: at 30 Hz a delay of 0.1 s drops none, and no frame is
 # older than that.
 FRAMES_WAITING = 4

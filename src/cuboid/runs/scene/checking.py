@@ -10,14 +10,22 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.core.errors import InputError, OutputError, one_line
-from cuboid.method.heatmap.kernels.cubes import ROW
+from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 from cuboid.method.heatmap.levels import split_rows
 from cuboid.runs.scene import before
 from cuboid.runs.scene.database import Writing, has_table, open_damaged, open_to_read, transaction, user_errors
 from cuboid.runs.scene.packing import BlockRow, unpacked_block
 from cuboid.runs.scene.saving import StateFile, load_blocks, load_state, load_state_without_map
 from cuboid.runs.scene.schema import TABLES
-from cuboid.runs.scene.validation import DamagedError, Row, columns_of, refuse_no_row
+from cuboid.runs.scene.validation import (
+    DamagedError,
+    Row,
+    columns_of,
+    cycles_of,
+    refuse_cycle,
+    refuse_no_row,
+    refuse_oversized,
+)
 from cuboid.runs.scene.visit import ANY_CAMERA
 
 Rows = npt.NDArray[np.void]
@@ -51,6 +59,7 @@ def problems(path: Path) -> list[str]:
             broken = connection.execute("PRAGMA foreign_key_check").fetchall()
             found += [f"a row of {table} refers to one of {other} that is not there" for table, _, other, _ in broken]
             found += _row_problems(connection)
+            found += _link_problems(connection)
             found += _state_problems(connection)
         return [one_line(line) for line in found]
     except InputError as error:
@@ -66,6 +75,11 @@ def _row_problems(connection: sqlite3.Connection) -> list[str]:
         if kind.optional and not has_table(connection, table):
             continue
         damaged: dict[str, None] = {}
+        try:
+            refuse_oversized(connection, table)
+        except DamagedError as error:
+            found.append(str(error))
+            continue
         for row in connection.execute(f"SELECT {', '.join(columns_of(table))} FROM {table}"):
             try:
                 refuse_no_row(table, row)
@@ -74,6 +88,25 @@ def _row_problems(connection: sqlite3.Connection) -> list[str]:
                 if len(damaged) == MAX_PROBLEMS:
                     break
         found += damaged
+    return found
+
+
+def _link_problems(connection: sqlite3.Connection) -> list[str]:
+    """Return the problems of labels that refer to other objects."""
+    found = []
+    try:
+        refuse_cycle(dict(connection.execute("SELECT label, merged_into FROM objects")))
+    except DamagedError as error:
+        found.append(str(error))
+    wrong = "SELECT label FROM objects WHERE (state = 'merged') != (merged_into IS NOT NULL) ORDER BY label LIMIT ?"
+    found += [
+        f"object {label} is damaged: its state and 'merged_into' contradict each other"
+        for (label,) in connection.execute(wrong, (MAX_PROBLEMS,))
+    ]
+    for table in ("boxes", "sightings", "known"):
+        query = f"SELECT DISTINCT label FROM {table} WHERE label NOT IN (SELECT label FROM objects) ORDER BY 1 LIMIT ?"
+        missing = connection.execute(query, (MAX_PROBLEMS,))
+        found += [f"{table} refers to object {label}, which is not there" for (label,) in missing]
     return found
 
 
@@ -188,14 +221,20 @@ def _drop_orphans(connection: sqlite3.Connection) -> None:
     """Delete rows that refer to lost rows."""
     connection.execute("DELETE FROM frames WHERE recording NOT IN (SELECT id FROM recordings)")
     connection.execute("DELETE FROM pending WHERE recording NOT IN (SELECT id FROM recordings)")
+    for table in ("sightings", "boxes"):
+        connection.execute(f"DELETE FROM {table} WHERE label NOT IN (SELECT label FROM objects)")
     connection.execute(
         "DELETE FROM sightings WHERE box NOT IN (SELECT id FROM boxes) "
         "OR (recording, frame) NOT IN (SELECT recording, frame FROM frames)"
     )
+    links = dict(connection.execute("SELECT label, merged_into FROM objects"))
+    circular = [(label,) for cycle in cycles_of(links) for label in cycle]
+    connection.executemany("UPDATE objects SET merged_into = NULL WHERE label = ?", circular)
     connection.execute(
-        "UPDATE objects SET merged_into = NULL, state = 'gone' "
-        "WHERE merged_into IS NOT NULL AND merged_into NOT IN (SELECT label FROM objects)"
+        "UPDATE objects SET merged_into = NULL WHERE merged_into NOT IN (SELECT label FROM objects)",
     )
+    connection.execute("UPDATE objects SET state = 'gone' WHERE state = 'merged' AND merged_into IS NULL")
+    connection.execute("UPDATE objects SET state = 'merged' WHERE merged_into IS NOT NULL")
 
 
 def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[str]) -> int:
@@ -227,9 +266,10 @@ def _readable_blocks(old: sqlite3.Connection, lost: list[str]) -> Iterator[tuple
     last = old.execute("SELECT max(number) FROM blocks").fetchone()[0]
     for number in range(1, 1 if last is None else int(last) + 1):
         try:
-            row = old.execute("SELECT * FROM blocks WHERE number = ?", (number,)).fetchone()
+            query = "SELECT * FROM blocks WHERE number = ? AND length(data) <= ?"
+            row = old.execute(query, (number, BLOCK_ROWS * ROW.itemsize)).fetchone()
             if row is None:
-                raise DamagedError("it is missing")
+                raise DamagedError("it is missing or too large")
             refuse_no_row("blocks", row)
             found = _cube_block(row)
         except (DamagedError, sqlite3.DatabaseError) as error:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.ground.core.limits import MAX_SCENE_VALUE_BYTES
 from cuboid.ground.formats.reading import kind_of, real_path
 from cuboid.ground.locks import lock_file, release
 from cuboid.results.files.pending import PendingFile
@@ -194,6 +195,7 @@ def _connect(path: Path, mode: str, *, immutable: bool = False) -> sqlite3.Conne
     connection = sqlite3.connect(
         uri, uri=True, timeout=LOCK_TIMEOUT_S, isolation_level=None, check_same_thread=False, factory=_Connection
     )
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_SCENE_VALUE_BYTES)
     connection.execute("PRAGMA foreign_keys = ON")
     return connection
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import zlib
 from functools import lru_cache
 from typing import Annotated, Any, NamedTuple
@@ -14,6 +15,7 @@ import numpy.typing as npt
 from msgspec import Meta
 
 from cuboid.ground.core.errors import shown
+from cuboid.ground.core.limits import MAX_SCENE_VALUE_BYTES
 from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 from cuboid.runs.scene.validation import DamagedError
 
@@ -33,18 +35,26 @@ def deflated(data: bytes) -> bytes:
     return packer.compress(data) + packer.flush()
 
 
-def inflated(data: bytes, check: int, subject: str, numbers: tuple[int, ...] = ()) -> bytes:
+def inflated(
+    data: bytes, check: int, subject: str, numbers: tuple[int, ...] = (), size: int = MAX_SCENE_VALUE_BYTES
+) -> bytes:
     """Return decompressed bytes, after comparing the check sum of the bytes and of the numbers stored with them.
 
     Raises
     ------
     DamagedError
-        The bytes are not those that were written.
+        The bytes are not those that were written, or more than `size` when decompressed.
     """
     if check_sum(data, numbers) != check:
         raise DamagedError(f"{subject} is damaged: its check sum is wrong")
     try:
-        return zlib.decompress(data)
+        decoder = zlib.decompressobj()
+        plain = decoder.decompress(data, size + 1)
+        if len(plain) > size:
+            raise DamagedError(f"{subject} is damaged: more than {size} bytes")
+        if not decoder.eof:
+            raise DamagedError(f"{subject} is damaged: its end is missing")
+        return plain
     except zlib.error as error:
         raise DamagedError(f"{subject} is damaged: {error}") from None
 
@@ -70,6 +80,8 @@ def from_form(form: str, plain: AnyArray) -> AnyArray:
     if strides is None:
         return plain
     size = plain.itemsize + sum((n - 1) * step for n, step in zip(shape, strides, strict=True))
+    if size > MAX_SCENE_VALUE_BYTES:
+        raise DamagedError(f"the form of an array is damaged: {shown(form)}")
     array: AnyArray = np.ndarray(shape, dtype, np.zeros(size, np.uint8), strides=strides)
     array[...] = plain
     return array
@@ -110,13 +122,21 @@ def unpacked(data: bytes, check: int, form: str, subject: str) -> AnyArray:
     try:
         if data.startswith(PNG):
             is_whole = check_sum(data) == check
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if is_whole else None
+            is_sound = is_whole and _png_shape(data) == shape
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if is_sound else None
             if image is None:
-                raise DamagedError(f"{subject} is damaged: its check sum is wrong")
+                fault = f"it is not of the form {shown(form)}" if is_whole else "its check sum is wrong"
+                raise DamagedError(f"{subject} is damaged: {fault}")
             return image.reshape(shape).astype(dtype, copy=False)
-        return from_planes(inflated(data, check, subject), dtype, shape)
+        size = math.prod(shape) * dtype.itemsize
+        return from_planes(inflated(data, check, subject, size=min(size, MAX_SCENE_VALUE_BYTES)), dtype, shape)
     except ValueError:
         raise DamagedError(f"{subject} is damaged: it is not of the form {shown(form)}") from None
+
+
+def _png_shape(data: bytes) -> tuple[int, int]:
+    """Return height and width from the header of a PNG, without decoding it."""
+    return int.from_bytes(data[20:24], "big"), int.from_bytes(data[16:20], "big")
 
 
 def packed_block(rows: AnyArray) -> bytes:
@@ -156,7 +176,7 @@ def unpacked_block(row: BlockRow, check: int, data: bytes) -> AnyArray:
         if check_sum(data, row) != check:
             raise DamagedError(f"{subject} is damaged: its check sum is wrong")
         return np.frombuffer(data, ROW)
-    plain = inflated(data, check, subject, row)
+    plain = inflated(data, check, subject, row, BLOCK_ROWS * ROW.itemsize)
     if len(plain) != size or not 0 < rows <= BLOCK_ROWS:
         raise DamagedError(f"{subject} is damaged: {len(plain)} bytes are not {rows} rows")
     return from_planes(plain, ROW, (rows,))

@@ -34,7 +34,16 @@ from cuboid.runs.scene.classes import (
 )
 from cuboid.runs.scene.database import has_table, open_to_read, user_errors
 from cuboid.runs.scene.schema import BOX, DESCRIBED, TABLES
-from cuboid.runs.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
+from cuboid.runs.scene.validation import (
+    Outline,
+    Row,
+    box_of,
+    columns_of,
+    document,
+    read_rows,
+    refuse_cycle,
+    rotation_of,
+)
 
 if TYPE_CHECKING:
     from cuboid.ground.arrays import Float32Array
@@ -128,6 +137,7 @@ class SceneReader(MapQueries):
         index_of = {identity: k for k, identity in enumerate(self._plane_identities())}
         with user_errors(self.path):
             merged: dict[int | None, list[int]] = defaultdict(list)
+            refuse_cycle({row[0]: row[3] for row in rows})
             for label, _, _, merged_into, *_ in rows:
                 merged[merged_into].append(label)
             of_class = "scene WHERE key GLOB ? ORDER BY key"

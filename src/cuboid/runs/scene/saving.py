@@ -32,7 +32,7 @@ from cuboid.runs.scene.packing import (
     unpacked,
     unpacked_block,
 )
-from cuboid.runs.scene.validation import DamagedError, columns_of, iterate_table, read_rows
+from cuboid.runs.scene.validation import DamagedError, columns_of, iterate_table, read_rows, refuse_oversized
 from cuboid.runs.tracking.posed_tracker import PosedTracker, PosedTrackerState
 
 HEADER = ", ".join(BlockRow._fields)
@@ -296,6 +296,7 @@ def block_rows(connection: sqlite3.Connection) -> list[BlockRow]:
         BlockRow(*row)
         for row in read_rows(connection, columns_of("blocks", BlockRow._fields), "blocks ORDER BY number")
     ]
+    refuse_oversized(connection, "blocks")
     values = [value for (value,) in read_rows(connection, ("scene.value",), "scene WHERE key = 'blocks'")]
     expected = int(values[0]) - 1 if values and values[0].isdecimal() else -1
     if len(blocks) != expected or any(block.number != k for k, block in enumerate(blocks, 1)):

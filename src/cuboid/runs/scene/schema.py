@@ -29,7 +29,7 @@ from cuboid.ground.core.values import (
     Seconds,
     Side,
 )
-from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS
+from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 
 # "CUBD": the application ID in the header of the file.
 APPLICATION_ID = 0x43554244
@@ -44,6 +44,7 @@ SettingsText: TypeAlias = Annotated[str, Meta(max_length=200_000_000)]
 Moment: TypeAlias = Annotated[str, Meta(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00$")]
 CheckSum: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
 BlockRows: TypeAlias = Annotated[int, Meta(ge=0, le=BLOCK_ROWS)]
+BlockData: TypeAlias = Annotated[bytes, Meta(max_length=BLOCK_ROWS * ROW.itemsize)]
 Motion: TypeAlias = Annotated[bytes, Meta(min_length=128, max_length=128)]
 # An overlap may be rounded to slightly more than 1.
 Overlap: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0 + 1e-6)]
@@ -195,7 +196,7 @@ TABLES = {
             "visit": Annotated[int, Meta(ge=0, le=2**16 - 1)],
             **dict.fromkeys(("rows", "living"), BlockRows),
             "check_sum": CheckSum,
-            "data": bytes,
+            "data": BlockData,
         },
         "number",
     ),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Annotated, Any, TypeAlias, TypeVar
 
@@ -97,6 +97,43 @@ def checked(rows: list[Row], columns: Sequence[str]) -> list[Row]:
         row, column = (int(number) for number in place.rstrip("`]").split("]["))
         problem = in_words(problem.partition(", got ")[0])
         raise DamagedError(f"{columns[column]} is damaged: {problem}, got {shown(rows[row][column])}") from None
+
+
+def refuse_oversized(connection: sqlite3.Connection, table: str) -> None:
+    """Raise DamagedError if a value is larger than its column of bytes allows; no value is read for this."""
+    for name, kind in TABLES[table].columns.items():
+        limits = [meta.max_length for meta in getattr(kind, "__metadata__", ()) if meta.max_length is not None]
+        if not limits or kind.__origin__ is not bytes:
+            continue
+        for (size,) in connection.execute(f"SELECT max(length({name})) FROM {table}"):
+            if size is not None and size > min(limits):
+                raise DamagedError(f"{table}.{name} is damaged: {size} bytes, expected at most {min(limits)}")
+
+
+def refuse_cycle(merged_into: Mapping[int, int | None]) -> None:
+    """Raise DamagedError if objects, by label, were merged into each other in a circle."""
+    found = cycles_of(merged_into)
+    if found:
+        circle = " into ".join(str(label) for label in (*found[0], found[0][0]))
+        raise DamagedError(f"objects.merged_into is damaged: {circle}")
+
+
+def cycles_of(merged_into: Mapping[int, int | None]) -> list[list[int]]:
+    """Return the circles of labels that were merged into each other, each from its lowest label."""
+    cycles: list[list[int]] = []
+    seen: set[int] = set()
+    for start in sorted(merged_into):
+        chain: list[int] = []
+        label: int | None = start
+        while label is not None and label not in seen:
+            seen.add(label)
+            chain.append(label)
+            label = merged_into.get(label)
+        if label in chain:
+            cycle = chain[chain.index(label) :]
+            first = cycle.index(min(cycle))
+            cycles.append(cycle[first:] + cycle[:first])
+    return cycles
 
 
 @cache
