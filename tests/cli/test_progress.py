@@ -29,6 +29,7 @@ def listed(monkeypatch: pytest.MonkeyPatch, kernels: list[FakeKernel]) -> None:
     monkeypatch.setattr(compiled, "KERNELS", {kernel.name: kernel for kernel in kernels})
     monkeypatch.setattr(ahead, "listed", lambda: [(kernel.name, []) for kernel in kernels])
     monkeypatch.setattr(ahead, "useful_helpers", lambda processes: 0)
+    monkeypatch.setattr(ahead, "listed_kernels", lambda: kernels)
 
 
 def results(count: int) -> list[FrameResult]:
@@ -78,6 +79,25 @@ def test_no_total_is_given_while_most_kernels_are_compiled_already(monkeypatch: 
         assert count.text() == COMPILING
     finally:
         compiletime.end()
+
+
+def test_a_first_run_tells_at_once_what_it_compiles_how_long_and_how_to_avoid_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kernels = [FakeKernel(str(k)) for k in range(4)]
+    listed(monkeypatch, kernels)
+    with LineProgress():
+        compiletime.begin()
+        compiletime.end()
+    first = capsys.readouterr().err.splitlines()[0]
+    assert "the first run compiles Cuboid's kernels, once: about 90 s" in first
+    assert "pip install --no-build-isolation" in first
+    for kernel in kernels[:3]:  # most are there: a few seconds
+        kernel.cached = True
+    with LineProgress():
+        compiletime.begin()
+        compiletime.end()
+    assert "first run" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from cuboid.ground.compiling.compiled import Kernel
 
 COMPILING = "compiling kernels"
+# Processor time that compiling all listed kernels takes, seconds: 89 in a first run, measured on one core.
+COMPILE_ALL_S = 90.0
 # Seconds of compiling before the remaining time is estimated.
 MIN_MEASURED_S = 5.0
 
@@ -60,6 +62,27 @@ class CompileCount:
         return f"{COMPILING} {len(done) + 1} of {total}{about_left(compiletime.compiling_s(), part)}"
 
 
+def first_run_text(kernels: Sequence[Kernel], processes: int) -> str:
+    """Return the line about a first run that compiles most kernels of the list; else "".
+
+    Parameters
+    ----------
+    kernels : sequence of Kernel
+        The kernels of the list.
+    processes : int
+        Number of processes that compile.
+    """
+    total = sum(kernel.size for kernel in kernels)
+    missing = sum(kernel.size for kernel in kernels if not kernel.cached)
+    if 2 * missing < total or not missing:
+        return ""
+    seconds = 5 * math.ceil(COMPILE_ALL_S * missing / total / processes / 5)
+    return (
+        f"the first run compiles Cuboid's kernels, once: about {seconds} s; they are kept for later runs (the install "
+        "command of the README, 'pip install --no-build-isolation', compiles them ahead)"
+    )
+
+
 def about_left(spent_s: float, left: float) -> str:
     """Return the remaining time in words; empty until enough was measured.
 
@@ -93,7 +116,7 @@ def showing_compilation(show: Callable[[str], None]) -> Iterator[None]:
             last = text
             show(text)
 
-    with compiletime.listening(changed), _helped():
+    with _helped(), compiletime.listening(changed):  # the line about a first run comes first
         yield
 
 
@@ -109,7 +132,11 @@ def _helped() -> Iterator[None]:
                 begun = True
                 from cuboid.runs.pipeline import ahead
 
-                helping.enter_context(ahead.helpers(ahead.useful_helpers(cores())))
+                count = ahead.useful_helpers(cores())
+                told = first_run_text(ahead.listed_kernels(), 1 + count)
+                if told:
+                    print(f"cuboid: {told}", file=sys.stderr, flush=True)
+                helping.enter_context(ahead.helpers(count))
 
         with compiletime.listening(begin):
             yield

@@ -165,7 +165,8 @@ class Frame:
     ------
     FrameError
         If the index is no whole number from 0, if an image has another shape or type or no pixel, if most depth
-        readings are negative, if the time is not a finite number of seconds, if the pose is not rigid or not finite, or if up is zero or not finite.
+        readings are negative, if the time is not a finite number of seconds, if the pose is not rigid or not finite, or
+        if up is zero or not finite.
     """
 
     index: int
