@@ -52,14 +52,24 @@ def test_info_as_json(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("off_px", "says"),
     [
-        (None, "depth taken as aligned to color"),
-        (0.9, "displaced from color by 1 px: too little to be registered without --register on"),
-        (3.0, "by 3 px: 'cuboid track' registers it, if that is plausible, unless --register off is given"),
+        (None, "depth taken as aligned to color: no clear displacement (edges compared in 5 views)"),
+        (0.9, "displaced by 1 px, too little to be registered without --register on"),
+        (3.0, "by 3 px (edges compared in 5 views): 'cuboid track' registers it, if that is plausible, unless"),
     ],
 )
 def test_info_says_what_is_done_about_depth_beside_color(tmp_path, off_px, says):
     found = inspect_recording(open_recording(make_plain(tmp_path, frames=3).path))
-    assert says in dict(rows(replace(found, depth_off_px=off_px)))["registration"]
+    text = dict(rows(replace(found, depth_off_px=off_px, depth_views=5)))["registration"]
+    assert says in text
+    assert not (off_px == 3.0 and "aligned" in text), "one verdict"
+    assert "not checked" in dict(rows(replace(found, depth_off_px=None, depth_views=0)))["registration"]
+
+
+def test_info_warns_about_a_depth_scale_that_is_not_plausible(tmp_path, capsys):
+    made = make_plain(tmp_path, frames=3)
+    (made.path / "camera.json").write_text(json.dumps(CAMERA | {"depth_units_per_metre": 20000}))
+    assert main(["info", str(made.path)]) == 0
+    assert "warning: the depth scale of 20000 units per metre is probably wrong" in capsys.readouterr().out
 
 
 def test_info_on_real_recordings(data_dir, capsys):

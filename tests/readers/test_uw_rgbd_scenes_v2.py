@@ -62,6 +62,47 @@ def test_real_depth_of_one_frame_falls_on_that_of_another(data_dir):
     assert np.median(apart) < 0.01
 
 
+def _alone(tmp_path):
+    made = make_scene(tmp_path)
+    (made.path / "camera.json").unlink()
+    return made
+
+
+def test_a_layout_that_only_the_names_of_images_tell_is_said(tmp_path):
+    made = _alone(tmp_path)
+    for k in range(4):
+        write_image(made.depth(k), np.full((480, 640), 9000 + k, np.uint16))
+        write_image(made.color(k), np.zeros((480, 640, 3), np.uint8))
+    (warning,) = open_recording(made.path).warnings
+    assert warning.startswith(
+        "the layout was recognised by the names of the images alone: the camera is taken as fx 534"
+    )
+    assert "10000 depth units per metre" in warning
+    assert open_recording(made.path, intrinsics=(500, 500, 320, 240), depth_scale=1000).warnings == ()
+    write_poses(made, "1 0 0 0 0 0 0\n" * 4)
+    assert open_recording(made.path).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "document"),
+    [
+        ("camera_params.json", {"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5, "depth_scale": 0.001}),
+        ("camera_info.json", {"color": {"K": [60, 0, 31.5, 0, 61, 23.5, 0, 0, 1]}, "depth_scale": 1000}),
+        ("intrinsics.json", {"rgb": {"ppx": 31.5, "ppy": 23.5, "fx": 60, "fy": 61}, "depth": {"fx": 1, "fy": 1}}),
+        ("camera_intrinsic.json", {"intrinsic_matrix": [60, 0, 0, 0, 61, 0, 31.5, 23.5, 1], "width": 64, "height": 48}),
+    ],
+)
+def test_a_camera_file_of_another_program_is_read(tmp_path, name, document):
+    made = _alone(tmp_path)
+    (made.path / name).write_text(json.dumps(document))
+    recording = open_recording(made.path)
+    assert recording.intrinsics == Intrinsics(60.0, 61.0, 31.5, 23.5, 64, 48)
+    assert recording.calibration.source == name
+    has_scale = "depth_scale" in document
+    assert recording.depth_units_per_metre == (1000.0 if has_scale else 10000.0)
+    assert bool(recording.warnings) != has_scale
+
+
 def test_poses_by_number_in_a_part_of_a_scene(tmp_path):
     made = make_scene(tmp_path, start=7)
     write_poses(made, "".join(f"1 0 0 0 {k} 0 0\n" for k in range(10)) + "\n")

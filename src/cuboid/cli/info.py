@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_results, give
+from cuboid.ground.core.errors import counted
 
 if TYPE_CHECKING:
     from cuboid.inputs.recordings.inspecting import RecordingInfo
@@ -91,24 +92,31 @@ def _depth(found: RecordingInfo) -> str:
 
 
 def _registration(found: RecordingInfo) -> str:
-    off = "" if found.depth_off_px is None else _displaced(found.depth_off_px, found.size[0])
-    if found.depth_camera is None:
-        return f"depth taken as aligned to color{off}"
-    camera, T = found.depth_camera["depth_camera"], found.depth_camera["T_color_depth"]
-    apart_mm = 1000 * math.hypot(*(row[3] for row in T[:3]))
-    size = f"{camera['width']} x {camera['height']}"
-    return f"registered to color from {size}, fx {camera['fx']:.2f}, {apart_mm:.0f} mm away{off}"
+    """Return one verdict on depth and color, with its certainty."""
+    registered = ""
+    if found.depth_camera is not None:
+        camera, T = found.depth_camera["depth_camera"], found.depth_camera["T_color_depth"]
+        apart_mm = 1000 * math.hypot(*(row[3] for row in T[:3]))
+        size = f"{camera['width']} x {camera['height']}"
+        registered = f"registered to color from {size}, fx {camera['fx']:.2f}, {apart_mm:.0f} mm away; "
+    return registered + _agreement(found)
 
 
-def _displaced(off_px: float, width_px: int) -> str:
-    """Return what is displaced, and what the commands do about it."""
+def _agreement(found: RecordingInfo) -> str:
+    """Return how well the edges of depth and color agree, and what the commands do about it."""
     from cuboid.inputs.calibration.registering import WORTH_A_WARNING
 
-    if off_px < WORTH_A_WARNING * width_px:
-        return f"; displaced from color by {off_px:.0f} px: too little to be registered without --register on"
+    aligned = "depth" if found.depth_camera is not None else "depth taken as aligned to color"
+    if found.depth_views == 0:
+        return f"{aligned}: not checked, too few edges in depth"
+    off_px, checked = found.depth_off_px, f"edges compared in {counted(found.depth_views, 'view')}"
+    if off_px is None:
+        return f"{aligned}: no clear displacement ({checked})"
+    if off_px < WORTH_A_WARNING * found.size[0]:
+        return f"{aligned}: displaced by {off_px:.0f} px, too little to be registered without --register on ({checked})"
     return (
-        f"; displaced from color by {off_px:.0f} px: 'cuboid track' registers it, if that is plausible, unless "
-        "--register off is given; --register on shows the registration here"
+        f"depth is displaced from color by {off_px:.0f} px ({checked}): 'cuboid track' registers it, if that is "
+        "plausible, unless --register off is given; --register on shows the registration here"
     )
 
 

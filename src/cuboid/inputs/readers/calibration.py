@@ -18,6 +18,7 @@ from cuboid.ground.core.paths import PathLike
 from cuboid.ground.formats.camera_file import MAX_UNITS, MIN_UNITS, CameraDocument, MatrixRow
 from cuboid.ground.formats.json_validation import read_json
 from cuboid.ground.formats.table_validation import read_lines
+from cuboid.inputs.readers.common_files import find_common
 from cuboid.inputs.readers.depth_camera import DepthCamera, depth_camera_of
 from cuboid.inputs.readers.missing_camera import missing_camera
 from cuboid.inputs.readers.reader import Calibration, Listing
@@ -43,7 +44,7 @@ def choose(
     """Return the calibration and the depth units per metre of a recording.
 
     The user's values come first, then `camera.json` or `camera-intrinsics.txt` beside the images, then the values
-    published for the format.
+    published for the format; if these are missing or assumed, a camera file of another program comes before them.
 
     Raises
     ------
@@ -55,6 +56,10 @@ def choose(
     if found is not None:
         calibration, units_in_file = _read(found)
         units = units_in_file or units
+    elif calibration is None or listing.assumed:
+        common = next((one for folder in listing.camera_folders if (one := find_common(folder)) is not None), None)
+        if common is not None:
+            calibration, units = common[0], common[1] or units
     if isinstance(intrinsics, Calibration):
         calibration = intrinsics
     elif isinstance(intrinsics, str | os.PathLike):
@@ -76,6 +81,17 @@ def choose(
             f"expected {MIN_UNITS:g} to {MAX_UNITS:g}, or give it with --depth-scale"
         )
     return calibration, units
+
+
+def assumption(listing: Listing, calibration: Calibration, units: float, *, scale_given: bool) -> str | None:
+    """Return a one-line warning about a camera or a depth scale in use that the layout only assumes; else None."""
+    camera = f"the camera is taken as fx {calibration.fx:g} ({calibration.source})"
+    scale = f"{units:g} depth units per metre"
+    taken = [camera] * (calibration is listing.calibration)
+    taken += [scale] * (units == listing.depth_units_per_metre and not scale_given)
+    if not (listing.assumed and taken):
+        return None
+    return f"{listing.assumed}: {' with '.join(taken)}; if that is wrong, write {CAMERA_FILE} beside the images"
 
 
 def up_world(listing: Listing) -> tuple[float, float, float] | None:

@@ -147,6 +147,8 @@ class DataSet:
         Path -> the parent folder that may contain the camera of several recordings.
     poses_of_depth : bool
         As in `Listing`.
+    by_names : bool
+        Whether the names of the images alone define the layout; without poses the camera is then only assumed.
     """
 
     expects: str
@@ -156,6 +158,7 @@ class DataSet:
     poses: Callable[[Path, Files], PoseOf | None]
     upper: Callable[[Path], Path] = lambda path: path
     poses_of_depth: bool = False
+    by_names: bool = False
 
     def read(self, path: Path) -> Listing:
         """List the frames; raise InputError if a file of the recording has another format."""
@@ -171,7 +174,9 @@ class DataSet:
             for number in sorted(files, key=int)
         ]
         folders = tuple(dict.fromkeys((path, self.upper(path))))
-        return Listing(frames, units, calibration, folders, poses_of_depth=self.poses_of_depth)
+        guessed = self.by_names and pose is None
+        assumed = "the layout was recognised by the names of the images alone" if guessed else ""
+        return Listing(frames, units, calibration, folders, poses_of_depth=self.poses_of_depth, assumed=assumed)
 
 
 def _named(pattern: re.Pattern[str], folder: Path) -> Files:
@@ -366,6 +371,7 @@ DATA_SETS = {
         _seven_scenes_poses,
         lambda path: path.parent,
         poses_of_depth=True,  # KinectFusion made the poses from depth alone
+        by_names=True,
     ),
     "3rscan": DataSet(
         "_info.txt, frame-NNNNNN.color.jpg, .depth.pgm, .pose.txt",
@@ -381,6 +387,7 @@ DATA_SETS = {
         partial(_published, UW_SCENES, 10000.0),
         _lines_of_quaternions,
         _above_images,
+        by_names=True,
     ),
     "replica": DataSet(
         "results/frameNNNNNN.jpg, results/depthNNNNNN.png",

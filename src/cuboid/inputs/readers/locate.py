@@ -159,7 +159,11 @@ def open_recording(
     except ValueError:  # a NUL, or half a character, in the name
         raise InputError(f"{shown(str(path))}: no recording can have this name") from None
     calibration, depth_units_per_metre = calibrations.choose(listing, intrinsics, depth_scale, found)
-    more = (left_out_warning(found, left_out(listing.frames)), _unread_poses(found, name, listing))
+    more = (
+        left_out_warning(found, left_out(listing.frames)),
+        _unread_poses(found, name, listing),
+        calibrations.assumption(listing, calibration, depth_units_per_metre, scale_given=depth_scale is not None),
+    )
     warnings = (*listing.warnings, *(warning for warning in more if warning is not None))
     listing = dataclasses.replace(listing, up_world=calibrations.up_world(listing), warnings=warnings)
     return Recording(found, f"{name}:{text}" if text else name, listing, calibration, depth_units_per_metre)

@@ -69,7 +69,8 @@ def read(path: Path) -> Listing:
         raise InputError(f"{path}: {folder.name}/ and depth/ hold no images")
     file = next((path / name for name in INTRINSIC_FILES if (path / name).is_file()), None)
     calibration = PRIMESENSE if file is None else _intrinsics(file)
-    return Listing(frames, DEPTH_UNITS_PER_METRE, calibration, camera_folders=(path,))
+    assumed = "" if file is not None else "the recording has no file of intrinsics"
+    return Listing(frames, DEPTH_UNITS_PER_METRE, calibration, camera_folders=(path,), assumed=assumed)
 
 
 def _color(path: Path) -> Path | None:

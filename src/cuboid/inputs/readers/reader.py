@@ -98,6 +98,8 @@ class Listing:
         Up (opposite to gravity), a unit vector in the world of the poses, if the format or the file gives it.
     warnings : tuple of str
         Warnings for the user about the files, one line each.
+    assumed : str
+        Why the calibration and the depth scale above are only assumed, in words; empty if they are known to hold.
     """
 
     frames: Sequence[FrameEntry]
@@ -107,6 +109,7 @@ class Listing:
     poses_of_depth: bool = False
     up_world: tuple[float, float, float] | None = None
     warnings: tuple[str, ...] = ()
+    assumed: str = ""
 
 
 @dataclass(frozen=True, slots=True)

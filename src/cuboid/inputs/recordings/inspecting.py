@@ -12,7 +12,8 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame
-from cuboid.inputs.calibration.registering import find_misregistration
+from cuboid.ground.core.plausible_depth import scale_warning
+from cuboid.inputs.calibration.registering import Misregistration, find_misregistration
 from cuboid.inputs.readers import Recording
 
 # Number of decoded frames, evenly spaced, and of frames whose poses are examined.
@@ -68,10 +69,12 @@ class RecordingInfo:
         Whether up was measured together with the frames.
     depth_off_px : float or None
         Offset between depth and color, if it is clear.
+    depth_views : int
+        Number of different views in which depth edges were compared with color; 0 if too few edges were found.
     skipped : tuple of Skipped
         Kinds of frames that cannot be used, the most frequent first.
     warnings : tuple of str
-        Warnings for the user about the files, such as images that were left out.
+        Warnings for the user, such as images that were left out, or a depth scale that is not plausible.
     """
 
     path: str
@@ -96,6 +99,7 @@ class RecordingInfo:
     up_world: tuple[float, ...] | None
     up_measured: bool
     depth_off_px: float | None
+    depth_views: int
     skipped: tuple[Skipped, ...]
     warnings: tuple[str, ...]
 
@@ -119,7 +123,7 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
     chosen = range(count) if every_frame else _spread(count, FRAMES)
     unposed, K = recording.without_poses(), recording.intrinsics
     reasons: dict[int, str] = {}
-    fractions, ranges, kept = [], [], []
+    fractions, ranges, medians, kept = [], [], [], []
     for index in chosen:
         try:
             frame = unposed.read(index)
@@ -129,10 +133,13 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
         seen = frame.depth_m[frame.depth_m > 0]
         fractions.append(1 - seen.size / frame.depth_m.size)
         ranges.append(np.percentile(seen, (5, 95)))
+        medians.append(float(np.median(seen)))
         kept.append(index)
     poses, length_m, looked_at = _poses(recording, reasons, range(count) if every_frame else _spread(count, POSES))
     rate_hz, duration_s, gaps = _times(recording)
     near, far = np.median(ranges, axis=0).tolist() if ranges else (None, None)
+    doubt = scale_warning(float(np.median(medians)), recording.depth_units_per_metre) if medians else None
+    misregistration = _misregistration(unposed, kept)
     return RecordingInfo(
         path=str(recording.path),
         format=recording.format,
@@ -155,9 +162,10 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
         path_length_m=length_m,
         up_world=None if recording.up_world is None else tuple(recording.up_world.tolist()),
         up_measured=recording.up_measured,
-        depth_off_px=_depth_off_px(unposed, kept),
+        depth_off_px=misregistration.off_px if misregistration is not None and misregistration.clear else None,
+        depth_views=0 if misregistration is None else misregistration.views,
         skipped=_kinds(reasons),
-        warnings=recording.warnings,
+        warnings=recording.warnings if doubt is None else (*recording.warnings, doubt),
     )
 
 
@@ -192,12 +200,11 @@ def _times(recording: Recording) -> tuple[float | None, float | None, int]:
     return 1 / usual, float(times[-1] - times[0]), int((steps > GAP_STEPS * usual).sum())
 
 
-def _depth_off_px(recording: Recording, frames: Sequence[int]) -> float | None:
+def _misregistration(recording: Recording, frames: Sequence[int]) -> Misregistration | None:
     def some() -> Sequence[Frame]:
         return [recording.read(index) for index in frames[:: max(1, len(frames) // 12)]]
 
-    found = find_misregistration(some())
-    return found.off_px if found is not None and found.clear else None
+    return find_misregistration(some())
 
 
 def _kinds(reasons: dict[int, str]) -> tuple[Skipped, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from cuboid.ground.core.errors import counted
 from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.plausible_depth import FARTHEST_MEDIAN_M, is_plausible, scale_warning
 from cuboid.ground.core.pose_convention import advised
 from cuboid.ground.core.results import FrameResult
 
@@ -24,8 +25,6 @@ MANY_LOST, MIN_LOST = 0.1, 3
 FEW_READINGS = 0.15
 # Fraction of frames with the same depth in all pixels that gives a warning: noise of a camera makes no such frame.
 MANY_CONSTANT = 0.5
-# Plausible range of the median depth of a room or a table, metres; real recordings at hand have 0.44 to 2.2.
-NEAREST_MEDIAN_M, FARTHEST_MEDIAN_M = 0.2, 8.0
 # Largest distance at which objects are found, metres.
 REACH_M = 4.0
 # Points in results are 32-bit numbers; above this step between two such numbers, metres, rounding is larger than the
@@ -237,18 +236,14 @@ def _scale_or_poses(facts: RunFacts) -> str | None:
         if better is not None:
             return better
     median_m = facts.depth_median_m
-    if median_m is not None and not NEAREST_MEDIAN_M <= median_m <= FARTHEST_MEDIAN_M:
+    if median_m is not None and not is_plausible(median_m):
         if fit is not None and _proves_scale(fit):
             where = "far away" if median_m > FARTHEST_MEDIAN_M else "near"
             return (
                 f"the median depth is {median_m:.2g} m, and depth and poses agree in scale: if the scene is not that "
                 f"{where}, both are in another unit than metres"
             )
-        likely = units * (10 if median_m > FARTHEST_MEDIAN_M else 0.1)
-        return (
-            f"the depth scale of {units:g} units per metre is probably wrong: the median depth is {median_m:.2g} m; "
-            f"at --depth-scale {likely:g} it is {median_m * units / likely:.2g} m"
-        )
+        return scale_warning(median_m, units)
     return None if fit is None else _unexplained(fit)
 
 
