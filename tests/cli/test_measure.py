@@ -39,7 +39,7 @@ def test_each_parcel_gets_its_sides_and_an_interval_that_holds_them(
         np.testing.assert_allclose(one["size_m"], true, atol=0.004)
         assert (np.abs(np.subtract(one["size_m"], true)) <= one["size_within_m"]).all()
         assert one["sides_seen"] == ["+z"]
-        assert one["volume_m3"] == pytest.approx(np.prod(true), rel=0.1)
+        assert one["box_volume_m3"] == pytest.approx(np.prod(true), rel=0.1)
         assert max(one["size_within_m"]) < 0.02
         assert max(one["center_sigma_m"]) < 0.01
 
@@ -53,8 +53,10 @@ def test_lines_and_the_picture_are_in_the_chosen_unit(
     assert len(lines) == 3
     side = r"\d+\.\d\d"
     assert all(
-        re.match(rf"#\d+: {side} x {side} x {side} cm \+- {side} x {side} x {side}, volume ", line) for line in lines
+        re.match(rf"#\d+: {side} x {side} x {side} cm ± {side} x {side} x {side}, box volume \d", line)
+        for line in lines
     )
+    assert any(re.search(r", box volume \d\.\d\d l, \d\.\d\d cm off the shape of a box$", line) for line in lines)
     drawn, plain = cv2.imread(str(picture)), cv2.imread(str(parcels / "color" / "000023.jpg"))
     assert drawn.shape == plain.shape
     assert np.count_nonzero(np.abs(drawn.astype(int) - plain).max(2) > 60) > 1000  # lines and numbers
@@ -104,3 +106,13 @@ def test_a_mistake_is_one_line(
         status = int(str(ended.code))
     assert status == 2
     assert message in capfd.readouterr().err
+
+
+def test_one_picture_says_what_is_missing(parcels: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    single = tmp_path / "single"
+    for folder, ending in (("color", "jpg"), ("depth", "png")):
+        (single / folder).mkdir(parents=True)
+        shutil.copy(parcels / folder / f"000000.{ending}", single / folder)
+    shutil.copy(parcels / "camera.json", single)
+    assert main(["measure", str(single)]) == 2
+    assert "nothing was measured in 1 frame: an object is measured once it was seen clearly" in capfd.readouterr().err

@@ -87,6 +87,15 @@ class TestAnyForm:
         assert (tmp_path / f"out{SUFFIXES[name]}").exists()
 
 
+def test_the_command_gives_a_file_the_suffix_of_its_format_and_says_so(
+    run: Results, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for form, given, written in (("coco", "a.coco", "a.json"), ("kitti", "b.json", "b.txt"), ("ply", "c.ply", "c")):
+        assert main(["export", str(run.folder), "--to", form, "--output", str(tmp_path / given)]) == 0
+        assert f"{form} written to {tmp_path / written}" in capsys.readouterr().out
+        assert (tmp_path / written).exists()
+
+
 def test_wrong_calls_are_one_line(run: Results, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def call(*words: str | Path) -> str:
         assert main(["export", *map(str, words)]) == 2
@@ -97,12 +106,12 @@ def test_wrong_calls_are_one_line(run: Results, tmp_path: Path, capsys: pytest.C
 
     there = tmp_path / "out.json"
     assert "unknown export 'pdf'; there are: boxer, coco, csv," in call(run.folder, "--to", "pdf", "--output", there)
-    assert "must end with .txt for 'kitti'" in call(run.folder, "--to", "kitti", "--output", there)
-    assert "makes a folder of files" in call(run.folder, "--to", "ply", "--output", tmp_path / "a.ply")
     assert "expected a folder with the results" in call(tmp_path / "none", "--to", "json", "--output", there)
     own = call(run.folder, "--to", "json", "--output", run.folder / "objects.json", "--force")
     assert "belongs to the results themselves" in own
     assert "belongs to the results" in call(run.folder, "--to", "ply", "--output", run.folder, "--force")
+    with pytest.raises(OutputError, match=r"'coco' is a \.json file; name it .*out\.json$"):
+        export(run, "coco", tmp_path / "out.coco")
     (run.folder / "tracks.csv").unlink()
     assert "tracks.csv: cannot be read" in call(run.folder, "--to", "coco", "--output", there)
     assert not there.exists()

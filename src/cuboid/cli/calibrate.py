@@ -315,7 +315,7 @@ def _error(value: float, digits: int) -> str:
 def _depth_line(found: CalibrationResult) -> str:
     if found.depth_scale_error != found.depth_scale_error:
         return "optical centre and depth scale are unchanged: estimated poses do not determine them"
-    seen = f"one metre of depth measures {found.measured_depth_scale:.4f} +- {found.depth_scale_error:.4f} m"
+    seen = f"one metre of depth measures {found.measured_depth_scale:.4f} ± {found.depth_scale_error:.4f} m"
     if found.depth_scale == 1.0:
         return f"{seen}: no clear error, the depth scale is unchanged"
     return f"{seen}: the depth scale is changed (the scale of the poses is taken as right)"

@@ -33,12 +33,13 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.ground.core.threads import limit_threads
 
     limit_threads(1)
-    from cuboid.results.exports import export
+    from cuboid.results.exports import export, fitting_path
     from cuboid.results.files import Results
 
     given = {name: value for name in ("close", "complete", "collision") if (value := getattr(args, name))}
-    notes = export(Results(args.results, args.recording), args.to, args.output, force=args.force, **given)
-    lines = "\n".join((f"{args.to} written to {args.output}", *notes))
-    document = {"output": str(args.output), "form": args.to, "notes": notes}
+    output = fitting_path(args.to, args.output)
+    notes = export(Results(args.results, args.recording), args.to, output, force=args.force, **given)
+    lines = "\n".join((f"{args.to} written to {output}", *notes))
+    document = {"output": str(output), "form": args.to, "notes": notes}
     give(args, document, lambda: console().print(lines, markup=False))
     return 0

@@ -153,6 +153,8 @@ def _print(args: argparse.Namespace, found: Measured, scale: Scale | None) -> No
         out.print(one.text(args.units), markup=False, soft_wrap=True)
     if not found.measures:
         out.print("nothing stands on a surface in view", markup=False)
+        for warning in found.warnings:
+            out.print(f"warning: {warning}", markup=False, soft_wrap=True)
     if scale is not None:
         out.print(scale.text(), markup=False, soft_wrap=True)
     camera = "the corrected camera" if scale is not None and scale.clear else "the camera, not changed,"

@@ -161,13 +161,13 @@ def intrinsics_warning(
             )
         spread = units * (verdict.depth_scale_error or 0.0)
         return (
-            f"{in_use} is off: {better} {units:.4g} +- {spread:.2g}, if the given poses are in metres; all sizes are "
+            f"{in_use} is off: {better} {units:.4g} ± {spread:.2g}, if the given poses are in metres; all sizes are "
             f"wrong by this factor; run again with --depth-scale {units:.4g}"
         )
     if not verdict.wrong or verdict.focal is None or verdict.focal_error is None:
         return None
     return (
-        f"the focal length in use, {intrinsics.fx:.1f} px, is off: {better} {verdict.focal:.0f} +- "
+        f"the focal length in use, {intrinsics.fx:.1f} px, is off: {better} {verdict.focal:.0f} ± "
         f"{max(1.0, verdict.focal_error * verdict.focal):.0f} px; objects may be doubled or of a wrong size; "
         "'cuboid calibrate' finds the intrinsics, --intrinsics takes them"
     )

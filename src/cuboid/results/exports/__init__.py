@@ -104,6 +104,12 @@ def export(run: Results, name: str, path: PathLike, *, force: bool = False, **op
         return form.write(run, folder, **options)
 
 
+def fitting_path(name: str, path: PathLike) -> Path:
+    """Return the path with the suffix of a format; without a suffix for a format that is a folder of files."""
+    form, path = EXPORTS.get(name), as_path(path)
+    return path if path.suffix.lower() == form.suffix else path.with_suffix(form.suffix)
+
+
 def path_of_camera(path: Path, camera: str) -> Path:
     """Return the path of a camera's file: the name of the camera follows that of the file."""
     return path.with_name(f"{path.stem}-{file_name(camera)}{path.suffix}")
@@ -121,9 +127,9 @@ def _paths_of_cameras(path: Path, cameras: Sequence[str], *, force: bool) -> dic
 def _refuse(run: Results, name: str, form: Export, path: Path) -> None:
     """Refuse a name with another suffix, or the name of a result file."""
     if form.suffix and path.suffix.lower() != form.suffix:
-        raise OutputError(f"{path}: the name must end with {form.suffix} for '{name}'")
+        raise OutputError(f"{path}: '{name}' is a {form.suffix} file; name it {path.with_suffix(form.suffix)}")
     if not form.suffix and path.suffix:
-        raise OutputError(f"{path}: '{name}' makes a folder of files, whose name has no '{path.suffix}'")
+        raise OutputError(f"{path}: '{name}' is a folder of files; name it {path.with_suffix('')}")
     real, results = real_path(path), real_path(run.folder)
     if real == results or (real.parent == results and real.name in OUTPUT_NAMES):
         raise OutputError(f"{path}: belongs to the results themselves; name another output")

@@ -48,10 +48,10 @@ class Measure:
             " x ".join(f"{value / metres:.{digits}f}" for value in values)
             for values in (self.item.box.size, self.within_m)
         )
-        volume = f"{self.item.box.volume / metres**3:.{0 if unit == 'mm' else 1}f} {unit}3"
-        off = f"{self.off_box_m / metres:.{digits}f} {unit} from a box"
+        off = f"{self.off_box_m / metres:.{digits}f} {unit} off the shape of a box"
         name = f" {self.item.name}" if self.item.name else ""
-        return f"#{self.item.label}{name}: {sides} {unit} +- {within}, volume {volume}, {off}"
+        volume = f"box volume {_volume_text(self.item.box.volume)}"
+        return f"#{self.item.label}{name}: {sides} {unit} ± {within}, {volume}, {off}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the measures ready for JSON, in metres."""
@@ -65,7 +65,7 @@ class Measure:
             "center_m": _rounded(item.box.center),
             "center_sigma_m": _rounded(item.center_sigma_m),
             "sides_seen": list(item.sides_seen),
-            "volume_m3": round(item.box.volume, 9),
+            "box_volume_m3": round(item.box.volume, 9),
             "off_box_m": round(self.off_box_m, 6),
             "probability": round(item.probability, 6),
         }
@@ -99,7 +99,7 @@ class Scale:
         found = "a clear error of scale" if self.clear else "no clear error of scale"
         within = SIGMAS_95 * self.sigma
         return (
-            f"object #{self.label} is the known one: one metre measures {self.measured:.4f} +- {within:.4f} m, {found}"
+            f"object #{self.label} is the known one: one metre measures {self.measured:.4f} ± {within:.4f} m, {found}"
         )
 
 
@@ -170,12 +170,17 @@ def scale_of(measures: Sequence[Measure], known_m: Sequence[float]) -> Scale:
     off, _, best, sides = min(fits, key=lambda fit: fit[:2], default=(np.inf, 0, None, known))
     if best is None or off > KNOWN_TOLERANCE:
         wanted = " x ".join(f"{1000 * side:.0f}" for side in known)
-        found = "; ".join(one.text("mm").partition(" +-")[0] for one in measures) or "nothing"
+        found = "; ".join(one.text("mm").partition(" ±")[0] for one in measures) or "nothing"
         raise InputError(f"no object is within {KNOWN_TOLERANCE:.0%} of the known {wanted} mm; measured: {found}")
     sigma = np.array(best.item.size_sigma_m)
     weight = (sides / sigma) ** 2
     measured = float(weight @ (best.item.box.size / sides) / weight.sum())
     return Scale(best.item.label, measured, float(1.0 / np.sqrt(weight.sum())))
+
+
+def _volume_text(volume_m3: float) -> str:
+    """Return a volume in litres, or in cubic centimetres below one litre."""
+    return f"{1e3 * volume_m3:.2f} l" if volume_m3 >= 1e-3 else f"{1e6 * volume_m3:.0f} cm3"
 
 
 def _rounded(values: Iterable[float]) -> list[float]:

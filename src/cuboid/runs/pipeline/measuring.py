@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array, UInt8Array
-from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.errors import InputError, counted
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult
 from cuboid.results.files.measures import Measure, measures_of
 from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions, never
 from cuboid.runs.pipeline.run import track_recording
 from cuboid.runs.pipeline.streaming import FrameSource
+from cuboid.runs.tracking.diagnosis import FEW_FRAMES
 from cuboid.runs.tracking.types import MapLike, Progress, RecordingLike
 
 # Objects of this many last frames of each camera are in view: in a single frame one may be missed.
@@ -33,6 +34,8 @@ class Measured:
     intrinsics : Intrinsics
     frames : int
         Number of used frames.
+    warnings : tuple of str
+        Likely faults of the frames, one line each; without measures they tell what is missing.
     """
 
     measures: list[Measure]
@@ -40,6 +43,7 @@ class Measured:
     T_world_camera: Float64Array
     intrinsics: Intrinsics
     frames: int
+    warnings: tuple[str, ...] = ()
 
 
 class _Follower:
@@ -88,7 +92,7 @@ def measure(
     Raises
     ------
     InputError
-        No frame can be used.
+        No frame can be used, or too few for a measure.
     """
     follower = _Follower(seconds, stop)
     hooks = RunHooks(progress=progress or Progress(), watch=follower.watch, stop=follower.stop)
@@ -100,6 +104,12 @@ def measure(
     older = {label: item.label for item in found.objects for label in item.merged_labels}
     in_view = {older.get(label, label) for seen in follower.seen.values() for labels in seen for label in labels}
     measures = measures_of(found.objects, tracker.map_points(), in_view)
+    used, warnings = found.report.frames_used, tuple(found.report.warnings)
+    if not measures and used < FEW_FRAMES:
+        raise InputError(
+            f"nothing was measured in {counted(used, 'frame')}: an object is measured once it was seen clearly about "
+            "three times; record the scene for a second, or give more frames"
+        )
     pose = np.asarray(result.T_world_camera)
     intrinsics = frame.intrinsics_or(source.intrinsics)
-    return Measured(measures, frame.color, pose, intrinsics, found.report.frames_used)
+    return Measured(measures, frame.color, pose, intrinsics, used, warnings)
