@@ -35,6 +35,14 @@ PRESETS = ("structured-light", "realsense-d435", "azure-kinect")
 # Units of the stored depth, and noise of a color, levels of 255.
 UNITS_PER_M, COLOR_NOISE = 10000.0, 2.0
 VIEWS = ("above", "side", "hand")
+# Sets of objects: boxes, cylinders and bags; or bodies of everyday use that have no box's shape.
+PARCELS, CURVED = "parcels", "curved"
+# The kinds of the second set, by the property that makes their boxes uncertain.
+GROUPS = {
+    "round": ("can", "ball"),
+    "tapered": ("jar", "cup", "bowl", "bottle"),
+    "soft-edged": ("soft box", "cushion"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +54,7 @@ class Thing:
     box : Box
         True box, in the world.
     kind : str
-        "box", "cylinder" or "bag".
+        "box", "cylinder" or "bag", or one of `GROUPS`.
     touches : tuple of int
         Indices of the objects that touch it.
     """
@@ -82,7 +90,7 @@ class Made:
             yield Frame(k, k / RATE_HZ, color, depth_m, self.poses[k] if posed else None)
 
 
-def recording(work: Path, view: str, sensor: str, distance_m: float, seed: int) -> Made:
+def recording(work: Path, view: str, sensor: str, distance_m: float, seed: int, shapes: str = PARCELS) -> Made:
     """Return a made recording; it is rendered once and kept in `work`.
 
     Parameters
@@ -95,15 +103,18 @@ def recording(work: Path, view: str, sensor: str, distance_m: float, seed: int) 
     distance_m : float
         From the camera to the highest top for "above", else to the middle of the objects.
     seed : int
+    shapes : str
+        `PARCELS` or `CURVED`.
     """
-    scene = _scene(view, distance_m, seed)
+    scene = _scene(view, distance_m, seed, shapes)
+    begin = "" if shapes == PARCELS else f"{shapes}-"
     intrinsics = scene.intrinsics(*SIZE_PX)
     place = {o.id: k for k, o in enumerate(scene.objects)}
     things = [Thing(scene.box(o), o.model.name, tuple(place[k] for k in o.touches)) for o in scene.objects]
-    file = work / f"{view}-{sensor}-{distance_m}-{seed}.npz"
+    file = work / f"{begin}{view}-{sensor}-{distance_m}-{seed}.npz"
     if not file.is_file():
         work.mkdir(parents=True, exist_ok=True)
-        _render(scene, intrinsics, {name: work / f"{view}-{name}-{distance_m}-{seed}.npz" for name in PRESETS})
+        _render(scene, intrinsics, {name: work / f"{begin}{view}-{name}-{distance_m}-{seed}.npz" for name in PRESETS})
     stored = np.load(file)
     poses = scene.T_world_camera[stored["frame"]]
     return Made(intrinsics, poses, stored["depth"].astype(np.float32) / UNITS_PER_M, stored["color"], things)
@@ -129,7 +140,7 @@ def _render(scene: Scene, intrinsics: Intrinsics, files: dict[str, Path]) -> Non
         np.savez(file, depth=np.array(depths[name]), color=np.array(colors), frame=np.array(frames))
 
 
-def _scene(view: str, distance_m: float, seed: int) -> Scene:
+def _scene(view: str, distance_m: float, seed: int, shapes: str) -> Scene:
     rng = np.random.default_rng([seed, round(1000 * distance_m), VIEWS.index(view), 7])
     frames = round(30.0 * (ROUND_S if view == "hand" else FIXED_S))
     draft = Draft(rng, frames, "handheld", (), [], Arrangement((), rng), np.empty((0, 6)))
@@ -139,9 +150,9 @@ def _scene(view: str, distance_m: float, seed: int) -> Scene:
     draft.add(made.table(rng, (1.6, 1.2, TABLE_M)), np.eye(4))
     longest = min(SIDES_M[1], SIDE_FRACTION * distance_m)
     within = 0.22 * distance_m / half
-    touching = seed % 2 == 1
+    touching = shapes == PARCELS and seed % 2 == 1
     for number in range(4):
-        model = _model(rng, longest)
+        model = _model(rng, longest) if shapes == PARCELS else _curved(rng)
         others = draft.objects.objects
         if touching and number % 2 == 1 and others:
             draft.objects.put_beside(_box(rng, longest), others[-1], 0.0, 0.02)
@@ -192,3 +203,29 @@ def _model(rng: np.random.Generator, longest: float) -> Model:
     z = max(0.03, 0.4 * min(x, y))
     body = rounded_box((x, y, z), 0.3 * min(x, y), 0.45 * z)
     return Model("bag", ((displaced(body, rng, 0.02 * min(x, y), 0.05), _look(rng)),))
+
+
+def _curved(rng: np.random.Generator) -> Model:
+    """Return a body of everyday use that has no box's shape."""
+    kind = str(rng.choice([kind for kinds in GROUPS.values() for kind in kinds]))
+    r, h = float(rng.uniform(0.025, 0.05)), float(rng.uniform(0.06, 0.14))
+    if kind == "soft box":
+        x, y, z = rng.uniform(0.06, 0.16), rng.uniform(0.05, 0.12), rng.uniform(0.04, 0.12)
+        edge = float(rng.uniform(0.2, 0.4)) * min(x, y, z)
+        return Model(kind, ((rounded_box((x, y, z), edge, edge), _look(rng)),))
+    if kind == "cushion":
+        x, y = rng.uniform(0.1, 0.2), rng.uniform(0.08, 0.16)
+        z = 0.4 * min(x, y)
+        body = displaced(rounded_box((x, y, z), 0.3 * min(x, y), 0.45 * z), rng, 0.02 * min(x, y), 0.05)
+        return Model(kind, ((body, _look(rng)),))
+    if kind == "ball":
+        angle = np.linspace(-np.pi / 2, np.pi / 2, 25)
+        return Model(kind, ((lathe([(r * np.cos(a), r + r * np.sin(a)) for a in angle]), _look(rng)),))
+    profile = {
+        "can": [(0, 0), (r, 0), (r, h), (0, h)],
+        "jar": [(0, 0), (r, 0), (r, 0.75 * h), (0.7 * r, 0.85 * h), (0.7 * r, h), (0, h)],
+        "cup": [(0, 0), (0.7 * r, 0), (r, h), (0.93 * r, h), (0.65 * r, 0.06 * h), (0, 0.06 * h)],
+        "bowl": [(0, 0), (0.5 * r, 0), (1.6 * r, 0.8 * r), (1.5 * r, 0.8 * r), (0.5 * r, 0.1 * r), (0, 0.1 * r)],
+        "bottle": [(0, 0), (r, 0), (r, h), (0.35 * r, 1.4 * h), (0.35 * r, 1.7 * h), (0, 1.7 * h)],
+    }[kind]
+    return Model(kind, ((lathe(profile), _look(rng)),))

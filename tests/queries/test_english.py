@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cuboid.ground.core.errors import InputError
-from cuboid.services.queries.english import WHERE, understand
+from cuboid.services.queries.english import COUNT, WHERE, understand
 from cuboid.services.queries.filters import Filters
 
 NAMES = ("bin", "box", "cardboard box", "chair", "cup", "red cup", "glass")
@@ -37,6 +37,11 @@ NAMES = ("bin", "box", "cardboard box", "chair", "cup", "red cup", "glass")
         ("lamp near the chair", {"name": "lamp", "near_object": "chair"}),  # a name that nothing has is a question too
         ("bins in recording kitchen-*", {"name": "bin", "recording": "kitchen-*"}),
         ("all objects", {}),
+        ("what is to the left of the chair?", {"side": ("left of", "chair")}),
+        ("the cup behind object 7", {"name": "cup", "side": ("behind", "7")}),
+        ("the tallest bin", {"name": "bin", "order": "tallest"}),
+        ("biggest thing on the floor", {"order": "largest", "on": "floor"}),
+        ("the cup nearest to the chair", {"name": "cup", "order": "nearest", "near_object": "chair", "within_m": inf}),
     ],
 )
 def test_what_is_understood(question: str, conditions: dict[str, Any]) -> None:
@@ -81,3 +86,8 @@ def test_what_is_not_understood_is_said_in_one_line(question: str, said: str) ->
     with pytest.raises(InputError, match=re.escape(said)) as error:
         understand(question, NAMES)
     assert "\n" not in str(error.value)
+
+
+def test_how_many_asks_for_their_number() -> None:
+    assert understand("how many bins are there?", NAMES).said == ("named 'bin'", COUNT)
+    assert COUNT not in understand("the bins", NAMES).said

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,9 @@ def labels(place: Place, **filters: Any) -> list[int]:
         ({"on": "3", "name": "crate"}, []),
         ({"near": (0.3, 0.0, 0.7), "within_m": 0.2}, [5, 3]),
         ({"near_object": "mug", "within_m": 0.1}, [3]),
+        ({"order": "tallest"}, [2]),
+        ({"order": "largest", "on": "plane:1"}, [1]),
+        ({"order": "nearest", "near_object": "can", "within_m": 9.0}, [1]),
         ({"near": (0.3, 0.0, 0.7), "near_object": "mug", "within_m": 0.2}, [3]),
         ({"since": datetime(2026, 3, 1, 12, 0, 4, tzinfo=UTC)}, [1, 2, 3, 5]),
         ({"until": datetime(2026, 3, 1, 12, 0, 4, tzinfo=UTC)}, [4]),
@@ -73,6 +77,30 @@ def test_in_a_large_map_relations_around_a_thing_are_those_of_the_whole(
     large = open_place(str(results))
     assert large.find(Filters(**filters)) == place.find(Filters(**filters))
     assert [large.object(k).relations for k in (1, 2, 5)] == [place.object(k).relations for k in (1, 2, 5)]
+
+
+@pytest.mark.parametrize(
+    ("side", "of", "expected"),
+    [
+        ("left of", "mug", [1, 2]),
+        ("right of", "crate", [3, 5, 4]),
+        ("right of", "mug", [4]),
+        ("behind", "mug", []),
+        ("in front of", "mug", []),
+    ],
+)
+def test_sides_are_those_that_the_camera_of_the_last_sighting_saw(
+    place: Place, monkeypatch: pytest.MonkeyPatch, side: str, of: str, expected: list[int]
+) -> None:
+    source = type(place._shared.source)
+    seen = source.last_seen
+
+    def from_the_front(self: Any, item: Any) -> Any:
+        return replace(seen(self, item), camera_m=(0.0, -2.0, 1.5))
+
+    monkeypatch.setattr(source, "last_seen", from_the_front)
+    assert sorted(labels(place, side=(side, of))) == sorted(expected)
+    assert labels(place, side=("behind", "5")) == labels(place, side=("behind", "mug"))
 
 
 def test_an_answer_has_box_times_and_relations(place: Place) -> None:

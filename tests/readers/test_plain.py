@@ -249,3 +249,20 @@ def test_folders_without_images(tmp_path):
     (tmp_path / "depth").mkdir()
     with pytest.raises(InputError, match="hold no images"):
         open_recording(tmp_path)
+
+
+def test_poses_and_times_without_frame_numbers_are_in_the_order_of_the_frames(plain):
+    for name in ("poses.txt", "timestamps.txt"):
+        lines = (plain.path / name).read_text().splitlines() if (plain.path / name).is_file() else []
+        if name == "timestamps.txt":
+            lines = [f"{k} {0.25 * k}" for k in range(len(open_recording(plain.path)))]
+        kept = [line.split(maxsplit=1)[1] for line in lines if not line.startswith("#")]
+        before = open_recording(plain.path)
+        (plain.path / name).write_text("\n".join(kept) + "\n")
+        after = open_recording(plain.path)
+        np.testing.assert_array_equal(after.pose(2), before.pose(2))
+        assert any(f"{name}: its lines have no frame numbers" in warning for warning in after.warnings)
+    assert after.timestamp_s(2) == 0.5
+    (plain.path / "poses.txt").write_text("\n".join(["0 0 0 0 0 0 1"] * (len(after) - 1)))
+    with pytest.raises(InputError, match="expected number tx ty tz"):
+        open_recording(plain.path)

@@ -12,6 +12,7 @@ from cuboid.cli.recording import probability
 from cuboid.cli.results import add_results, give
 from cuboid.cli.text_model import add_text, ranking_model
 from cuboid.cli.workers import positive
+from cuboid.ground.core.errors import counted
 from cuboid.services.queries.words import length, moment, place, sizes, thing
 
 if TYPE_CHECKING:
@@ -160,11 +161,14 @@ def _in_place(args: argparse.Namespace, filters: Filters, model: TextModel | Non
 def _show(args: argparse.Namespace, answer: Answered) -> None:
     """Print the conditions that were understood, and the objects: as lines if the question is where they are."""
     from cuboid.cli.tables import console
-    from cuboid.services.queries.english import WHERE
+    from cuboid.services.queries.english import COUNT, WHERE
     from cuboid.services.queries.rows import last_seen_lines, tag
 
     if answer.understood:
         console().print(f"understood: {', '.join(answer.understood)}", markup=False)
+    if COUNT in answer.understood:
+        least = "at least " if len(answer.rows) == args.limit else ""
+        console().print(f"{least}{counted(len(answer.rows), 'object')}", markup=False)
     if not answer.rows:
         console().print(answer.note or "no object found", markup=False)
     elif args.last is not None or WHERE in answer.understood:

@@ -151,6 +151,10 @@ class StoreObjects:
         rows = self._tables.rows(f"select distinct one from ({given} union all {classes}) order by one", [LIKELY])
         return [row["one"] for row in rows]
 
+    def placed(self, side: str, to: str) -> Sql:
+        """Raise InputError: a store has no camera of its own for all recordings."""
+        raise InputError(f"{side}: this question needs one place: results, a scene or a run")
+
     def recorded(self, pattern: str) -> Sql:
         """Return the objects of recordings whose name matches a glob pattern."""
         return Sql("recording glob ?", (pattern,))
@@ -166,6 +170,8 @@ class StoreObjects:
         Gone objects are last.
         """
         kept, extra, order = [*conditions], dict[str, Sql](), LATEST
+        if by.order is not None:
+            raise InputError(f"{by.order}: this question needs one place: results, a scene or a run")
         if by.near is not None:
             extra["distance_m"], order = Sql(_distance(_coordinates(by.near))), "distance_m"
         if by.like is not None:

@@ -12,6 +12,8 @@ SIGMAS_95 = 1.96
 COARSE_M = 0.01
 # Smallest half interval that is printed, metres: that of the last printed digit.
 FINEST_M = 0.001
+# From this half interval of a level side on, metres, a side that no camera saw is worth a word.
+GUESSED_M = 0.05
 AROUND = ("+x", "-x", "+y", "-y")
 
 
@@ -45,5 +47,6 @@ def size_text(
 
 
 def unseen_text(sides_seen: Collection[str], sigma_m: Sequence[float] | None) -> str:
-    """Return "back not seen" if a side around the box was not seen as a face; empty without standard deviations."""
-    return "back not seen" if sigma_m and any(side not in sides_seen for side in AROUND) else ""
+    """Return "back not seen" if length or width is a guess for lack of a view; else an empty text."""
+    unseen = sigma_m and any(side not in sides_seen for side in AROUND)
+    return "back not seen" if unseen and sigma_m and SIGMAS_95 * max(sigma_m[:2]) >= GUESSED_M else ""

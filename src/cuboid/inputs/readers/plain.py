@@ -56,8 +56,9 @@ def read(path: Path) -> Listing:
     _require_images(path, colors, depths)
     pairs, note = pair_images(colors, depths)
     numbers = [pair.number for pair in pairs]
-    poses = _poses(path / "poses.txt", numbers) if (path / "poses.txt").is_file() else None
-    times_s = _times_s(path / "timestamps.txt", numbers)
+    notes = [] if note is None else [note]
+    poses = _poses(path / "poses.txt", numbers, notes) if (path / "poses.txt").is_file() else None
+    times_s = _times_s(path / "timestamps.txt", numbers, notes)
     frames = [
         FrameEntry(
             color=pair.color,
@@ -67,7 +68,7 @@ def read(path: Path) -> Listing:
         )
         for pair in pairs
     ]
-    return Listing(frames, camera_folders=(path,), warnings=() if note is None else (note,))
+    return Listing(frames, camera_folders=(path,), warnings=tuple(notes))
 
 
 def _folder(path: Path, names: tuple[str, ...]) -> Path | None:
@@ -89,12 +90,21 @@ def _require_images(path: Path, *folders: Images) -> None:
     )
 
 
-def _numbered_lines(path: Path, fields: str, numbers: list[Decimal]) -> dict[Decimal, PoseLine]:
-    """Read lines that begin with a frame's number, the other fields being numbers."""
+def _numbered_lines(path: Path, fields: str, numbers: list[Decimal], notes: list[str]) -> dict[Decimal, PoseLine]:
+    """Read lines that begin with a frame's number, the other fields being numbers.
+
+    If all lines lack the number, and there are as many lines as frames, the lines are in the order of the frames; this
+    is added to `notes`.
+    """
     rows: dict[Decimal, PoseLine] = {}
-    for line_number, line in data_lines(path):
+    count = len(fields.split())
+    lines = list(data_lines(path))
+    if len(lines) == len(numbers) and all(len(line.split()) == count - 1 for _, line in lines):
+        notes.append(f"{path.name}: its lines have no frame numbers, and are taken in the order of the frames")
+        lines = [(line_number, f"{number} {line}") for number, (line_number, line) in zip(numbers, lines, strict=True)]
+    for line_number, line in lines:
         try:
-            values = parse_numbers(line, len(fields.split()), fields)
+            values = parse_numbers(line, count, fields)
             number = Decimal(line.split()[0])
         except ValueError as error:
             raise InputError(f"{path} line {line_number}: {error}") from None
@@ -111,17 +121,17 @@ def _numbered_lines(path: Path, fields: str, numbers: list[Decimal]) -> dict[Dec
     return rows
 
 
-def _poses(path: Path, numbers: list[Decimal]) -> dict[Decimal, PoseLine]:
-    return _numbered_lines(path, POSE_FIELDS, numbers)
+def _poses(path: Path, numbers: list[Decimal], notes: list[str]) -> dict[Decimal, PoseLine]:
+    return _numbered_lines(path, POSE_FIELDS, numbers, notes)
 
 
-def _times_s(path: Path, numbers: list[Decimal]) -> dict[Decimal, float]:
+def _times_s(path: Path, numbers: list[Decimal], notes: list[str]) -> dict[Decimal, float]:
     """Return the frames' times in seconds, from timestamps.txt, else from numbers that are times."""
     if not path.is_file():
         if not any(map(seconds_of, numbers)):
             return {}
         return {n: _time_s(str(seconds_of(n) or n), f"{path.parent}: frame number") for n in numbers}
-    rows = _numbered_lines(path, "number seconds", numbers)
+    rows = _numbered_lines(path, "number seconds", numbers, notes)
     for number in numbers:
         if number not in rows:
             raise InputError(f"{path}: no line for frame number {number}")

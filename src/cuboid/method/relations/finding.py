@@ -46,7 +46,7 @@ HEIGHT_SIGMA_M, SIDE_SIGMA_M = 0.008, 0.008
 # Standard deviation of the edge of a plane's seen part, metres: the parts under and behind objects are missing.
 EDGE_SIGMA_M = 0.05
 # Largest gap, metres, between objects beside each other, and between an object and a wall that it is against.
-BESIDE_M, AGAINST_M = 0.10, 0.05
+BESIDE_M, AGAINST_M = 0.20, 0.05
 # Two boxes are on, in or under each other if more than this fraction of a footprint is common to both, and beside each
 # other if more than this fraction of the heights of the lower one is common to both.
 MIN_COMMON_FRACTION = 0.5

@@ -1,10 +1,13 @@
 """Questions in plain English, such as "the blue bin beside the chair", as conditions: a small grammar, no model.
 
 question
-    [LEAD] [the | a | all | ...] {COLOR | SIZE} [NAME | LABEL | thing] {CLAUSE} [last seen]
+    [LEAD] [the | a | all | ...] {COLOR | SIZE | SUPERLATIVE} [NAME | LABEL | thing] {CLAUSE} [last seen]
 LEAD
     find, show me, list, is there, what is, which things are, where is, when was ...
+SUPERLATIVE
+    largest, biggest, smallest, tallest, lowest: of the objects that meet all other conditions
 CLAUSE
+    left of | right of | behind | in front of | nearest to NAME | LABEL: as the camera of its last sighting saw it;
     on | in | beside | next to | near | within LENGTH of, and NAME | LABEL | floor | table | plane:N;
     larger than | smaller than | at least | at most | about LENGTH, between LENGTH and LENGTH;
     since | before DATE, in the last NUMBER minutes | hours | days | weeks; in recording GLOB
@@ -30,6 +33,8 @@ SMALL_M, LARGE_M = 0.15, 0.4
 # Sizes "about" a length differ from it by at most this fraction.
 ABOUT = 0.25
 
+# The words for a question how many objects there are.
+COUNT = "their number"
 # The words for a question where or when an object was seen.
 WHERE = "where and when it was seen last"
 
@@ -37,7 +42,7 @@ _LEAD = re.compile(
     r"(please )?(?:((?:find|search for|look for|list|get|count)|(?:show|give|tell)(?: me)?)\b"
     r"|(?P<last>where|when) (?:is|are|was|were|did you (?:last )?see|have you seen)\b"
     r"|(?:is|are) there\b|(?:what|which)(?: (?:objects?|things?))?(?: (?:is|are|stands?|lies|lie))?\b"
-    r"|do you see\b|have you seen\b|how many\b)\s*(?P<rest>.*)"
+    r"|do you see\b|have you seen\b|(?P<count>how many)\b)\s*(?P<rest>.*)"
 )
 _SEEN = re.compile(r"\b(?:last seen|seen last|last|seen)$")
 _FILLER = re.compile(
@@ -96,8 +101,8 @@ def understand(question: str, names: Sequence[str], limit: int = LIMIT) -> Under
             f"{shown(question)}: a label, #{reader.label}, is only understood in 'where is {reader.label}'"
         )
     last = (reader.label or filters.name) if reader.asks_last and alone else None
-    where = (WHERE,) if reader.asks_last else ()
-    return Understood(filters, last, (*(reader.said or ["all objects"]), *where))
+    more = (WHERE,) * reader.asks_last + (COUNT,) * reader.asks_count
+    return Understood(filters, last, (*(reader.said or ["all objects"]), *more))
 
 
 class _Reader:
@@ -112,6 +117,8 @@ class _Reader:
         The label of the object, if the question has one.
     asks_last : bool
         Whether the question is where or when an object was seen.
+    asks_count : bool
+        Whether the question is how many objects there are.
     """
 
     def __init__(self, question: str, names: Sequence[str]) -> None:
@@ -122,7 +129,7 @@ class _Reader:
         self.values: dict[str, Any] = {}
         self.said: list[str] = []
         self.label: str | None = None
-        self.asks_last = False
+        self.asks_last = self.asks_count = False
 
     def read(self) -> None:
         """Read the whole question."""
@@ -131,6 +138,7 @@ class _Reader:
         lead = _LEAD.match(self._rest)
         if lead is not None:
             self.asks_last, self._rest = lead["last"] is not None, lead["rest"].strip()
+            self.asks_count = lead["count"] is not None
         end = _SEEN.search(self._rest)
         if end is not None:
             self.asks_last, self._rest = True, self._rest[: end.start()].strip()
@@ -222,7 +230,8 @@ class _Reader:
         understood = f"; understood: {', '.join(self.said)}" if self.said else ""
         raise InputError(
             f"{shown(self._question)}: not understood from {shown(self._rest)} on{understood}. A question has colors, "
-            "'small' or 'large', a name, and on, in, beside or near something, such as 'the blue bin beside the chair'"
+            "'small' or 'large', a name, and on, in, beside, near, left of or behind something, such as 'the blue bin "
+            "beside the chair'"
         )
 
 
@@ -264,6 +273,22 @@ def _within(reader: _Reader, found: re.Match[str]) -> None:
     reader.relate("near_object", "from {}")
 
 
+def _nearest(reader: _Reader, found: re.Match[str]) -> None:
+    reader.put("order", "nearest", "only the nearest")
+    reader.values["within_m"] = inf
+    reader.relate("near_object", "to {}")
+
+
+def _ordered(reader: _Reader, found: re.Match[str]) -> None:
+    order = {"biggest": "largest", "highest": "tallest", "shortest": "lowest"}.get(found[1], found[1])
+    reader.put("order", order, "only the {}")
+
+
+def _beside_as_seen(reader: _Reader, found: re.Match[str]) -> None:
+    reader.relate("side", f"{found[1]} {{}}")
+    reader.values["side"] = found[1], reader.values["side"]
+
+
 def _in_the_last(reader: _Reader, found: re.Match[str]) -> None:
     reader.put("since", _time(f"{found[1] or '1'}{_AGO[found[2]]}"), "last seen since {:%Y-%m-%d %H:%M} UTC")
 
@@ -292,6 +317,10 @@ _CLAUSES: tuple[tuple[re.Pattern[str], Callable[[_Reader, re.Match[str]], None]]
         re.compile(r"(?:in|of|from) (?:the )?recordings? (\S+)"),
         lambda reader, found: reader.put("recording", found[1], "in recordings '{}'"),
     ),
+    (re.compile(r"(?:to the )?(left of|right of)\b"), _beside_as_seen),
+    (re.compile(r"(behind|in front of)\b"), _beside_as_seen),
+    (re.compile(r"(?:nearest|closest)(?: to)?(?=\s|$)"), _nearest),
+    (re.compile(r"(largest|biggest|smallest|tallest|highest|shortest|lowest)(?=\s|$)"), _ordered),
     (re.compile(r"on(?: top of)?(?=\s|$)"), _relation("on", "on {}")),
     (re.compile(r"(?:inside(?: of)?|in|within|into)(?=\s|$)"), _relation("inside", "in {}")),
     (re.compile(r"(?:beside|next to|by|at the side of|alongside)(?=\s|$)"), _relation("beside", "beside {}")),

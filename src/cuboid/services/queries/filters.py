@@ -15,6 +15,10 @@ from cuboid.services.queries.likeness import COLOR_WORDS
 
 # Minimum probability of a class, other than the name, by which an object is found.
 LIKELY = 0.2
+# Where an object is, as the camera of the last sighting of another one saw both.
+SIDES = ("left of", "right of", "behind", "in front of")
+# The order of answers to superlatives, of which the first object is the answer.
+ORDERS = ("largest", "smallest", "tallest", "lowest", "nearest")
 SURFACE = re.compile(r"(plane|wall):\d{1,9}")
 # Maximum number of objects of an answer, unless another one is asked for.
 LIMIT = 50
@@ -37,6 +41,10 @@ class Filters:
         Maximum distance from `near` or `near_object`.
     on, inside, beside : str or None
         Label or name of the object on, in or beside which it is; or "plane:k", "floor" or "table".
+    side : (str, str) or None
+        One of `SIDES`, and label or name of another object, which is seen from the camera of its last sighting.
+    order : str or None
+        One of `ORDERS`: only the first object in this order is found; the nearest is that to the other object.
     recording : str or None
         Glob pattern for names of recordings.
     since, until : datetime or None
@@ -63,6 +71,8 @@ class Filters:
     on: str | None = None
     inside: str | None = None
     beside: str | None = None
+    side: tuple[str, str] | None = None
+    order: str | None = None
     recording: str | None = None
     since: datetime | None = None
     until: datetime | None = None
@@ -76,7 +86,9 @@ class Filters:
     def __post_init__(self) -> None:
         if self.color is not None and self.color not in COLOR_WORDS:
             raise InputError(f"unknown color '{self.color}'; known colors: {', '.join(COLOR_WORDS)}")
-        for what in (self.on, self.inside, self.beside, self.near_object):
+        if self.order not in (None, *ORDERS) or (self.side is not None and self.side[0] not in SIDES):
+            raise InputError(f"expected one of {', '.join((*SIDES, *ORDERS))}")
+        for what in (self.on, self.inside, self.beside, self.near_object, *(self.side or ())[1:]):
             if what is not None and not what.strip():
                 raise InputError(
                     f"expected the label or the name of an object, or plane:N, floor or table, got {shown(what)}"

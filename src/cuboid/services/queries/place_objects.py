@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.results import Relation, TrackedObject
 from cuboid.ground.core.values import RelationKind
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
@@ -95,6 +95,19 @@ class PlaceObjects:
         self._distances = distances_m if self._distances is None else self._distances
         return np.asarray((distances_m <= within_m) & self._now.present)
 
+    def placed(self, side: str, to: str) -> Mask:
+        """Return the objects on a side of other ones, each as the camera of its last sighting saw it."""
+        up, found = self._shared.up(), np.zeros(len(self._now.known), bool)
+        for other in self._now.called(to):
+            with self._shared.lock:
+                camera_m = self._shared.source.last_seen(other).camera_m
+            if up is None or camera_m is None:
+                raise InputError(f"{side}: up, or the camera of the last sighting of {shown(to)}, is not known")
+            found |= self._now.placed(side, other, np.array(camera_m), up)
+            away = self._now.distances_m(other.box.center)
+            self._distances = away if self._distances is None else self._distances
+        return found
+
     def related(self, kind: RelationKind, to: str) -> Mask:
         """Return the objects with a relation to an object or a surface."""
         ends = self._surfaces(to)
@@ -156,7 +169,9 @@ class PlaceObjects:
         Gone objects are last.
         """
         rows = self._rows(conditions)
-        if self._distances is not None:
+        if by.order is not None:
+            rows = self._now.first(by.order, rows[self._now.present[rows]], self._distances)
+        elif self._distances is not None:
             rows = rows[np.argsort(self._distances[rows], kind="stable")]
         chosen, fits = rows.tolist(), dict[int, float]()
         if by.text is not None:

@@ -55,6 +55,9 @@ class ObjectSource(Protocol[C, F]):
     def related(self, kind: RelationKind, to: str) -> C:
         """Return the condition that an object has a relation to an object (label or name) or to a surface."""
 
+    def placed(self, side: str, to: str) -> C:
+        """Return the condition that an object is on a side, one of `SIDES`, of another one as a camera saw it."""
+
     def names(self) -> list[str]:
         """Return the names and likely classes that objects have."""
 
@@ -121,6 +124,8 @@ def last_seen(source: ObjectSource[C, F], label_or_name: str, also: Filters | No
     raise InputError(no_such_name(source, label_or_name) or f"no object has the name {shown(label_or_name)}")
 
 
+# Fields of filters that `counts_without` keeps: rankings, and conditions that have no field in a form.
+NEVER_DROPPED = ("limit", "within_m", "text", "like", "side", "order")
 SourceOf = Callable[[Filters], ObjectSource[C, F]]
 
 
@@ -164,6 +169,9 @@ def answer(source_of: SourceOf[C, F], asked: Understood, also: Filters) -> tuple
         As `find` and `last_seen`.
     """
     source = source_of(asked.filters)
+    note = None if asked.last is None or label_of(asked.last) is not None else no_such_name(source, asked.last)
+    if note is not None:
+        return [], note
     found = find(source, asked.filters) if asked.last is None else last_seen(source, asked.last, also)
     return found[: also.limit], None if found else no_such_name(source, asked.filters.name)
 
@@ -175,7 +183,10 @@ def counts_without(source_of: SourceOf[C, F], filters: Filters) -> Mapping[str, 
     """
     counts = {}
     for one in fields(Filters):
-        if one.name not in ("limit", "within_m", "text", "like") and getattr(filters, one.name) is not None:
+        if (
+            one.name not in ("limit", "within_m", "text", "like", "side", "order")
+            and getattr(filters, one.name) is not None
+        ):
             dropped: dict[str, Any] = {one.name: None}
             without = replace(filters, **dropped)
             counts[one.name] = len(find(source_of(without), without))
@@ -200,6 +211,8 @@ def _conditions(source: ObjectSource[C, F], filters: Filters) -> Iterator[C]:
         yield source.seen(filters.since, filters.until)
     for kind, to in filters.related():
         yield source.related(kind, to)
+    if filters.side is not None:
+        yield source.placed(*filters.side)
     if filters.near is not None:
         yield source.near(filters.near, filters.within_m)
     if filters.near_object is not None:

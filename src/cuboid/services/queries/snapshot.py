@@ -19,7 +19,7 @@ from cuboid.services.queries.sources import Source
 
 # Distance within which objects are near to each other, metres: the relations on, in and beside depend on objects within
 # `BESIDE_M`, and on the supports of these.
-RELATED_M = 0.3
+RELATED_M = 0.4
 
 Mask = npt.NDArray[np.bool_]
 
@@ -106,6 +106,32 @@ class Snapshot:
     def longest_m(self) -> Float64Array:
         """Return the longest side of each box, metres, (N,)."""
         return np.asarray(self._size.max(1, initial=0.0))
+
+    def placed(self, side: str, other: TrackedObject, camera: Float64Array, up: Float64Array) -> Mask:
+        """Return the present objects on a side of another one, (N,), as a camera at (3,) in the world saw it.
+
+        Each side is a quarter of the plan: what is farther behind than it is left counts as behind.
+        """
+        ahead = other.box.center - camera
+        ahead = ahead - (ahead @ up) * up
+        ahead /= max(float(np.linalg.norm(ahead)), 1e-9)
+        away = self._center - other.box.center
+        behind, right = away @ ahead, away @ np.cross(ahead, up)
+        along = {"left of": -right, "right of": right, "behind": behind, "in front of": -behind}[side]
+        across = behind if side in ("left of", "right of") else right
+        outside = along > other.box.size[:2].min() / 2.0  # what lies in it or on it is on no side
+        return np.asarray(outside & (along >= np.abs(across)) & self.present & (self.labels != other.label))
+
+    def first(self, order: str, rows: npt.NDArray[np.intp], distances_m: Float64Array | None) -> npt.NDArray[np.intp]:
+        """Return the first one of some objects (their indices) in an order, one of `ORDERS`; none of none."""
+        if not len(rows):
+            return rows
+        if order == "nearest" and distances_m is not None:
+            return rows[[int(np.argmin(distances_m[rows]))]]
+        height = np.abs(self._rotation[:, 2, :] * self._size).sum(1) if order in ("tallest", "lowest") else None
+        value = self._size.prod(1) if height is None else height
+        value = -value if order in ("largest", "tallest") else value
+        return rows[[int(np.argmin(value[rows]))]]
 
     def distances_m(self, point: Float64Array) -> Float64Array:
         """Return the distance of a point (3,) from each box, metres, (N,); 0 inside."""
