@@ -59,7 +59,7 @@ QUESTIONS = (
     Question("the blue bin beside the box", {"name": "bin", "color": "blue", "beside": "box"}, {"bin"}),
     Question("What is on the floor?", {"on": "floor"}, {"parcel"}),
     Question("what is on the table?", {"on": "table"}, TABLE_THINGS),
-    Question("things beside the bin", {"beside": "bin"}, {"box"}),
+    Question("things beside the bin", {"beside": "bin"}, {"box", "red cup"}),
     Question("show me everything larger than 25 cm", {"min_size": "25cm"}, {"parcel"}),
     Question("small things on the table", {"max_size": "15cm", "on": "table"}, {"red cup"}),
     Question("the white things", {"color": "white"}, {"parcel"}),
