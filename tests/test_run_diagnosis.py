@@ -54,6 +54,17 @@ def test_a_good_recording_has_no_warnings(good: Path, tmp_path: Path) -> None:
     assert report_of(good, tmp_path / "out").warnings == ()
 
 
+def test_a_focal_length_of_no_camera_is_named_in_a_short_run(good: Path, tmp_path: Path) -> None:
+    short = tmp_path / "short"
+    (short / "color").mkdir(parents=True)
+    shutil.copytree(good, short, dirs_exist_ok=True)
+    for folder in ("color", "depth"):
+        for image in sorted((short / folder).iterdir())[6:]:
+            image.unlink()
+    warnings = report_of(short, tmp_path / "out", "estimated", intrinsics=(900.0, 900.0, 160.0, 120.0)).warnings
+    assert any("means a field of view of 20 degrees along 320 pixels" in line for line in warnings)
+
+
 def test_depth_that_is_the_same_in_all_pixels_is_named() -> None:
     tracker = cuboid.Tracker(CAMERA)
     for k in range(3):

@@ -12,7 +12,7 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame
-from cuboid.ground.core.plausible_depth import scale_warning
+from cuboid.ground.core.plausible import field_of_view_warning, scale_warning
 from cuboid.inputs.calibration.registering import Misregistration, find_misregistration
 from cuboid.inputs.readers import Recording
 
@@ -138,7 +138,8 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
     poses, length_m, looked_at = _poses(recording, reasons, range(count) if every_frame else _spread(count, POSES))
     rate_hz, duration_s, gaps = _times(recording)
     near, far = np.median(ranges, axis=0).tolist() if ranges else (None, None)
-    doubt = scale_warning(float(np.median(medians)), recording.depth_units_per_metre) if medians else None
+    scale = scale_warning(float(np.median(medians)), recording.depth_units_per_metre) if medians else None
+    doubts = [one for one in (scale, field_of_view_warning(K)) if one is not None]
     misregistration = _misregistration(unposed, kept)
     return RecordingInfo(
         path=str(recording.path),
@@ -165,7 +166,7 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
         depth_off_px=misregistration.off_px if misregistration is not None and misregistration.clear else None,
         depth_views=0 if misregistration is None else misregistration.views,
         skipped=_kinds(reasons),
-        warnings=recording.warnings if doubt is None else (*recording.warnings, doubt),
+        warnings=(*recording.warnings, *doubts),
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import RigCamera
+from cuboid.ground.core.plausible import field_of_view_warning
 from cuboid.ground.formats.rig_file import FIXED
 from cuboid.inputs.readers import Recording
 from cuboid.inputs.recordings.rig import RigRecording
@@ -127,6 +128,7 @@ def run_facts(tracker: RunningTracker, recording: RecordingLike | None = None, e
         pose_fit=None,
         misfit=tracker.pose_misfit,
         up_known=tracker.up is not None,
+        field_of_view=field_of_view_warning(tracker.intrinsics),
         depth_constant=tracker.counts.mostly_constant(tracker.T_world_camera),
         planes=len(tracker.planes),
         proposals=tracker.counts.proposals,

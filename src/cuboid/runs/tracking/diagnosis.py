@@ -10,7 +10,7 @@ import numpy as np
 
 from cuboid.ground.core.errors import counted
 from cuboid.ground.core.frame import Frame
-from cuboid.ground.core.plausible_depth import FARTHEST_MEDIAN_M, is_plausible, scale_warning
+from cuboid.ground.core.plausible import FARTHEST_MEDIAN_M, is_plausible, scale_warning
 from cuboid.ground.core.pose_convention import advised
 from cuboid.ground.core.results import FrameResult
 
@@ -102,6 +102,8 @@ class RunFacts:
         Largest coordinate of a camera in the world.
     untimely : tuple of int
         Frames whose time is not later than that of the frame before.
+    field_of_view : str or None
+        The warning about the field of view of the intrinsics.
     calibration, registration, misfit : str or None
         What the check of the intrinsics and the depth scale, the check of the registration of depth to color, and the
         source of the poses found wrong.
@@ -123,6 +125,7 @@ class RunFacts:
     depth_constant: bool = False
     farthest_m: float = 0.0
     untimely: tuple[int, ...] = ()
+    field_of_view: str | None = None
     calibration: str | None = None
     registration: str | None = None
     misfit: str | None = None
@@ -141,7 +144,7 @@ def diagnose(facts: RunFacts) -> tuple[str, ...]:
     """
     mismatch = _scale_or_poses(facts)
     if mismatch is None and facts.registration is None:  # color beside depth disturbs the other checks
-        mismatch = facts.calibration or facts.misfit
+        mismatch = facts.calibration or facts.field_of_view or facts.misfit
     causes = (
         _constant_depth(facts),
         mismatch,
