@@ -216,8 +216,7 @@ def _curved(rng: np.random.Generator) -> Model:
     if kind == "cushion":
         x, y = rng.uniform(0.1, 0.2), rng.uniform(0.08, 0.16)
         z = 0.4 * min(x, y)
-        body = displaced(rounded_box((x, y, z), 0.3 * min(x, y), 0.45 * z), rng, 0.02 * min(x, y), 0.05)
-        return Model(kind, ((body, _look(rng)),))
+        return Model(kind, ((rounded_box((x, y, z), 0.3 * min(x, y), 0.45 * z), _look(rng)),))
     if kind == "ball":
         angle = np.linspace(-np.pi / 2, np.pi / 2, 25)
         return Model(kind, ((lathe([(r * np.cos(a), r + r * np.sin(a)) for a in angle]), _look(rng)),))

@@ -18,8 +18,9 @@ from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.tolerances import BIAS_M, SIGMAS
 from cuboid.ground.geometry.box import Box
+from cuboid.method.boxes.edges import FROM_ABOVE
 from cuboid.method.boxes.kernels.top_edges import color_steps, sums_along
-from cuboid.method.boxes.rims import LOWER_RIM
+from cuboid.method.boxes.rims import LOWER_RIM, MIN_DROP_M, WALL_M, outline_depth_m
 
 # An edge lies within this many pixels of where depth has it, and within this fraction of the shorter side; a smaller
 # reach than the minimum cannot tell edges apart. Its ends are turned by at most TURN_PX.
@@ -44,6 +45,8 @@ MOVES_PX = np.arange(-4.0, 4.01, 1.0)
 # other place within reach may stand out by more than this fraction: on made parcels with prints, few wrong edges are
 # left with it, and most true ones.
 MIN_STEP_LEVELS, MAX_OTHER = 5.0, 0.7
+# An edge of a rim outside of the strongest one is its outline if it stands out by this fraction of that one.
+OUTER_FRACTION = 0.4
 # Pixels between two different edges.
 APART_PX = 2.5
 # An edge counts if this fraction of its lines shows the top inside of it.
@@ -51,6 +54,9 @@ MIN_SHOWN_FRACTION = 0.5
 # Standard deviation of a length between two edges, pixels: chosen on made parcels, where the 95 % interval then holds
 # 93 % of the lengths; see BENCHMARK.md, "Measures".
 SIDE_PX = 1.0
+# Standard deviation of a length between two outlines of a rounded object, pixels; error of the height of the outline,
+# as a fraction of its depth below the top.
+OUTLINE_PX, OUTLINE_ERROR = 2.5, 0.3
 # A side that is known no better than this, pixels, is left to depth.
 MAX_SIGMA_PX = 5.0
 # Smallest cosine between up and the direction to the camera: below 30 degrees a top is too foreshortened.
@@ -82,18 +88,24 @@ class Picture:
         """Position of the camera in the map, (3,) metres."""
         return np.asarray(-self.T_camera_map[:3, :3].T @ self.T_camera_map[:3, 3])
 
-    def shows(self, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Return which points (N, 3) are in the image and not contradicted by its depth."""
+    def shows(self, points: Float64Array, front_m: float = 0.0, behind_m: float = 0.0) -> npt.NDArray[np.bool_]:
+        """Return which points (N, 3) are in the image and not contradicted by its depth.
+
+        The surface may be in front of a point or behind it by so much.
+        """
         local = points @ self.T_camera_map[:3, :3].T + self.T_camera_map[:3, 3]
         z = np.maximum(local[:, 2], 1e-6)
         u, v = np.rint(self.camera.pixels(np.column_stack([local[:, :2], z]))).astype(np.int64).T
         inside = (u >= 0) & (u < self.camera.width) & (v >= 0) & (v < self.camera.height)
         read = self.depth_m[np.where(inside, v, 0), np.where(inside, u, 0)]
         within = BIAS_M + SIGMAS * self.noise_per_m * z**2
-        return np.asarray(inside & ((read <= 0.0) | (np.abs(read - z) <= within)))
+        fits = (read - z <= behind_m + within) & (z - read <= front_m + within)
+        return np.asarray(inside & ((read <= 0.0) | fits))
 
 
-def top_sides(box: Box, picture: Picture, rim_m: float, steps_m: Float64Array | None = None) -> Float64Array:
+def top_sides(
+    box: Box, picture: Picture, rim_m: float, steps_m: Float64Array | None = None, *, hollow: bool = False
+) -> Float64Array:
     """Return the length and the width of a box from the edges of its top, and their standard deviations, (4,) metres.
 
     All values of a side are NaN if its edges are not clear.
@@ -107,13 +119,22 @@ def top_sides(box: Box, picture: Picture, rim_m: float, steps_m: Float64Array | 
         Height of its top above the rim of the top, metres; see `rims.rim_drop_m`.
     steps_m : (2,) float64, optional
         Height of its top above lower parts at the ends of its length and width, metres; see `rims.steps_m`.
+    hollow : bool
+        Whether the top is a rim around a hollow.
     """
     unknown = np.full(4, np.nan)
     top = box.center + box.size[2] / 2.0 * box.up
     T = picture.T_camera_map
     ray = picture.eye - top
-    above_m = float(ray @ box.up)
-    if above_m < MIN_FACING * math.sqrt(ray @ ray):
+    above_m, away_m = float(ray @ box.up), math.sqrt(ray @ ray)
+    if above_m < MIN_FACING * away_m:
+        return unknown
+    steps_m = np.zeros(2) if steps_m is None else steps_m
+    outline_m = 0.0
+    if above_m >= FROM_ABOVE * away_m:  # the outline is where the object is widest
+        outline_m = min(outline_depth_m(rim_m, steps_m), box.size[2])
+        top, above_m = top - outline_m * box.up, above_m + outline_m
+    elif rim_m >= MIN_DROP_M:  # from the side, the outline of a rounded body is not where its sides end
         return unknown
     pixel_m = float((T[:3, :3] @ top + T[:3, 3])[2]) / math.sqrt(picture.camera.fx * picture.camera.fy)
     if pixel_m <= 0.0:
@@ -122,7 +143,7 @@ def top_sides(box: Box, picture: Picture, rim_m: float, steps_m: Float64Array | 
     reach = math.floor(min(REACH_PX, REACH_FRACTION * float(box.size[:2].min()) / pixel_m) / STEP_PX)
     if reach < MIN_REACH_PX / STEP_PX:
         return unknown
-    view = _View(picture, box, top, pixel_m, reach)
+    view = _View(picture, box, top, pixel_m, reach, outline_m, box.size[2] if hollow else 0.0)
     found, stands_out = _rectangle(view)
     if abs(box.size[0] - box.size[1]) < REACH_PX * pixel_m:
         disc, rim = _disc(view)
@@ -130,22 +151,31 @@ def top_sides(box: Box, picture: Picture, rim_m: float, steps_m: Float64Array | 
             found = disc
     # An edge that lies lower than the top appears displaced, the more the farther the camera is aside.
     aside = (np.abs(ray @ box.rotation[:, :2]) + box.size[:2] / 2.0) / above_m
-    sigma_m = np.hypot(SIDE_PX * pixel_m, LOWER_RIM * rim_m * (1.0 + aside))
-    if steps_m is not None:
+    if outline_m > 0.0:
+        sigma_m = np.hypot(OUTLINE_PX * pixel_m, OUTLINE_ERROR * outline_m * 2.0 * aside)
+    else:
+        sigma_m = np.hypot(SIDE_PX * pixel_m, LOWER_RIM * rim_m * (1.0 + aside))
         sigma_m = np.hypot(sigma_m, steps_m * aside)
+    if hollow:
+        sigma_m = np.hypot(sigma_m, WALL_M)
     clear = ~np.isnan(found) & (sigma_m <= MAX_SIGMA_PX * pixel_m)
     return np.where(np.tile(clear, 2), np.concatenate([found, sigma_m]), np.nan)
 
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A box in a picture: the middle (3,) of its top, the width of a pixel there, and the reach of edges, points."""
+    """A box in a picture: the middle (3,) of its top, the width of a pixel there, and the reach of edges, points.
+
+    The surface inside of the edges may be nearer to the camera by `front_m`, and farther by `behind_m`, metres.
+    """
 
     picture: Picture
     box: Box
     top: Float64Array
     pixel_m: float
     reach: int
+    front_m: float = 0.0
+    behind_m: float = 0.0
 
 
 def _rectangle(view: _View) -> tuple[Float64Array, float]:
@@ -181,7 +211,7 @@ def _disc(view: _View) -> tuple[Float64Array, float]:
     moved = np.rint(moves @ directions.T / STEP_PX)
     rim = _Edge(view, view.top + outward * diameter_m / 2.0, outward, moved)
     best = int(np.argmax(rim.stands_out))
-    offset_m = rim.offset_m(best)
+    offset_m = rim.offset_m(best) if view.behind_m == 0.0 else rim.outermost_m()
     found_m = diameter_m + 2.0 * offset_m if offset_m >= -rim.max_widened_m else math.nan
     return np.full(2, found_m), float(rim.stands_out[best])
 
@@ -218,7 +248,7 @@ class _Edge:
         means = np.zeros((len(shifts), 2 * view.reach + 1))
         self.means = means[:, view.reach - self._inward :]
         # Depth at the edge itself is not exact.
-        shown = picture.shows(places - outward * (view.reach * STEP_PX * pixel_m))
+        shown = picture.shows(places - outward * (view.reach * STEP_PX * pixel_m), view.front_m, view.behind_m)
         if np.count_nonzero(shown) < MIN_SHOWN_FRACTION * len(places):
             return
         beyond_m, above_m = (rays * outward).sum(1), rays @ box.up
@@ -234,19 +264,40 @@ class _Edge:
         """How far the best offset of each form stands out, (M,) levels."""
         return np.asarray(self.means.max(1) - np.median(self.means, axis=1))
 
+    def outermost_m(self) -> float:
+        """Return the offset of the outermost edge over all forms, metres; NaN if none stands out.
+
+        The wall of a vessel has two edges, and the outer one is its outline. A disc that is displaced by half of the
+        wall has half of each edge at one offset; at the true centre each edge stands out.
+        """
+        return self._outermost_m(self.means.max(0))
+
+    def _outermost_m(self, means: Float64Array) -> float:
+        usual = float(np.median(means))
+        least = max(MIN_STEP_LEVELS, OUTER_FRACTION * (float(means.max()) - usual))
+        peaks = [k for k in range(1, len(means) - 1) if means[k - 1] <= means[k] > means[k + 1]]
+        high = [k for k in peaks if means[k] - usual >= least]
+        return self._peak_m(means, high[-1]) if high else math.nan
+
+    def _peak_m(self, means: Float64Array, best: int) -> float:
+        """Return the offset of the vertex of the parabola through a peak and its neighbours, metres."""
+        before, peak, after = means[best - 1 : best + 2]
+        curve = before - 2.0 * peak + after
+        peaked = best + (0.5 * (before - after) / curve if curve < 0.0 else 0.0)
+        return float((peaked - self._inward) * STEP_PX * self._view.pixel_m)
+
     def offset_m(self, form: int) -> float:
         """Return the offset of the edge in a form, metres; NaN if it is not clear."""
         means = self.means[form]
+        if self._view.front_m > 0.0:
+            return self._outermost_m(means)
         best, usual = int(means.argmax()), float(np.median(means))
         if not 0 < best < len(means) - 1 or means[best] - usual < MIN_STEP_LEVELS:
             return math.nan
         apart = np.abs(np.arange(len(means)) - best) > APART_PX / STEP_PX
         if float(means[apart].max()) - usual > MAX_OTHER * (means[best] - usual):
             return math.nan
-        before, peak, after = means[best - 1 : best + 2]
-        curve = before - 2.0 * peak + after
-        peaked = best + (0.5 * (before - after) / curve if curve < 0.0 else 0.0)
-        return float((peaked - self._inward) * STEP_PX * self._view.pixel_m)
+        return self._peak_m(means, best)
 
     def _steps_of(self, places: Float64Array, outward: Float64Array) -> Float64Array:
         reach, turn, picture = self._view.reach, round(TURN_PX / STEP_PX), self._view.picture

@@ -10,6 +10,7 @@ of the true lengths; see BENCHMARK.md, "Measures".
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,8 @@ from cuboid.ground.core.tolerances import MIN_READINGS, MIN_SIGMA_M
 from cuboid.ground.core.values import SideName
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.edges import FROM_ABOVE
-from cuboid.method.boxes.rims import LOWER_RIM, rim_drop_m, side_drops
+from cuboid.method.boxes.kernels.bodies import MIN_ARC, ROUND_TOLERANCE, SECTORS
+from cuboid.method.boxes.rims import LOWER_RIM, WALL_M, is_hollow, rim_drop_m, side_drops
 
 # The sides of a box in the order of all arrays here, and their outward normals in the axes of the box.
 SIDES: tuple[SideName, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -44,6 +46,19 @@ UNSEEN_FRACTION = 0.29
 # Error of a face, in standard deviations of its points: the outermost points of a noisy face stand out by as much, and
 # the noise of neighbouring readings is alike.
 FACE_SIGMAS = 2.5
+# Error of a length between outlines of a rounded object that only depth shows, voxels, if it was seen from all around,
+# from above, and only from one side, where its far end is hidden; the same of the diameter of a body of revolution.
+# They were chosen on made balls, bottles, jars, cups and soft boxes; see BENCHMARK.md, "Measures".
+ROUNDED_AROUND_VOXELS, ROUNDED_TOP_VOXELS, ROUNDED_SIDE_VOXELS = 0.25, 0.45, 0.8
+ROUND_VOXELS = 0.3
+# The same of a top that was not seen from above: more voxels show it than a side.
+TOP_VOXELS = 0.15
+# Further views of a top do not make it more exact: their errors are alike.
+MAX_TOP_VIEWS = 3
+# The sides of the box around a body of revolution differ by at most this, voxels.
+SAME_SIDES_VOXELS = 0.1
+# Layers of a body at least this wide, as a fraction of the widest one, show whether it is round.
+WIDE_FRACTION = 0.7
 # Systematic error of depth as a fraction of the depth, and so of lengths: calibration and temperature.
 SCALE_FRACTION = 0.001
 
@@ -110,6 +125,8 @@ def uncertainty_of(
     above = len(directions) > 0 and float((-(directions @ box.up)).max()) >= FROM_ABOVE
     coarse_m = 0.0 if above else OBLIQUE_VOXELS * voxel_m
     face_m = np.sqrt(((FACE_SIGMAS * noise_m) ** 2 + MIN_SIGMA_M**2) / views + coarse_m**2)
+    top_m = 0.0 if above else TOP_VOXELS * voxel_m / math.sqrt(min(int(views[4]), MAX_TOP_VIEWS))
+    face_m[4] = math.sqrt(face_m[4] ** 2 - coarse_m**2 + top_m**2)
     edge_m = float(np.hypot(coarse_m, EDGE_PX * pixel_m))
     sigma, edges, seen = np.empty(6), np.zeros(6, bool), []
     for k, name in enumerate(SIDES):
@@ -128,12 +145,44 @@ def uncertainty_of(
     # Errors of two edges have the same sign, so that they add up in the length; all others are independent.
     together_m2 = 2.0 * moving.prod(1)
     size_m2 = (pairs**2).sum(1) + together_m2
-    # The outline of a rounded object is wider than what depth shows of it, by up to a voxel.
-    size_m2[:2] += min(LOWER_RIM * rim_drop_m(side_drops(box, points, voxel_m)), voxel_m) ** 2
+    # The outline of a rounded object is wider than what depth shows of it, by a part of a voxel.
+    drops = side_drops(box, points, voxel_m)
+    from_around = bool((facing[:, :4].max(0) > MIN_FACING).all())
+    rounded = ROUNDED_AROUND_VOXELS if from_around else ROUNDED_TOP_VOXELS if above else ROUNDED_SIDE_VOXELS
+    rounded_m = rounded * voxel_m
+    size_m2[:2] += min(LOWER_RIM * rim_drop_m(drops), rounded_m) ** 2
+    if is_round(box, local, voxel_m):  # the seen part of the circle determines the hidden part
+        wall_m = WALL_M if is_hollow(drops, voxel_m) else 0.0
+        size_m2[:2] = 2.0 * (FACE_SIGMAS * noise_m) ** 2 / views[:4].max() + (ROUND_VOXELS * voxel_m) ** 2 + wall_m**2
     size_m2[:2] = np.where(np.isnan(level_sigma_m), size_m2[:2], level_sigma_m**2)
     size_m = np.sqrt(size_m2 + (SCALE_FRACTION * box.size) ** 2)
+    pairs[:2] = np.minimum(pairs[:2], size_m[:2, None])
     along_m = np.sqrt((pairs**2).sum(1) / 4.0 + (SCALE_FRACTION * distance_m) ** 2)
     return Uncertainty(size_m, np.sqrt((R_world_map @ box.rotation) ** 2 @ along_m**2), tuple(seen))
+
+
+def is_round(box: Box, local: Float64Array, voxel_m: float) -> bool:
+    """Return whether points (N, 3), in the axes of a box, show that it stands around a body of revolution.
+
+    A box around one is as long as wide, and its points lie near one circle in each layer, in enough sectors of a turn.
+    """
+    if abs(box.size[0] - box.size[1]) > SAME_SIDES_VOXELS * voxel_m or len(local) < MIN_READINGS:
+        return False
+    radius, layer = np.hypot(local[:, 0], local[:, 1]), np.floor(local[:, 2] / voxel_m).astype(np.int64)
+    layer -= layer.min()
+    layers = np.bincount(layer) > 0
+    outer = np.zeros(len(layers))
+    np.maximum.at(outer, layer, radius)
+    rim = radius > outer[layer] - NEAR_VOXELS * voxel_m
+    count = np.bincount(layer[rim], minlength=len(layers))
+    mean = np.bincount(layer[rim], radius[rim], len(layers)) / np.maximum(count, 1)
+    wide = rim & (mean[layer] > WIDE_FRACTION * mean.max())
+    off = radius[wide] - mean[layer[wide]]
+    sector = np.floor((np.arctan2(local[wide, 1], local[wide, 0]) / (2.0 * np.pi) + 0.5) * SECTORS).astype(np.int64)
+    of_sector = np.bincount(sector % SECTORS, minlength=SECTORS)
+    means = np.bincount(sector % SECTORS, off, SECTORS)[of_sector > 0] / of_sector[of_sector > 0]
+    seen = np.count_nonzero(of_sector)
+    return bool(seen >= MIN_ARC * SECTORS and np.ptp(means) < ROUND_TOLERANCE * mean.max() + MIN_SIGMA_M)
 
 
 def _covered(points: Float64Array, half: Float64Array, axis: int, voxel_m: float) -> bool:
