@@ -29,7 +29,15 @@ USUAL_MEDIAN_M = 5.0
 
 
 class UnknownIntrinsicsError(InputError):
-    """The intrinsics of a recording are unknown."""
+    """The intrinsics of a recording are unknown.
+
+    Attributes
+    ----------
+    sizes : ((int, int), (int, int)) or None
+        Width and height of color and of depth, pixels, if both are known.
+    """
+
+    sizes: tuple[tuple[int, int], tuple[int, int]] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +94,10 @@ def missing_camera(
     error = UnknownIntrinsicsError(line) if calibration is None else InputError(line)
     has_scale = listing.depth_units_per_metre is not None
     folder = listing.camera_folders[0] if listing.camera_folders else recording
-    for note in _notes(guess_camera(listing.frames), calibration, units, folder / camera_file, recording, has_scale):
+    guess = guess_camera(listing.frames)
+    if isinstance(error, UnknownIntrinsicsError) and guess.size is not None and guess.depth_size is not None:
+        error.sizes = guess.size, guess.depth_size
+    for note in _notes(guess, calibration, units, folder / camera_file, recording, has_scale):
         error.add_note(note)
     return error
 

@@ -10,9 +10,11 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.paths import as_path
 from cuboid.ground.core.pose_convention import convention_names
 from cuboid.ground.core.threads import return_free_memory
+from cuboid.inputs.calibration.known_cameras import camera_text, fitting_camera
 from cuboid.inputs.calibration.registering import Misregistration, displaced, is_off, register_recording
-from cuboid.inputs.readers import Recording
+from cuboid.inputs.readers import Calibration, Recording
 from cuboid.inputs.readers import open_recording as read_recording
+from cuboid.inputs.readers.missing_camera import UnknownIntrinsicsError
 from cuboid.inputs.recordings.rig import FORMAT as RIG
 from cuboid.inputs.recordings.rig import RigRecording, is_rig, read_rig, recordings_of
 
@@ -78,7 +80,11 @@ def open_recording(
         if intrinsics is not None or depth_scale is not None or pose_convention is not None:
             raise InputError(f"{path}: the cameras of a rig differ; describe each in the camera.json of its recording")
         return open_rig(path, register=register)
-    recording = read_recording(path, format=format, intrinsics=intrinsics, depth_scale=depth_scale)
+    try:
+        recording = read_recording(path, format=format, intrinsics=intrinsics, depth_scale=depth_scale)
+    except UnknownIntrinsicsError as error:
+        _add_known_camera(error, path, format, depth_scale)
+        raise
     if pose_convention is not None:
         recording = recording.with_pose_convention(convention_names(pose_convention))
     if register == OFF or (register == AUTO and recording.depth_camera is not None):
@@ -90,12 +96,61 @@ def open_recording(
     if found is not None and found.clear and (register == ON or is_off(found, recording.intrinsics)):
         if registration.refused is None:
             return registered.with_warning(_said(found, registered))
-        advice = "depth is not changed; describe the depth camera in camera.json"
-        return recording.with_warning(f"{displaced(found)}, but {registration.refused}: {advice}")
+        advice = _camera_advice(path, format, recording)
+        return recording.with_warning(f"{displaced(found)}, but {registration.refused}: depth is not changed; {advice}")
     if register == ON:
         views = 0 if found is None else found.views
         return recording.with_warning(f"depth is not clearly displaced from color ({views} views); it is not changed")
     return recording
+
+
+# What describes two cameras that are not known.
+THREE_THINGS = (
+    "describe the cameras in camera.json: fx, fy, cx, cy of color, the same of depth as 'depth_camera', and "
+    "'T_color_depth'"
+)
+
+
+def _known_camera(
+    path: str | PathLike[str],
+    format: str | None,  # noqa: A002 - as of `open_recording`
+    depth_scale: float | None,
+    sizes: tuple[tuple[int, int], tuple[int, int]],
+) -> tuple[str, str] | None:
+    """Return the name of a known camera that fits the edges of a recording, and its camera.json; None if none does."""
+
+    def opened(calibration: Calibration, units: float) -> Recording:
+        return read_recording(path, format=format, intrinsics=calibration, depth_scale=depth_scale or units)
+
+    found = fitting_camera(opened, *sizes)
+    return None if found is None else (found[0].name, camera_text(found[1]))
+
+
+def _add_known_camera(
+    error: UnknownIntrinsicsError,
+    path: str | PathLike[str],
+    format: str | None,  # noqa: A002
+    depth_scale: float | None,
+) -> None:
+    """Add the known camera that fits the images to the error about unknown intrinsics, or what is to be provided."""
+    if error.sizes is None:
+        return
+    known = _known_camera(path, format, depth_scale, error.sizes)
+    if known is not None:
+        name, text = known
+        error.add_note(f"the edges of depth and color agree for this camera: {name}; if it is yours, write instead:")
+        error.add_note(f"  {text}")
+    elif error.sizes[0] != error.sizes[1]:
+        error.add_note(THREE_THINGS)
+
+
+def _camera_advice(path: str | PathLike[str], format: str | None, recording: Recording) -> str:  # noqa: A002
+    """Return what to write into camera.json for a recording whose depth cannot be registered."""
+    size = recording.intrinsics.width, recording.intrinsics.height
+    known = _known_camera(path, format, recording.depth_units_per_metre, (size, size))
+    if known is None:
+        return THREE_THINGS
+    return f"its edges agree for this camera: {known[0]}; if it is yours, write into camera.json: {known[1]}"
 
 
 def open_rig(path: str | PathLike[str], recordings: Sequence[Path] = (), *, register: str = AUTO) -> RigRecording:
