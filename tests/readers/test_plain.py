@@ -9,6 +9,7 @@ from made_recordings import CAMERA, NO_TURN, color_image, make_plain, write_imag
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.inputs.readers import open_recording
+from cuboid.inputs.readers.recording import PoseClock
 
 
 def test_a_whole_recording(plain):
@@ -249,3 +250,13 @@ def test_folders_without_images(tmp_path):
     (tmp_path / "depth").mkdir()
     with pytest.raises(InputError, match="hold no images"):
         open_recording(tmp_path)
+
+
+def test_an_offset_shifts_poses_without_times_along_their_path(tmp_path):
+    """`poses.txt` has a pose for each frame: with an offset it is interpolated between those of two frames."""
+    made = make_plain(tmp_path)
+    recording = open_recording(made.path)
+    moved = recording.with_pose_clock(PoseClock(added_s=0.5 / 30))
+    poses = [recording.pose(k) for k in range(len(recording))]
+    assert moved.pose(2)[:3, 3] == pytest.approx(0.5 * (poses[1] + poses[2])[:3, 3])
+    assert moved.without_poses().pose(2) is None

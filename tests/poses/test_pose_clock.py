@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from posed_pictures import CAMERA, picture
+
+from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.pose_stream import PoseStream
+from cuboid.ground.geometry import se3
+from cuboid.lab.synthetic.paths import POSE_NOISES
+from cuboid.method.poses.clock import PoseOffset, pose_offset_of, smoothed
+from cuboid.method.poses.motions import found_motions, telling_frames
+from made_scenes import look_at
+
+FRAMES = 200
+TIMES_S = np.arange(FRAMES) / 30.0
+
+
+def hand(time_s: float) -> np.ndarray:
+    """T_world_camera of a hand that sways: 0.2 m/s, 20 degrees/s."""
+    turn = np.radians(-100.0 + 12.0 * np.sin(1.1 * time_s) + 3.0 * np.sin(4.0 * time_s))
+    eye = (1.8 * np.cos(turn), 1.8 * np.sin(turn), 1.1 + 0.05 * np.sin(3.1 * time_s))
+    return look_at(eye, (0.1 + 0.1 * np.sin(2.3 * time_s), 0.3, 0.25 + 0.05 * np.sin(3.7 * time_s)))
+
+
+def poses_at(times_s: np.ndarray) -> np.ndarray:
+    return np.array([hand(float(time_s)) for time_s in times_s])
+
+
+@cache
+def shown(index: int) -> Frame:
+    return picture(hand(float(TIMES_S[index])), index)
+
+
+def found(poses: np.ndarray) -> PoseOffset | None:
+    triples = telling_frames(TIMES_S, poses)
+    motions = found_motions(shown, CAMERA, range(FRAMES), TIMES_S, poses, triples)
+    return pose_offset_of(TIMES_S, poses, motions)
+
+
+@pytest.mark.parametrize("late_ms", [-80.0, 15.0, 40.0])
+def test_the_offset_of_a_clock_is_found_with_its_interval(late_ms: float) -> None:
+    """A pose with a stamp that is late by a time is the true pose of that time before its stamp."""
+    offset = found(poses_at(TIMES_S - 1e-3 * late_ms))
+    assert offset is not None
+    assert offset.doubt == ""
+    assert 1e3 * offset.offset_s == pytest.approx(-late_ms, abs=3.0)
+    assert abs(1e3 * offset.offset_s + late_ms) < 1e3 * 2.0 * offset.error_s + 1.0
+    assert offset.after_m < 0.5 * offset.before_m
+
+
+def noisy(deviation_m: float, deviation_rad: float) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    motions = rng.normal(size=(FRAMES, 6)) * np.repeat([deviation_m, deviation_rad], 3)
+    return np.array([T @ se3.exp(motion) for T, motion in zip(poses_at(TIMES_S), motions, strict=True)])
+
+
+@pytest.mark.parametrize("fault", ["none", "5 mm", "half a degree", "drift", "jumps"])
+def test_poses_with_true_times_get_no_offset(fault: str) -> None:
+    exact = poses_at(TIMES_S)
+    if fault in POSE_NOISES:
+        poses = POSE_NOISES[fault](exact, np.random.default_rng(5))
+    else:
+        poses = {"none": exact, "5 mm": noisy(0.005, 0.0), "half a degree": noisy(0.0, np.radians(0.5))}[fault]
+    offset = found(poses)
+    assert offset is not None
+    assert offset.doubt
+
+
+def test_a_camera_that_stands_still_or_moves_evenly_tells_no_offset() -> None:
+    still = np.array([hand(0.0)] * FRAMES)
+    assert telling_frames(TIMES_S, still) == []
+    assert pose_offset_of(TIMES_S, still, []) is None
+
+
+def test_smoothing_keeps_a_path_and_averages_noise_alike_at_all_times() -> None:
+    """Between two samples linear interpolation would have half the variance of noise that it has at a sample."""
+    at_s = np.linspace(1.0, 5.0, 601)
+    exact, smooth = poses_at(at_s), smoothed(TIMES_S, poses_at(TIMES_S), at_s, 0.04)
+    assert np.abs(smooth - exact).max() < 1e-3
+    rng, samples = np.random.default_rng(0), poses_at(TIMES_S)
+    errors = []
+    for _ in range(20):
+        shaken = samples.copy()
+        shaken[:, :3, 3] += rng.normal(0.0, 0.01, (FRAMES, 3))
+        errors.append(smoothed(TIMES_S, shaken, at_s, 0.04)[:, :3, 3] - smooth[:, :3, 3])
+    phase = np.floor((at_s * 30.0 % 1.0) * 4.0).astype(int) % 4
+    variance = [np.square(np.array(errors)[:, phase == k]).mean() for k in range(4)]
+    assert max(variance) < 1.2 * min(variance)
+
+
+def test_poses_between_two_of_a_stream_are_interpolated_and_a_gap_is_named() -> None:
+    times_s = np.array([0.0, 0.05, 0.5])
+    poses = [np.eye(4), se3.exp((0.1, 0.0, 0.0, 0.0, 0.0, 0.2)), np.eye(4)]
+    stream = PoseStream("poses.txt", times_s, poses)
+    middle = stream.at(0.025)
+    assert se3.angle(middle) == pytest.approx(0.1)
+    assert middle[:3, 3] == pytest.approx(0.5 * poses[1][:3, 3])
+    with pytest.raises(Exception, match=r"no camera pose at 0\.250 s: the nearest in poses\.txt is 0\.200 s away"):
+        stream.at(0.25)
