@@ -16,17 +16,22 @@ from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.ground.geometry.se3 import inverse
 from cuboid.method.poses.alignment import Alignment, Reference, align, pick
+from cuboid.method.poses.comparison import COMPARED_LEVEL, explained
 from cuboid.method.poses.keyframes import OVERLAP_LEVEL, median_depth_m
 from cuboid.method.poses.pyramid import LEVELS, Level, build_levels, shrink
 
-# Number of places in time at which three frames are compared, two alignments each: 3 s of work at most.
-PLACES = 36
-# Times between two of the three frames, seconds: the velocity of a hand changes within a tenth to half a second.
-STEPS_S = (0.1, 0.2, 0.3, 0.45)
+# Maximum number of places in time at which three frames are compared, two alignments each: 3 s of work at most.
+PLACES = 48
+# Smallest distance of two places, seconds: their frames differ.
+APART_S = 0.25
+# Times between two of the three frames, seconds: the velocity of a hand changes within a tenth to a third of a second.
+STEPS_S = (0.1, 0.2, 0.3)
 # Largest motion between two of them, radians and metres: frames beyond that share too little.
 MAX_TURN_RAD, MAX_SHIFT_M = 0.25, 0.3
 # Distance of the scene for the choice of frames, metres: a rotation displaces it by this distance per radian.
 TYPICAL_DEPTH_M = 1.5
+# An alignment with a better fit than this is not repeated from another start.
+SURE_FIT = 0.8
 # A velocity is the mean over this time before and after a frame, seconds.
 VELOCITY_S = 0.07
 
@@ -45,6 +50,9 @@ class FoundMotion:
         Median depth of the first frame.
     place : int
         Number of the place in time: motions of one place share a frame.
+    by_given, by_found : float
+        Fraction of the points of the first frame that the second one shows alike, in depth and intensity, with the
+        given motion and with this one.
     """
 
     first_s: float
@@ -52,6 +60,8 @@ class FoundMotion:
     T_second_first: Float64Array
     depth_m: float
     place: int
+    by_given: float
+    by_found: float
 
 
 def telling_frames(
@@ -96,7 +106,7 @@ def _best_of_places(
     score: Float64Array, partner: npt.NDArray[np.int64], times_s: Float64Array, places: int
 ) -> list[tuple[int, int, int]]:
     """Return the frames with the highest score of each part of the time, at most `places`."""
-    part_s = max(max(STEPS_S), 0.5 * float(times_s[-1] - times_s[0]) / places)
+    part_s = max(APART_S, 0.5 * float(times_s[-1] - times_s[0]) / places)
     part = np.floor((times_s - times_s[0]) / part_s).astype(np.int64)
     members = [np.flatnonzero(part == one) for one in np.unique(part)]
     best = np.array([of_part[score[of_part].argmax()] for of_part in members])
@@ -143,15 +153,10 @@ def found_motions(
         for (a, first), (b, second) in pairwise(zip(triple, shown, strict=True)):
             if first is None or second is None:
                 continue
-            reference = pick(first)
-            if len(reference.levels[OVERLAP_LEVEL].points) < MIN_READINGS:
-                continue
-            motion = _aligned(reference, second, inverse(T_world_camera[b]) @ T_world_camera[a])
+            T_given = inverse(T_world_camera[b]) @ T_world_camera[a]
+            motion = _motion(pick(first), second, T_given)
             if motion is not None:
-                depth_m = median_depth_m(reference)
-                found.append(
-                    FoundMotion(float(times_s[a]), float(times_s[b]), motion.T_camera_reference, depth_m, place)
-                )
+                found.append(FoundMotion(float(times_s[a]), float(times_s[b]), *motion[:2], place, *motion[2:]))
     return found
 
 
@@ -162,6 +167,20 @@ def _levels(read: Callable[[int], Frame], intrinsics: Intrinsics, index: int) ->
         return None
 
 
+def _motion(
+    reference: Reference, levels: Sequence[Level], T_given: Float64Array
+) -> tuple[Float64Array, float, float, float] | None:
+    """Return motion, depth of the reference and the fractions explained by the given and by this motion, or None."""
+    if len(reference.levels[OVERLAP_LEVEL].points) < MIN_READINGS:
+        return None
+    found = _aligned(reference, levels, T_given)
+    if found is None:
+        return None
+    level, T_found = levels[COMPARED_LEVEL], found.T_camera_reference
+    by_given, by_found = (explained(reference, level, T, found).fraction_alike for T in (T_given, T_found))
+    return T_found, median_depth_m(reference), by_given, by_found
+
+
 def _aligned(reference: Reference, levels: Sequence[Level], T_expected: Float64Array) -> Alignment | None:
     """Return the better alignment from the given motion and from none; None if neither is reliable."""
     best = None
@@ -169,6 +188,6 @@ def _aligned(reference: Reference, levels: Sequence[Level], T_expected: Float64A
         found = align(reference, levels, T_start, coarsest=LEVELS - 1)
         if found.reliable and (best is None or found.fit > best.fit):
             best = found
-        if best is not None and best.fit > 0.8:
+        if best is not None and best.fit > SURE_FIT:
             break
     return best

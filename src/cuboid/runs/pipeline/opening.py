@@ -15,7 +15,7 @@ from cuboid.inputs.readers import Recording
 from cuboid.inputs.readers.recording import PoseClock
 from cuboid.inputs.recordings import opening
 from cuboid.inputs.recordings.rig import RigRecording
-from cuboid.method.poses.clock import PoseOffset, pose_offset_of
+from cuboid.method.poses.clock import MIN_MOTIONS, PoseOffset, misfit_of, pose_offset_of
 from cuboid.method.poses.motions import found_motions, telling_frames
 
 AUTO, OFF = "auto", "off"
@@ -107,37 +107,41 @@ def open_recording(
 
 def synchronised(recording: Recording) -> Recording:
     """Return a recording with the measured offset of its poses, which is applied if it is certain."""
-    found = measured_offset(recording)
-    if found is None:
-        return recording
-    corrected = recording.with_pose_clock(_clock(found))
-    if found.doubt:
-        return corrected
-    done = (
-        f"the times of the given poses are {_text(found)}; they are corrected; --pose-offset off leaves them as given"
-    )
-    return corrected.with_warning(done)
+    found, misfit = measured(recording)
+    if found is not None:
+        recording = recording.with_pose_clock(_clock(found))
+        if not found.doubt:
+            done = "they are corrected; --pose-offset off leaves them as given"
+            return recording.with_warning(f"the times of the given poses are {_text(found)}; {done}")
+    return recording if misfit is None else recording.with_warning(misfit)
 
 
 def checked_clock(recording: Recording) -> tuple[str, dict[str, Any]]:
     """Return what the images show of the clock of a recording's poses: for a user, and for JSON."""
     if not recording.has_poses:
         return "the recording has no poses", {}
-    found = measured_offset(recording)
+    found, misfit = measured(recording)
+    more = "" if misfit is None else f"; {misfit}"
     if found is None:
-        return "not measured: the camera changes its velocity too little, or too few frames have depth and texture", {}
-    done = f"not corrected: {found.doubt}" if found.doubt else "'cuboid track' corrects them"
+        return f"not measured: the velocity changes too little, or frames have no times, depth or texture{more}", {}
+    done = f"not corrected: {found.doubt}{more}" if found.doubt else "'cuboid track' corrects them"
     return f"{_text(found)} ({found.motions} motions); {done}", _clock(found).settings()
 
 
-def measured_offset(recording: Recording) -> PoseOffset | None:
-    """Return the offset between the clocks of poses and images; None if the recording does not determine one."""
-    if not recording.has_poses:
-        return None
+def measured(recording: Recording) -> tuple[PoseOffset | None, str | None]:
+    """Compare the given poses of a recording with the motion in its images.
+
+    Returns
+    -------
+    PoseOffset or None
+        The offset between the clocks of poses and images; None if the recording does not determine one.
+    str or None
+        A warning if the poses, as they are, fit the images clearly worse than the images' own motion.
+    """
     frames: list[int] = []
     times_s: list[float] = []
     poses: list[Float64Array] = []
-    for index in _considered(len(recording)):
+    for index in _considered(len(recording)) if recording.has_poses else ():
         try:
             T = recording.pose(index)
         except FrameError:
@@ -147,17 +151,17 @@ def measured_offset(recording: Recording) -> PoseOffset | None:
             frames.append(index)
             times_s.append(time_s)
             poses.append(T)
-    if len(frames) < 2:
-        return None
+    if len(frames) < MIN_MOTIONS:
+        return None, None
     times, T_world_camera = np.array(times_s), np.array(poses)
     if not recording.has_timestamps and _speed_m_s(times, T_world_camera) > HAND_SPEED_M_S:
-        return None
+        return None, None
     triples = telling_frames(times, T_world_camera)
     read = recording.without_poses().read
     motions = found_motions(read, recording.intrinsics, frames, times, T_world_camera, triples)
     found = pose_offset_of(times, T_world_camera, motions)
     return_free_memory()
-    return found
+    return found, misfit_of(T_world_camera, motions)
 
 
 def _clock(found: PoseOffset) -> PoseClock:
