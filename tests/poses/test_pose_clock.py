@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -15,8 +16,10 @@ from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.pose_stream import PoseStream
 from cuboid.ground.geometry import se3
 from cuboid.lab.synthetic.paths import POSE_NOISES
+from cuboid.method.poses import synchronised
 from cuboid.method.poses.clock import PoseOffset, misfit_of, pose_offset_of, smoothed
-from cuboid.method.poses.motions import found_motions, telling_frames
+from cuboid.method.poses.motions import found_motions, levels_of_frames, telling_frames
+from cuboid.method.poses.synchronised import SynchronisedPoses
 from made_scenes import look_at
 from made_table import write_table
 
@@ -42,7 +45,7 @@ def shown(index: int) -> Frame:
 
 def found(poses: np.ndarray) -> PoseOffset | None:
     triples = telling_frames(TIMES_S, poses)
-    motions = found_motions(shown, CAMERA, range(FRAMES), TIMES_S, poses, triples)
+    motions = found_motions(levels_of_frames(shown, CAMERA), range(FRAMES), TIMES_S, poses, triples)
     return pose_offset_of(TIMES_S, poses, motions)
 
 
@@ -110,7 +113,9 @@ def test_poses_between_two_of_a_stream_are_interpolated_and_a_gap_is_named() -> 
 
 def test_poses_that_fit_worse_than_the_images_are_named_with_the_shake_of_their_rotations() -> None:
     def warning(poses: np.ndarray) -> str | None:
-        motions = found_motions(shown, CAMERA, range(FRAMES), TIMES_S, poses, telling_frames(TIMES_S, poses, places=9))
+        motions = found_motions(
+            levels_of_frames(shown, CAMERA), range(FRAMES), TIMES_S, poses, telling_frames(TIMES_S, poses, places=9)
+        )
         return misfit_of(poses, motions)
 
     exact = poses_at(TIMES_S)
@@ -149,3 +154,32 @@ def test_the_offset_is_found_or_given_or_off_when_a_recording_is_opened(tmp_path
     assert all(moved.warnings[0] in run["warnings"] for run in runs)
     with pytest.raises(ValueError, match="pose_offset must be 'auto', 'off' or at most 10000 milliseconds, got 'on'"):
         open_recording(path, pose_offset="on")
+
+
+def test_the_clock_of_a_loop_is_found_in_its_first_seconds_and_earlier_frames_follow(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From then on poses are right to a millimetre, and the motion of each anchor corrects the map before."""
+    monkeypatch.setattr(synchronised, "MEASURED_S", 4.8)
+    late_s, exact = 0.04, poses_at(TIMES_S)
+    given = poses_at(TIMES_S - late_s)
+    source, located = SynchronisedPoses(CAMERA), []
+    for k in range(FRAMES):
+        image = shown(k - k % 3)  # of every third frame the image is kept
+        located.append(source.locate(replace(image, index=k, timestamp_s=float(TIMES_S[k]), T_world_camera=given[k])))
+    assert source.found is not None
+    assert 1e3 * source.added_s == pytest.approx(-40.0, abs=3.0)
+    corrected = next(k for k, posed in enumerate(located) if posed.moved)
+    assert all(np.array_equal(posed.T_world_camera, T) for posed, T in zip(located[:corrected], given, strict=False))
+    assert set(located[corrected].moved) == {posed.anchor for posed in located[:corrected]}
+    assert located[corrected].anchor not in located[corrected].moved
+    trajectory = source.trajectory()
+    assert trajectory is not None
+    off_m = np.array([np.linalg.norm(trajectory[k][:3, 3] - exact[k][:3, 3]) for k in range(FRAMES)])
+    before_m = np.linalg.norm(given[:, :3, 3] - exact[:, :3, 3], axis=1)
+    assert np.median(off_m) < 0.002
+    assert np.median(before_m) > 0.005
+    for k in range(corrected):
+        moved = located[corrected].moved[located[k].anchor] @ given[k]
+        assert np.linalg.norm(moved[:3, 3] - exact[k][:3, 3]) < 0.4 * before_m.max()
+    assert source.warnings() == (f"the times of the given poses are {source.found.text}; they are corrected",)

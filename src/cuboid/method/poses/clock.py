@@ -76,6 +76,12 @@ class PoseOffset:
     motions: int
     doubt: str
 
+    @property
+    def text(self) -> str:
+        """The offset with its 95 % interval, in words."""
+        late = "early" if self.offset_s > 0 else "late"
+        return f"{1e3 * abs(self.offset_s):.0f} +- {1e3 * self.error_s:.0f} ms too {late}"
+
 
 def pose_offset_of(
     times_s: Float64Array, T_world_camera: Float64Array, motions: Sequence[FoundMotion]

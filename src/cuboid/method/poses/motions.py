@@ -126,8 +126,7 @@ def _velocities(times_s: Float64Array, T_world_camera: Float64Array) -> Float64A
 
 
 def found_motions(
-    read: Callable[[int], Frame],
-    intrinsics: Intrinsics,
+    levels_of: Callable[[int], tuple[Level, ...] | None],
     frames: Sequence[int],
     times_s: Float64Array,
     T_world_camera: Float64Array,
@@ -137,11 +136,10 @@ def found_motions(
 
     Parameters
     ----------
-    read : callable
-        Returns a frame by its index; raises FrameError if it cannot be used.
-    intrinsics : Intrinsics
+    levels_of : callable
+        Returns the image of a frame by its index, as `levels_of_frames` does.
     frames : sequence of int
-        Indices (N) of the frames in the recording.
+        Indices (N) of the frames.
     times_s : (N,) float64
     T_world_camera : (N, 4, 4) float64
     triples : sequence of (int, int, int)
@@ -149,7 +147,7 @@ def found_motions(
     """
     found = []
     for place, triple in enumerate(triples):
-        shown = [_levels(read, intrinsics, frames[k]) for k in triple]
+        shown = [levels_of(frames[k]) for k in triple]
         for (a, first), (b, second) in pairwise(zip(triple, shown, strict=True)):
             if first is None or second is None:
                 continue
@@ -160,11 +158,16 @@ def found_motions(
     return found
 
 
-def _levels(read: Callable[[int], Frame], intrinsics: Intrinsics, index: int) -> tuple[Level, ...] | None:
-    try:
-        return build_levels(*shrink(read(index), intrinsics))
-    except FrameError:
-        return None
+def levels_of_frames(read: Callable[[int], Frame], intrinsics: Intrinsics) -> Callable[[int], tuple[Level, ...] | None]:
+    """Return a function from the index of a frame to its image in all sizes, None if the frame cannot be used."""
+
+    def levels_of(index: int) -> tuple[Level, ...] | None:
+        try:
+            return build_levels(*shrink(read(index), intrinsics))
+        except FrameError:
+            return None
+
+    return levels_of
 
 
 def _motion(

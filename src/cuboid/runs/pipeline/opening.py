@@ -16,7 +16,7 @@ from cuboid.inputs.readers.recording import PoseClock
 from cuboid.inputs.recordings import opening
 from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.clock import MIN_MOTIONS, PoseOffset, misfit_of, pose_offset_of
-from cuboid.method.poses.motions import found_motions, telling_frames
+from cuboid.method.poses.motions import found_motions, levels_of_frames, telling_frames
 
 AUTO, OFF = "auto", "off"
 # Largest offset that a user may give, milliseconds: beyond it, clocks differ by more than a delay.
@@ -112,7 +112,7 @@ def synchronised(recording: Recording) -> Recording:
         recording = recording.with_pose_clock(_clock(found))
         if not found.doubt:
             done = "they are corrected; --pose-offset off leaves them as given"
-            return recording.with_warning(f"the times of the given poses are {_text(found)}; {done}")
+            return recording.with_warning(f"the times of the given poses are {found.text}; {done}")
     return recording if misfit is None else recording.with_warning(misfit)
 
 
@@ -125,7 +125,7 @@ def checked_clock(recording: Recording) -> tuple[str, dict[str, Any]]:
     if found is None:
         return f"not measured: the velocity changes too little, or frames have no times, depth or texture{more}", {}
     done = f"not corrected: {found.doubt}{more}" if found.doubt else "'cuboid track' corrects them"
-    return f"{_text(found)} ({found.motions} motions); {done}", _clock(found).settings()
+    return f"{found.text} ({found.motions} motions); {done}", _clock(found).settings()
 
 
 def measured(recording: Recording) -> tuple[PoseOffset | None, str | None]:
@@ -157,8 +157,8 @@ def measured(recording: Recording) -> tuple[PoseOffset | None, str | None]:
     if not recording.has_timestamps and _speed_m_s(times, T_world_camera) > HAND_SPEED_M_S:
         return None, None
     triples = telling_frames(times, T_world_camera)
-    read = recording.without_poses().read
-    motions = found_motions(read, recording.intrinsics, frames, times, T_world_camera, triples)
+    levels_of = levels_of_frames(recording.without_poses().read, recording.intrinsics)
+    motions = found_motions(levels_of, frames, times, T_world_camera, triples)
     found = pose_offset_of(times, T_world_camera, motions)
     return_free_memory()
     return found, misfit_of(T_world_camera, motions)
@@ -166,12 +166,6 @@ def measured(recording: Recording) -> tuple[PoseOffset | None, str | None]:
 
 def _clock(found: PoseOffset) -> PoseClock:
     return PoseClock(0.0 if found.doubt else found.offset_s, found.offset_s, found.error_s, found.doubt)
-
-
-def _text(found: PoseOffset) -> str:
-    """Return an offset with its 95 % interval, in words."""
-    late = "early" if found.offset_s > 0 else "late"
-    return f"{1e3 * abs(found.offset_s):.0f} +- {1e3 * found.error_s:.0f} ms too {late}"
 
 
 def _speed_m_s(times_s: Float64Array, T_world_camera: Float64Array) -> float:
