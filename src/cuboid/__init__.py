@@ -56,7 +56,6 @@ if TYPE_CHECKING:
     from cuboid.inputs.cameras import open_cameras as open_cameras
     from cuboid.inputs.readers import Recording as Recording
     from cuboid.inputs.readers.depth_camera import DepthCamera as DepthCamera
-    from cuboid.inputs.recordings.opening import open_recording as open_recording
     from cuboid.method.detection.types import Detections as Detections
     from cuboid.method.detection.types import Detector as Detector
     from cuboid.method.poses import DriftCorrection as DriftCorrection
@@ -75,6 +74,7 @@ if TYPE_CHECKING:
     from cuboid.results.files.object_table import ObjectTable as ObjectTable
     from cuboid.results.files.queries import MapQueries as MapQueries
     from cuboid.results.files.queries import PointCloud as PointCloud
+    from cuboid.runs.pipeline.opening import open_recording as open_recording
     from cuboid.runs.pipeline.options import ResultOptions as ResultOptions
     from cuboid.runs.pipeline.options import RunHooks as RunHooks
     from cuboid.runs.pipeline.options import TrackOptions as TrackOptions
@@ -109,7 +109,7 @@ draw_with(_png_of)
 # The public names of each module. One is imported when it is first used: `cuboid --help` answers at once, and
 # `--threads` can size the pools of libraries, which read their limits when they are imported.
 _MODULES = {
-    "cuboid.inputs.recordings.opening": ("open_recording",),
+    "cuboid.runs.pipeline.opening": ("open_recording",),
     "cuboid.inputs.cameras": ("open_camera", "open_cameras", "LiveCamera", "LiveRig"),
     "cuboid.results.files": (
         "open_results",

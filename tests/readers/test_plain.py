@@ -9,6 +9,7 @@ from made_recordings import CAMERA, NO_TURN, color_image, make_plain, write_imag
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.inputs.readers import open_recording
+from cuboid.inputs.readers.recording import PoseClock
 
 
 def test_a_whole_recording(plain):
@@ -266,3 +267,13 @@ def test_poses_and_times_without_frame_numbers_are_in_the_order_of_the_frames(pl
     (plain.path / "poses.txt").write_text("\n".join(["0 0 0 0 0 0 1"] * (len(after) - 1)))
     with pytest.raises(InputError, match="expected number tx ty tz"):
         open_recording(plain.path)
+
+
+def test_an_offset_shifts_poses_without_times_along_their_path(tmp_path):
+    """`poses.txt` has a pose for each frame: with an offset it is interpolated between those of two frames."""
+    made = make_plain(tmp_path)
+    recording = open_recording(made.path)
+    moved = recording.with_pose_clock(PoseClock(added_s=0.5 / 30))
+    poses = [recording.pose(k) for k in range(len(recording))]
+    assert moved.pose(2)[:3, 3] == pytest.approx(0.5 * (poses[1] + poses[2])[:3, 3])
+    assert moved.without_poses().pose(2) is None

@@ -11,6 +11,7 @@ from made_recordings import CAMERA, NO_TURN, Made, write_frames
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Intrinsics, SkippedFrame
 from cuboid.inputs.readers import open_recording
+from cuboid.inputs.readers.recording import PoseClock
 from cuboid.inputs.readers.tum import associate
 
 
@@ -156,3 +157,16 @@ def test_association_is_one_to_one_near_and_misses_nobody(a, b):
 def test_the_nearest_in_time_find_each_other():
     assert associate([0.0, 0.033], [0.015, 0.031], 0.02) == {0: 0, 1: 1}
     assert associate([0.0, 0.012], [0.013], 0.02) == {1: 0}
+
+
+def test_an_offset_is_added_to_the_times_of_poses(tmp_path):
+    """Poses 12 ms later: each frame gets the pose of 12 ms before its time, from the poses' own times."""
+    made = make_tum(tmp_path)
+    write_poses(made, [(k / 100, k / 100, 0, 0, 0, 0, 0, 1) for k in range(-3, 30)])
+    recording = open_recording(made.path)
+    moved = recording.with_pose_clock(PoseClock(added_s=0.012))
+    for k in range(5):
+        assert moved.read(k).T_world_camera[0, 3] == pytest.approx(recording.timestamp_s(k) - 0.012)
+        assert recording.read(k).T_world_camera[0, 3] == pytest.approx(recording.timestamp_s(k))
+    with pytest.raises(FrameError, match=r"no camera pose at .* s: the nearest in groundtruth.txt"):
+        recording.with_pose_clock(PoseClock(added_s=0.2)).read(0)

@@ -22,6 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     add_reading(parser, thinned=False, tracked=False)
     parser.add_argument("--all", action="store_true", help="examine all frames instead of 24")
+    parser.add_argument(
+        "--check", action="store_true", help="also measure the offset between the clocks of poses and images (2 s)"
+    )
     add_results(parser)
 
 
@@ -31,16 +34,23 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.inputs.recordings.inspecting import inspect_recording
 
     limit_threads(1)
-    found = inspect_recording(open_from(args), every_frame=args.all)
-    give(args, found.to_dict(), lambda: _print(found))
+    recording = open_from(args)
+    found = inspect_recording(recording, every_frame=args.all)
+    document, clock = found.to_dict(), None
+    if args.check:
+        from cuboid.runs.pipeline.opening import checked_clock
+
+        clock, entry = checked_clock(recording)
+        document |= entry
+    give(args, document, lambda: _print(found, clock))
     return 0
 
 
-def _print(found: RecordingInfo) -> None:
+def _print(found: RecordingInfo, clock: str | None) -> None:
     from cuboid.cli.tables import console
 
     out = console()
-    for name, text in rows(found):
+    for name, text in [*rows(found), *([] if clock is None else [("pose times", clock)])]:
         out.print(f"{name:<{NAME_WIDTH}}{text}", markup=False, soft_wrap=True)
     for line in [*skipped_lines(found), *(f"warning: {warning}" for warning in found.warnings)]:
         out.print(line, markup=False, soft_wrap=True)

@@ -155,6 +155,14 @@ def add_reading_options(
         "z backward), mm or cm, wxyz or xyzw (order of quaternions)",
     )
     reading.add_argument(
+        "--pose-offset",
+        type=pose_offset,
+        default="auto" if tracked else "off",
+        metavar="auto|off|MILLISECONDS",
+        help="added to the times of given poses: the offset between their clock and that of the images, if the images "
+        "prove one (auto), nothing (off), or milliseconds (default: %(default)s)",
+    )
+    reading.add_argument(
         "--topics", metavar="color=TOPIC,depth=TOPIC", help="topics of a ROS bag, if they are not found by their names"
     )
     if thinned:
@@ -173,8 +181,8 @@ def add_reading_options(
 
 def open_from(args: argparse.Namespace, *, rigs: bool = False) -> Recording:
     """Open the recording that the arguments name; a rig of several cameras only with `rigs`."""
-    from cuboid.inputs.recordings.opening import open_recording
     from cuboid.inputs.recordings.rig import RigRecording
+    from cuboid.runs.pipeline.opening import open_recording
 
     recording = open_recording(args.recording, **reading_from(args))
     if isinstance(recording, RigRecording) and not rigs:
@@ -191,6 +199,7 @@ def reading_from(args: argparse.Namespace) -> dict[str, Any]:
         "depth_scale": args.depth_scale,
         "register": args.register,
         "pose_convention": args.pose_convention,
+        "pose_offset": "off" if getattr(args, "poses", None) == "estimated" else args.pose_offset,
     }
 
 
@@ -241,6 +250,19 @@ def intrinsics(text: str) -> tuple[float, float, float, float] | Path:
 def depth_scale(text: str) -> float:
     """Parse the number of depth units per metre."""
     return _above_zero(text, "depth units per metre")
+
+
+def pose_offset(text: str) -> str | float:
+    """Parse auto, off, or a number of milliseconds."""
+    if text in ("auto", "off"):
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not abs(value) <= 10_000:
+        raise argparse.ArgumentTypeError(f"expected auto, off, or milliseconds up to 10000, got '{text}'")
+    return value
 
 
 def seconds(text: str) -> float:

@@ -41,6 +41,7 @@ OF_RECORDINGS = {
     "intrinsics": None,
     "depth_scale": None,
     "pose_convention": None,
+    "pose_offset": "auto",
     "topics": None,
     "register": "auto",
 }

@@ -193,10 +193,10 @@ def give_up(head: RunHead, place: Place, state: str, reason: str) -> Ended:
 
 def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     from cuboid.ground.core.config import TrackerConfig
-    from cuboid.inputs.recordings.opening import open_recording
     from cuboid.results.files import Results
     from cuboid.results.files.pending import new_folder
     from cuboid.results.views.report import pictures_of
+    from cuboid.runs.pipeline.opening import open_recording
     from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
     from cuboid.runs.pipeline.run import track_recording
     from cuboid.runs.tracking.saving import write_page

@@ -24,7 +24,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.ground.arrays import UInt8Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.ground.geometry import se3
@@ -84,6 +84,7 @@ def read(path: Path) -> Listing:
                 else partial(confident_depth, depth, path / CONFIDENCE / depth.name, MIN_CONFIDENCE),
                 timestamp_s=time_s,
                 pose=None if trajectory is None else partial(trajectory.at, time_s),
+                pose_after=None if trajectory is None else partial(_later, trajectory, time_s),
                 fault=None if k in pairs else f"color without depth: none of the time of {folder}/{color.name}",
             )
         )
@@ -91,6 +92,10 @@ def read(path: Path) -> Listing:
     if size == depth_size:
         calibration = Calibration(*K, size, cameras.name)
     return Listing(frames, DEPTH_UNITS_PER_METRE, calibration, camera_folders=(path,), up_world=(0.0, 0.0, 1.0))
+
+
+def _later(trajectory: Trajectory, time_s: float, after_s: float) -> Float64Array:
+    return trajectory.at(time_s + after_s)
 
 
 def _by_time(folder: Path) -> list[tuple[float, Path]]:

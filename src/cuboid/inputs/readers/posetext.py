@@ -12,15 +12,10 @@ import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError, shown
+from cuboid.ground.core.pose_stream import LARGEST_GAP_S, PoseStream
 from cuboid.ground.core.values import LATEST_S, refuse_no_quaternion
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.ground.geometry import se3
-
-# Maximum gap (seconds) between two poses for interpolation: a hand-held camera's
-# acceleration of 2 m/s^2 makes that wrong by a t^2 / 8 = 2.5 mm, the noise of depth at 1.3 m.
-LARGEST_GAP_S = 0.1
-# Elsewhere the nearest pose is used if it is within this time (seconds): at 0.25 m/s, TUM fr1/xyz's mean, 5 mm.
-NEAREST_WITHIN_S = 0.02
 
 
 def parse_numbers(text: str, count: int, expected: str) -> list[float]:
@@ -115,7 +110,7 @@ def tum_line(line: str) -> TimedPose:
     return time_s, (qw, qx, qy, qz, tx, ty, tz)
 
 
-class Trajectory:
+class Trajectory(PoseStream):
     """Timed poses from a file with one line per pose.
 
     Lines with an invalid pose (NaN, no unit quaternion) are gaps; every line has a time.
@@ -140,7 +135,6 @@ class Trajectory:
         read_line: Callable[[str], TimedPose] = tum_line,
         largest_gap_s: float = LARGEST_GAP_S,
     ) -> None:
-        self._name, self._largest_gap_s = path.name, largest_gap_s
         poses: list[tuple[float, Float64Array]] = []
         for number, line in data_lines(path):
             try:
@@ -154,7 +148,7 @@ class Trajectory:
         if not poses:
             raise InputError(f"{path} holds no pose; without the file the recording counts as one without poses")
         poses.sort(key=lambda pose: pose[0])
-        self._times_s: npt.NDArray[np.float64] = np.array([pose[0] for pose in poses])
+        super().__init__(path.name, np.array([pose[0] for pose in poses]), (), largest_gap_s)
         self._rows = [pose[1] for pose in poses]
 
     @property
@@ -166,31 +160,6 @@ class Trajectory:
     def T_world_camera(self) -> Float64Array:
         """The poses (N, 4, 4) at these times."""
         return np.array([self._pose(k) for k in range(len(self._rows))])
-
-    def at(self, time_s: float) -> Float64Array:
-        """Return T_world_camera (4, 4) at a time.
-
-        The pose is interpolated between neighbours at most `largest_gap_s` apart, else it is the nearest one within
-        `NEAREST_WITHIN_S`.
-
-        Raises
-        ------
-        FrameError
-            If no pose is near enough in time.
-        """
-        after = int(np.searchsorted(self._times_s, time_s))
-        last = len(self._rows) - 1
-        if 0 < after <= last and self._times_s[after] - self._times_s[after - 1] <= self._largest_gap_s:
-            t0, t1 = self._times_s[after - 1], self._times_s[after]
-            return se3.interpolate(self._pose(after - 1), self._pose(after), float((time_s - t0) / (t1 - t0)))
-        near = min((max(after - 1, 0), min(after, last)), key=lambda k: abs(self._times_s[k] - time_s))
-        away_s = abs(float(self._times_s[near]) - time_s)
-        if away_s > NEAREST_WITHIN_S:
-            raise FrameError(
-                f"no camera pose at {time_s:.3f} s: the nearest in {self._name} is {away_s:.3f} s away "
-                f"(at most {NEAREST_WITHIN_S:g} s, or between two at most {self._largest_gap_s:g} s apart)"
-            )
-        return self._pose(near)
 
     def _pose(self, k: int) -> Float64Array:
         row = self._rows[k]

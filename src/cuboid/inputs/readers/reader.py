@@ -33,6 +33,9 @@ class FrameEntry:
     pose : callable or None
         Returns T_world_camera (4, 4), which `Recording` checks, or raises FrameError with the reason why this frame has
         none.
+    pose_after : callable, optional
+        Returns the pose at a time, seconds, after that of the frame, where poses have times of their own. By default
+        it is interpolated between the poses of frames.
     fault : str or None
         Reason, known in advance, why the frame cannot be used, one line.
     up_camera : callable or None
@@ -46,6 +49,7 @@ class FrameEntry:
     pose: Callable[[], Float64Array] | None = None
     fault: str | None = None
     up_camera: Callable[[], Float64Array] | None = None
+    pose_after: Callable[[float], Float64Array] | None = None
 
 
 @dataclass(frozen=True, slots=True)

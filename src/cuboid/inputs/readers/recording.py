@@ -5,7 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +17,7 @@ from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Frame, Intrinsics, SkippedFrame, unit
 from cuboid.ground.core.pose_convention import converted
+from cuboid.ground.core.pose_stream import PoseStream
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers import calibration as calibrations
 from cuboid.inputs.readers.depth_camera import DepthCamera
@@ -31,6 +35,33 @@ FRAMES_AHEAD = 2
 # glibc gives freed blocks back to the kernel and faults them in anew at the next frame, page by page (1 ms a
 # frame), until it has seen a block of this size freed (its limit is 32 MB); then it keeps them.
 LARGE_BLOCK_BYTES = 31 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class PoseClock:
+    """The clock of given poses.
+
+    Attributes
+    ----------
+    added_s : float
+        Added to the times of the poses, seconds.
+    found_s, error_s : float or None
+        The offset that the images show, and half of its 95 % interval; None if it was not measured.
+    doubt : str
+        Why a measured offset is not applied, in a few words.
+    """
+
+    added_s: float = 0.0
+    found_s: float | None = None
+    error_s: float | None = None
+    doubt: str = ""
+
+    def settings(self) -> dict[str, Any]:
+        """Return the entry of `run.json`; empty if the offset was neither measured nor given."""
+        if self.found_s is None or self.error_s is None:
+            return {"pose_offset": {"added_ms": round(1e3 * self.added_s, 2)}} if self.added_s else {}
+        found = {"found_ms": round(1e3 * self.found_s, 2), "error_ms": round(1e3 * self.error_s, 2)}
+        return {"pose_offset": {"added_ms": round(1e3 * self.added_s, 2), **found, "doubt": self.doubt}}
 
 
 class Recording:
@@ -58,9 +89,12 @@ class Recording:
         Warnings for the user about the files, one line each: images left out, images paired by order.
     registration_checked : bool
         Whether some of its frames were searched for depth that is displaced from color.
+    pose_clock : PoseClock
+        What is known of the offset between the times of poses and frames, and what is added to the former.
     """
 
     registration_checked = False
+    pose_clock = PoseClock()
 
     def __init__(
         self,
@@ -84,6 +118,7 @@ class Recording:
         self._undistort = calibrations.undistortion(calibration, (width, height), path)
         self._poses_of_depth = listing.poses_of_depth
         self._pose_convention: tuple[str, ...] = ()
+        self._pose_stream: PoseStream | None = None
         self._set_camera(calibration)
         self.up_world: Float64Array | None = None
         if self.has_poses and listing.up_world is not None:
@@ -162,6 +197,13 @@ class Recording:
         other._pose_convention = names
         return other
 
+    def with_pose_clock(self, clock: PoseClock) -> Recording:
+        """Return the same recording with poses whose times are corrected."""
+        other = object.__new__(Recording)
+        other.__dict__.update(self.__dict__)
+        other.pose_clock = clock
+        return other
+
     def with_warning(self, warning: str) -> Recording:
         """Return the same recording with one more line in `warnings`."""
         other = object.__new__(Recording)
@@ -184,14 +226,32 @@ class Recording:
         """
         if not self.has_poses:
             return None
-        load = self._frames[index].pose
-        if load is None:
+        T = self._pose_as_read(index, -self.pose_clock.added_s)
+        return T if self._T_depth_color is None else T @ self._T_depth_color
+
+    def _pose_as_read(self, index: int, after_s: float = 0.0) -> Float64Array:
+        """Return the pose of a frame, or of a time after it, in our convention; raises as `pose` does."""
+        entry = self._frames[index]
+        if entry.pose is None:
             raise FrameError("the frame has no camera pose")
         try:
-            T = converted(se3.rigid(load()), self._pose_convention)
+            if after_s == 0.0:
+                return converted(se3.rigid(entry.pose()), self._pose_convention)
+            if entry.pose_after is not None:
+                return converted(se3.rigid(entry.pose_after(after_s)), self._pose_convention)
         except ValueError as error:  # of a reader that does not look at its poses
             raise FrameError(str(error)) from None
-        return T if self._T_depth_color is None else T @ self._T_depth_color
+        if self._pose_stream is None:
+            self._pose_stream = self._poses_of_frames()
+        return self._pose_stream.at(self.timestamp_s(index) + after_s)
+
+    def _poses_of_frames(self) -> PoseStream:
+        """Return the poses of all frames that have one, by time."""
+        found: dict[float, Float64Array] = {}
+        for index in range(len(self)):
+            with suppress(FrameError):
+                found.setdefault(self.timestamp_s(index), self._pose_as_read(index))
+        return PoseStream("the recording", np.array(sorted(found)), [found[time_s] for time_s in sorted(found)])
 
     @property
     def up_measured(self) -> bool:

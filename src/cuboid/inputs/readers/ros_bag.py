@@ -160,6 +160,7 @@ def _entries(
                 depth=None if depth_ns is None else partial(_depth, bag, depth_topic, depth_ns),
                 timestamp_s=time_ns * 1e-9,
                 pose=None if transforms is None else partial(_pose, bag, color_topic, time_ns, transforms),
+                pose_after=None if transforms is None else partial(_pose, bag, color_topic, time_ns, transforms),
                 up_camera=None if gravity is None else partial(gravity.up_at, time_ns),
                 fault=None
                 if k in pairs
@@ -177,11 +178,11 @@ def _depth(bag: Bag, topic: str, time_ns: int) -> Any:
     return depth_of(bag.read(topic, time_ns), f"image of {topic} at {time_ns} ns")
 
 
-def _pose(bag: Bag, topic: str, time_ns: int, transforms: Transforms) -> Float64Array:
+def _pose(bag: Bag, topic: str, time_ns: int, transforms: Transforms, after_s: float = 0.0) -> Float64Array:
     message = bag.read(topic, time_ns)
     taken_s = stamp_s(message)
     time_s = taken_s if abs(taken_s - time_ns * 1e-9) < SAME_CLOCK_S else time_ns * 1e-9
-    return transforms.pose(frame_name(message.header.frame_id), time_ns, time_s)
+    return transforms.pose(frame_name(message.header.frame_id), time_ns + round(1e9 * after_s), time_s + after_s)
 
 
 def _calibration(

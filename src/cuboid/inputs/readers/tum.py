@@ -138,7 +138,12 @@ def _entry(
         timestamp_s=time_s,
         pose=None if pose is None else partial(pose, time_s),
         fault=fault,
+        pose_after=None if pose is None else partial(_later, pose, time_s),
     )
+
+
+def _later(pose: Callable[[float], Float64Array], time_s: float, after_s: float) -> Float64Array:
+    return pose(time_s + after_s)
 
 
 def _image_list(path: Path) -> list[tuple[float, str]]:

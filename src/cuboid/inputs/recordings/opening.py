@@ -32,47 +32,9 @@ def open_recording(
     register: str = AUTO,
     pose_convention: str | None = None,
 ) -> Recording:
-    """Open an RGB-D recording; its format is recognised from its contents.
+    """Open an RGB-D recording with its poses as they are; `cuboid.open_recording` also checks their clock.
 
-    Parameters
-    ----------
-    path : str or path
-        A folder, a file, an archive or a URL; or a ``rig.json``, or a folder with one: see `open_rig`.
-    format : str, optional
-        Name of the format, if it is not recognised. Options of the format follow a colon, as in
-        "ros-bag:color=/camera/color/image_raw".
-    intrinsics : sequence of 4 floats or path, optional
-        fx, fy, cx, cy in pixels, instead of those in the recording; or a file in the format of ``camera.json``, whose
-        depth scale is used too, or of ``camera-intrinsics.txt``.
-    depth_scale : float, optional
-        Units per metre of the depth images, instead of the format's own.
-    register : {"auto", "on", "off"}
-        Whether depth is registered to color: "auto" if the frames clearly show a misalignment and the recording names
-        no depth camera, "on" also for a small misalignment, "off" never. A registration that two cameras side by side
-        cannot have, or that does not fit given poses, is not applied. The check reads some frames, which takes a
-        second.
-    pose_convention : str, optional
-        Convention of the recording's poses, if it differs from the format's: "inverse" (world to camera), "opengl" (the
-        camera's y up, z backward), "mm" or "cm" (translations), "wxyz" or "xyzw" (quaternions), or several, as in
-        "inverse,mm".
-
-    Returns
-    -------
-    Recording
-        Its `warnings` report a registration, or why there is none.
-
-    Raises
-    ------
-    InputError
-        There is no recording, or more than one, or it cannot be used; the message is one line with the reason.
-    ValueError
-        `register` is not one of these words.
-
-    Examples
-    --------
-    >>> recording = open_recording("rgbd-scenes-v2/imgs/scene_01")  # doctest: +SKIP
-    >>> for frame in recording.iterate():  # doctest: +SKIP
-    ...     ...
+    Parameters and exceptions are those of `cuboid.open_recording`.
     """
     if register not in REGISTER:
         raise ValueError(f"register must be one of {', '.join(REGISTER)}, got '{register}'")

@@ -55,6 +55,12 @@ class Explained:
         near = np.count_nonzero(self.near)
         return float(np.count_nonzero(self.on_surface) / near) if near >= MIN_READINGS else 0.0
 
+    @property
+    def fraction_alike(self) -> float:
+        """Fraction of all readings that agree in depth and intensity, 0..1."""
+        read = np.count_nonzero(self.read)
+        return float(np.count_nonzero(self.alike) / read) if read >= MIN_READINGS else 0.0
+
 
 def explained(
     reference: Reference, level: Level, T_camera_reference: Float64Array, fit: Alignment | None = None

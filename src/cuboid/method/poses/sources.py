@@ -24,9 +24,9 @@ DRIFT = "the given camera poses drift: from frame {} on"
 WITHDRAWN = "the correction of the given camera poses did not hold: from frame {} on they are as given"
 # Smallest correction of estimated poses that is applied, voxels: smaller ones have no effect.
 MIN_CORRECTION = 0.5
-GIVEN, AUTO, CORRECTED, ESTIMATED = "given", "auto", "corrected", "estimated"
-# Values of `--poses` and `Tracker(poses=...)`.
-POSE_SOURCES = (GIVEN, AUTO, CORRECTED, ESTIMATED)
+GIVEN, AUTO, CORRECTED, ESTIMATED, SYNCHRONISED = "given", "auto", "corrected", "estimated", "synchronised"
+# Values of `--poses` and `Tracker(poses=...)`; the last is for frames of a loop, whose clock nobody has checked.
+POSE_SOURCES = (GIVEN, AUTO, CORRECTED, ESTIMATED, SYNCHRONISED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,19 +283,3 @@ def checked_origin(poses: str) -> str:
     if poses not in POSE_SOURCES:
         raise ValueError(f"poses must be one of {', '.join(POSE_SOURCES)}, got {shown(poses)}")
     return poses
-
-
-def source_of_poses(poses: str, intrinsics: Intrinsics, voxel_m: float) -> Poses:
-    """Return the source of poses for a name of `POSE_SOURCES`.
-
-    Parameters
-    ----------
-    poses : str
-    intrinsics : Intrinsics
-        Intrinsics of the frames.
-    voxel_m : float
-        Edge of a voxel of the map, metres.
-    """
-    if poses == ESTIMATED:
-        return EstimatedPoses(intrinsics, MIN_CORRECTION * voxel_m)
-    return GivenPoses() if poses == GIVEN else CorrectedPoses(intrinsics, apply=poses == CORRECTED)

@@ -11,6 +11,7 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Intrinsics, Rig
 from cuboid.ground.core.tolerances import DETECT_EVERY
 from cuboid.ground.formats.rig_file import FIXED
+from cuboid.method.poses.named import source_of_poses
 from cuboid.method.poses.rig_poses import RigPoses
 from cuboid.method.poses.sources import (
     ESTIMATED,
@@ -19,7 +20,6 @@ from cuboid.method.poses.sources import (
     BridgedPoses,
     FixedPoses,
     Poses,
-    source_of_poses,
 )
 from cuboid.runs.pipeline.options import TrackOptions
 from cuboid.runs.tracking.types import RecordingLike, RigLike, lens_settings

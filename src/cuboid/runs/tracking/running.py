@@ -15,7 +15,8 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import CuboidError, FrameError, InputError, shown
 from cuboid.ground.core.frame import Frame, Intrinsics, SkippedFrame
 from cuboid.ground.core.results import FrameResult, TrackedObject
-from cuboid.method.poses.sources import ESTIMATED, GIVEN, CorrectedPoses, Posed, Poses, source_of_poses
+from cuboid.method.poses.named import source_of_poses
+from cuboid.method.poses.sources import ESTIMATED, GIVEN, CorrectedPoses, Posed, Poses
 from cuboid.results.files import PoseRow
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.runs.tracking.diagnosis import Counts

@@ -32,8 +32,10 @@ class Tracker(RunningTracker):
     config : TrackerConfig, optional
     proposals : str or ProposalSource, optional
         Name of a source of 2D proposals, with its options, or any callable from (frame, intrinsics) to `Proposals`.
-    poses : {"given", "auto", "corrected", "estimated"}, optional
-        Source of the camera poses. "given": the pose of each frame, unchanged. "auto": the same, with a warning if
+    poses : {"given", "auto", "corrected", "estimated", "synchronised"}, optional
+        Source of the camera poses. "given": the pose of each frame, unchanged. "synchronised": the same, but the offset
+        between the clocks of poses and images is measured in the first 10 s, and corrected if it is certain; for
+        frames of a live source, as `cuboid.open_recording` does it for recordings. "auto": the same, with a warning if
         the poses drift. "corrected": given poses, corrected if they drift. "estimated": from the video. By default the
         first frame decides: "given" if it has a pose, otherwise "estimated".
     memory_mb : float

@@ -12,6 +12,7 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics, Rig
 from cuboid.ground.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.inputs.readers import Recording
 from cuboid.method.poses.sources import Posed
 from cuboid.results.files import RunReport
 from cuboid.results.files.object_table import ObjectTable
@@ -92,6 +93,7 @@ def lens_settings(recording: RecordingLike) -> dict[str, Any]:
         "distortion": list(recording.distortion),
         "depth_units_per_metre": recording.depth_units_per_metre,
         **depth_camera,
+        **(recording.pose_clock.settings() if isinstance(recording, Recording) else {}),
     }
 
 

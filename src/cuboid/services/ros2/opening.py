@@ -24,7 +24,7 @@ from cuboid.inputs.cameras.live_rig import CAPACITY, LiveRig
 from cuboid.inputs.cameras.ros2 import TICK_S, RosCamera, domain_of
 from cuboid.inputs.cameras.ros_poses import RosPoses
 from cuboid.inputs.recordings.rig import read_rig
-from cuboid.method.poses.sources import ESTIMATED, GIVEN
+from cuboid.method.poses.sources import ESTIMATED, SYNCHRONISED
 from cuboid.results.views.ros_stream import NODE, WORLD, RosStream
 from cuboid.services.ros2.node import NodeClock, RosNode
 from cuboid.services.ros2.session import Session
@@ -137,7 +137,7 @@ def open_node(
         live = parts[0] if document is None else LiveRig(document, parts, changed)
         transport, camera = transports[0], next(iter(cameras.values()))
         tf = camera.has_poses
-        session = make_session(live.intrinsics, GIVEN if live.has_poses else ESTIMATED)
+        session = make_session(live.intrinsics, SYNCHRONISED if live.has_poses else ESTIMATED)
         foxglove = None
         if options.foxglove is not None:
             foxglove = FoxgloveServer(messages, *options.foxglove)
