@@ -27,7 +27,7 @@ PRIOR_WEIGHT = 0.02
 PRIOR_FREE, PRIOR_JUDGED = 0.5, 0.3
 # The mean similarity of segments, and the fraction of matching frames, in one view that comes before all others: with
 # few views the quantities are near these.
-PRIOR_AGREEMENT, PRIOR_MATCHED = 0.75, 0.75
+PRIOR_AGREEMENT, PRIOR_MATCHED = 0.9, 0.9
 # Largest thickness that makes a difference, in standard deviations of the noise of its points.
 MAX_THICKNESS_SIGMAS = 30.0
 
