@@ -2,6 +2,7 @@
 
 Open      open_recording, open_camera, open_cameras, open_results; Recording, LiveCamera, LiveRig, FrameSource, Frame,
           SkippedFrame, Intrinsics, DepthCamera
+Detect    detect: the objects of one picture
 Track     Tracker, TrackerConfig, Proposals, ProposalSource, Detections, Detector, DriftCorrection; track_recording,
           TrackOptions, ResultOptions, RunHooks, RecordingLike, TrackerLike, Progress, RunOutcome, RunReport, Timing,
           LimitReached, IntoScene
@@ -87,6 +88,7 @@ if TYPE_CHECKING:
     from cuboid.runs.scene import SceneTracker as SceneTracker
     from cuboid.runs.scene import Source as Source
     from cuboid.runs.scene.running import IntoScene as IntoScene
+    from cuboid.runs.tracking.detect import detect as detect
     from cuboid.runs.tracking.tracker import Tracker as Tracker
     from cuboid.runs.tracking.types import Progress as Progress
     from cuboid.runs.tracking.types import RecordingLike as RecordingLike
@@ -128,6 +130,7 @@ _MODULES = {
     "cuboid.runs.pipeline.streaming": ("FrameSource",),
     "cuboid.ground.core.frame": ("Frame", "SkippedFrame", "Intrinsics"),
     "cuboid.inputs.readers.depth_camera": ("DepthCamera",),
+    "cuboid.runs.tracking.detect": ("detect",),
     "cuboid.runs.tracking.tracker": ("Tracker",),
     "cuboid.ground.core.config": ("TrackerConfig",),
     "cuboid.method.proposals.types": ("Proposals", "ProposalSource"),

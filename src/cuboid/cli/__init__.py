@@ -23,6 +23,7 @@ from cuboid.ground.version import __version__
 GROUPS = {
     "run": {
         "track": "track the objects of a recording and write the results",
+        "detect": "find the objects in one picture: a color and a depth image",
         "measure": "measure what stands on the surface in front of a camera: sides, volume, and how sure they are",
         "slam": "estimate the camera poses of a recording from its images and write the trajectory",
         "ros2": "track the images of a running ROS 2, and publish the objects there",

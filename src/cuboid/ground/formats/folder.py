@@ -37,6 +37,7 @@ MAP = "map.ply"
 EVENTS = "events.csv"
 AGENTS = "agents.csv"
 VIDEO = "labelled.mp4"
+PICTURE = "labelled.png"
 REPORT = "report.html"
 VIEWS = "views.zip"
 EMBEDDINGS = "embeddings.npz"
@@ -57,6 +58,7 @@ OUTPUT_NAMES = (
     AGENTS,
     MAP,
     VIDEO,
+    PICTURE,
     REPORT,
     VIEWS,
     EMBEDDINGS,
