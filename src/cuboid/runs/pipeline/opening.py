@@ -25,7 +25,7 @@ MAX_GIVEN_MS = 10_000.0
 CONSIDERED, STRETCH = 1800, 150
 # A camera in a hand is slower, metres per second. A recording without times whose camera seems to be faster is not one
 # of 30 Hz: poses between its frames are not known.
-HAND_SPEED_M_S = 0.5
+HAND_SPEED_M_S, SPEED_FRAMES = 0.5, 5
 
 
 def open_recording(
@@ -174,8 +174,10 @@ def measured(recording: Recording) -> tuple[PoseOffset | None, str | None]:
 
 
 def _speed_m_s(times_s: Float64Array, T_world_camera: Float64Array) -> float:
-    """Return the median speed of a camera."""
-    return float(np.median(np.linalg.norm(np.diff(T_world_camera[:, :3, 3], axis=0), axis=1) / np.diff(times_s)))
+    """Return the median speed of a camera over `SPEED_FRAMES` frames: noise of single poses hardly matters."""
+    elapsed_s = times_s[SPEED_FRAMES:] - times_s[:-SPEED_FRAMES]
+    moved_m = np.linalg.norm(T_world_camera[SPEED_FRAMES:, :3, 3] - T_world_camera[:-SPEED_FRAMES, :3, 3], axis=1)
+    return float(np.median(moved_m / elapsed_s))
 
 
 def _considered(count: int) -> list[int]:
