@@ -84,6 +84,17 @@ def test_a_chain_of_tf_is_interpolated_at_the_time_of_the_image(messages: RosMes
     assert at(poses, 0.3) is None, "too far from any transform"
 
 
+def test_an_offset_is_added_to_the_times_of_poses(messages: RosMessages) -> None:
+    """Poses 20 ms later: an image gets the pose of 20 ms before, and needs no newer transform."""
+    topics = Topics(messages)
+    poses = RosPoses(topics, messages, world="map", added_s=0.02)
+    topics.transform("/tf", "map", CAMERA, moved(0.0))
+    topics.transform("/tf", "map", CAMERA, moved(0.2), 0.1)
+    np.testing.assert_allclose(at(poses, 0.07), moved(0.1), atol=1e-6)
+    assert poses.is_newer(START_NS * 1e-9 + 0.119)
+    assert not poses.is_newer(START_NS * 1e-9 + 0.121)
+
+
 def test_the_world_may_be_a_frame_within_the_chain(messages: RosMessages) -> None:
     topics = Topics(messages)
     inner, none = RosPoses(topics, messages, world="odom"), RosPoses(Topics(messages), messages, world="elsewhere")

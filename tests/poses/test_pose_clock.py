@@ -15,9 +15,10 @@ from cuboid.cli import main
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.pose_stream import PoseStream
 from cuboid.ground.geometry import se3
+from cuboid.inputs.readers.recording import PoseClock
 from cuboid.lab.synthetic.paths import POSE_NOISES
 from cuboid.method.poses import synchronised
-from cuboid.method.poses.clock import PoseOffset, misfit_of, pose_offset_of, smoothed
+from cuboid.method.poses.clock import PoseOffset, misfit_of, pose_offset_of, scale_misfit, smoothed
 from cuboid.method.poses.motions import found_motions, levels_of_frames, telling_frames
 from cuboid.method.poses.synchronised import SynchronisedPoses
 from made_scenes import look_at
@@ -131,6 +132,19 @@ def test_poses_that_fit_worse_than_the_images_are_named_with_the_shake_of_their_
     )
 
 
+def test_a_depth_scale_that_differs_from_the_poses_is_named_also_beside_drift() -> None:
+    for poses in (poses_at(TIMES_S), POSE_NOISES["drift"](poses_at(TIMES_S), np.random.default_rng(5))):
+        right = found(poses)
+        assert right is not None
+        assert scale_misfit(right) is None
+        larger = poses.copy()
+        larger[:, :3, 3] *= 1.1
+        wrong = found(larger)
+        assert wrong is not None
+        assert wrong.scale == pytest.approx(right.scale / 1.1, abs=0.01)
+        assert "differ in scale: frames a moment apart show 0.9" in (scale_misfit(wrong) or "")
+
+
 def test_the_offset_is_found_or_given_or_off_when_a_recording_is_opened(tmp_path: Path) -> None:
     """Loop and command read the same frames: the recording has the offset, whoever reads it."""
     path = write_table(tmp_path / "table", 6)
@@ -152,6 +166,8 @@ def test_the_offset_is_found_or_given_or_off_when_a_recording_is_opened(tmp_path
     runs = [json.loads((tmp_path / name / "run.json").read_text()) for name in ("loop", "command")]
     assert [run["config"]["pose_offset"] for run in runs] == [{"added_ms": -10.0}] * 2
     assert all(moved.warnings[0] in run["warnings"] for run in runs)
+    tracker.save(tmp_path / "named", recording=moved.with_pose_clock(PoseClock(misfit="the poses do not fit")))
+    assert "the poses do not fit" in json.loads((tmp_path / "named" / "run.json").read_text())["warnings"]
     with pytest.raises(ValueError, match="pose_offset must be 'auto', 'off' or at most 10000 milliseconds, got 'on'"):
         open_recording(path, pose_offset="on")
 

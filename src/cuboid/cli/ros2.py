@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.live import add_foxglove, say_foxglove
-from cuboid.cli.recording import add_method, config_from
+from cuboid.cli.recording import add_method, config_from, pose_offset
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.workers import add_threads, positive
 from cuboid.ground.core.limits import FRAMES_WAITING
@@ -43,6 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="estimated",
         help="camera poses: from tf, from a topic of PoseStamped, PoseWithCovarianceStamped or Odometry, or estimated "
         "from the images (default: %(default)s)",
+    )
+    topics.add_argument(
+        "--pose-offset",
+        type=pose_offset,
+        default="auto",
+        metavar="auto|off|MILLISECONDS",
+        help="added to the times of poses: what the images of the first 10 s show (auto), nothing (off), or "
+        "milliseconds (default: %(default)s)",
     )
     topics.add_argument(
         "--rig", type=Path, metavar="FILE", help="rig.json of several cameras, in the order of the color topics"
@@ -96,6 +104,7 @@ def run(args: argparse.Namespace) -> int:
         info=args.info,
         rig=args.rig,
         pose=args.pose,
+        pose_offset=0.0 if args.pose_offset == "off" else args.pose_offset,
         world=args.world,
         node=args.node,
         transport=args.transport,

@@ -33,6 +33,8 @@ class RosPoses:
         Of PoseStamped, PoseWithCovarianceStamped or Odometry; ``tf`` unless given.
     world : str, optional
         The frame that poses are in; the root of ``tf`` unless given.
+    added_s : float
+        Added to the times of the poses, seconds.
 
     Attributes
     ----------
@@ -46,9 +48,15 @@ class RosPoses:
     """
 
     def __init__(
-        self, transport: Transport, messages: RosMessages, topic: str | None = None, world: str | None = None
+        self,
+        transport: Transport,
+        messages: RosMessages,
+        topic: str | None = None,
+        world: str | None = None,
+        *,
+        added_s: float = 0.0,
     ) -> None:
-        self._messages, self._world, self._topic = messages, world, topic
+        self._messages, self._world, self._topic, self._added_s = messages, world, topic, added_s
         self._moving: dict[str, Edge] = {}
         self._fixed: dict[str, tuple[str, Float64Array]] = {}
         self._newest_s = float("-inf")
@@ -85,7 +93,11 @@ class RosPoses:
         start, frame = ("", frame_name(frame)) if self._topic else (frame_name(frame), "")
         try:
             found = camera_pose(
-                [self._moving], self._fixed, start, time_s, self._world if self._topic is None else None
+                [self._moving],
+                self._fixed,
+                start,
+                time_s - self._added_s,
+                self._world if self._topic is None else None,
             )
         except FrameError:
             return None
@@ -101,7 +113,7 @@ class RosPoses:
 
     def is_newer(self, time_s: float) -> bool:
         """Tell whether transforms of a later time have come: then `at` needs no other."""
-        return self._newest_s >= time_s
+        return self._newest_s >= time_s - self._added_s
 
     def _beside(self, frame: str) -> Float64Array:
         """Return T_posed_camera: odometry may pose another frame, to which ``tf`` fixes the camera."""

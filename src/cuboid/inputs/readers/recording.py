@@ -49,12 +49,15 @@ class PoseClock:
         The offset that the images show, and half of its 95 % interval; None if it was not measured.
     doubt : str
         Why a measured offset is not applied, in a few words.
+    misfit : str
+        A warning that the poses do not fit the frames for another reason; empty if they fit.
     """
 
     added_s: float = 0.0
     found_s: float | None = None
     error_s: float | None = None
     doubt: str = ""
+    misfit: str = ""
 
     def settings(self) -> dict[str, Any]:
         """Return the entry of `run.json`; empty if the offset was neither measured nor given."""

@@ -44,6 +44,9 @@ GAIN_ERRORS = 2.0
 # Given poses are named if they explain less than this fraction of the points that the images' own motion explains:
 # with exact poses it is 1, with noise of 5 mm .8, with rotations that shake by 0.5 degrees .5 to .7.
 FITS_WORSE = 0.7
+# A depth scale is named if it is off by this fraction, and by twice its interval: real ones that are right measure up
+# to .027.
+SCALE_OFF = 0.05
 # Noise of rotations that is named, degrees: 3.5 mm at 2 m.
 SHAKEN_DEG = 0.1
 # Steps of the robust fits: weights settle in fewer.
@@ -67,6 +70,8 @@ class PoseOffset:
         Number of motions.
     doubt : str
         Why the offset is not certain, in a few words; empty if it is.
+    scale, scale_error : float
+        Motions in the images are this times the given ones (1 if the depth scale is right); half of its 95 % interval.
     """
 
     offset_s: float
@@ -75,6 +80,8 @@ class PoseOffset:
     after_m: float
     motions: int
     doubt: str
+    scale: float
+    scale_error: float
 
     @property
     def text(self) -> str:
@@ -103,7 +110,7 @@ def pose_offset_of(
     best = int(losses.argmin())
     offset_s = fit.refined(float(fit.grid_s[best]), np.ones(len(fit.places), bool))
     _, rank = np.unique(fit.places, return_inverse=True)
-    error_s = _error_s(fit, offset_s, rank)
+    (error_s, scale_error), scale = _errors(fit, offset_s, rank), 1.0 + fit.scale(offset_s, np.ones(len(rank), bool))
     before, after = _in_other_motions(fit, offset_s, rank)
     gain = np.bincount(rank, before - after)
     beside = losses[np.abs(fit.grid_s - offset_s) > BESIDE_S]
@@ -115,14 +122,16 @@ def pose_offset_of(
     elif gain.mean() < GAIN_ERRORS * gain.std() / np.sqrt(len(gain)):
         doubt = "other frames do not agree better"
     before_m, after_m = (fit.scale_m * float(loss.mean()) for loss in (before, after))
-    return PoseOffset(offset_s, error_s, before_m, after_m, len(rank), doubt)
+    return PoseOffset(offset_s, error_s, before_m, after_m, len(rank), doubt, scale, scale_error)
 
 
-def _error_s(fit: _Fit, offset_s: float, rank: npt.NDArray[np.intp]) -> float:
-    """Return half of the 95 % interval of an offset by the jackknife: each part of the time is left out once."""
+def _errors(fit: _Fit, offset_s: float, rank: npt.NDArray[np.intp]) -> tuple[float, float]:
+    """Return half of the 95 % intervals of offset and scale (jackknife): each part of the time is left out once."""
     part = rank * PARTS // (rank.max() + 1)
-    without = np.array([fit.refined(offset_s, part != one, steps=2) for one in range(PARTS)])
-    return T_975 * float(np.sqrt((PARTS - 1) / PARTS * ((without - without.mean()) ** 2).sum()))
+    without = [(fit.refined(offset_s, part != one, steps=2), fit.scale(offset_s, part != one)) for one in range(PARTS)]
+    off = np.array(without) - np.mean(without, axis=0)
+    error_s, scale_error = T_975 * np.sqrt((PARTS - 1) / PARTS * (off**2).sum(0))
+    return float(error_s), float(scale_error)
 
 
 def _in_other_motions(fit: _Fit, offset_s: float, rank: npt.NDArray[np.intp]) -> tuple[Float64Array, Float64Array]:
@@ -133,6 +142,18 @@ def _in_other_motions(fit: _Fit, offset_s: float, rank: npt.NDArray[np.intp]) ->
         before[other] = fit.tested(0.0, fitted)[other]
         after[other] = fit.tested(fit.refined(offset_s, fitted), fitted)[other]
     return before, after
+
+
+def scale_misfit(found: PoseOffset) -> str | None:
+    """Return the warning that depth and given poses differ in scale; None if they agree."""
+    off = abs(found.scale - 1.0)
+    if off < SCALE_OFF or off < 2.0 * found.scale_error:
+        return None
+    return (
+        f"depth and given camera poses differ in scale: frames a moment apart show {found.scale:.2f} +- "
+        f"{found.scale_error:.2f} times the given motion; --depth-scale with {found.scale:.2f} times its value, if the "
+        "depth is wrong"
+    )
 
 
 def misfit_of(T_world_camera: Float64Array, motions: Sequence[FoundMotion]) -> str | None:
@@ -248,6 +269,11 @@ class _Fit:
         differences = self.differences(offset_s)
         parameters, _ = self._solved(differences, self._setup, fitted)
         return self._losses(differences - self._setup @ parameters)
+
+    def scale(self, offset_s: float, used: npt.NDArray[np.bool_]) -> float:
+        """Return by which fraction found translations are larger than given ones, at an offset."""
+        parameters, _ = self._solved(self.differences(offset_s), self._setup, used)
+        return float(parameters[0])
 
     def refined(self, offset_s: float, used: npt.NDArray[np.bool_], steps: int = 4) -> float:
         """Return the offset by Gauss-Newton from a start."""

@@ -15,7 +15,7 @@ from cuboid.inputs.readers import Recording
 from cuboid.inputs.readers.recording import PoseClock
 from cuboid.inputs.recordings import opening
 from cuboid.inputs.recordings.rig import RigRecording
-from cuboid.method.poses.clock import MIN_MOTIONS, PoseOffset, misfit_of, pose_offset_of
+from cuboid.method.poses.clock import MIN_MOTIONS, PoseOffset, misfit_of, pose_offset_of, scale_misfit
 from cuboid.method.poses.motions import found_motions, levels_of_frames, telling_frames
 
 AUTO, OFF = "auto", "off"
@@ -25,7 +25,7 @@ MAX_GIVEN_MS = 10_000.0
 CONSIDERED, STRETCH = 1800, 150
 # A camera in a hand is slower, metres per second. A recording without times whose camera seems to be faster is not one
 # of 30 Hz: poses between its frames are not known.
-HAND_SPEED_M_S = 0.5
+HAND_SPEED_M_S, SPEED_FRAMES = 0.5, 5
 
 
 def open_recording(
@@ -106,26 +106,32 @@ def open_recording(
 
 
 def synchronised(recording: Recording) -> Recording:
-    """Return a recording with the measured offset of its poses, which is applied if it is certain."""
-    found, misfit = measured(recording)
-    if found is not None:
-        recording = recording.with_pose_clock(_clock(found))
-        if not found.doubt:
-            done = "they are corrected; --pose-offset off leaves them as given"
-            return recording.with_warning(f"the times of the given poses are {found.text}; {done}")
-    return recording if misfit is None else recording.with_warning(misfit)
+    """Return a recording with the measured clock of its poses, which is corrected if the offset is certain."""
+    clock, text = measured_clock(recording)
+    recording = recording.with_pose_clock(clock)
+    if not clock.added_s:
+        return recording
+    return recording.with_warning(f"{text}; they are corrected; --pose-offset off leaves them as given")
 
 
 def checked_clock(recording: Recording) -> tuple[str, dict[str, Any]]:
     """Return what the images show of the clock of a recording's poses: for a user, and for JSON."""
     if not recording.has_poses:
         return "the recording has no poses", {}
+    clock, text = measured_clock(recording)
+    done = "'cuboid track' corrects them" if clock.added_s else f"not corrected: {clock.doubt}"
+    said = f"{text}; {done}" if text else "not measured: the velocity changes too little, or no times, depth or texture"
+    return f"{said}; {clock.misfit}" if clock.misfit else said, clock.settings()
+
+
+def measured_clock(recording: Recording) -> tuple[PoseClock, str]:
+    """Return the clock of the given poses of a recording, and the offset in words; empty if there is none."""
     found, misfit = measured(recording)
-    more = "" if misfit is None else f"; {misfit}"
     if found is None:
-        return f"not measured: the velocity changes too little, or frames have no times, depth or texture{more}", {}
-    done = f"not corrected: {found.doubt}{more}" if found.doubt else "'cuboid track' corrects them"
-    return f"{found.text} ({found.motions} motions); {done}", _clock(found).settings()
+        return PoseClock(misfit=misfit or ""), ""
+    added_s = 0.0 if found.doubt else found.offset_s
+    clock = PoseClock(added_s, found.offset_s, found.error_s, found.doubt, misfit or "")
+    return clock, f"the times of the given poses are {found.text}"
 
 
 def measured(recording: Recording) -> tuple[PoseOffset | None, str | None]:
@@ -136,7 +142,7 @@ def measured(recording: Recording) -> tuple[PoseOffset | None, str | None]:
     PoseOffset or None
         The offset between the clocks of poses and images; None if the recording does not determine one.
     str or None
-        A warning if the poses, as they are, fit the images clearly worse than the images' own motion.
+        A warning if depth and poses differ in scale, or if the poses fit clearly worse than the images' own motion.
     """
     frames: list[int] = []
     times_s: list[float] = []
@@ -154,23 +160,24 @@ def measured(recording: Recording) -> tuple[PoseOffset | None, str | None]:
     if len(frames) < MIN_MOTIONS:
         return None, None
     times, T_world_camera = np.array(times_s), np.array(poses)
-    if not recording.has_timestamps and _speed_m_s(times, T_world_camera) > HAND_SPEED_M_S:
-        return None, None
     triples = telling_frames(times, T_world_camera)
     levels_of = levels_of_frames(recording.without_poses().read, recording.intrinsics)
     motions = found_motions(levels_of, frames, times, T_world_camera, triples)
     found = pose_offset_of(times, T_world_camera, motions)
     return_free_memory()
-    return found, misfit_of(T_world_camera, motions)
-
-
-def _clock(found: PoseOffset) -> PoseClock:
-    return PoseClock(0.0 if found.doubt else found.offset_s, found.offset_s, found.error_s, found.doubt)
+    misfit = None if found is None else scale_misfit(found)
+    if not recording.has_timestamps and _speed_m_s(times, T_world_camera) > HAND_SPEED_M_S:
+        return None, misfit
+    if misfit is None and (found is None or found.doubt):
+        misfit = misfit_of(T_world_camera, motions)
+    return found, misfit
 
 
 def _speed_m_s(times_s: Float64Array, T_world_camera: Float64Array) -> float:
-    """Return the median speed of a camera."""
-    return float(np.median(np.linalg.norm(np.diff(T_world_camera[:, :3, 3], axis=0), axis=1) / np.diff(times_s)))
+    """Return the median speed of a camera over `SPEED_FRAMES` frames: noise of single poses hardly matters."""
+    elapsed_s = times_s[SPEED_FRAMES:] - times_s[:-SPEED_FRAMES]
+    moved_m = np.linalg.norm(T_world_camera[SPEED_FRAMES:, :3, 3] - T_world_camera[:-SPEED_FRAMES, :3, 3], axis=1)
+    return float(np.median(moved_m / elapsed_s))
 
 
 def _considered(count: int) -> list[int]:

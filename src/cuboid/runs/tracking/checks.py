@@ -14,7 +14,7 @@ from cuboid.ground.core.plausible import field_of_view_warning
 from cuboid.ground.formats.rig_file import FIXED
 from cuboid.inputs.readers import Recording
 from cuboid.inputs.recordings.rig import RigRecording
-from cuboid.method.poses.sources import ESTIMATED, LOST, NO_POSE
+from cuboid.method.poses.sources import ESTIMATED, GIVEN, LOST, NO_POSE
 from cuboid.runs.tracking.diagnosis import RunFacts, diagnose, explains, median_or_none
 from cuboid.runs.tracking.running import RunningTracker
 from cuboid.runs.tracking.types import RecordingLike, RigLike
@@ -126,7 +126,7 @@ def run_facts(tracker: RunningTracker, recording: RecordingLike | None = None, e
         depth_median_m=median_or_none(tracker.counts.depth_median_m.values()),
         depth_units_per_metre=1.0 if recording is None else recording.depth_units_per_metre,
         pose_fit=None,
-        misfit=tracker.pose_misfit,
+        misfit=tracker.pose_misfit or _clock_misfit(tracker, recording),
         up_known=tracker.up is not None,
         field_of_view=field_of_view_warning(tracker.intrinsics),
         depth_constant=tracker.counts.mostly_constant(tracker.T_world_camera),
@@ -136,6 +136,13 @@ def run_facts(tracker: RunningTracker, recording: RecordingLike | None = None, e
         untimely=_untimely(tracker),
         farthest_m=max((float(np.abs(T[:3, 3]).max()) for T in tracker.T_world_camera.values()), default=0.0),
     )
+
+
+def _clock_misfit(tracker: RunningTracker, recording: RecordingLike | None) -> str | None:
+    """Return why given poses do not fit neighbouring frames, as found when the recording was opened."""
+    if tracker.poses != GIVEN or not isinstance(recording, Recording):
+        return None
+    return recording.pose_clock.misfit or None
 
 
 def _untimely(tracker: RunningTracker) -> tuple[int, ...]:

@@ -24,7 +24,7 @@ from cuboid.inputs.cameras.live_rig import CAPACITY, LiveRig
 from cuboid.inputs.cameras.ros2 import TICK_S, RosCamera, domain_of
 from cuboid.inputs.cameras.ros_poses import RosPoses
 from cuboid.inputs.recordings.rig import read_rig
-from cuboid.method.poses.sources import ESTIMATED, SYNCHRONISED
+from cuboid.method.poses.sources import AUTO, ESTIMATED, GIVEN, SYNCHRONISED
 from cuboid.results.views.ros_stream import NODE, WORLD, RosStream
 from cuboid.services.ros2.node import NodeClock, RosNode
 from cuboid.services.ros2.session import Session
@@ -48,6 +48,8 @@ class NodeOptions:
         The ``rig.json`` of several cameras; without `color` it has the color topic of each as its `serial`.
     pose : str
         `TF`, `ESTIMATED`, or a topic of poses.
+    pose_offset : float or "auto"
+        What is added to the times of poses, milliseconds; "auto": what the images show (of a rig: nothing).
     world : str or None
         Frame of the world; None: the root of `tf`, or `WORLD` without `tf`.
     node : str
@@ -69,6 +71,7 @@ class NodeOptions:
     info: str | None = None
     rig: Path | None = None
     pose: str = ESTIMATED
+    pose_offset: float | str = AUTO
     world: str | None = None
     node: str = NODE
     transport: str | None = None
@@ -137,7 +140,8 @@ def open_node(
         live = parts[0] if document is None else LiveRig(document, parts, changed)
         transport, camera = transports[0], next(iter(cameras.values()))
         tf = camera.has_poses
-        session = make_session(live.intrinsics, SYNCHRONISED if live.has_poses else ESTIMATED)
+        given = SYNCHRONISED if document is None and options.pose_offset == AUTO else GIVEN
+        session = make_session(live.intrinsics, given if live.has_poses else ESTIMATED)
         foxglove = None
         if options.foxglove is not None:
             foxglove = FoxgloveServer(messages, *options.foxglove)
@@ -250,12 +254,13 @@ def _poses(
     """Return the source of camera poses; None if they are estimated."""
     if options.pose == ESTIMATED:
         return None
+    added_s = 0.0 if isinstance(options.pose_offset, str) else 1e-3 * options.pose_offset
     if options.pose == TF:
-        return RosPoses(transport, messages, world=options.world)
+        return RosPoses(transport, messages, world=options.world, added_s=added_s)
     if not options.pose.startswith("/"):
         raise InputError(f"{FEATURE}: --pose is {TF}, {ESTIMATED} or a topic such as /odom, got '{options.pose}'")
     while options.pose not in transport.topics():
         if stopped():
             raise StreamEndedError
         time.sleep(TICK_S)
-    return RosPoses(transport, messages, options.pose)
+    return RosPoses(transport, messages, options.pose, added_s=added_s)
