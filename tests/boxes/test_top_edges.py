@@ -73,6 +73,17 @@ def test_a_round_top_has_its_diameter() -> None:
     assert found[0] == found[1] == pytest.approx(0.12, abs=0.5 * PIXEL_M)
 
 
+def test_the_outermost_circle_is_the_outline_of_a_can_with_a_lid() -> None:
+    can = upright((0.02, 0.01), (0.12, 0.12, 0.08), 0.1)
+    seen = picture(ABOVE, can, round_top=True)
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    world = CAMERA.points(u, v, np.full(u.shape, 0.8)) @ ABOVE[:3, :3].T + ABOVE[:3, 3]
+    lid = np.hypot(world[..., 0] - 0.02, world[..., 1] - 0.01) < 0.056  # of another color, and a stronger edge
+    color = np.where(lid[..., None], np.array([60, 140, 150]), seen.color).astype(np.uint8)
+    found = top_sides(wrong(can, -0.007, -0.007), replace(seen, color=color), 0.0)
+    assert found[0] == found[1] == pytest.approx(0.12, abs=0.5 * PIXEL_M)
+
+
 def test_edges_that_are_not_clear_are_left_to_depth() -> None:
     seen = picture(ABOVE)
     assert np.isnan(top_sides(TRUE, picture(ABOVE, contrast=0.02), 0.0)).all()

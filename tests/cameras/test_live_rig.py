@@ -120,7 +120,7 @@ def test_a_camera_that_is_pulled_out_loses_nothing_of_the_others(
     assert found["cameras"] == ["left", "right"]
     assert found["frames"] == [count, 3]
     reason = "failed: RuntimeError: xioctl" if ends == "fails" else "gave no frame for 0.2 s"
-    named = [line for line in outcome.report.warnings if line.startswith("camera right: ")]
+    named = [line for line in outcome.report.warnings if line.startswith("camera right: ") and "depth" not in line]
     assert len(named) == 1
     assert reason in named[0]
     if paced:

@@ -17,6 +17,7 @@ from rich.progress import Progress as Bar
 from cuboid.ground.compiling import compiletime
 from cuboid.ground.compiling.compiletime import working_s
 from cuboid.ground.core.errors import counted
+from cuboid.ground.core.extras import COMPILED_INSTALL
 from cuboid.ground.core.results import FrameResult
 from cuboid.ground.core.threads import cores
 from cuboid.runs.tracking.types import Progress
@@ -78,8 +79,8 @@ def first_run_text(kernels: Sequence[Kernel], processes: int) -> str:
         return ""
     seconds = 5 * math.ceil(COMPILE_ALL_S * missing / total / processes / 5)
     return (
-        f"the first run compiles Cuboid's kernels, once: about {seconds} s; they are kept for later runs (the install "
-        "command of the README, 'pip install --no-build-isolation', compiles them ahead)"
+        f"the first run compiles Cuboid's kernels, once: about {seconds} s; they are kept for later runs "
+        f"('{COMPILED_INSTALL}' in a checkout compiles them ahead)"
     )
 
 

@@ -16,6 +16,10 @@ CLUSTER = ("distributed", "pyarrow", "duckdb", "fsspec", "starlette", "uvicorn")
 SERVE = ("starlette", "uvicorn", "websockets")
 
 
+# Compiles the kernels at the installation of a checkout, beside the packages that are installed already.
+COMPILED_INSTALL = "pip install --no-deps --no-build-isolation ."
+
+
 def how_to_install(extra: str = "", *, pip: str = "") -> str:
     """Return how to install an extra of Cuboid, or a package that is in no extra.
 

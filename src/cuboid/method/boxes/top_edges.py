@@ -211,7 +211,8 @@ def _disc(view: _View) -> tuple[Float64Array, float]:
     moved = np.rint(moves @ directions.T / STEP_PX)
     rim = _Edge(view, view.top + outward * diameter_m / 2.0, outward, moved)
     best = int(np.argmax(rim.stands_out))
-    offset_m = rim.offset_m(best) if view.behind_m == 0.0 else rim.outermost_m()
+    # An inner circle may stand out most around a wrong centre: all centres count.
+    offset_m = rim.outermost_m(rim.means.max(0))
     found_m = diameter_m + 2.0 * offset_m if offset_m >= -rim.max_widened_m else math.nan
     return np.full(2, found_m), float(rim.stands_out[best])
 
@@ -264,15 +265,13 @@ class _Edge:
         """How far the best offset of each form stands out, (M,) levels."""
         return np.asarray(self.means.max(1) - np.median(self.means, axis=1))
 
-    def outermost_m(self) -> float:
-        """Return the offset of the outermost edge over all forms, metres; NaN if none stands out.
+    def outermost_m(self, means: Float64Array) -> float:
+        """Return the offset of the outermost edge that stands out in means (O,), metres; NaN if none does.
 
-        The wall of a vessel has two edges, and the outer one is its outline. A disc that is displaced by half of the
-        wall has half of each edge at one offset; at the true centre each edge stands out.
+        A lid ends inside of the body, and the wall of a vessel has two edges: the outermost circle is the outline. A
+        disc that is displaced by half of the wall has half of each edge at one offset; at the true centre each edge
+        stands out.
         """
-        return self._outermost_m(self.means.max(0))
-
-    def _outermost_m(self, means: Float64Array) -> float:
         usual = float(np.median(means))
         least = max(MIN_STEP_LEVELS, OUTER_FRACTION * (float(means.max()) - usual))
         peaks = [k for k in range(1, len(means) - 1) if means[k - 1] <= means[k] > means[k + 1]]
@@ -290,7 +289,7 @@ class _Edge:
         """Return the offset of the edge in a form, metres; NaN if it is not clear."""
         means = self.means[form]
         if self._view.front_m > 0.0:
-            return self._outermost_m(means)
+            return self.outermost_m(means)
         best, usual = int(means.argmax()), float(np.median(means))
         if not 0 < best < len(means) - 1 or means[best] - usual < MIN_STEP_LEVELS:
             return math.nan
