@@ -1,7 +1,7 @@
 """Fit the probability that an object of the map is one whole thing, over many places, and check it on places left out.
 
 python benchmarks/fit_objectness.py --work DIR [--data DATA] [--real DIR --real-truth DIR] [--seeds N ...] [--jobs N]
-    [--only NAME ...] [--write]
+    [--only NAME ...] [--near FILE] [--write]
 
 Tracks each place of `places.py`, as a whole and from few views: 1, 2, 5 and 20 frames that end at a frame with truth
 (`VIEWS`), each with a new tracker. In the frames with truth, each object of the map that the frame shows is a case: its
@@ -54,8 +54,8 @@ from place_list import Folders, Part, Place, made_places, named, real_places, re
 # Whether the probability rises (1) or falls (-1) with a quantity.
 SIGNS = Quantities(1, 1, -1, 1, 1, 1, 1, 1, -1, -1, 1, 1, 1, 1, -1, -1)
 # Strength of the penalty on the squared weights of the standardized quantities, in cases: it matters where few cases
-# tell quantities apart.
-PENALTY_CASES = 10.0
+# tell quantities apart. With `--near`, the second one, on differences from weights that are not 0 there.
+PENALTY_CASES, NEAR_CASES = 10.0, 1000.0
 # Frames between two judged ones of a recording with 3D truth.
 EVERY = 10
 # Numbers of views of short runs, and of judged frames of a recording at which they end. Views are this many frames
@@ -192,22 +192,25 @@ def _judging(judge: Judge) -> Callable[..., Any]:
     return visible
 
 
-def fit(cases: Sequence[Cases]) -> Coefficients:
-    """Fit the model by maximum likelihood with a small penalty on the weights."""
+def fit(cases: Sequence[Cases], near: Coefficients | None = None) -> Coefficients:
+    """Fit the model by maximum likelihood with a small penalty on the weights, or a large one on differences."""
     x, right = np.concatenate([one.quantities for one in cases]), np.concatenate([one.right for one in cases])
     weight = np.concatenate([np.full(len(one.right), len(one.right) ** -0.5) for one in cases if len(one.right)])
     weight *= len(weight) / weight.sum()
     mean, scale = np.average(x, 0, weight), x.std(0) + 1e-9
     z, sign = (x - mean) / scale, np.where(right, 1.0, -1.0)
+    known = np.array([0.0 if near is None else near.weights.get(name, 0.0) for name in Quantities._fields])
+    center, penalty = known * scale, np.where(known != 0.0, NEAR_CASES, PENALTY_CASES)
 
     def loss(b: npt.NDArray[np.float64]) -> tuple[float, npt.NDArray[np.float64]]:
         odds = sign * (b[0] + z @ b[1:])
         slope = -weight * sign / (1.0 + np.exp(odds))
-        value = weight @ np.logaddexp(0.0, -odds) + 0.5 * PENALTY_CASES * b[1:] @ b[1:]
-        return float(value), np.concatenate([[slope.sum()], slope @ z + PENALTY_CASES * b[1:]])
+        off = penalty * (b[1:] - center)
+        value = weight @ np.logaddexp(0.0, -odds) + 0.5 * off @ (b[1:] - center)
+        return float(value), np.concatenate([[slope.sum()], slope @ z + off])
 
     bounds = [(None, None), *((0.0, None) if sign > 0 else (None, 0.0) for sign in SIGNS)]
-    b = minimize(loss, np.zeros(1 + z.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x
+    b = minimize(loss, np.concatenate([[0.0], center]), jac=True, method="L-BFGS-B", bounds=bounds).x
     weights = b[1:] / scale
     named_weights = dict(zip(Quantities._fields, weights.round(4).tolist(), strict=True))
     places = len({one.place for one in cases})
@@ -220,10 +223,10 @@ def probabilities(model: Coefficients, quantities: npt.NDArray[np.float64]) -> n
     return np.asarray(1.0 / (1.0 + np.exp(-(model.intercept + quantities @ weights))))
 
 
-def report(cases: Sequence[Cases]) -> None:
+def report(cases: Sequence[Cases], near: Coefficients | None) -> None:
     """Print how well the model predicts cases of kinds of places that it was not fitted to."""
     kinds = sorted({one.kind for one in cases})
-    models = {kind: fit([one for one in cases if one.kind != kind]) for kind in kinds}
+    models = {kind: fit([one for one in cases if one.kind != kind], near) for kind in kinds}
     p = [probabilities(models[one.kind], one.quantities) for one in cases]
     for views in (None, WHOLE, *VIEWS):
         chosen = [k for k, one in enumerate(cases) if views in (None, one.views)]
@@ -271,6 +274,8 @@ def main() -> int:
     parser.add_argument("--seeds", nargs="*", type=int, default=[1, 2], metavar="N", help="of made places")
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="these places or kinds of places")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes")
+    near = "coefficients near which to stay: for a fit to few of the places to which they were fitted"
+    parser.add_argument("--near", type=Path, default=None, metavar="FILE", help=near)
     parser.add_argument("--write", action="store_true", help="replace the coefficients in the source")
     parser.add_argument(
         "--cases", type=Path, default=None, metavar="FILE", help="keep the cases, or read them if there"
@@ -281,8 +286,9 @@ def main() -> int:
     except CuboidError as error:
         print(f"fit_objectness: {error}", file=sys.stderr)
         return 2
-    report(cases)
-    model = fit(cases)
+    near = None if args.near is None else msgspec.json.decode(args.near.read_bytes(), type=Coefficients)
+    report(cases, near)
+    model = fit(cases, near)
     document = msgspec.json.format(msgspec.json.encode(model), indent=2) + b"\n"
     print(document.decode())
     if args.write:

@@ -328,10 +328,10 @@ def test_a_thing_in_plain_view_has_its_label_within_ten_frames() -> None:
     assert len(results[10].sightings) == 2
 
 
-def test_what_is_as_clear_from_elsewhere_has_its_label_at_once() -> None:
+def test_what_one_frame_shows_clearly_has_its_label_at_once() -> None:
     tracker = PosedTracker(CAMERA)
     results = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, 10 * k) for k, T in enumerate(orbit(4))))
-    assert [len(result.sightings) for result in results] == [0, 2, 2, 2]
+    assert [len(result.sightings) for result in results] == [2, 2, 2, 2]
 
 
 def test_what_the_border_of_the_picture_always_cuts_is_unlikely_and_grows_when_its_end_is_seen() -> None:
@@ -369,7 +369,7 @@ def test_what_proves_to_hold_up_a_plane_is_furniture_and_what_stands_on_it_an_ob
     scene = [floor, block, cup]
     low = [look_at([2.2 * np.cos(a), 2.2 * np.sin(a), 0.38], [0, 0, 0.25]) for a in np.linspace(-1.9, -1.6, 30)]
     follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(low)))
-    first = {o.label for o in tracker.objects if iou(o.box, cup) < 0.5}
+    first = {o.label for o in tracker.objects if iou(o.box, block) > 0.3}
     assert first, "from below its top, its front is a thing"
     high = [look_at([1.5 * np.cos(a), 1.5 * np.sin(a), 1.3], [0, 0, 0.3]) for a in np.linspace(-1.6, -1.1, 100)]
     follow(tracker, (frame_of(scene, high[k], 30 + k) for k in range(0, 100, 3)))

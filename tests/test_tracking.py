@@ -34,8 +34,6 @@ SAMPLES = {
     "desk, corrected": ("desk-realsense", {"poses": "corrected"}),
     "desk, auto": ("desk-realsense", {"poses": "auto"}),
 }
-# A single frame, in which no object can be confirmed.
-SHORT = ("bag", "azure")
 FILES = ("objects.json", "tracks.csv", "proposals.csv", "trajectory.txt", "map.ply")
 LIMIT = 8
 TRUTH = Path(__file__).resolve().parents[1] / "benchmarks" / "truth"
@@ -60,7 +58,7 @@ def test_a_loop_in_python_gives_what_the_command_gives(data_dir: Path, tmp_path:
 
     for file in FILES:
         assert (tmp_path / "loop" / file).read_bytes() == (tmp_path / "command" / file).read_bytes(), file
-    assert bool(Results(tmp_path / "loop").objects) == (name not in SHORT)
+    assert len(Results(tmp_path / "loop").objects) > 0, "also in a single frame"
     by_loop, by_command = (Results(tmp_path / way).report for way in ("loop", "command"))
     for field in ("recording", "format", "poses", "frames_read", "frames_used", "skipped", "warnings"):
         assert getattr(by_loop, field) == getattr(by_command, field), field
