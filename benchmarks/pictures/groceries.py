@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from meshes import GLASS, MATT, SHINY, Color, Part, Rng, Vector, box, ellipsoid, lathe, tube
 from prints import printed, random_color, surface_print
@@ -49,7 +51,7 @@ def jar(rng: Rng, color: Color) -> Thing:
     if rng.random() < 0.75:
         low, high = sorted(rng.uniform(0.1, 0.78, 2) * h)
         parts.append(lathe([(r * 1.01, low), (r * 1.01, high + 0.01)], printed(rng, random_color(rng))))
-    return solid(*parts, flat=True)
+    return solid(*_squeezed(rng, parts), flat=True)
 
 
 def bottle(rng: Rng, color: Color) -> Thing:
@@ -75,6 +77,44 @@ def bottle(rng: Rng, color: Color) -> Thing:
     if rng.random() < 0.2:  # a trigger, as on a spray bottle
         trigger = box((0.09, 0.022, 0.03), color=random_color(rng)).moved((0.02, 0, top))
         parts += [trigger, tube([(0.035, 0, top), (0.04, 0, top - 0.035)], 0.005, random_color(rng))]
+    return solid(*_squeezed(rng, parts))
+
+
+def _squeezed(rng: Rng, parts: list[Part]) -> list[Part]:
+    """Return parts made oval or almost square in half of the cases, as bottles of detergent, sauce or milk are."""
+    if rng.random() < 0.5:
+        return parts
+    scale, power = np.array([1.0, rng.uniform(0.5, 1), 1.0]), rng.choice([2.0, rng.uniform(2, 10)])
+    out = []
+    for part in parts:
+        direction = part.vertices[:, :2] / (np.linalg.norm(part.vertices[:, :2], axis=1, keepdims=True) + 1e-9)
+        stretch = (np.abs(direction) ** power).sum(1, keepdims=True) ** (-1 / power)
+        points = np.column_stack([part.vertices[:, :2] * np.where(stretch > 0, stretch, 1), part.vertices[:, 2]])
+        out.append(replace(part, vertices=points * scale))
+    return out
+
+
+def lump(rng: Rng, color: Color) -> Thing:
+    """Return a superellipsoid, between a rounded box, a cylinder and a lens, sometimes with a second part."""
+    size, round_z, round_xy = rng.uniform((0.02, 0.02, 0.012), (0.09, 0.07, 0.08)), *rng.uniform(0.15, 1.1, 2)
+    texture = printed(rng, color) if rng.random() < 0.4 else None
+    ball_ = ellipsoid((1, 1, 1), texture, color if texture is None else (1, 1, 1), random_finish(rng, color))
+    x, y, z = (ball_.vertices - [0, 0, 1]).T
+    around, height = np.arctan2(y, x), np.arcsin(np.clip(z, -1, 1))
+    bent = [
+        np.sign(f(a)) * np.abs(f(a)) ** e
+        for f, a, e in (
+            (np.cos, around, round_xy),
+            (np.sin, around, round_xy),
+            (np.cos, height, round_z),
+            (np.sin, height, round_z),
+        )
+    ]
+    points = np.column_stack([bent[0] * bent[2], bent[1] * bent[2], bent[3] + 1]) * size
+    parts = [replace(ball_, vertices=points)]
+    if rng.random() < 0.35:
+        second = replace(ball_, vertices=points * rng.uniform(0.35, 0.8, 3), texture=None, color=random_color(rng))
+        parts.append(second.moved((*rng.uniform(-0.3, 0.3, 2) * size[:2], size[2] * rng.uniform(0.8, 1.7))))
     return solid(*parts)
 
 

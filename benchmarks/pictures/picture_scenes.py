@@ -11,9 +11,9 @@ recipe, things, light, sensor and views. Existing folders are skipped, so a stop
 Ignored are hands, chairs, papers, cables, pictures and sockets at walls, and bins with heaps. Doors and drawers of
 cupboards, windows and heaters are structure.
 
-Some meshes and textures are those of robosuite and of LIBERO (in LIBERO-PRO), both under the MIT licence. LIBERO took
-meshes from HOPE (NVIDIA), Google Scanned Objects and TurboSquid: check their terms before you publish weights. The
-other things are made by the code here.
+Six meshes and the textures of surfaces are those of robosuite (MIT); all other things are made by the code here. Larger
+collections of scanned things are left out, since their terms limit the use of fitted weights: the meshes of HOPE, which
+are in LIBERO, are under CC BY-NC-SA 4.0.
 """
 
 from __future__ import annotations

