@@ -162,9 +162,25 @@ def key_print(rng: Rng, rows: int, columns: int, base: Color) -> Image:
     return image
 
 
+def _surface_color(rng: Rng, white: float) -> Color:
+    """Return a color of furniture or walls: white with a probability, else mostly of wood, grey, black or pale."""
+    if rng.random() < white:
+        light = rng.uniform(0.8, 1.0)
+        r, g, b = light * (1 - 0.06 * rng.random(3))
+    else:
+        kind = rng.choice(4, p=[0.35, 0.2, 0.2, 0.25])
+        if kind == 3:
+            return random_color(rng)
+        wood = np.array([0.85, 0.62, 0.4]) * rng.uniform(0.25, 1.0) + rng.uniform(-0.05, 0.1)
+        grey = rng.uniform(0.06, 0.75) * np.ones(3)
+        pale = rng.uniform(0.65, 0.95) * (1 - 0.3 * rng.random(3))
+        r, g, b = np.clip((wood, grey, pale)[kind], 0.03, 1)
+    return float(r), float(g), float(b)
+
+
 def surface(rng: Rng, size: Vector, plain: float = 0.35, pale: bool = False) -> Part:
     """Return a box of furniture or building: plain, of a scanned texture, or of a made one."""
-    base: Color = tuple(rng.uniform(0.8, 1.0) * np.ones(3)) if pale or rng.random() < 0.3 else random_color(rng)
+    base = _surface_color(rng, 0.7 if pale else 0.3)
     kind = rng.random()
     if kind < plain:
         return box(size, color=base, finish=SHINY if rng.random() < 0.1 else 0)
