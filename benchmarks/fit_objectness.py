@@ -3,14 +3,18 @@
 python benchmarks/fit_objectness.py --work DIR [--data DATA] [--real DIR --real-truth DIR] [--seeds N ...] [--jobs N]
     [--only NAME ...] [--write]
 
-Tracks each place of `places.py`. In the frames with truth, each object of the map that the frame shows is a case: its
+Tracks each place of `places.py`, as a whole and from few views: 1, 2, 5 and 20 frames that end at a frame with truth
+(`VIEWS`), each with a new tracker. In the frames with truth, each object of the map that the frame shows is a case: its
 quantities (`cuboid.method.objects.objectness`), and whether it is right: its rectangle, or its box, has a partner in
-the truth. The coefficients of a logistic model are fitted to all cases; every place has the same weight whatever its
-length, and each quantity can only count in the direction that its meaning gives it (`SIGNS`).
+the truth. The coefficients of a logistic model are fitted to all cases; every place and number of views has the same
+weight whatever its length, and each quantity can only count in the direction that its meaning gives it (`SIGNS`).
 
 Prints the coefficients, and for cases of kinds of places that were left out of the fit: the fraction of right ones in
-five bins of the probability, and the threshold with the highest mean F1 over places. `--write` replaces the
-coefficients in the source. Tracking depends on the coefficients: fit twice or three times, until they stay.
+five bins of the probability, for all cases and by the number of views, and the threshold with the highest mean F1 over
+places. `--write` replaces the coefficients in the source. Tracking depends on the coefficients: fit twice or three
+times, until they stay. After a new quantity was added to `Quantities` and `SIGNS`, this is the whole refit:
+
+    python benchmarks/fit_objectness.py --work DIR --data DATA --real REAL --real-truth TRUTH --write
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ import os
 import pickle
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,10 +36,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
-from cuboid import open_recording
+from cuboid import Tracker, open_recording
 from cuboid.ground.core.errors import CuboidError
 from cuboid.ground.core.threads import limit_threads
 from cuboid.ground.geometry.overlap import pack
+from cuboid.inputs.readers import Recording
 from cuboid.lab.evaluation.keyframes import Keyframe, is_keyframes, read_keyframes
 from cuboid.lab.evaluation.rectangles import Outcome, judge_frame
 from cuboid.lab.evaluation.scope import Scope
@@ -47,12 +52,17 @@ from cuboid.runs.tracking.posed_tracker import PosedTracker
 from place_list import Folders, Part, Place, made_places, named, real_places, render
 
 # Whether the probability rises (1) or falls (-1) with a quantity.
-SIGNS = Quantities(1, 1, 1, 1, 1, 1, 1, -1, -1, 1, 1, 1, 1, -1, -1)
+SIGNS = Quantities(1, 1, -1, 1, 1, 1, 1, 1, -1, -1, 1, 1, 1, 1, -1, -1)
 # Strength of the penalty on the squared weights of the standardized quantities, in cases: it matters where few cases
 # tell quantities apart.
 PENALTY_CASES = 10.0
 # Frames between two judged ones of a recording with 3D truth.
 EVERY = 10
+# Numbers of views of short runs, and of judged frames of a recording at which they end. Views are this many frames
+# apart, a third of a second at 30 Hz: a frame then has full weight.
+VIEWS, ENDS, VIEW_STEP = (1, 2, 5, 20), 6, 10
+# Number of views of a whole recording.
+WHOLE = 0
 # IoU of 3D boxes from which a case is right, and below which it is wrong; between them it counts neither way.
 RIGHT_IOU, WRONG_IOU = 0.5, 0.3
 BINS = 5
@@ -61,11 +71,13 @@ THRESHOLDS = np.arange(0.1, 0.9, 0.05)
 
 @dataclass(frozen=True, slots=True)
 class Cases:
-    """The cases of one place.
+    """The cases of one place from one number of views.
 
     Attributes
     ----------
     place, kind : str
+    views : int
+        `WHOLE` for the whole recordings.
     quantities : (N, Q) float64
     right : (N,) bool
     things : int
@@ -74,6 +86,7 @@ class Cases:
 
     place: str
     kind: str
+    views: int
     quantities: npt.NDArray[np.float64]
     right: npt.NDArray[np.bool_]
     things: int
@@ -102,6 +115,10 @@ class Judge:
         self.cases: list[tuple[Quantities, bool]] = []
         self.things = 0
 
+    def is_judged(self, frame: int) -> bool:
+        """Return whether a frame is judged."""
+        return frame in self._drawn or (self._truth is not None and frame % EVERY == EVERY - 1)
+
     def judge(self, tracker: PosedTracker, seen: Any, visible: Sequence[tuple[Any, Any]]) -> None:
         """Judge the objects that a frame shows, `visible` with their visibility."""
         shown = [(entry, view) for entry, view in visible if len(entry.points)]
@@ -125,25 +142,54 @@ class Judge:
                     self.cases.append((one, bool(iou >= RIGHT_IOU)))
 
 
-def cases_of(place: Place) -> Cases:
-    """Track the recordings of a place and return its cases."""
+def cases_of(place: Place) -> list[Cases]:
+    """Track the recordings of a place, as a whole and from few views, and return its cases."""
     limit_threads(1)
-    found: list[tuple[Quantities, bool]] = []
-    things = 0
-    for part in place.parts:
-        judge, original = Judge(part, place.iou), PosedTracker._visible
+    found = []
+    for views in (WHOLE, *VIEWS):
+        judges = [judge for part in place.parts for judge in _judged(part, place.iou, views)]
+        cases = [case for judge in judges for case in judge.cases]
+        quantities = np.array([one for one, _ in cases]).reshape(-1, len(Quantities._fields))
+        right = np.array([is_right for _, is_right in cases], bool)
+        found.append(Cases(place.name, place.kind, views, quantities, right, sum(judge.things for judge in judges)))
+    return found
 
-        def visible(self: PosedTracker, seen: Any, *rest: Any, judge: Judge = judge, original: Any = original) -> Any:
-            shown = original(self, seen, *rest)
-            judge.judge(self, seen, shown)
-            return shown
 
-        with tempfile.TemporaryDirectory() as folder, patch.object(PosedTracker, "_visible", visible):
+def _judged(part: Part, iou: float, views: int) -> list[Judge]:
+    """Track a recording, from a number of views up to each of some judged frames, or as a whole; return the judges."""
+    if views == WHOLE:
+        judge = Judge(part, iou)
+        with tempfile.TemporaryDirectory() as folder, patch.object(PosedTracker, "_visible", _judging(judge)):
             track_recording(open_recording(part.recording), Path(folder) / "out")
-        found += judge.cases
-        things += judge.things
-    quantities = np.array([one for one, _ in found]).reshape(-1, len(Quantities._fields))
-    return Cases(place.name, place.kind, quantities, np.array([right for _, right in found], bool), things)
+        return [judge]
+    recording = open_recording(part.recording)
+    rule = Judge(part, iou)
+    judged = [k for k in range(views - 1, len(recording)) if rule.is_judged(k)]
+    ends = [judged[k] for k in np.unique(np.linspace(0, len(judged) - 1, ENDS).astype(int))] if judged else []
+    return [_judged_at(Judge(part, iou), recording, end, views) for end in ends]
+
+
+def _judged_at(judge: Judge, recording: Recording, end: int, views: int) -> Judge:
+    """Judge frame `end`, of which a new tracker gets so many views, that frame last; return the judge."""
+    step = min(VIEW_STEP, end // max(1, views - 1))
+    tracker = Tracker(recording.intrinsics)
+    for k in range(views - 1, 0, -1):
+        tracker.update(recording.read(end - k * step))
+    with patch.object(PosedTracker, "_visible", _judging(judge)):
+        tracker.update(recording.read(end))
+    return judge
+
+
+def _judging(judge: Judge) -> Callable[..., Any]:
+    """Return `PosedTracker._visible` with a judge of its result."""
+    original = PosedTracker._visible
+
+    def visible(self: PosedTracker, seen: Any, *rest: Any) -> Any:
+        shown = original(self, seen, *rest)
+        judge.judge(self, seen, shown)
+        return shown
+
+    return visible
 
 
 def fit(cases: Sequence[Cases]) -> Coefficients:
@@ -164,7 +210,8 @@ def fit(cases: Sequence[Cases]) -> Coefficients:
     b = minimize(loss, np.zeros(1 + z.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x
     weights = b[1:] / scale
     named_weights = dict(zip(Quantities._fields, weights.round(4).tolist(), strict=True))
-    return Coefficients(round(float(b[0] - weights @ mean), 4), named_weights, len(cases), len(right))
+    places = len({one.place for one in cases})
+    return Coefficients(round(float(b[0] - weights @ mean), 4), named_weights, places, len(right))
 
 
 def probabilities(model: Coefficients, quantities: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -178,13 +225,11 @@ def report(cases: Sequence[Cases]) -> None:
     kinds = sorted({one.kind for one in cases})
     models = {kind: fit([one for one in cases if one.kind != kind]) for kind in kinds}
     p = [probabilities(models[one.kind], one.quantities) for one in cases]
-    total, right = np.concatenate(p), np.concatenate([one.right for one in cases])
-    print("probability  cases  mean  right")
-    for low in np.arange(BINS) / BINS:
-        inside = (total >= low) & (total < low + 1.0 / BINS)
-        if inside.any():
-            said, true = total[inside].mean(), right[inside].mean()
-            print(f"{low:.1f}-{low + 1.0 / BINS:.1f}    {inside.sum():6d}  {said:.2f}  {true:.2f}")
+    for views in (None, WHOLE, *VIEWS):
+        chosen = [k for k, one in enumerate(cases) if views in (None, one.views)]
+        if chosen:
+            name = {None: "all cases", WHOLE: "whole recordings"}.get(views, f"{views} views")
+            _report_bins(name, np.concatenate([p[k] for k in chosen]), np.concatenate([cases[k].right for k in chosen]))
     f1 = np.array([[_f1(one, q >= t) for t in THRESHOLDS] for one, q in zip(cases, p, strict=True)])
     best = int(f1.mean(0).argmax())
     print(f"\nhighest mean F1 over places: {f1.mean(0)[best]:.3f} at {THRESHOLDS[best]:.2f}")
@@ -192,8 +237,24 @@ def report(cases: Sequence[Cases]) -> None:
     for one, q, row in zip(cases, p, f1, strict=True):
         at = q >= THRESHOLDS[best]
         found, precision = int(one.right[at].sum()), one.right[at].mean() if at.any() else 0.0
-        recall = found / max(1, one.things)
-        print(f"{one.place:28s} {one.kind:9s} cases {len(q):5d}  R {recall:.3f}  P {precision:.3f}  F1 {row[best]:.3f}")
+        recall, views = found / max(1, one.things), one.views or "all"
+        print(
+            f"{one.place:28s} {one.kind:9s} views {views:>3} cases {len(q):5d}  "
+            f"R {recall:.3f}  P {precision:.3f}  F1 {row[best]:.3f}"
+        )
+
+
+def _report_bins(name: str, p: npt.NDArray[np.float64], right: npt.NDArray[np.bool_]) -> None:
+    """Print the fraction of right cases (N,) in bins of the probability (N,), and the calibration error."""
+    print(f"\n{name}: probability  cases  mean  right")
+    error = 0.0
+    for low in np.arange(BINS) / BINS:
+        inside = (p >= low) & (p < low + 1.0 / BINS)
+        if inside.any():
+            said, true = p[inside].mean(), right[inside].mean()
+            error += inside.mean() * abs(said - true)
+            print(f"{low:.1f}-{low + 1.0 / BINS:.1f}    {inside.sum():6d}  {said:.2f}  {true:.2f}")
+    print(f"expected calibration error {error:.3f}")
 
 
 def _f1(cases: Cases, chosen: npt.NDArray[np.bool_]) -> float:
@@ -244,9 +305,10 @@ def _collected(args: argparse.Namespace) -> list[Cases]:
     places = [place for place in places if all(part.recording.exists() for part in place.parts)]
     with ProcessPoolExecutor(args.jobs) as pool:
         cases = []
-        for one in pool.map(cases_of, places):
-            print(f"{one.place}: {len(one.right)} cases, {int(one.right.sum())} right", file=sys.stderr, flush=True)
-            cases.append(one)
+        for of_place in pool.map(cases_of, places):
+            right = np.concatenate([one.right for one in of_place])
+            print(f"{of_place[0].place}: {len(right)} cases, {right.sum()} right", file=sys.stderr, flush=True)
+            cases += of_place
     cases = [one for one in cases if len(one.right)]
     if args.cases is not None:
         args.cases.write_bytes(pickle.dumps(cases))

@@ -112,7 +112,7 @@ def test_each_fault_alone_gives_its_line_and_what_helps(change: dict, expected: 
         ({"proposals": 0}, "no object found: no frame had a 3D proposal; check 'cuboid render DIR --show heat'"),
         (
             {"frames_used": 4},
-            "no object found in 4 frames: an object must be seen clearly about three times; record more",
+            "no object found in 4 frames: none is probable enough; record more, or give a lower --min-probability",
         ),
         ({"frames_used": 4, "every": 9}, "--every 1 reads all"),
         ({"up_known": False}, "no object found, and up is not known: no floor or table was seen"),

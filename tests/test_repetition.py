@@ -75,6 +75,21 @@ def test_frames_given_twice_change_nothing(reach_rad: float) -> None:
     assert_same_if_given_twice(made(reach_rad), CAMERA)
 
 
+def test_one_frame_is_enough_and_the_same_as_twenty_times() -> None:
+    (frame,) = made(0.0, 1)
+    once, (result,) = track([frame], CAMERA)
+    often, results = track([replace(frame, index=k, timestamp_s=k / 30) for k in range(20)], CAMERA)
+    assert len(once.objects) == len(SCENE) - 1, "each thing on the table"
+    assert len(result.sightings) == len(once.objects)
+    for seen in once.objects:
+        assert 0.0 < seen.probability < 1.0
+        assert min(np.linalg.norm(seen.box.center - thing.center) for thing in SCENE[1:]) < 0.03
+    assert [shown(one) for one in results] == [shown(result)] * 20
+    assert [(one.label, one.probability) for one in often.objects] == [
+        (one.label, one.probability) for one in once.objects
+    ]
+
+
 def test_a_first_frame_given_fifteen_times_and_others_ten_times_change_nothing() -> None:
     frames = made(REACHES["moving camera"], 12)
     often = [frame for frame in frames for _ in range(15 if frame.index == 0 else 10)]

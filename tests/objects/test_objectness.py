@@ -10,7 +10,14 @@ import pytest
 from cuboid.ground.geometry.box import Box
 from cuboid.method.objects import objectness
 from cuboid.method.objects.entry import MapObject, with_direction
-from cuboid.method.objects.objectness import Quantities, area_fraction, probability, quantities_of
+from cuboid.method.objects.objectness import (
+    PRIOR_AGREEMENT,
+    PRIOR_MATCHED,
+    Quantities,
+    area_fraction,
+    probability,
+    quantities_of,
+)
 from cuboid.method.surfaces.kernels.outlines import (
     BOTTOM,
     CONTACT,
@@ -40,9 +47,10 @@ def test_an_object_that_stands_alone() -> None:
     views = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
     entry = entry_with(
         ALONE,
-        sightings=11,
+        sightings=10.0,
+        compared=9.0,
         agreement=8.0,
-        shown=22,
+        shown=19.0,
         largest_px=99,
         directions=views,
         plane=3,
@@ -50,8 +58,9 @@ def test_an_object_that_stands_alone() -> None:
         noise_m=0.01,
     )
     found = quantities_of(entry, [])
-    assert found.agreement == pytest.approx(0.8), "8 over the 10 sightings after the first"
-    assert found.matched == pytest.approx(0.5)
+    assert found.agreement == pytest.approx((8.0 + PRIOR_AGREEMENT) / 10.0), "and one view of the prior"
+    assert found.matched == pytest.approx((10.0 + PRIOR_MATCHED) / 20.0)
+    assert found.unrepeated == pytest.approx(0.1)
     assert found.directions == pytest.approx(math.log(3))
     assert found.top_free == found.side_free == pytest.approx((100 + 0.5 * 8) / (100 + 8))
     assert found.top_judged == found.side_judged == pytest.approx((100 + 0.3 * 8) / (100 + 8))
@@ -70,12 +79,21 @@ def test_the_worse_side_counts() -> None:
     assert found.side_judged == pytest.approx((50 + 0.3 * prior) / (100 + prior))
 
 
-def test_the_same_views_again_change_nothing() -> None:
-    once = entry_with(ALONE, sightings=11, agreement=8.0, shown=20)
-    twice = entry_with({key: 2 * n for key, n in ALONE.items()}, sightings=21, agreement=16.0, shown=40)
-    a, b = quantities_of(once, [0.3]), quantities_of(twice, [0.3])
-    assert a._replace(matched=0) == b._replace(matched=0)
+def test_more_views_alike_change_only_how_sure_the_means_are() -> None:
+    few = entry_with(ALONE, sightings=11.0, compared=10.0, agreement=8.0, shown=20.0)
+    many = entry_with({k: 2 * n for k, n in ALONE.items()}, sightings=22.0, compared=20.0, agreement=16.0, shown=40.0)
+    a, b = quantities_of(few, [0.3]), quantities_of(many, [0.3])
+    means = {"agreement": 0.0, "matched": 0.0, "unrepeated": 0.0}
+    assert a._replace(**means) == b._replace(**means)
+    assert abs(a.agreement - b.agreement) < 0.03
     assert abs(a.matched - b.matched) < 0.03
+    assert a.unrepeated > b.unrepeated
+
+
+def test_one_view_has_the_means_of_the_prior() -> None:
+    found = quantities_of(entry_with(ALONE, sightings=1.0, shown=1.0), [])
+    assert (found.agreement, found.unrepeated) == (PRIOR_AGREEMENT, 1.0)
+    assert found.matched == pytest.approx((1.0 + PRIOR_MATCHED) / 2.0)
 
 
 def test_a_pair_that_is_probably_one_makes_a_part() -> None:
@@ -88,14 +106,14 @@ def test_a_pair_that_is_probably_one_makes_a_part() -> None:
 def test_the_probability_is_the_logistic_of_the_weighted_sum(monkeypatch: pytest.MonkeyPatch) -> None:
     weights = dict.fromkeys(Quantities._fields, 0.0) | {"agreement": 2.0, "part": -4.0}
     monkeypatch.setattr(objectness, "coefficients", lambda: objectness.Coefficients(-1.0, weights, 1, 1))
-    found = Quantities(*[0.0] * 15)._replace(agreement=0.75, part=0.5)
+    found = Quantities(*[0.0] * len(Quantities._fields))._replace(agreement=0.75, part=0.5)
     assert probability(found) == pytest.approx(1.0 / (1.0 + math.exp(-(-1.0 + 1.5 - 2.0))))
 
 
 def test_the_fitted_weights_have_the_signs_of_their_meaning() -> None:
     weights = objectness.coefficients().weights
     assert tuple(weights) == Quantities._fields
-    falls = {"continuing", "elongation", "bears", "part"}
+    falls = {"unrepeated", "continuing", "elongation", "bears", "part"}
     assert all(weight <= 0.0 if name in falls else weight >= 0.0 for name, weight in weights.items())
     assert sum(weight != 0.0 for weight in weights.values()) >= 8
 

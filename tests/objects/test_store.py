@@ -11,7 +11,7 @@ from cuboid.ground.geometry.kernels.overlap import BATCH
 from cuboid.ground.geometry.overlap import pack
 from cuboid.method.objects.affinity import SAME_LOG_ODDS
 from cuboid.method.objects.entry import ObjectWithoutDepth, State
-from cuboid.method.objects.objectness import quantities_of
+from cuboid.method.objects.objectness import PRIOR_AGREEMENT, quantities_of
 from cuboid.method.objects.store import ObjectStore
 
 
@@ -138,13 +138,13 @@ def test_neighbours_are_those_whose_spheres_come_near() -> None:
     assert len(store.bounds) * BATCH == len(store.boxes)
 
 
-def test_frames_without_a_match_are_counted_in_a_row() -> None:
+def test_frames_without_a_match_add_up_in_a_row_by_their_weight() -> None:
     store = store_of(1)
     counted = []
-    for matched in (True, False, False, True, False):
-        store.record_shown(store[1], matched=matched)
+    for weight, matched in ((1.0, True), (0.5, False), (0.0, False), (1.0, False), (1.0, True), (0.5, False)):
+        store.record_shown(store[1], weight=weight, matched=matched)
         counted.append((store[1].shown, store[1].missed))
-    assert counted == [(1, 0), (2, 1), (3, 2), (4, 0), (5, 1)]
+    assert counted == [(1.0, 0.0), (1.5, 0.5), (1.5, 0.5), (2.5, 1.5), (3.5, 0.0), (4.0, 0.5)]
 
 
 def test_an_object_that_is_moved_is_retired_until_it_is_set_down_and_keeps_its_label() -> None:
@@ -162,22 +162,25 @@ def test_an_object_that_is_moved_is_retired_until_it_is_set_down_and_keeps_its_l
     assert (entry.label, entry.moved, entry.confirmed) == (1, True, True)
     assert [o.number for o in store.near(box(6.0), 0.0)] == [1]
     assert (entry.plane, entry.supports, entry.holder, entry.supports_plane) == (None, {}, 0, False)
-    assert entry.fitted == entry.sightings == 3, "what was seen elsewhere counts little"
+    assert entry.fitted == entry.sightings == 1.0, "what was seen elsewhere counts little"
     assert len(store.confirmed()) == 1
 
 
 def test_sightings_of_an_earlier_visit_count_less_with_the_same_means() -> None:
     store = store_of(1)
     entry = store[1]
-    entry.sightings, entry.fitted, entry.shown, entry.agreement = 21, 20, 42, 20 * 0.8
+    entry.sightings, entry.fitted, entry.shown = 21.0, 20.0, 42.0
+    entry.compared, entry.agreement = 20.0, 20.0 * PRIOR_AGREEMENT
     entry.outline = entry.outline + 21.0
     before = quantities_of(entry, [])
-    store.begin_visit(3)
-    assert (entry.sightings, entry.fitted, entry.shown) == (3, 3, 6)
+    store.begin_visit(3.0)
+    assert (entry.sightings, entry.fitted, entry.shown) == (3.0, 3.0, 6.0)
     after = quantities_of(entry, [])
-    for name in ("agreement", "matched", "top_free", "side_judged"):
+    assert entry.agreement / entry.compared == pytest.approx(PRIOR_AGREEMENT)
+    assert after.unrepeated > before.unrepeated
+    for name in ("agreement", "top_free", "side_judged"):
         assert getattr(after, name) == pytest.approx(getattr(before, name)), name
-    store.begin_visit(3)
+    store.begin_visit(3.0)
     assert quantities_of(entry, []) == after
 
 

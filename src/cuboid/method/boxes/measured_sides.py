@@ -23,15 +23,16 @@ MAX_MOVE_VOXELS = 2.0
 SAME_AXES_RAD = np.radians(5.0)
 
 
-def view_is_due(views_m: Float64Array, sightings: int, last: int, *, new_viewpoint: bool) -> bool:
+def view_is_due(views_m: Float64Array, sightings: float, last: float, *, new_viewpoint: bool) -> bool:
     """Return whether an object with this number of sightings should be measured again.
 
     Parameters
     ----------
     views_m : (V, 4) float64
-    sightings : int
-    last : int
-        Number of sightings when it was last measured, clear or not; 0: never.
+    sightings : float
+        Their weight.
+    last : float
+        Weight of the sightings when it was last measured, clear or not; 0: never.
     new_viewpoint : bool
         Whether the frame is from a new viewpoint.
     """

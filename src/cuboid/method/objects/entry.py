@@ -21,8 +21,8 @@ from cuboid.method.surfaces.kernels.outlines import KINDS
 # Two views show different sides of an object if their directions differ by this, radians: ten degrees.
 NEW_DIRECTION_RAD = 0.175
 
-# Value of `shown` in states of versions that did not count the frames with an object.
-NOT_COUNTED = -1
+# Value of `shown` and `compared` in states of versions that did not have them.
+NOT_COUNTED = -1.0
 
 
 class State(Enum):
@@ -112,14 +112,16 @@ class MapObject(ObjectRecord):
         Mean heat of its voxels.
     probability : float
         Probability that it is one whole thing, 0..1; see `objectness`.
-    sightings : int
-        Number of frames whose proposals it matched.
-    shown : int
-        Number of frames with pixels of it.
-    missed : int
-        Number of frames in a row with pixels of it, or of its place, whose proposals it did not match.
+    sightings : float
+        Weight of the frames whose proposals it matched; see `weight_of`.
+    shown : float
+        Weight of the frames with pixels of it.
+    missed : float
+        Weight of the frames in a row with pixels of it, or of its place, whose proposals it did not match.
     agreement : float
-        Sum of the similarities of its segments.
+        Sum of the similarities of its segments, each with the weight of its frame.
+    compared : float
+        Weight of the frames in that sum: all but the first one with the object.
     largest_px : int
         Working pixels of its largest segment.
     directions : (D, 3) float32
@@ -128,8 +130,8 @@ class MapObject(ObjectRecord):
         Kinds of its boundary in its sightings, by side and kind; see `kernels.outlines.outlines`.
     supports : dict of int to int
         Number of its pixels seen above each plane, by the identity of the plane.
-    fitted : int
-        Number of sightings at the last fit of its box.
+    fitted : float
+        Weight of the sightings at the last fit of its box.
     supports_plane : bool
         Whether it supported its plane at the last fit, as furniture does.
     continuing : int
@@ -141,8 +143,8 @@ class MapObject(ObjectRecord):
     sides_m : (V, 4) float64
         Its length and width, and their standard deviations, metres, in the most exact of the views that showed edges
         of its top; NaN where one of both was not clear; see `measured_sides`.
-    measured : int
-        Number of sightings when the edges of its top were last looked for.
+    measured : float
+        Weight of the sightings when the edges of its top were last looked for.
     holder : int
         Number of the object that it is attached to, if nothing supported it from below at the last fit; 0: none.
     moved : bool
@@ -160,21 +162,22 @@ class MapObject(ObjectRecord):
     colors: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     heat: float = 0.0
     probability: float = field(default_factory=float, metadata=ADDED)
-    sightings: int = 0
-    shown: int = field(default=0, metadata={"added": lambda: NOT_COUNTED})
-    missed: int = field(default_factory=int, metadata=ADDED)
+    sightings: float = 0.0
+    shown: float = field(default=0.0, metadata={"added": lambda: NOT_COUNTED})
+    missed: float = field(default_factory=float, metadata=ADDED)
     agreement: float = field(default_factory=float, metadata=ADDED)
+    compared: float = field(default=0.0, metadata={"added": lambda: NOT_COUNTED})
     largest_px: int = field(default_factory=int, metadata=ADDED)
     directions: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32), metadata=ADDED)
     outline: Float64Array = field(default_factory=lambda: np.zeros((4, KINDS)))
     supports: dict[int, int] = field(default_factory=dict)
-    fitted: int = 0
+    fitted: float = 0.0
     supports_plane: bool = False
     continuing: int = field(default_factory=int, metadata=ADDED)
     filled: float = field(default_factory=float, metadata=ADDED)
     noise_m: float = field(default_factory=float, metadata=ADDED)
     sides_m: Float64Array = field(default_factory=lambda: np.zeros((0, 4)), metadata=ADDED)
-    measured: int = field(default_factory=int, metadata=ADDED)
+    measured: float = field(default_factory=float, metadata=ADDED)
     holder: int = 0
     moved: bool = field(default_factory=bool, metadata=ADDED)
     doubt: float = field(default_factory=float, metadata=ADDED)

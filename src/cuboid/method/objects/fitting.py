@@ -86,21 +86,24 @@ class Fitting:
         if the camera is `fixed`. A frame with more `weight` (0..1) as evidence refits more objects.
         """
         labelled, candidate = (GROWN, GROWN) if new_viewpoint else (GROWN_SAME, GROWN_FIXED if fixed else GROWN)
+        objects = self._store.all_of(numbers)
+        any_fitted = any(o.fitted > 0.0 for o in objects)
         waiting = [
             o
-            for o in self._store.all_of(numbers)
+            for o in objects
             if o.sightings >= (1 + (labelled if o.confirmed else candidate)) * o.fitted and o.sightings > 0
         ]
         fits = max(MIN_FITS, round(weight * MAX_FITS))
-        waiting.sort(key=lambda o: ((o.fitted + 1) / (o.sightings + 1), o.number))
+        waiting.sort(key=lambda o: ((o.fitted + weight) / (o.sightings + weight), o.number))
         confirmed = [o for o in waiting if o.confirmed][:fits]
-        # One view may be noise.
-        candidates = [o for o in waiting if not o.confirmed and o.sightings > 1]
+        candidates = [o for o in waiting if not o.confirmed and o.compared > 0.0]
         # Half of the fits for those with most new sightings: noise starts so many that others would wait forever.
         first, others = candidates[: fits // 2], candidates[fits // 2 :]
         others.sort(key=lambda o: (o.fitted - o.sightings, o.number))
         candidates = first + others[: fits - fits // 2]
-        for entry in confirmed + candidates:
+        # A single view may be noise; where nothing is known yet, no other view may follow.
+        new = sorted([o for o in waiting if o.compared == 0.0], key=lambda o: (-o.largest_px, o.number))
+        for entry in confirmed + candidates + (new[: round(weight * MAX_FITS)] if any_fitted else new):
             self.fit(entry, eye)
 
     def measure(self, entries: Sequence[MapObject], picture: Picture) -> None:
@@ -119,7 +122,7 @@ class Fitting:
 
         If the camera position `eye` (3,), world, metres, is given, the points are denoised along the camera's rays.
         """
-        rows = self._voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
+        rows = self._voxels.solid_rows_of(entry.number, self._config.hot, 2 if entry.compared > 0.0 else 1)
         if len(rows) < MIN_READINGS:
             self._store.postpone_fit(entry)
             if entry.confirmed:

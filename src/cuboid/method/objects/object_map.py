@@ -38,8 +38,9 @@ from cuboid.method.surfaces.planes import PlaneTracker
 SURE_MATCH = 0.5
 # A segment shows an object if it covers this fraction of the object's visible pixels.
 COVERED_FRACTION = 0.5
-# On a later visit, all earlier sightings, and earlier hits of a voxel, count as at most this number.
-VISIT_SIGHTINGS = 3
+# On a later visit, earlier sightings have at most this weight, that of one view; earlier hits of a voxel count as at
+# most this number.
+VISIT_SIGHTINGS, VISIT_HITS = 1.0, 3
 # Largest number of objects whose sides are measured in a frame; others follow in later frames. One takes 4 to 5 ms.
 MAX_MEASURED = 2
 
@@ -166,7 +167,7 @@ class ObjectMap:
         for i, segment in enumerate(frame_segments.segments):
             if match[i] >= 0:
                 entry = found.objects[match[i]]
-                self.store.see(entry, segment, similarity[i], seen.eye, moving=moving[i])
+                self.store.see(entry, segment, similarity[i], seen.eye, weight=seen.weight, moving=moving[i])
             elif part[i] >= 0 and not self._are_separate(frame_segments, i, partner.get(part[i])):
                 number_of[i] = found.objects[part[i]].number
                 continue
@@ -174,7 +175,7 @@ class ObjectMap:
                 if not fits_object(boxes[i], self._config):
                     continue
                 entry = self.store.add(boxes[i], seen.frame, seen.keyframe)
-                self.store.see(entry, segment, 0.0, seen.eye, moving=moving[i])
+                self.store.see(entry, segment, None, seen.eye, weight=seen.weight, moving=moving[i])
             number_of[i] = entry.number
         return number_of
 
@@ -265,11 +266,11 @@ class ObjectMap:
         matched = set(found.match.tolist())
         shown = found.object_pixels >= MIN_READINGS
         for j in np.flatnonzero(shown).tolist():
-            self.store.record_shown(found.objects[j], matched=j in matched)
+            self.store.record_shown(found.objects[j], weight=seen.weight, matched=j in matched)
         others = [found.objects[j] for j in np.flatnonzero(~shown).tolist() if j not in matched]
         candidates = [o for o in others if o.state is State.CANDIDATE]
         for entry in places_in_view(candidates, self.store.boxes_of(candidates), seen):
-            self.store.record_missed(entry)
+            self.store.record_missed(entry, seen.weight)
 
     def reset_supports(self) -> None:
         """Reset the support of all objects and refit labelled ones, because the up direction has changed.
@@ -294,7 +295,7 @@ class ObjectMap:
 
     def begin_visit(self) -> None:
         """Begin a later visit: limit the weight of earlier sightings, so that boxes are soon refitted."""
-        self._voxels.begin_visit(VISIT_SIGHTINGS)
+        self._voxels.begin_visit(VISIT_HITS)
         self.store.begin_visit(VISIT_SIGHTINGS)
 
     def _merge(self, numbers: Sequence[int], eye: Float64Array) -> None:

@@ -25,6 +25,9 @@ from cuboid.method.surfaces.kernels.outlines import FREE, HIDDEN, LEFT, RIGHT, S
 PRIOR_WEIGHT = 0.02
 # Prior fraction of an end that is free, and of an end that was judged.
 PRIOR_FREE, PRIOR_JUDGED = 0.5, 0.3
+# The mean similarity of segments, and the fraction of matching frames, in one view that comes before all others: with
+# few views the quantities are near these.
+PRIOR_AGREEMENT, PRIOR_MATCHED = 0.75, 0.75
 # Largest thickness that makes a difference, in standard deviations of the noise of its points.
 MAX_THICKNESS_SIGMAS = 30.0
 
@@ -38,6 +41,8 @@ class Quantities(NamedTuple):
         Mean similarity of its segments in the frames with it, 0..1: proposals of many views agree on its extent.
     matched : float
         Fraction of the frames with its points in which a segment matched it, 0..1.
+    unrepeated : float
+        1 over the weight of its views: 1 if one view shows it, near 0 if many do.
     directions : float
         Logarithm of the number of directions from which it was seen.
     top_free, side_free : float
@@ -65,6 +70,7 @@ class Quantities(NamedTuple):
 
     agreement: float
     matched: float
+    unrepeated: float
     directions: float
     top_free: float
     side_free: float
@@ -115,11 +121,11 @@ def quantities_of(entry: MapObject, log_odds_one: Iterable[float]) -> Quantities
     top_free, *sides_free = [(free[k] + PRIOR_FREE * prior) / (judged[k] + prior) for k in ends]
     top_judged, *sides_judged = [(judged[k] + PRIOR_JUDGED * prior) / (total[k] + prior) for k in ends]
     shortest, middle, longest = sorted(entry.box.size.tolist())
-    sightings = max(1, entry.sightings)
     thickness = min(shortest / entry.noise_m, MAX_THICKNESS_SIGMAS) if entry.noise_m > 0.0 else MAX_THICKNESS_SIGMAS
     return Quantities(
-        agreement=entry.agreement / max(1, sightings - 1),  # the first one started it
-        matched=sightings / max(entry.shown, sightings),
+        agreement=(entry.agreement + PRIOR_AGREEMENT) / (entry.compared + 1.0),
+        matched=(entry.sightings + PRIOR_MATCHED) / (max(entry.shown, entry.sightings) + 1.0),
+        unrepeated=1.0 / (entry.compared + 1.0),
         directions=math.log(max(1, len(entry.directions))),
         top_free=top_free,
         side_free=min(sides_free),

@@ -9,8 +9,9 @@ from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 
-# A candidate is retired after this number of frames in a row that show it and have no proposal of it.
-MAX_MISSED = 8
+# A candidate is retired after frames in a row of this weight that show it and have no proposal of it: two viewpoints, or
+# two thirds of a second from one.
+MAX_MISSED = 2.0
 # Log-odds below which a candidate without depth is retired: a false detection seldom repeats.
 UNLIKELY_LOG_ODDS_WITHOUT_DEPTH = -1.0
 

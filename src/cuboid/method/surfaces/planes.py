@@ -38,7 +38,8 @@ MAX_UNSEEN_FRAMES = 60
 # The plan frame is rotated when the plane with most evidence is tilted in it by more than half the rotation error of
 # poses.
 LEVEL_COS = float(np.cos(DRIFT_RAD / 2.0))
-# A level area supports objects after this many frames, or at once if it is this many times the smallest plane.
+# A level area supports objects after this many frames; at once if it is this many times the smallest plane, or if
+# objects have nothing else to stand on.
 FRAMES_IN_USE = 3
 # A plane lies on top of a box if its distance from the top is at most REACH_M plus this fraction of the box's height.
 TOP_FRACTION = 0.1
@@ -357,6 +358,7 @@ class PlaneTracker:
     def _maintain(self, frame: int, centers: Float64Array) -> bool:
         """Activate planes in view, remove noise, merge duplicates; return True if any plane was removed."""
         min_area_m2 = self._config.min_plane_area_m2
+        in_use = any(plane.in_use for plane in self.planes)
         near = {self.planes[k] for k in self._windows.at(centers)} | self._stale
         for plane in sorted(near, key=lambda p: p.index):
             # The ground plan is updated before objects are found on it; wide plans are updated in turn.
@@ -368,8 +370,9 @@ class PlaneTracker:
                 if is_lid(plane, self._config.max_size_m**2, partial(self._at, plane.mean[None])):
                     plane.in_use = False
                 elif not plane.in_use:
-                    # Seen in enough frames, or large enough at once.
-                    plane.in_use = plane.frames >= FRAMES_IN_USE or area_m2 >= FRAMES_IN_USE * min_area_m2
+                    large = area_m2 >= FRAMES_IN_USE * min_area_m2
+                    plane.in_use = large or plane.frames >= FRAMES_IN_USE or not in_use
+                    in_use |= plane.in_use
             self._windows.update(plane)
         self._changed |= near
         gone = self._windows.expired(frame)

@@ -33,7 +33,7 @@ COARSE_STEP_M = 0.002
 # unless the camera hardly moves. Another convention or scale must explain at least CLEARLY_MORE than the given poses,
 # and at least EXPLAINED.
 UNEXPLAINED, CLEARLY_MORE, EXPLAINED = 0.35, 0.1, 0.6
-# An object is confirmed after about three clear sightings: fewer frames than this may be too few.
+# Fewer frames than this may leave too much hidden or unsure.
 FEW_FRAMES = 10
 
 HELP = "docs/finds-nothing.md lists further checks"
@@ -267,7 +267,7 @@ def _no_object(facts: RunFacts) -> str:
     if facts.frames_used < FEW_FRAMES:
         advice = "--every 1 reads all" if facts.every > 1 else "record more"
         frames = counted(facts.frames_used, "frame")
-        return f"no object found in {frames}: an object must be seen clearly about three times; {advice}"
+        return f"no object found in {frames}: none is probable enough; {advice}, or give a lower --min-probability"
     if facts.depth_median_m is not None and facts.depth_median_m > REACH_M:
         return (
             f"no object found: the median depth is {facts.depth_median_m:.1f} m, objects are found up to "

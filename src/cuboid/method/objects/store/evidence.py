@@ -23,40 +23,52 @@ class ObjectEvidence(StoredObjects):
     # --- evidence --------------------------------------------------------------------------------------------------
 
     def see(
-        self, entry: MapObject, segment: FrameSegment, similarity: float, eye: Float64Array, *, moving: bool
+        self,
+        entry: MapObject,
+        segment: FrameSegment,
+        similarity: float | None,
+        eye: Float64Array,
+        *,
+        weight: float,
+        moving: bool,
     ) -> None:
         """Add a sighting: a segment of a frame that matches an object, or starts it.
 
-        Outline, similarity and pixels above each plane are always the sums over the `sightings`.
+        Outline and similarity are sums over the sightings, each with the weight of its frame: a near copy of the last
+        frame adds almost nothing.
 
         Parameters
         ----------
         entry : MapObject
         segment : FrameSegment
-        similarity : float
-            Of the segment and the object, 0..1; 0 for the segment that starts an object.
+        similarity : float or None
+            Of the segment and the object, 0..1; None for the segment that starts an object.
         eye : (3,) float64
             Position of the camera in the map.
+        weight : float
+            Weight of the frame as evidence, 0..1.
         moving : bool
             Whether something moves at the segment: its outline is then no evidence.
         """
         if not moving:
-            entry.outline = entry.outline + segment.outline
-        entry.sightings += 1
-        entry.agreement += similarity
+            entry.outline = entry.outline + weight * segment.outline
+        entry.sightings += weight
+        if similarity is not None:
+            entry.compared += weight
+            entry.agreement += weight * similarity
         entry.largest_px = max(entry.largest_px, len(segment.pixels))
         entry.directions = with_direction(entry.directions, entry.center - eye)
         if segment.supports:
             entry.supports = summed_counts(entry.supports, segment.supports)
 
-    def record_shown(self, entry: MapObject, *, matched: bool) -> None:
-        """Count a frame with pixels of an object, and whether one of its segments matches it."""
-        entry.shown += 1
-        entry.missed = 0 if matched else entry.missed + 1
+    def record_shown(self, entry: MapObject, *, weight: float, matched: bool) -> None:
+        """Add the weight of a frame with pixels of an object, and note whether one of its segments matches it."""
+        entry.shown += weight
+        entry.missed = 0.0 if matched else entry.missed + weight
 
-    def record_missed(self, entry: MapObject) -> None:
-        """Count a frame in which the place of an object is seen, and the object is not."""
-        entry.missed += 1
+    def record_missed(self, entry: MapObject, weight: float) -> None:
+        """Add the weight of a frame in which the place of an object is seen, and the object is not."""
+        entry.missed += weight
 
     def judge(self, entry: MapObject, probability: float) -> None:
         """Set the probability that an object is one whole thing."""
@@ -102,8 +114,8 @@ class ObjectEvidence(StoredObjects):
         """Add the evidence of a frame that two living objects are one, or that they are two; see `Affinity`."""
         self.affinity.add_evidence(a.number, b.number, log_odds, novelty=novelty)
 
-    def begin_visit(self, max_sightings: int) -> None:
-        """Limit the number of earlier sightings of living objects with depth, so that boxes are soon refitted."""
+    def begin_visit(self, max_sightings: float) -> None:
+        """Limit the weight of earlier sightings of living objects with depth, so that boxes are soon refitted."""
         for entry in self.living():
             limit_sightings(entry, max_sightings)
 
@@ -240,15 +252,17 @@ class ObjectEvidence(StoredObjects):
                 entry.directions = entry.directions @ R.T.astype(np.float32)
 
 
-def limit_sightings(entry: MapObject, max_sightings: int) -> None:
-    """Limit the number of sightings of an object; the means of its evidence stay; new ones soon change them."""
+def limit_sightings(entry: MapObject, max_sightings: float) -> None:
+    """Limit the weight of the sightings of an object; the means of its evidence stay; new ones soon change them."""
     before, after = entry.sightings, min(entry.sightings, max_sightings)
-    if after == before:
+    if after >= before:
         return
+    fraction = after / before
     entry.sightings, entry.fitted, entry.measured = after, min(entry.fitted, after), min(entry.measured, after)
-    entry.shown = round(after / before * entry.shown)
-    entry.outline = after / before * entry.outline
-    entry.agreement *= (after - 1) / (before - 1)  # the first one has no similarity
+    entry.shown *= fraction
+    entry.outline = fraction * entry.outline
+    entry.compared *= fraction
+    entry.agreement *= fraction
 
 
 def turned_views(views: Float64Array, R: Float64Array) -> Float64Array:

@@ -26,8 +26,8 @@ from cuboid.method.objects.store.boxes import BoxTable
 from cuboid.method.objects.store.evidence import limit_sightings
 from cuboid.method.objects.store.without_depth import EvidenceWithoutDepth
 
-# The sightings of an object before it was moved count as at most this number: its box is soon fitted at its new place.
-MOVED_SIGHTINGS = 3
+# The sightings of an object before it was moved have at most this weight: its box is soon fitted at its new place.
+MOVED_SIGHTINGS = 1.0
 # Probability of an object that no frame has judged.
 UNJUDGED = 0.5
 
@@ -99,6 +99,8 @@ class ObjectStore(EvidenceWithoutDepth):
         for entry in state.objects.values():
             if entry.shown == NOT_COUNTED:
                 _judge_anew(entry)
+            elif entry.compared == NOT_COUNTED:
+                entry.compared = max(0.0, entry.sightings - 1.0)  # the first one started it
         store._objects, store._next_number, store._next_label = state.objects, state.next_number, state.next_label
         store._confirmed = {number: entry for number, entry in state.objects.items() if entry.confirmed}
         store.affinity, store._boxes = Affinity.from_state(state.affinity), BoxTable(state.boxes)
@@ -210,7 +212,8 @@ class ObjectStore(EvidenceWithoutDepth):
         kept.last_frame = max(kept.last_frame, gone.last_frame)
         kept.frames_seen = max(kept.frames_seen, gone.frames_seen)
         longer = max(kept, gone, key=lambda o: o.sightings)
-        kept.sightings, kept.agreement, kept.shown = longer.sightings, longer.agreement, longer.shown
+        kept.sightings, kept.shown = longer.sightings, longer.shown
+        kept.agreement, kept.compared = longer.agreement, longer.compared
         kept.largest_px = max(kept.largest_px, gone.largest_px)
         kept.probability = max(kept.probability, gone.probability)
         for direction in gone.directions:
@@ -278,7 +281,7 @@ class ObjectStore(EvidenceWithoutDepth):
 
 def _judge_anew(entry: MapObject) -> None:
     """Let an object from a version without probabilities begin its evidence anew; a label stays."""
-    entry.shown = entry.sightings = entry.fitted = 0
+    entry.shown = entry.sightings = entry.fitted = entry.compared = 0.0
     entry.probability = UNJUDGED
 
 
