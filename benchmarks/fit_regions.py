@@ -155,7 +155,9 @@ def main() -> int:
     parser.add_argument("pictures", type=Path, metavar="PICTURES", help="folder of made pictures")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the samples and of the fit")
     parser.add_argument("--trees", type=int, default=TREES, metavar="N", help="number of trees")
-    parser.add_argument("--cases", type=Path, default=None, metavar="FILE", help="keep the cases, or read them if there")
+    parser.add_argument(
+        "--cases", type=Path, default=None, metavar="FILE", help="keep the cases, or read them if there"
+    )
     parser.add_argument("--write", action="store_true", help="replace the trees in the source")
     args = parser.parse_args()
     cases = _cases(args)

@@ -8,29 +8,26 @@ largest sum of log-odds are chosen. So one score decides what is one thing and w
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.depth import DepthImage, shrunk
+from cuboid.ground.core.depth import shrunk
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.method.proposals.depth import WIDEST, DepthSegmentation
-from cuboid.method.proposals.edges import inverse_without_holes
 from cuboid.method.proposals.forest import Forest, fitted_forest
 from cuboid.method.proposals.kernels import choice, forest, hierarchy, leaves, quantities, sums
 from cuboid.method.proposals.kernels.quantities import QUANTITIES
+from cuboid.method.proposals.region_maps import Int32Array, Maps, empty_sums, graph_of, maps_of
 from cuboid.method.proposals.registry import SOURCES
 from cuboid.method.proposals.types import JoinedMasks, Proposals, ProposalSource
 
-Int32Array = npt.NDArray[np.int32]
 Int64Array = npt.NDArray[np.int64]
 
 
@@ -49,8 +46,8 @@ class Division(NamedTuple):
     orders: tuple[int, ...]
 
 
-# Two divisions with five trees contain .96 of the true things of fourteen places; one division with five trees .94, three
-# divisions with six .97 in half as much time again (benchmarks/region_recall.py).
+# Two divisions with five trees contain .96 of the true things of fourteen places; one division with five trees
+# .94, three divisions with six .97 in half as much time again (benchmarks/region_recall.py).
 DIVISIONS = (
     Division(1.0, 0.25, (hierarchy.BY_COLOR, hierarchy.BY_SIZE)),
     Division(0.25, 1.0, (hierarchy.BY_DEPTH, hierarchy.BY_BOTH, hierarchy.BY_SIZE)),
@@ -61,10 +58,6 @@ LEAF_TOLERANCE, LEAF_PIXELS = 40.0, 12
 MIN_SIDE, MIN_PIXELS, MAX_FRACTION = 6.0, 45.0, 0.4
 # Unions with more of the picture are not made.
 MAX_UNION = 0.45
-# Smoothing of color, and of depth over space (pixels) and depth (metres), before differences are taken.
-COLOR_SIGMA_PX, DEPTH_WINDOW_PX, DEPTH_SIGMA_M, DEPTH_SIGMA_PX = 0.6, 5, 0.03, 2.0
-# Readings are at least this far, metres.
-NEAREST_M = 0.15
 # Log-odds above which a candidate may be chosen. It is below 0: the map adds up the evidence of many frames.
 MIN_LOG_ODDS = -0.5
 # Largest number of candidates among which regions are chosen, the most probable ones.
@@ -77,32 +70,6 @@ ROUNDS = 10
 HEAP_PER_BORDER = 40
 # The number that stands for the tree of a candidate that is a surface of the depth image.
 SURFACE_TREE = 10.0
-
-
-class Maps(NamedTuple):
-    """A reduced picture, as the loops over it need it.
-
-    Attributes
-    ----------
-    lab : (h, w, 3) float32
-        CIE Lab, smoothed.
-    depth_m : (h, w) float32
-        Metres, smoothed, without holes.
-    read : (h, w) bool
-        Whether a pixel has a reading.
-    normals : (h, w, 3) float32
-    gradient : (h, w) float32
-        Of the color, units of CIE Lab per pixel.
-    bend : (h, w) float32
-        Change of the normal, 0..1.
-    """
-
-    lab: Float32Array
-    depth_m: Float32Array
-    read: npt.NDArray[np.bool_]
-    normals: Float32Array
-    gradient: Float32Array
-    bend: Float32Array
 
 
 class Masks(NamedTuple):
@@ -196,8 +163,8 @@ class RegionSource:
     def candidates(self, frame: Frame, intrinsics: Intrinsics) -> tuple[list[RegionTree], Surfaces, int]:
         """Return the candidates of a frame with their quantities, and the step of the reduced picture, pixels."""
         depth, step = shrunk(frame, intrinsics, WIDEST)
-        maps, camera = _maps(frame.color, depth, step), np.array(depth.camera.pinhole)
-        masks, scores = _surface_masks(self._surfaces(frame, intrinsics))
+        maps, camera = maps_of(frame.color, depth, step), np.array(depth.camera.pinhole)
+        masks, scores = surface_masks(self._surfaces(frame, intrinsics))
         trees = []
         for division in DIVISIONS:
             labels, graph = _divide(maps, camera, division)
@@ -215,26 +182,6 @@ class RegionSource:
         return trees, _judged_surfaces(masks, scores, maps, camera), step
 
 
-def _maps(color: UInt8Array, depth: DepthImage, step: int) -> Maps:
-    height, width = depth.depth_m.shape
-    color = np.ascontiguousarray(color[: height * step, : width * step])
-    small = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA) if step > 1 else color
-    lab = cv2.cvtColor(small.astype(np.float32) / np.float32(255.0), cv2.COLOR_RGB2LAB)
-    lab = np.asarray(cv2.GaussianBlur(lab, (0, 0), COLOR_SIGMA_PX), np.float32)
-    inverse = inverse_without_holes(depth.depth_m)
-    depth_m = np.where(inverse > 0.0, 1.0 / np.maximum(inverse, 1e-3), 1.0).astype(np.float32)
-    smooth = cv2.bilateralFilter(np.maximum(depth_m, NEAREST_M), DEPTH_WINDOW_PX, DEPTH_SIGMA_M, DEPTH_SIGMA_PX)
-    smooth, normals = np.asarray(smooth, np.float32), np.empty((height, width, 3), np.float32)
-    leaves.surface_normals(smooth, *depth.camera.pinhole.tolist(), normals)
-    normals = np.asarray(cv2.blur(normals, (3, 3)), np.float32)
-    across, down = (cv2.Sobel(lab, cv2.CV_32F, *axes) / 4.0 for axes in ((1, 0), (0, 1)))
-    gradient = np.sqrt((across * across + down * down).sum(2)).astype(np.float32)
-    bend = np.zeros((height, width), np.float32)
-    change = [normals[2:, 1:-1] - normals[:-2, 1:-1], normals[1:-1, 2:] - normals[1:-1, :-2]]
-    bend[1:-1, 1:-1] = np.minimum(np.sqrt((change[0] ** 2).sum(2) + (change[1] ** 2).sum(2)), 1.0)
-    return Maps(lab, smooth, depth.depth_m > 0, normals, gradient, bend)
-
-
 def _divide(maps: Maps, camera: Float64Array, division: Division) -> tuple[Int32Array, hierarchy.Graph]:
     """Divide a picture into leaves; return the leaf of each pixel (h, w), and their graph."""
     shape, pixels = maps.depth_m.shape, maps.depth_m.size
@@ -242,27 +189,12 @@ def _divide(maps: Maps, camera: Float64Array, division: Division) -> tuple[Int32
     leaves.link_weights(maps.lab, maps.depth_m, maps.normals, division.color, division.depth, right, down)
     parent, size, order = np.empty(pixels, np.int32), np.empty(pixels, np.int32), np.empty(2 * pixels, np.int32)
     limit, starts = np.empty(pixels, np.float32), np.empty(leaves.MAX_WEIGHT + 2, np.int32)
-    count = leaves.join_pixels(
-        right, down, LEAF_TOLERANCE, LEAF_PIXELS, parent, size, limit, order, starts, labels
-    )  # fmt: skip
-    over, boxes = _empty_sums(count, shape)
-    sums.leaf_sums(labels, maps, camera, over, boxes)
-    places = 1 << math.ceil(math.log2(16 * count + 2))
-    keys, numbers, ends = np.empty(places, np.int64), np.empty(places, np.int32), np.empty((places, 2), np.int32)
-    borders = sums.number_borders(labels, keys, numbers, ends)
-    over_borders = np.zeros((borders, 2, sums.LINK_SUMS))
-    sums.border_sums(labels, maps, camera, keys, numbers, over_borders)
-    return labels, hierarchy.Graph(over, boxes, ends[:borders].copy(), over_borders)
+    work = parent, size, limit, order, starts
+    count = leaves.join_pixels(right, down, LEAF_TOLERANCE, LEAF_PIXELS, *work, labels)
+    return labels, graph_of(labels, count, maps, camera)
 
 
-def _empty_sums(count: int, shape: tuple[int, ...]) -> tuple[Float64Array, Int32Array]:
-    empty = np.array([shape[1], shape[0], 0, 0], np.int32)
-    return np.zeros((count, sums.PIXEL_SUMS)), np.tile(empty, (count, 1))
-
-
-def _merged(
-    labels: Int32Array, graph: hierarchy.Graph, order: int, number: int, camera: Float64Array
-) -> RegionTree:
+def _merged(labels: Int32Array, graph: hierarchy.Graph, order: int, number: int, camera: Float64Array) -> RegionTree:
     """Merge leaves in one order, and compute the quantities of all regions of the tree."""
     n, b, pixels = len(graph.sums), len(graph.ends), labels.size
     tree = hierarchy.Tree(
@@ -291,7 +223,7 @@ def _merged(
     return RegionTree(labels, tree, count, n, found, usable)
 
 
-def _surface_masks(proposals: Proposals) -> tuple[Masks, Float32Array]:
+def surface_masks(proposals: Proposals) -> tuple[Masks, Float32Array]:
     """Return the masks of the proposals from depth, and their scores (M,)."""
     rectangles = proposals.boxes_xyxy.astype(np.int64) // proposals.mask_step
     starts, _ = _starts(rectangles)
@@ -309,7 +241,7 @@ def _starts(rectangles: Int64Array) -> tuple[Int64Array, int]:
 def _judged_surfaces(masks: Masks, scores: Float32Array, maps: Maps, camera: Float64Array) -> Surfaces:
     """Return the surfaces of the depth image with their quantities: as the leaves of a tree of their own."""
     count, pixels = len(scores), maps.depth_m.size
-    over, boxes = _empty_sums(count, maps.depth_m.shape)
+    over, boxes = empty_sums(count, maps.depth_m.shape)
     over_borders, alone = np.zeros((count, sums.LINK_SUMS)), np.full((count, 2), -1, np.int32)
     sums.mask_sums(*masks, maps, camera, over, over_borders, boxes)
     root, joined, left = np.full(count, -1, np.int32), scores.astype(np.float64), np.full(count, -1.0)

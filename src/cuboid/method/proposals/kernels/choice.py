@@ -138,10 +138,7 @@ def split(gains, conflict, i, chosen):
 @kernel
 def fits(conflict, i, chosen):
     """Return whether a region conflicts with no chosen one."""
-    for j in range(len(chosen)):
-        if chosen[j] and conflict[i, j]:
-            return False
-    return True
+    return not (conflict[i] * chosen).any()
 
 
 @kernel

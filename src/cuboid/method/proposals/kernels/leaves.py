@@ -1,7 +1,7 @@
 """Hot loops that divide a picture into leaves: small regions of similar color on one smooth surface.
 
-The division is that of Felzenszwalb and Huttenlocher, "Efficient graph-based image segmentation" (IJCV 2004), with links
-between neighbouring pixels that are weighted by color and depth together.
+The division is that of Felzenszwalb and Huttenlocher, "Efficient graph-based image segmentation" (IJCV 2004). The
+links between neighbouring pixels are weighted by color and depth together.
 """
 
 from __future__ import annotations

@@ -55,7 +55,16 @@ QUANTITIES = (
     # Fractions of the border where the surface ends, is hidden, is concave, is convex, continues; mean depth step.
     *("ends", "hidden", "concave", "convex", "continues", "step"),
     # Fractions of each side that are closed; the least closed side; where the top, the worse side, the bottom end.
-    *("closed_right", "closed_left", "closed_down", "closed_up", "least_closed", "top_ends", "side_ends", "bottom_ends"),
+    *(
+        "closed_right",
+        "closed_left",
+        "closed_down",
+        "closed_up",
+        "least_closed",
+        "top_ends",
+        "side_ends",
+        "bottom_ends",
+    ),
     # Height over the plane of what lies beyond, metres, and over size; residual of that plane; its slope.
     *("above", "relative_above", "residual_beyond", "slope_beyond"),
     # Mean normal: towards the camera, down; centre in the image, 0..1; logarithm of pixels.
