@@ -1,4 +1,4 @@
-"""Pictures with truth: made ones with masks, on which the score of regions is fitted, and annotated frames of places."""
+"""Pictures with truth: made ones with masks, to which the score of regions is fitted, and annotated frames."""
 
 from __future__ import annotations
 
@@ -69,9 +69,11 @@ def annotated_frames(place: Place) -> Iterator[tuple[Frame, Roll, Keyframe]]:
         for path in filter(is_keyframes, part.truths):
             for keyframe in read_keyframes(path).frames:
                 drawn.setdefault(keyframe.frame, []).append(keyframe)
-        recording = open_recording(part.recording) if drawn else None
-        for frame in recording or ():
-            roll = Roll(recording.intrinsics, farther_up(frame.depth_m) or 0) if recording is not None else None
-            for keyframe in drawn.get(frame.index, ()):
-                assert roll is not None
-                yield roll.frame(frame), roll, keyframe
+        if not drawn:
+            continue
+        recording = open_recording(part.recording)
+        for frame in recording:
+            if isinstance(frame, Frame) and frame.index in drawn:
+                roll = Roll(recording.intrinsics, farther_up(frame.depth_m) or 0)
+                for keyframe in drawn[frame.index]:
+                    yield roll.frame(frame), roll, keyframe

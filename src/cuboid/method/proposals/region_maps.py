@@ -55,14 +55,17 @@ def maps_of(color: UInt8Array, depth: DepthImage, step: int) -> Maps:
     height, width = depth.depth_m.shape
     color = np.ascontiguousarray(color[: height * step, : width * step])
     small = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA) if step > 1 else color
-    lab = cv2.cvtColor(small.astype(np.float32) / np.float32(255.0), cv2.COLOR_RGB2LAB)
-    lab = np.asarray(cv2.GaussianBlur(lab, (0, 0), COLOR_SIGMA_PX), np.float32)
+    sharp = cv2.cvtColor(small.astype(np.float32) / np.float32(255.0), cv2.COLOR_RGB2LAB)
+    lab: Float32Array = np.asarray(cv2.GaussianBlur(sharp, (0, 0), COLOR_SIGMA_PX), dtype=np.float32)
     inverse = inverse_without_holes(depth.depth_m)
     depth_m = np.where(inverse > 0.0, 1.0 / np.maximum(inverse, 1e-3), 1.0).astype(np.float32)
-    smooth = cv2.bilateralFilter(np.maximum(depth_m, NEAREST_M), DEPTH_WINDOW_PX, DEPTH_SIGMA_M, DEPTH_SIGMA_PX)
-    smooth, normals = np.asarray(smooth, np.float32), np.empty((height, width, 3), np.float32)
-    leaves.surface_normals(smooth, *depth.camera.pinhole.tolist(), normals)
-    normals = np.asarray(cv2.blur(normals, (3, 3)), np.float32)
+    near = np.maximum(depth_m, np.float32(NEAREST_M))
+    smooth: Float32Array = np.asarray(
+        cv2.bilateralFilter(near, DEPTH_WINDOW_PX, DEPTH_SIGMA_M, DEPTH_SIGMA_PX), dtype=np.float32
+    )
+    rough = np.empty((height, width, 3), np.float32)
+    leaves.surface_normals(smooth, *depth.camera.pinhole.tolist(), rough)
+    normals: Float32Array = np.asarray(cv2.blur(rough, (3, 3)), dtype=np.float32)
     across, down = (cv2.Sobel(lab, cv2.CV_32F, *axes) / 4.0 for axes in ((1, 0), (0, 1)))
     gradient = np.sqrt((across * across + down * down).sum(2)).astype(np.float32)
     bend = np.zeros((height, width), np.float32)

@@ -82,7 +82,7 @@ class Masks(NamedTuple):
     @property
     def sizes(self) -> Int64Array:
         """Pixels of each mask (M,)."""
-        ends = np.append(self.starts[1:], len(self.flat))
+        ends = np.append(self.starts[1:], len(self.flat))[: len(self.starts)]
         return np.array([np.count_nonzero(self.flat[a:b]) for a, b in zip(self.starts, ends, strict=True)], np.int64)
 
 
@@ -153,7 +153,8 @@ class RegionSource:
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
         """Return the chosen regions of `frame`; their scores are probabilities."""
         trees, surfaces, step = self.candidates(frame, intrinsics)
-        log_odds = [_log_odds(each.found, each.usable, self._model) for each in (*trees, surfaces)]
+        judged: list[RegionTree | Surfaces] = [*trees, surfaces]
+        log_odds = [_log_odds(each.found, each.usable, self._model) for each in judged]
         masks, gains, first = _contenders(trees, surfaces, log_odds)
         conflict, chosen = np.empty((len(gains), len(gains)), np.uint8), first.copy()
         choice.overlaps(*masks, masks.sizes, MAX_COMMON, conflict)
@@ -165,7 +166,7 @@ class RegionSource:
         depth, step = shrunk(frame, intrinsics, WIDEST)
         maps, camera = maps_of(frame.color, depth, step), np.array(depth.camera.pinhole)
         masks, scores = surface_masks(self._surfaces(frame, intrinsics))
-        trees = []
+        trees: list[RegionTree] = []
         for division in DIVISIONS:
             labels, graph = _divide(maps, camera, division)
             counts = np.zeros((len(graph.sums), len(scores)), np.float32)
@@ -211,7 +212,8 @@ def _merged(labels: Int32Array, graph: hierarchy.Graph, order: int, number: int,
         np.empty((b, 2, sums.LINK_SUMS)),
         np.empty(b, np.uint8),
         np.empty(b, np.int32),
-        *(np.empty(2 * n, np.int32) for _ in range(2)),
+        np.empty(2 * n, np.int32),
+        np.empty(2 * n, np.int32),
         np.empty(2 * b, np.int32),
         np.empty(HEAP_PER_BORDER * b),
         np.empty((HEAP_PER_BORDER * b, 2), np.int32),
