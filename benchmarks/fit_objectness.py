@@ -52,7 +52,7 @@ from cuboid.runs.tracking.posed_tracker import PosedTracker
 from place_list import Folders, Part, Place, made_places, named, real_places, render
 
 # Whether the probability rises (1) or falls (-1) with a quantity.
-SIGNS = Quantities(1, 1, 1, -1, 1, 1, 1, 1, 1, -1, -1, 1, 1, 1, 1, -1, -1)
+SIGNS = Quantities(1, 1, -1, 1, 1, 1, 1, 1, -1, -1, 1, 1, 1, 1, -1, -1)
 # Strength of the penalty on the squared weights of the standardized quantities, in cases: it matters where few cases
 # tell quantities apart.
 PENALTY_CASES = 10.0

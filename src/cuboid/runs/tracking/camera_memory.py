@@ -34,8 +34,6 @@ class CameraMemory:
         Time of its last frame.
     due : bool
         Whether its next frame refreshes the map.
-    unscored : float
-        Weight of its frames since the last one whose segments were scored.
     last : (Frame, FrameResult) or None
         Its last frame with the result.
     motion : Motion
@@ -50,7 +48,6 @@ class CameraMemory:
         self.viewpoint: Float64Array | None = None
         self.time_s: float | None = None
         self.due = True
-        self.unscored = 0.0
         self.last: tuple[Frame, FrameResult] | None = None
         self.begin_motion()
 
