@@ -10,6 +10,7 @@ from cuboid.method.proposals import depth as _depth  # noqa: F401
 from cuboid.method.proposals import edgeboxes as _edgeboxes  # noqa: F401
 from cuboid.method.proposals import onnx as _onnx  # noqa: F401
 from cuboid.method.proposals import precomputed as _precomputed  # noqa: F401
+from cuboid.method.proposals import regions as _regions  # noqa: F401
 from cuboid.method.proposals import selective_search as _selective_search  # noqa: F401
 from cuboid.method.proposals.registry import SOURCES, SourceFactory
 from cuboid.method.proposals.types import Proposals, ProposalSource

@@ -84,7 +84,7 @@ def _gradient_of_depth(depth_m: Float32Array, noise_per_m: float) -> tuple[Float
     """
     import cv2
 
-    filled = _filled(depth_m)
+    filled = inverse_without_holes(depth_m)
     smooth = cv2.medianBlur(filled, 5)
     gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 8.0, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 8.0
     mean = [cv2.blur(np.clip(g, -STEEPEST, STEEPEST), (25, 25)) for g in (gx, gy)]
@@ -92,8 +92,8 @@ def _gradient_of_depth(depth_m: Float32Array, noise_per_m: float) -> tuple[Float
     return ((gx - mean[0]) / full).astype(np.float32), ((gy - mean[1]) / full).astype(np.float32)
 
 
-def _filled(depth_m: Float32Array) -> Float32Array:
-    """Return inverse depth with holes filled by the nearest reading; 0 everywhere if there is no reading."""
+def inverse_without_holes(depth_m: Float32Array) -> Float32Array:
+    """Return inverse depth (h, w), 1/metre, with holes filled by the nearest reading; 0 everywhere without readings."""
     import cv2
 
     valid = depth_m > 0
