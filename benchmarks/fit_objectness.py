@@ -20,6 +20,7 @@ times, until they stay. After a new quantity was added to `Quantities` and `SIGN
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import pickle
 import sys
@@ -37,7 +38,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize
 
 from cuboid import Tracker, open_recording
-from cuboid.ground.core.errors import CuboidError
+from cuboid.ground.core.errors import CuboidError, FrameError
 from cuboid.ground.core.threads import limit_threads
 from cuboid.ground.geometry.overlap import pack
 from cuboid.inputs.readers import Recording
@@ -52,7 +53,7 @@ from cuboid.runs.tracking.posed_tracker import PosedTracker
 from place_list import Folders, Part, Place, made_places, named, real_places, render
 
 # Whether the probability rises (1) or falls (-1) with a quantity.
-SIGNS = Quantities(1, 1, -1, 1, 1, 1, 1, 1, -1, -1, 1, 1, 1, 1, -1, -1)
+SIGNS = Quantities(1, 1, 1, -1, 1, 1, 1, 1, 1, -1, -1, 1, 1, 1, 1, -1, -1)
 # Strength of the penalty on the squared weights of the standardized quantities, in cases: it matters where few cases
 # tell quantities apart. With `--near`, the second one, on differences from weights that are not 0 there.
 PENALTY_CASES, NEAR_CASES = 10.0, 1000.0
@@ -174,10 +175,16 @@ def _judged_at(judge: Judge, recording: Recording, end: int, views: int) -> Judg
     step = min(VIEW_STEP, end // max(1, views - 1))
     tracker = Tracker(recording.intrinsics)
     for k in range(views - 1, 0, -1):
-        tracker.update(recording.read(end - k * step))
+        _track(tracker, recording, end - k * step)
     with patch.object(PosedTracker, "_visible", _judging(judge)):
-        tracker.update(recording.read(end))
+        _track(tracker, recording, end)
     return judge
+
+
+def _track(tracker: Tracker, recording: Recording, frame: int) -> None:
+    """Track a frame, unless it cannot be used."""
+    with contextlib.suppress(FrameError):
+        tracker.update(recording.read(frame))
 
 
 def _judging(judge: Judge) -> Callable[..., Any]:

@@ -163,6 +163,7 @@ class ObjectMap:
         number_of = np.zeros(len(frame_segments.segments), np.int32)
         match, part = found.match.tolist(), found.part.tolist()
         partner = {j: i for i, j in enumerate(match) if j >= 0}
+        whole = frame_segments.whole
         similarity, moving = found.similarity.tolist(), frame_segments.touched.tolist()
         for i, segment in enumerate(frame_segments.segments):
             if match[i] >= 0:
@@ -177,6 +178,8 @@ class ObjectMap:
                 entry = self.store.add(boxes[i], seen.frame, seen.keyframe)
                 self.store.see(entry, segment, None, seen.eye, weight=seen.weight, moving=moving[i])
             number_of[i] = entry.number
+            if whole is not None and not np.isnan(whole[i]):
+                self.store.add_score(entry, float(whole[i]), frame_segments.whole_weight)
         return number_of
 
     @staticmethod

@@ -28,6 +28,8 @@ PRIOR_FREE, PRIOR_JUDGED = 0.5, 0.3
 # The mean similarity of segments, and the fraction of matching frames, in one view that comes before all others: with
 # few views the quantities are near these.
 PRIOR_AGREEMENT, PRIOR_MATCHED = 0.9, 0.9
+# Weight of a view whose segment has log-odds of 0, before all others.
+PRIOR_SCORED = 0.5
 # Largest thickness that makes a difference, in standard deviations of the noise of its points.
 MAX_THICKNESS_SIGMAS = 30.0
 
@@ -41,6 +43,9 @@ class Quantities(NamedTuple):
         Mean similarity of its segments in the frames with it, 0..1: proposals of many views agree on its extent.
     matched : float
         Fraction of the frames with its points in which a segment matched it, 0..1.
+    whole : float
+        Mean log-odds that its segments show one whole thing, by the fitted score of regions in color and depth; near 0
+        if few views were scored.
     unrepeated : float
         1 over the weight of its views: 1 if one view shows it, near 0 if many do.
     directions : float
@@ -70,6 +75,7 @@ class Quantities(NamedTuple):
 
     agreement: float
     matched: float
+    whole: float
     unrepeated: float
     directions: float
     top_free: float
@@ -125,6 +131,7 @@ def quantities_of(entry: MapObject, log_odds_one: Iterable[float]) -> Quantities
     return Quantities(
         agreement=(entry.agreement + PRIOR_AGREEMENT) / (entry.compared + 1.0),
         matched=(entry.sightings + PRIOR_MATCHED) / (max(entry.shown, entry.sightings) + 1.0),
+        whole=entry.whole / (entry.scored + PRIOR_SCORED),
         unrepeated=1.0 / (entry.compared + 1.0),
         directions=math.log(max(1, len(entry.directions))),
         top_free=top_free,

@@ -165,7 +165,7 @@ class RegionSource:
         """Return the candidates of a frame with their quantities, and the step of the reduced picture, pixels."""
         depth, step = shrunk(frame, intrinsics, WIDEST)
         maps, camera = maps_of(frame.color, depth, step), np.array(depth.camera.pinhole)
-        masks, scores = _surface_masks(self._surfaces(frame, intrinsics))
+        masks, scores = surface_masks(self._surfaces(frame, intrinsics))
         trees: list[RegionTree] = []
         for division in DIVISIONS:
             labels, graph = _divide(maps, camera, division)
@@ -225,7 +225,7 @@ def _merged(labels: Int32Array, graph: hierarchy.Graph, order: int, number: int,
     return RegionTree(labels, tree, count, n, found, usable)
 
 
-def _surface_masks(proposals: Proposals) -> tuple[Masks, Float32Array]:
+def surface_masks(proposals: Proposals) -> tuple[Masks, Float32Array]:
     """Return the masks of the proposals from depth, and their scores (M,)."""
     rectangles = proposals.boxes_xyxy.astype(np.int64) // proposals.mask_step
     starts, _ = _starts(rectangles)

@@ -95,6 +95,11 @@ class FrameSegments:
         Segments at which something moves, or of a body that moves elsewhere: their outlines are no evidence.
     left_out : int
         Number of segments dropped because of the limit per frame.
+    whole : (n,) float64 or None
+        Log-odds that each segment shows one whole thing, by the fitted score; NaN: not known. None: a frame without
+        scores.
+    whole_weight : float
+        Weight of these log-odds: that of the frames since the last scores, at most 1.
     """
 
     segments: list[FrameSegment]
@@ -104,6 +109,8 @@ class FrameSegments:
     proposal: npt.NDArray[np.int64]
     touched: npt.NDArray[np.bool_]
     left_out: int = 0
+    whole: Float64Array | None = None
+    whole_weight: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,6 +34,8 @@ class CameraMemory:
         Time of its last frame.
     due : bool
         Whether its next frame refreshes the map.
+    unscored : float
+        Weight of its frames since the last one whose segments were scored.
     last : (Frame, FrameResult) or None
         Its last frame with the result.
     motion : Motion
@@ -48,6 +50,7 @@ class CameraMemory:
         self.viewpoint: Float64Array | None = None
         self.time_s: float | None = None
         self.due = True
+        self.unscored = 0.0
         self.last: tuple[Frame, FrameResult] | None = None
         self.begin_motion()
 

@@ -40,9 +40,16 @@ from cuboid.method.objects.support import seen_part
 from cuboid.method.objects.validity import fits_object, too_large
 from cuboid.method.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.method.proposals import make_source
+from cuboid.method.proposals.segment_scores import segment_log_odds
 from cuboid.method.proposals.types import Proposals, ProposalSource
 from cuboid.method.surfaces.cells import find_cells, patch_pixels, with_level_patches
-from cuboid.method.surfaces.frame_segments import FrameSegment, PixelPlanes, points_of, segment_frame
+from cuboid.method.surfaces.frame_segments import (
+    FrameSegment,
+    FrameSegments,
+    PixelPlanes,
+    points_of,
+    segment_frame,
+)
 from cuboid.method.surfaces.grid import CELL_M
 from cuboid.method.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.method.surfaces.planes import PlaneTracker, PlaneTrackerState
@@ -56,6 +63,8 @@ from cuboid.runs.tracking.tracked_map import TrackedMap
 
 # Poses in the map are rounded to this many decimals, metres: this removes rounding errors that depend on the world.
 POSE_DECIMALS = 9
+# The segments of a frame are scored if the weight of the frames since the last scores is at least this: half a view.
+SCORED_WEIGHT = 0.5
 # While up is unknown, two cameras look the same way if the angle between their optical axes is less than this, radians:
 # the cameras of a moving pair that overlap, and no two cameras 90 degrees apart around a table that look down by up to
 # 60 degrees.
@@ -91,6 +100,8 @@ class PosedTrackerState(Record):
         Labels of the furniture that bears a plane, by identity of the plane, oldest first.
     time_s : float or None
         Time of the last frame; None before the first.
+    unscored : float
+        Weight of the frames since the last one whose segments were scored.
     """
 
     config: TrackerConfig
@@ -106,6 +117,7 @@ class PosedTrackerState(Record):
     unread: tuple[ObjectWithoutDepth, ...] = dataclasses.field(default_factory=tuple, metadata=ADDED)
     furniture_labels: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict, metadata=ADDED)
     time_s: float | None = dataclasses.field(default_factory=lambda: None, metadata=ADDED)
+    unscored: float = dataclasses.field(default_factory=float, metadata=ADDED)
 
 
 class PosedTracker(TrackedMap):
@@ -220,6 +232,7 @@ class PosedTracker(TrackedMap):
             unread=self._map.store.state_without_depth(),
             furniture_labels=dict(self._furniture_labels),
             time_s=camera.time_s,
+            unscored=camera.unscored,
         )
 
     @classmethod
@@ -244,6 +257,7 @@ class PosedTracker(TrackedMap):
         camera = tracker._cameras[""]
         camera.turns, camera.count, camera.due = state.turns, state.count, state.due
         camera.position, camera.viewpoint, camera.time_s = state.position, state.viewpoint, state.time_s
+        camera.unscored = state.unscored
         return tracker
 
     def prepare(self, frame: Frame) -> PreparedImages:
@@ -358,6 +372,7 @@ class PosedTracker(TrackedMap):
         segments = segment_frame(
             seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self._camera.config
         )
+        segments = self._scored(segments, frame, seen, proposals)
         boxes = self._boxes(segments.segments, voxels, seen)
         clock.lap("boxes")
         left_out = {
@@ -398,6 +413,17 @@ class PosedTracker(TrackedMap):
             agents=tuple(self._following.agents),
             camera=frame.camera_name,
         )
+
+    def _scored(self, segments: FrameSegments, frame: Frame, seen: Observation, proposals: Proposals) -> FrameSegments:
+        """Return the segments of a frame with their fitted scores, if the frames since the last scores add enough."""
+        camera = self._camera
+        camera.unscored += seen.weight
+        if camera.unscored < SCORED_WEIGHT or not segments.segments:
+            return segments
+        weight, camera.unscored = min(camera.unscored, 1.0), 0.0
+        count = len(segments.segments)
+        whole = segment_log_odds(frame, self._roll.camera, seen.image, segments.claim, count, proposals)
+        return dataclasses.replace(segments, whole=whole, whole_weight=weight)
 
     def _fuse(self, seen: Observation, heat: Float32Array, due: bool) -> npt.NDArray[np.int32]:
         """Fuse a frame into the map and carve free space; return the row (h, w) of the map of each working pixel."""

@@ -16,6 +16,10 @@ from cuboid.method.objects.naming import counted_view, merged_evidence, with_sco
 from cuboid.method.objects.store.objects import StoredObjects
 from cuboid.method.surfaces.frame_segments import FrameSegment
 
+# A segment says no more than this about its object, log-odds: the fitted score is less sure in places unlike those of
+# its fit.
+MAX_LOG_ODDS = 4.0
+
 
 class ObjectEvidence(StoredObjects):
     """Changes of what is known of an object; its label stays."""
@@ -60,6 +64,11 @@ class ObjectEvidence(StoredObjects):
         entry.directions = with_direction(entry.directions, entry.center - eye)
         if segment.supports:
             entry.supports = summed_counts(entry.supports, segment.supports)
+
+    def add_score(self, entry: MapObject, log_odds: float, weight: float) -> None:
+        """Add the fitted score of a segment of an object: the log-odds that it shows one whole thing."""
+        entry.whole += weight * min(max(log_odds, -MAX_LOG_ODDS), MAX_LOG_ODDS)
+        entry.scored += weight
 
     def record_shown(self, entry: MapObject, *, weight: float, matched: bool) -> None:
         """Add the weight of a frame with pixels of an object, and note whether one of its segments matches it."""
@@ -263,6 +272,8 @@ def limit_sightings(entry: MapObject, max_sightings: float) -> None:
     entry.outline = fraction * entry.outline
     entry.compared *= fraction
     entry.agreement *= fraction
+    entry.whole *= fraction
+    entry.scored *= fraction
 
 
 def turned_views(views: Float64Array, R: Float64Array) -> Float64Array:

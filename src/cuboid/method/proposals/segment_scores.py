@@ -1,0 +1,82 @@
+"""The fitted score of regions for the segments of a frame: how likely each shows one whole thing."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.depth import shrunk
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.working import WorkingImage
+from cuboid.method.proposals.depth import WIDEST
+from cuboid.method.proposals.forest import fitted_forest
+from cuboid.method.proposals.kernels import forest, hierarchy, quantities, sums
+from cuboid.method.proposals.kernels.quantities import QUANTITIES
+from cuboid.method.proposals.region_maps import graph_of, maps_of
+from cuboid.method.proposals.regions import SURFACE_TREE, surface_masks
+from cuboid.method.proposals.types import JoinedMasks, Proposals
+
+# Smallest segment, pixels of the reduced picture.
+MIN_PIXELS = 12.0
+
+
+def segment_log_odds(
+    frame: Frame, camera: Intrinsics, image: WorkingImage, claim: npt.NDArray[np.int32], count: int, surfaces: Proposals
+) -> Float64Array:
+    """Return the log-odds (count,) that each segment shows one whole thing; NaN for those too small to be judged.
+
+    Parameters
+    ----------
+    frame : Frame
+    camera : Intrinsics
+        Of the frame.
+    image : WorkingImage
+        The working image of the frame.
+    claim : (h, w) int32
+        Segment of each working pixel, 0..count-1, -1: none.
+    count : int
+    surfaces : Proposals
+        The proposals of the frame: their masks are compared with the segments, if they are those from depth.
+    """
+    depth, step = shrunk(frame, camera, WIDEST)
+    labels = _on_grid(claim, image, depth.depth_m.shape, step) + np.int32(1)
+    maps, pinhole = maps_of(frame.color, depth, step), np.array(depth.camera.pinhole)
+    graph = graph_of(labels, count + 1, maps, pinhole)
+    borders = np.zeros((count + 1, sums.LINK_SUMS))
+    for end in range(2):
+        np.add.at(borders, graph.ends[:, end], graph.borders[:, end])
+    alone, root, left = (
+        np.full((count + 1, 2), -1, np.int32),
+        np.full(count + 1, -1, np.int32),
+        np.full(count + 1, -1.0),
+    )
+    tree = hierarchy.Tree(graph.sums, graph.boxes, borders, alone, root, np.zeros(count + 1), left)
+    found, usable = np.zeros((count + 1, len(QUANTITIES)), np.float32), np.empty(count + 1, np.uint8)
+    if isinstance(surfaces.masks, JoinedMasks) and surfaces.mask_step == step:
+        masks, scores = surface_masks(surfaces)
+        counts = np.zeros((count + 1, len(scores)), np.float32)
+        quantities.count_leaves(*masks, labels, counts)
+        usable[:] = 1
+        sizes = masks.sizes.astype(np.float32)
+        quantities.compare_surfaces(tree, count + 1, count + 1, sizes, scores, usable, counts, found)
+        # Among the surfaces of the depth image, its score stands for how a region came about.
+        tree.joined[:] = found[:, -1]
+    limits = 1.0, MIN_PIXELS, float(labels.size)
+    quantities.quantities(tree, count + 1, SURFACE_TREE, pinhole, labels.shape, limits, found, usable)
+    log_odds = np.empty(count + 1)
+    forest.log_odds(found, usable, fitted_forest(), log_odds)
+    log_odds[usable == 0] = np.nan
+    return log_odds[1:]
+
+
+def _on_grid(
+    claim: npt.NDArray[np.int32], image: WorkingImage, shape: tuple[int, ...], step: int
+) -> npt.NDArray[np.int32]:
+    """Return the segment of each pixel of another grid (h, w): its pixels are blocks of `step` frame pixels."""
+    nearest = []
+    for axis, phase in ((0, image.phase[1]), (1, image.phase[0])):
+        middle = (np.arange(shape[axis]) + 0.5) * step - 0.5
+        index = np.rint((middle - phase) / image.step).astype(np.int64)
+        nearest.append(np.clip(index, 0, claim.shape[axis] - 1))
+    return claim[np.ix_(*nearest)]
