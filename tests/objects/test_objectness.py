@@ -13,6 +13,7 @@ from cuboid.method.objects.entry import MapObject, with_direction
 from cuboid.method.objects.objectness import (
     PRIOR_AGREEMENT,
     PRIOR_MATCHED,
+    PRIOR_SCORED,
     Quantities,
     area_fraction,
     probability,
@@ -56,8 +57,11 @@ def test_an_object_that_stands_alone() -> None:
         plane=3,
         filled=0.49,
         noise_m=0.01,
+        whole=12.0,
+        scored=5.5,
     )
     found = quantities_of(entry, [])
+    assert found.whole == pytest.approx(12.0 / (5.5 + PRIOR_SCORED)), "the mean with half a view of 0"
     assert found.agreement == pytest.approx((8.0 + PRIOR_AGREEMENT) / 10.0), "and one view of the prior"
     assert found.matched == pytest.approx((10.0 + PRIOR_MATCHED) / 20.0)
     assert found.unrepeated == pytest.approx(0.1)

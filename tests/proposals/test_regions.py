@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from two_colors import enlarged, picture
 
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.depth import DepthImage
@@ -20,19 +21,6 @@ from cuboid.method.proposals.regions import RegionSource, RegionTree
 CAMERA = Intrinsics(90.0, 90.0, 31.5, 23.5, 64, 48)
 PINHOLE = np.array(CAMERA.pinhole)
 MAX_UNION = 0.9
-
-
-def picture(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """A red box 12 cm before a gray wall at 1 m, half of it blue, with noise; and a hole in depth."""
-    random = np.random.default_rng(seed)
-    color, depth_m = np.full((48, 64, 3), 120.0), np.ones((48, 64))
-    color[10:34, 16:44] = (200.0, 40.0, 40.0)
-    color[10:34, 30:44] = (40.0, 40.0, 200.0)
-    depth_m[10:34, 16:44] = 0.88
-    color += random.normal(0.0, 3.0, color.shape)
-    depth_m += random.normal(0.0, 0.001, depth_m.shape)
-    depth_m[2:6, 50:56] = 0.0
-    return np.clip(color, 0.0, 255.0).astype(np.uint8), depth_m.astype(np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -350,10 +338,6 @@ def test_masks_of_regions_and_their_conflicts(tree: tuple[hierarchy.Graph, Regio
     for a, b in combinations(range(3), 2):
         common = (full[a] & full[b]).sum()
         assert conflict[a, b] == conflict[b, a] == (common > 0.3 * min(full[a].sum(), full[b].sum()))
-
-
-def enlarged(image: np.ndarray, factor: int) -> np.ndarray:
-    return np.ascontiguousarray(image.repeat(factor, 0).repeat(factor, 1))
 
 
 def test_the_source_gives_disjoint_masks_with_probabilities() -> None:
