@@ -47,13 +47,13 @@ from cuboid.lab.evaluation.rectangles import Outcome, judge_frame
 from cuboid.lab.evaluation.scope import Scope
 from cuboid.lab.evaluation.truth import Truth, read_truth
 from cuboid.method.objects import objectness
-from cuboid.method.objects.objectness import Coefficients, Quantities
+from cuboid.method.objects.objectness import Coefficients, Quantities, quantities_of
 from cuboid.runs.pipeline.run import track_recording
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 from place_list import Folders, Part, Place, made_places, named, real_places, render
 
 # Whether the probability rises (1) or falls (-1) with a quantity.
-SIGNS = Quantities(1, 1, 1, -1, 1, 1, 1, 1, 1, -1, -1, 1, 1, 1, 1, -1, -1)
+SIGNS = Quantities(1, 1, 1, -1, 1, 1, 1, 1, 1, -1, -1, 1, 1, 1, 1, -1)
 # Strength of the penalty on the squared weights of the standardized quantities, in cases: it matters where few cases
 # tell quantities apart. With `--near`, the second one, on differences from weights that are not 0 there.
 PENALTY_CASES, NEAR_CASES = 10.0, 1000.0
@@ -123,7 +123,7 @@ class Judge:
     def judge(self, tracker: PosedTracker, seen: Any, visible: Sequence[tuple[Any, Any]]) -> None:
         """Judge the objects that a frame shows, `visible` with their visibility."""
         shown = [(entry, view) for entry, view in visible if len(entry.points)]
-        quantities = [tracker._map.quantities(entry) for entry, _ in shown]
+        quantities = [quantities_of(entry) for entry, _ in shown]
         for keyframe in self._drawn.get(seen.frame, ()):
             roll = tracker._roll
             rects = np.array([view.rect_xyxy for _, view in shown]).reshape(-1, 4)

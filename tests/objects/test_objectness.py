@@ -60,7 +60,7 @@ def test_an_object_that_stands_alone() -> None:
         whole=12.0,
         scored=5.5,
     )
-    found = quantities_of(entry, [])
+    found = quantities_of(entry)
     assert found.whole == pytest.approx(12.0 / (5.5 + PRIOR_SCORED)), "the mean with half a view of 0"
     assert found.agreement == pytest.approx((8.0 + PRIOR_AGREEMENT) / 10.0), "and one view of the prior"
     assert found.matched == pytest.approx((10.0 + PRIOR_MATCHED) / 20.0)
@@ -72,12 +72,12 @@ def test_an_object_that_stands_alone() -> None:
     assert found.filled == pytest.approx(math.log(0.5))
     assert found.thickness == pytest.approx(math.log(10))
     assert found.pixels == pytest.approx(math.log(100))
-    assert (found.continuing, found.on_plane, found.bears, found.part) == (0.0, 1.0, 0.0, 0.0)
+    assert (found.continuing, found.on_plane, found.bears) == (0.0, 1.0, 0.0)
 
 
 def test_the_worse_side_counts() -> None:
     mixed = {**ALONE, (LEFT, FREE): 0, (LEFT, CONTACT): 50, (LEFT, HIDDEN): 50, (RIGHT, FREE): 50, (RIGHT, UNSURE): 50}
-    found = quantities_of(entry_with(mixed), [])
+    found = quantities_of(entry_with(mixed))
     prior = 8.0
     assert found.side_free == pytest.approx(0.5 * prior / (50 + prior))
     assert found.side_judged == pytest.approx((50 + 0.3 * prior) / (100 + prior))
@@ -86,7 +86,7 @@ def test_the_worse_side_counts() -> None:
 def test_more_views_alike_change_only_how_sure_the_means_are() -> None:
     few = entry_with(ALONE, sightings=11.0, compared=10.0, agreement=8.0, shown=20.0)
     many = entry_with({k: 2 * n for k, n in ALONE.items()}, sightings=22.0, compared=20.0, agreement=16.0, shown=40.0)
-    a, b = quantities_of(few, [0.3]), quantities_of(many, [0.3])
+    a, b = quantities_of(few, [0.3]), quantities_of(many)
     means = {"agreement": 0.0, "matched": 0.0, "unrepeated": 0.0}
     assert a._replace(**means) == b._replace(**means)
     assert abs(a.agreement - b.agreement) < 0.03
@@ -95,29 +95,22 @@ def test_more_views_alike_change_only_how_sure_the_means_are() -> None:
 
 
 def test_one_view_has_the_means_of_the_prior() -> None:
-    found = quantities_of(entry_with(ALONE, sightings=1.0, shown=1.0), [])
+    found = quantities_of(entry_with(ALONE, sightings=1.0, shown=1.0))
     assert (found.agreement, found.unrepeated) == (PRIOR_AGREEMENT, 1.0)
     assert found.matched == pytest.approx((1.0 + PRIOR_MATCHED) / 2.0)
 
 
-def test_a_pair_that_is_probably_one_makes_a_part() -> None:
-    entry = entry_with(ALONE)
-    assert quantities_of(entry, [-5.0, 0.0]).part == pytest.approx(0.5)
-    assert quantities_of(entry, [-5.0, 3.0]).part == pytest.approx(1.0 / (1.0 + math.exp(-3.0)))
-    assert quantities_of(entry, [-900.0]).part == 0.0
-
-
 def test_the_probability_is_the_logistic_of_the_weighted_sum(monkeypatch: pytest.MonkeyPatch) -> None:
-    weights = dict.fromkeys(Quantities._fields, 0.0) | {"agreement": 2.0, "part": -4.0}
+    weights = dict.fromkeys(Quantities._fields, 0.0) | {"agreement": 2.0, "bears": -4.0}
     monkeypatch.setattr(objectness, "coefficients", lambda: objectness.Coefficients(-1.0, weights, 1, 1))
-    found = Quantities(*[0.0] * len(Quantities._fields))._replace(agreement=0.75, part=0.5)
+    found = Quantities(*[0.0] * len(Quantities._fields))._replace(agreement=0.75, bears=0.5)
     assert probability(found) == pytest.approx(1.0 / (1.0 + math.exp(-(-1.0 + 1.5 - 2.0))))
 
 
 def test_the_fitted_weights_have_the_signs_of_their_meaning() -> None:
     weights = objectness.coefficients().weights
     assert tuple(weights) == Quantities._fields
-    falls = {"unrepeated", "continuing", "elongation", "bears", "part"}
+    falls = {"unrepeated", "continuing", "elongation", "bears"}
     assert all(weight <= 0.0 if name in falls else weight >= 0.0 for name, weight in weights.items())
     assert sum(weight != 0.0 for weight in weights.values()) >= 8
 

@@ -174,17 +174,17 @@ def test_sightings_of_an_earlier_visit_count_less_with_the_same_means() -> None:
     entry.compared, entry.agreement = 20.0, 20.0 * PRIOR_AGREEMENT
     entry.whole, entry.scored = 30.0, 20.0
     entry.outline = entry.outline + 21.0
-    before = quantities_of(entry, [])
+    before = quantities_of(entry)
     store.begin_visit(3.0)
     assert (entry.sightings, entry.fitted, entry.shown) == (3.0, 3.0, 6.0)
-    after = quantities_of(entry, [])
+    after = quantities_of(entry)
     assert entry.agreement / entry.compared == pytest.approx(PRIOR_AGREEMENT)
     assert after.unrepeated > before.unrepeated
     assert entry.whole / entry.scored == pytest.approx(1.5)
     for name in ("agreement", "top_free", "side_judged"):
         assert getattr(after, name) == pytest.approx(getattr(before, name)), name
     store.begin_visit(3.0)
-    assert quantities_of(entry, []) == after
+    assert quantities_of(entry) == after
 
 
 def test_scores_of_segments_are_weighted_and_limited() -> None:

@@ -26,7 +26,7 @@ from cuboid.method.objects.boxing import Boxing
 from cuboid.method.objects.confirmation import is_confirmable
 from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.fitting import Fitting
-from cuboid.method.objects.objectness import Quantities, probability, quantities_of
+from cuboid.method.objects.objectness import probability, quantities_of
 from cuboid.method.objects.retirement import abandoned
 from cuboid.method.objects.store import ObjectStore, ObjectStoreState
 from cuboid.method.objects.validity import fits_object
@@ -347,16 +347,10 @@ class ObjectMap:
             The newly confirmed objects.
         """
         for entry in seen:
-            self.store.judge(entry, probability(self.quantities(entry)))
+            self.store.judge(entry, probability(quantities_of(entry)))
         candidates = [o for o in seen if o.state is State.CANDIDATE and is_confirmable(o, self._config)]
         confirmed = sorted(filter(has_rested, candidates), key=lambda o: (-o.probability, o.number))
         for entry in confirmed:
             self.store.confirm(entry)
         self.store.record_seen(seen, frame)
         return confirmed
-
-    def quantities(self, entry: MapObject) -> Quantities:
-        """Return the quantities that decide the probability of an object whose box was fitted."""
-        affinity = self.store.affinity
-        pairs = (affinity.of(entry.number, other) for other in affinity.partners(entry.number))
-        return quantities_of(entry, [log_odds for log_odds in pairs if log_odds is not None])

@@ -8,7 +8,6 @@ the views of an object, so that the probability depends on where the camera was,
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from functools import cache
 from importlib import resources
 from typing import NamedTuple
@@ -69,8 +68,6 @@ class Quantities(NamedTuple):
         1 if a supporting plane is known beneath it, else 0.
     bears : float
         1 if it bears a supporting plane or covers other objects, as furniture does, else 0.
-    part : float
-        Probability that it is one with another object, from all views that show both, 0..1.
     """
 
     agreement: float
@@ -89,7 +86,6 @@ class Quantities(NamedTuple):
     pixels: float
     on_plane: float
     bears: float
-    part: float
 
 
 class Coefficients(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -110,15 +106,8 @@ class Coefficients(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cases: int
 
 
-def quantities_of(entry: MapObject, log_odds_one: Iterable[float]) -> Quantities:
-    """Return the quantities of an object whose box was fitted.
-
-    Parameters
-    ----------
-    entry : MapObject
-    log_odds_one : iterable of float
-        Log-odds that it is one with each object that was seen beside it.
-    """
+def quantities_of(entry: MapObject) -> Quantities:
+    """Return the quantities of an object whose box was fitted."""
     outline = entry.outline.tolist()  # so few numbers are faster without arrays
     total, judged = [sum(side) for side in outline], [sum(side[:HIDDEN]) for side in outline]
     free = [side[FREE] + side[SUPPORT] + 0.5 * side[UNSURE] for side in outline]
@@ -145,7 +134,6 @@ def quantities_of(entry: MapObject, log_odds_one: Iterable[float]) -> Quantities
         pixels=math.log1p(entry.largest_px),
         on_plane=float(entry.plane is not None),
         bears=float(entry.supports_plane),
-        part=_sigmoid(max(log_odds_one, default=-math.inf)),
     )
 
 
