@@ -67,7 +67,7 @@ def test_of_the_objects_of_a_frame_the_most_probable_one_has_the_first_label(mon
     for entry in entries:
         entry.points = points.astype(np.float32)
     probabilities = dict(zip(entries, (0.5, 0.9, 0.1, 0.8), strict=True))
-    monkeypatch.setattr(objects, "quantities", lambda entry: entry)
+    monkeypatch.setattr("cuboid.method.objects.object_map.quantities_of", lambda entry: entry)
     monkeypatch.setattr(object_map, "probability", probabilities.__getitem__)
     confirmed = objects.record_seen(7, entries, lambda entry: entry is not entries[3])
     assert confirmed == [entries[1], entries[0]]

@@ -86,7 +86,7 @@ def test_the_worse_side_counts() -> None:
 def test_more_views_alike_change_only_how_sure_the_means_are() -> None:
     few = entry_with(ALONE, sightings=11.0, compared=10.0, agreement=8.0, shown=20.0)
     many = entry_with({k: 2 * n for k, n in ALONE.items()}, sightings=22.0, compared=20.0, agreement=16.0, shown=40.0)
-    a, b = quantities_of(few, [0.3]), quantities_of(many)
+    a, b = quantities_of(few), quantities_of(many)
     means = {"agreement": 0.0, "matched": 0.0, "unrepeated": 0.0}
     assert a._replace(**means) == b._replace(**means)
     assert abs(a.agreement - b.agreement) < 0.03
