@@ -114,5 +114,14 @@ def test_one_picture_says_what_is_missing(parcels: Path, tmp_path: Path, capfd: 
         (single / folder).mkdir(parents=True)
         shutil.copy(parcels / folder / f"000000.{ending}", single / folder)
     shutil.copy(parcels / "camera.json", single)
+    assert main(["measure", str(single)]) == 0, "one picture is enough for the parcels"
+    flat = np.tile(np.linspace(900, 700, 480).astype(np.uint16)[:, None], (1, 640))
+    cv2.imwrite(str(single / "depth" / "000000.png"), cv2.resize(flat, _size_of(single)))
+    capfd.readouterr()
     assert main(["measure", str(single)]) == 2
     assert "nothing was measured in 1 frame: an object is measured once it was seen clearly" in capfd.readouterr().err
+
+
+def _size_of(recording: Path) -> tuple[int, int]:
+    height, width = cv2.imread(str(recording / "depth" / "000000.png"), cv2.IMREAD_UNCHANGED).shape
+    return width, height

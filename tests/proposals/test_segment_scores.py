@@ -53,3 +53,11 @@ def test_segments_of_a_coarser_working_image_and_too_small_ones() -> None:
         image = thin(twice, large, 320, count)
         found = segment_log_odds(twice, large, image, claim, 2, make_source("depth")(twice, large))
         assert abs(found[0] - at_once[0]) < 1.5
+
+
+def test_narrow_pictures_have_no_scores() -> None:
+    color, depth_m = picture(4)
+    frame, camera = Frame(0, 0.0, color, depth_m, None), Intrinsics(90.0, 90.0, 31.5, 23.5, 64, 48)
+    claim = np.zeros((48, 64), np.int32)
+    found = segment_log_odds(frame, camera, thin(frame, camera, 320, 0), claim, 1, make_source("depth")(frame, camera))
+    assert np.isnan(found).all()

@@ -19,12 +19,17 @@ from cuboid.method.proposals.types import JoinedMasks, Proposals
 
 # Smallest segment, pixels of the reduced picture.
 MIN_PIXELS = 12.0
+# Narrower pictures have no scores, pixels: the score is fitted to pictures of 320 pixels, and much coarser ones show things
+# in another way.
+MIN_WIDE = 240
 
 
 def segment_log_odds(
     frame: Frame, camera: Intrinsics, image: WorkingImage, claim: npt.NDArray[np.int32], count: int, surfaces: Proposals
 ) -> Float64Array:
-    """Return the log-odds (count,) that each segment shows one whole thing; NaN for those too small to be judged.
+    """Return the log-odds (count,) that each segment shows one whole thing; NaN: it cannot be judged.
+
+    Segments of a few pixels, and those of pictures narrower than `MIN_WIDE`, cannot be judged.
 
     Parameters
     ----------
@@ -39,6 +44,8 @@ def segment_log_odds(
     surfaces : Proposals
         The proposals of the frame: their masks are compared with the segments, if they are those from depth.
     """
+    if max(camera.width, camera.height) < MIN_WIDE:
+        return np.full(count, np.nan)
     depth, step = shrunk(frame, camera, WIDEST)
     labels = _on_grid(claim, image, depth.depth_m.shape, step) + np.int32(1)
     maps, pinhole = maps_of(frame.color, depth, step), np.array(depth.camera.pinhole)
