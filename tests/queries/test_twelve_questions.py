@@ -234,6 +234,10 @@ def test_a_scene_answers_for_its_last_visit(made: Made, question: Question, caps
     expected = {made.in_scene[name] for name in question.answer - {"can"} | gone}
     path = str(made.scene)
     place = open_place(path)
+    if "since" in question.asked:  # all that was ever labelled, also what is no thing by itself
+        everything = {one.label: one.state for one, _ in place._source.objects()}
+        expected |= set(everything)
+        gone = {label for label, state in everything.items() if state == "gone"}
     app = application(place, token=None)
     for ask in (of_command(path, capsys), of_http(app), of_page(app), of_mcp(server_of(place)), of_python(path)):
         for found in ask(question):

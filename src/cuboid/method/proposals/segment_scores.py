@@ -19,8 +19,8 @@ from cuboid.method.proposals.types import JoinedMasks, Proposals
 
 # Smallest segment, pixels of the reduced picture.
 MIN_PIXELS = 12.0
-# Narrower pictures have no scores, pixels: the score is fitted to pictures of 320 pixels, and much coarser ones show things
-# in another way.
+# Narrower pictures have no scores, pixels: the score is fitted to pictures of 320 pixels, and much coarser ones show
+# things in another way.
 MIN_WIDE = 240
 
 
