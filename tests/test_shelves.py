@@ -37,7 +37,7 @@ def best(tracker: PosedTracker, thing: Box) -> float:
 
 
 def test_things_on_a_shelf_are_told_from_it_three_metres_away() -> None:
-    tracker = walk(3.2, 2.8, 40)
+    tracker = walk(3.0, 2.6, 40)
     assert any(abs(p.offset + 0.78) < 0.03 for p in tracker.planes)
     assert len(tracker.objects) == 2
     assert all(best(tracker, thing) > 0.25 for thing in THINGS)

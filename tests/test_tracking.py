@@ -135,7 +135,7 @@ def test_frames_that_a_caller_got_wrong_are_refused_in_one_line() -> None:
 
 
 def test_poses_have_known_words() -> None:
-    with pytest.raises(ValueError, match="given, auto, corrected, estimated, got 'imu'"):
+    with pytest.raises(ValueError, match="given, auto, corrected, estimated, synchronised, got 'imu'"):
         cuboid.Tracker(CAMERA, poses="imu")
 
 

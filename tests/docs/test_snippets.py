@@ -199,7 +199,7 @@ def test_enough_is_run() -> None:
     lines = [line for block in BLOCKS if block.language == SHELL and not block.not_run for line in commands_of(block)]
     run = [line for line in lines if line.startswith("cuboid ") and not is_synopsis(line)]
     assert len(run) > 60
-    # tests/ros2 runs the documented call of `ros2`, between a player and a listener.
-    only_described = {"doctor", "completion", "report", "evaluate trajectory", "store compact", "ros2"}
+    # tests/ros2 runs the documented call of `ros2`, between a player and a listener; tests/cli that of `detect`.
+    only_described = {"doctor", "completion", "report", "evaluate trajectory", "store compact", "ros2", "detect"}
     assert {command_and_rest(shlex.split(line))[0] for line in run} >= set(COMMANDS) - only_described
     assert sum(block.language == "python" and not block.not_run for block in BLOCKS) > 10

@@ -14,11 +14,9 @@ from cuboid.method.proposals.forest import fitted_forest
 from cuboid.method.proposals.kernels import forest, hierarchy, quantities, sums
 from cuboid.method.proposals.kernels.quantities import QUANTITIES
 from cuboid.method.proposals.region_maps import graph_of, maps_of
-from cuboid.method.proposals.regions import SURFACE_TREE, surface_masks
+from cuboid.method.proposals.regions import MIN_PIXELS, MIN_SIDE, SURFACE_TREE, surface_masks
 from cuboid.method.proposals.types import JoinedMasks, Proposals
 
-# Smallest segment, pixels of the reduced picture.
-MIN_PIXELS = 12.0
 # Narrower pictures have no scores, pixels: the score is fitted to pictures of 320 pixels, and much coarser ones show
 # things in another way.
 MIN_WIDE = 240
@@ -29,7 +27,8 @@ def segment_log_odds(
 ) -> Float64Array:
     """Return the log-odds (count,) that each segment shows one whole thing; NaN: it cannot be judged.
 
-    Segments of a few pixels, and those of pictures narrower than `MIN_WIDE`, cannot be judged.
+    Segments that are too small for candidates of `regions`, and those of pictures narrower than `MIN_WIDE`, cannot be
+    judged: the score is not fitted to such ones.
 
     Parameters
     ----------
@@ -69,7 +68,7 @@ def segment_log_odds(
         quantities.compare_surfaces(tree, count + 1, count + 1, sizes, scores, usable, counts, found)
         # Among the surfaces of the depth image, its score stands for how a region came about.
         tree.joined[:] = found[:, -1]
-    limits = 1.0, MIN_PIXELS, float(labels.size)
+    limits = MIN_SIDE, MIN_PIXELS, float(labels.size)
     quantities.quantities(tree, count + 1, SURFACE_TREE, pinhole, labels.shape, limits, found, usable)
     log_odds = np.empty(count + 1)
     forest.log_odds(found, usable, fitted_forest(), log_odds)
