@@ -16,7 +16,7 @@ SLOW_FILES = frozenset(
         "benchmarks/test_features.py",
         "benchmarks/test_large_containers.py",
         "benchmarks/test_odometry.py",
-        "benchmarks/test_pictures.py",
+        "benchmarks/test_made_pictures.py",
         "benchmarks/test_places.py",
         "benchmarks/test_scene_as_rig.py",
         "benchmarks/test_stages.py",

@@ -28,7 +28,7 @@ from cuboid.runs.pipeline.run import track_recording
 from cuboid.runs.tracking.types import RunOutcome
 from fakes import FakeRecording, FakeTracker
 
-RESULTS = sorted(set(OUTPUT_NAMES) - {EVENTS, AGENTS, VIDEO, TRAJECTORY_ONLINE, VIEWS, EMBEDDINGS})
+RESULTS = sorted(set(OUTPUT_NAMES) - {EVENTS, AGENTS, VIDEO, PICTURE, TRAJECTORY_ONLINE, VIEWS, EMBEDDINGS})
 
 
 def track(

@@ -57,7 +57,7 @@ def test_an_object_that_stands_alone() -> None:
         plane=3,
         filled=0.49,
         noise_m=0.01,
-        whole=12.0,
+        whole_log_odds=12.0,
         scored=5.5,
     )
     found = quantities_of(entry)

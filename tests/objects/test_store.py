@@ -172,7 +172,7 @@ def test_sightings_of_an_earlier_visit_count_less_with_the_same_means() -> None:
     entry = store[1]
     entry.sightings, entry.fitted, entry.shown = 21.0, 20.0, 42.0
     entry.compared, entry.agreement = 20.0, 20.0 * PRIOR_AGREEMENT
-    entry.whole, entry.scored = 30.0, 20.0
+    entry.whole_log_odds, entry.scored = 30.0, 20.0
     entry.outline = entry.outline + 21.0
     before = quantities_of(entry)
     store.begin_visit(3.0)
@@ -180,7 +180,7 @@ def test_sightings_of_an_earlier_visit_count_less_with_the_same_means() -> None:
     after = quantities_of(entry)
     assert entry.agreement / entry.compared == pytest.approx(PRIOR_AGREEMENT)
     assert after.unrepeated > before.unrepeated
-    assert entry.whole / entry.scored == pytest.approx(1.5)
+    assert entry.whole_log_odds / entry.scored == pytest.approx(1.5)
     for name in ("agreement", "top_free", "side_judged"):
         assert getattr(after, name) == pytest.approx(getattr(before, name)), name
     store.begin_visit(3.0)
@@ -192,7 +192,7 @@ def test_scores_of_segments_are_weighted_and_limited() -> None:
     entry = store[1]
     store.add_score(entry, 2.0, 0.5)
     store.add_score(entry, -9.0, 1.0)
-    assert (entry.whole, entry.scored) == (0.5 * 2.0 - MAX_LOG_ODDS, 1.5)
+    assert (entry.whole_log_odds, entry.scored) == (0.5 * 2.0 - MAX_LOG_ODDS, 1.5)
 
 
 def test_a_label_that_is_taken_over_is_on_one_object_alone() -> None:

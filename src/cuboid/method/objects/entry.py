@@ -122,7 +122,7 @@ class MapObject(ObjectRecord):
         Sum of the similarities of its segments, each with the weight of its frame.
     compared : float
         Weight of the frames in that sum: all but the first one with the object.
-    whole : float
+    whole_log_odds : float
         Sum of the log-odds that its segments show one whole thing, by the fitted score of regions, weighted.
     scored : float
         Weight of these log-odds.
@@ -171,7 +171,7 @@ class MapObject(ObjectRecord):
     missed: float = field(default_factory=float, metadata=ADDED)
     agreement: float = field(default_factory=float, metadata=ADDED)
     compared: float = field(default=0.0, metadata={"added": lambda: NOT_COUNTED})
-    whole: float = field(default_factory=float, metadata=ADDED)
+    whole_log_odds: float = field(default_factory=float, metadata=ADDED)
     scored: float = field(default_factory=float, metadata=ADDED)
     largest_px: int = field(default_factory=int, metadata=ADDED)
     directions: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32), metadata=ADDED)

@@ -120,7 +120,7 @@ def quantities_of(entry: MapObject) -> Quantities:
     return Quantities(
         agreement=(entry.agreement + PRIOR_AGREEMENT) / (entry.compared + 1.0),
         matched=(entry.sightings + PRIOR_MATCHED) / (max(entry.shown, entry.sightings) + 1.0),
-        whole=entry.whole / (entry.scored + PRIOR_SCORED),
+        whole=entry.whole_log_odds / (entry.scored + PRIOR_SCORED),
         unrepeated=1.0 / (entry.compared + 1.0),
         directions=math.log(max(1, len(entry.directions))),
         top_free=top_free,

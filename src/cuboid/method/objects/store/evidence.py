@@ -67,7 +67,7 @@ class ObjectEvidence(StoredObjects):
 
     def add_score(self, entry: MapObject, log_odds: float, weight: float) -> None:
         """Add the fitted score of a segment of an object: the log-odds that it shows one whole thing."""
-        entry.whole += weight * min(max(log_odds, -MAX_LOG_ODDS), MAX_LOG_ODDS)
+        entry.whole_log_odds += weight * min(max(log_odds, -MAX_LOG_ODDS), MAX_LOG_ODDS)
         entry.scored += weight
 
     def record_shown(self, entry: MapObject, *, weight: float, matched: bool) -> None:
@@ -272,7 +272,7 @@ def limit_sightings(entry: MapObject, max_sightings: float) -> None:
     entry.outline = fraction * entry.outline
     entry.compared *= fraction
     entry.agreement *= fraction
-    entry.whole *= fraction
+    entry.whole_log_odds *= fraction
     entry.scored *= fraction
 
 

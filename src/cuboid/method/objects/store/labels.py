@@ -214,7 +214,7 @@ class ObjectStore(EvidenceWithoutDepth):
         longer = max(kept, gone, key=lambda o: o.sightings)
         kept.sightings, kept.shown = longer.sightings, longer.shown
         kept.agreement, kept.compared = longer.agreement, longer.compared
-        kept.whole, kept.scored = longer.whole, longer.scored
+        kept.whole_log_odds, kept.scored = longer.whole_log_odds, longer.scored
         kept.largest_px = max(kept.largest_px, gone.largest_px)
         kept.probability = max(kept.probability, gone.probability)
         for direction in gone.directions:
