@@ -9,7 +9,7 @@ ALLOWED_SKIPS = {
     "tests/readers/test_phones.py": "pyliblzfse has no wheel",
     "tests/fuzz/test_fuzz.py": "pyliblzfse has no wheel",
     "tests/readers/test_same_objects.py": "pyliblzfse has no wheel",
-    "tests/benchmarks/test_made_pictures.py": "the packages of meshes are large, and only the fit of the score needs them",
+    "tests/benchmarks/test_made_pictures.py": "its packages of meshes are large, and only a fit needs them",
     "tests/parity/test_parity.py": "the evaluators of others need an environment of their own",
     "tests/supply/test_supply.py": "a database of weaknesses and other Pythons are not everywhere",
     "tests/processes/": "mounting a disk and becoming another user need rights that not every machine gives",

@@ -16,6 +16,7 @@ from cuboid.ground.formats.folder import (
     EMBEDDINGS,
     EVENTS,
     OUTPUT_NAMES,
+    PICTURE,
     REPORT,
     TRAJECTORY_ONLINE,
     VIDEO,
