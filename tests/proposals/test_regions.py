@@ -16,7 +16,7 @@ from cuboid.method.proposals.forest import Forest, fitted_forest
 from cuboid.method.proposals.kernels import choice, forest, hierarchy, leaves, quantities, sums
 from cuboid.method.proposals.kernels.quantities import QUANTITIES
 from cuboid.method.proposals.region_maps import Maps, empty_sums, graph_of, maps_of
-from cuboid.method.proposals.regions import RegionSource, RegionTree
+from cuboid.method.proposals.regions import RegionSource, RegionTree, room_to_merge
 
 CAMERA = Intrinsics(90.0, 90.0, 31.5, 23.5, 64, 48)
 PINHOLE = np.array(CAMERA.pinhole)
@@ -39,27 +39,8 @@ def tree(maps: Maps) -> tuple[hierarchy.Graph, RegionTree]:
 
 
 def merged(graph: hierarchy.Graph, labels: np.ndarray, order: int) -> RegionTree:
-    n, b = len(graph.sums), len(graph.ends)
-    made = hierarchy.Tree(
-        np.empty((2 * n, sums.PIXEL_SUMS)),
-        np.empty((2 * n, 4), np.int32),
-        np.empty((2 * n, sums.LINK_SUMS)),
-        np.empty((2 * n, 2), np.int32),
-        np.empty(2 * n, np.int32),
-        np.empty(2 * n),
-        np.empty(2 * n),
-    )
-    work = hierarchy.Work(
-        np.empty((b, 2), np.int32),
-        np.empty((b, 2, sums.LINK_SUMS)),
-        np.empty(b, np.uint8),
-        np.empty(b, np.int32),
-        np.empty(2 * n, np.int32),
-        np.empty(2 * n, np.int32),
-        np.empty(2 * b, np.int32),
-        np.empty(40 * b),
-        np.empty((40 * b, 2), np.int32),
-    )
+    n = len(graph.sums)
+    made, work = room_to_merge(n, len(graph.ends))
     count = hierarchy.merge(graph, order, float(labels.size), MAX_UNION * labels.size, made, work)
     found, usable = np.zeros((count, len(QUANTITIES)), np.float32), np.empty(count, np.uint8)
     limits = 1.0, 1.0, float(labels.size)

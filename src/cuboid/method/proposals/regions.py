@@ -195,9 +195,8 @@ def _divide(maps: Maps, camera: Float64Array, division: Division) -> tuple[Int32
     return labels, graph_of(labels, count, maps, camera)
 
 
-def _merged(labels: Int32Array, graph: hierarchy.Graph, order: int, number: int, camera: Float64Array) -> RegionTree:
-    """Merge leaves in one order, and compute the quantities of all regions of the tree."""
-    n, b, pixels = len(graph.sums), len(graph.ends), labels.size
+def room_to_merge(n: int, b: int) -> tuple[hierarchy.Tree, hierarchy.Work]:
+    """Return the arrays for a tree of n leaves with b borders, and for the work of merging them."""
     tree = hierarchy.Tree(
         np.empty((2 * n, sums.PIXEL_SUMS)),
         np.empty((2 * n, 4), np.int32),
@@ -218,6 +217,13 @@ def _merged(labels: Int32Array, graph: hierarchy.Graph, order: int, number: int,
         np.empty(HEAP_PER_BORDER * b),
         np.empty((HEAP_PER_BORDER * b, 2), np.int32),
     )
+    return tree, work
+
+
+def _merged(labels: Int32Array, graph: hierarchy.Graph, order: int, number: int, camera: Float64Array) -> RegionTree:
+    """Merge leaves in one order, and compute the quantities of all regions of the tree."""
+    n, b, pixels = len(graph.sums), len(graph.ends), labels.size
+    tree, work = room_to_merge(n, b)
     count = hierarchy.merge(graph, order, float(pixels), MAX_UNION * pixels, tree, work)
     found, usable = np.zeros((count, len(QUANTITIES)), np.float32), np.empty(count, np.uint8)
     limits = MIN_SIDE, MIN_PIXELS, MAX_FRACTION * pixels
