@@ -46,6 +46,9 @@ class TrackerConfig:
         Objects with at least this probability get a label, 0..1. An object whose probability falls below it afterwards
         keeps its label, and no result contains it until its probability has risen again. A lower value finds more
         objects, a higher one fewer false ones.
+    region_probability : float
+        Objects that only regions of color and depth show, not depth alone, get a label from this probability on, 0..1;
+        with 1 there are none.
     """
 
     voxel_m: float = _field(0.01, 0.003, 0.1, "m")
@@ -58,6 +61,7 @@ class TrackerConfig:
     min_plane_area_m2: float = _field(0.08, 0.005, 10.0, "m2")
     hot: float = _field(0.3, 0.01, 0.99, "")
     min_probability: float = _field(0.35, 0.01, 0.99, "")
+    region_probability: float = _field(0.5, 0.1, 1.0, "")
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):

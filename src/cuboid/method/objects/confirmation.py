@@ -25,6 +25,11 @@ def is_confirmable(entry: MapObject, config: TrackerConfig) -> bool:
     return len(entry.points) > 0 and entry.probability >= config.min_probability and fits_object(entry.box, config)
 
 
+def is_repeated(entry: ObjectWithoutDepth, config: TrackerConfig) -> bool:
+    """Return whether regions of several views agree that an object without voxels is one whole thing."""
+    return entry.hits >= MIN_HITS and entry.score >= max(config.region_probability, config.min_probability)
+
+
 def is_certain(entry: ObjectWithoutDepth) -> bool:
     """Return whether an object without depth certainly exists, and depth does not show it."""
     return entry.log_odds >= CERTAIN_LOG_ODDS and entry.hits >= MIN_HITS and entry.read < READ_FRACTION

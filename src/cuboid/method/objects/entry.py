@@ -18,6 +18,8 @@ from cuboid.ground.core.state import ADDED, TRANSIENT, Record
 from cuboid.ground.geometry.box import Box
 from cuboid.method.surfaces.kernels.outlines import KINDS
 
+# Weight of a view without the object, before all others: one view is not certain.
+PRIOR_LOOK = 0.5
 # Two views show different sides of an object if their directions differ by this, radians: ten degrees.
 NEW_DIRECTION_RAD = 0.175
 
@@ -215,7 +217,7 @@ class MapObject(ObjectRecord):
 
 @dataclass(slots=True, eq=False)
 class ObjectWithoutDepth(ObjectRecord):
-    """An object that a detector sees and depth does not, with or without a label.
+    """An object that a detector or regions of color show and depth does not, with or without a label.
 
     Attributes
     ----------
@@ -241,6 +243,12 @@ class ObjectWithoutDepth(ObjectRecord):
         Weighted variance of the sizes of the sightings.
     distance_m : float
         Weighted mean distance of the camera at the sightings.
+    by_regions : bool
+        Whether regions of color and depth show it, and not a detector; see `by_regions`.
+    looks, regions : float
+        Weight of the views of its place, and sum of the probabilities of its regions, times the weights.
+    taken : bool
+        Whether labelled objects of the map own the pixels of its last region.
     """
 
     information: Float64Array
@@ -255,10 +263,16 @@ class ObjectWithoutDepth(ObjectRecord):
     partner: int = 0
     size_scatter_m2: Float64Array = field(default_factory=lambda: np.zeros(2))
     distance_m: float = 0.0
+    by_regions: bool = field(default_factory=bool, metadata=ADDED)
+    looks: float = field(default_factory=float, metadata=ADDED)
+    regions: float = field(default_factory=float, metadata=ADDED)
+    taken: bool = field(default_factory=bool, metadata=ADDED)
 
     @property
     def score(self) -> float:
         """Probability that it exists, 0..1."""
+        if self.by_regions:
+            return self.regions / (self.looks + PRIOR_LOOK)
         return float(1.0 / (1.0 + np.exp(-self.log_odds)))
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,6 +81,29 @@ def shifted_iou(view: Predicted | None, boxes: Float64Array) -> Float64Array:
     return np.asarray(rect_iou_matrix(moved, boxes).diagonal())
 
 
+def match_views(views: Sequence[Predicted | None], boxes: Float64Array, min_iou: float) -> dict[int, int]:
+    """Return the box of each predicted view, by its index in the list: pairs with the largest overlap first.
+
+    Parameters
+    ----------
+    views : sequence of Predicted or None
+    boxes : (N, 4) float64
+    min_iou : float
+        Smallest IoU of a pair; see `shifted_iou`.
+    """
+    iou = np.array([shifted_iou(view, boxes) for view in views]).reshape(len(views), len(boxes))
+    found: dict[int, int] = {}
+    taken: set[int] = set()
+    for flat in np.argsort(-iou, axis=None, kind="stable").tolist():
+        i, k = divmod(flat, len(boxes))
+        if iou[i, k] < min_iou:
+            break
+        if i not in found and k not in taken:
+            found[i] = k
+            taken.add(k)
+    return found
+
+
 def read_fraction(rect_xyxy: Float64Array, seen: Observation) -> float:
     """Return the fraction of a rectangle, in pixels of the full image, that has depth readings."""
     depth_m = _inside(_working(rect_xyxy, seen), seen.image.depth_m)
@@ -97,6 +121,11 @@ def ray_through(rect_xyxy: Float64Array, seen: Observation) -> tuple[Float64Arra
     """Return the direction (3,) to the centre of a rectangle, in the map, and its angular size, radians."""
     ray, size_rad = _ray(rect_xyxy, seen)
     return np.asarray(seen.T_world_camera[:3, :3] @ (ray / np.linalg.norm(ray))), size_rad
+
+
+def distance_along(direction: Float64Array, z: float, seen: Observation) -> float:
+    """Return the distance, metres, along a direction (3,) in the map at which the depth is z."""
+    return float(z / max(float(seen.T_world_camera[:3, 2] @ direction), NEAREST_M))
 
 
 def size_at(rect_xyxy: Float64Array, z: float, seen: Observation) -> Float64Array:

@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.observation import Observation
 from cuboid.ground.core.results import Sighting
 from cuboid.ground.core.tolerances import NEAREST_M
@@ -25,17 +26,17 @@ from cuboid.ground.geometry.rectangles import rect_iou_matrix
 from cuboid.ground.geometry.se3 import transform
 from cuboid.method.detection.types import Detections
 from cuboid.method.objects.box_without_depth import Planes, box_of, united
-from cuboid.method.objects.confirmation import READ_FRACTION, is_certain
+from cuboid.method.objects.confirmation import READ_FRACTION, is_certain, is_repeated
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.naming import MISSED, SAME_IOU, likely_classes, score_gain
 from cuboid.method.objects.rectangles import (
     Predicted,
     distance_of,
     is_cut_off,
+    match_views,
     predict,
     ray_through,
     read_fraction,
-    shifted_iou,
     size_at,
 )
 from cuboid.method.objects.retirement import is_unlikely
@@ -64,18 +65,21 @@ class WithoutDepth:
     Parameters
     ----------
     store : ObjectStore
-    far_m : float
-        Largest distance at which an object without depth starts, metres.
+    config : TrackerConfig
+        Largest distance at which an object without depth starts, and probabilities of objects with a label.
     """
 
-    def __init__(self, store: ObjectStore, far_m: float) -> None:
-        self._store, self._far_m = store, far_m
+    def __init__(self, store: ObjectStore, config: TrackerConfig) -> None:
+        self._store, self._config = store, config
         # Rectangles of the objects hit in the last frame, by number, until the sightings of the frame are reported.
         self._hit: dict[int, Float64Array] = {}
 
     def confirmed(self) -> list[ObjectWithoutDepth]:
         """Return the certain objects with a label of their own, by label."""
-        found = [o for o in self._store.without_depth() if o.confirmed and not o.partner and is_certain(o)]
+        labelled = [o for o in self._store.without_depth() if o.confirmed and not o.partner]
+        found = [
+            o for o in labelled if (is_repeated(o, self._config) and not o.taken if o.by_regions else is_certain(o))
+        ]
         return sorted(found, key=lambda o: o.label)
 
     def retire(self, label: int) -> bool:
@@ -116,9 +120,9 @@ class WithoutDepth:
         seen : Observation
         """
         boxes = found.boxes_xyxy.astype(np.float64)
-        entries = self._store.without_depth()
+        entries = self._store.detected()
         views = [predict(entry.center, entry.size_m, seen) for entry in entries]
-        partner = self._assigned(boxes, views)
+        partner = match_views(views, boxes, FOLLOW_IOU)
         self._hit = {}
         for k, (entry, view) in enumerate(zip(entries, views, strict=True)):
             if k in partner:
@@ -131,24 +135,9 @@ class WithoutDepth:
         self._join_map([(entry, view) for entry, view in visible if entry.confirmed])
         self._merge_doubles(seen)
         self._retire_unlikely()
-        for entry in self._store.without_depth():
+        for entry in self._store.detected():
             if not entry.confirmed and not entry.partner and is_certain(entry):
                 self._store.confirm(entry)
-
-    @staticmethod
-    def _assigned(boxes: Float64Array, views: Sequence[Predicted | None]) -> dict[int, int]:
-        """Return the detection of each object, by its index in the list: pairs with the largest overlap first."""
-        iou = np.array([shifted_iou(view, boxes) for view in views]).reshape(len(views), len(boxes))
-        found: dict[int, int] = {}
-        taken: set[int] = set()
-        for flat in np.argsort(-iou, axis=None, kind="stable").tolist():
-            i, k = divmod(flat, len(boxes))
-            if iou[i, k] < FOLLOW_IOU:
-                break
-            if i not in found and k not in taken:
-                found[i] = k
-                taken.add(k)
-        return found
 
     def _add_hit(self, entry: ObjectWithoutDepth, found: Detections, k: int, seen: Observation) -> None:
         store, box, scores = self._store, found.boxes_xyxy[k].astype(np.float64), found.scores[k]
@@ -184,7 +173,7 @@ class WithoutDepth:
         if len(shown_xyxy) and rect_iou_matrix(box[None], shown_xyxy).max() >= SAME_IOU:
             return
         read_m = distance_of(box, seen)
-        if read_m is None or read_m > self._far_m:
+        if read_m is None or read_m > self._config.max_depth_m:
             return
         direction, _ = ray_through(box, seen)
         guess = 1e-6 * np.eye(3)  # makes the position defined before the first ray; the rays outweigh it
@@ -194,7 +183,7 @@ class WithoutDepth:
     def _join_map(self, shown: Sequence[tuple[MapObject, Visibility]]) -> None:
         """Join objects that repeatedly have the rectangle of a labelled object of the map with that object."""
         rects = np.array([view.rect_xyxy for _, view in shown]).reshape(-1, 4)
-        for entry in self._store.without_depth():
+        for entry in self._store.detected():
             if entry.partner or entry.number not in self._hit or not shown:
                 continue
             iou = rect_iou_matrix(self._hit[entry.number][None], rects)[0]
@@ -205,7 +194,7 @@ class WithoutDepth:
     def _merge_doubles(self, seen: Observation) -> None:
         """Merge two objects with the same rectangle; the older label, or else the older object, stays."""
         kept: list[tuple[ObjectWithoutDepth, Predicted | None]] = []
-        for entry in sorted(self._store.without_depth(), key=lambda o: (o.label or np.inf, o.number)):
+        for entry in sorted(self._store.detected(), key=lambda o: (o.label or np.inf, o.number)):
             view = predict(entry.center, entry.size_m, seen)
             shown = [(other, other_view) for other, other_view in kept if other_view is not None]
             if view is not None and shown:
@@ -218,7 +207,7 @@ class WithoutDepth:
 
     def _retire_unlikely(self) -> None:
         """Retire unlikely objects, and the least likely ones beyond the limit."""
-        entries = self._store.without_depth()
+        entries = self._store.detected()
         likely = [o for o in entries if not is_unlikely(o)]
         best = sorted(likely, key=lambda o: (-bool(o.label), -o.log_odds, o.number))[:MAX_WITHOUT_DEPTH]
         kept = {o.number for o in best}
@@ -233,7 +222,7 @@ class WithoutDepth:
         """
         found = {sighting.label: sighting for sighting in shown}
         others = np.array([sighting.rect_xyxy for sighting in shown]).reshape(-1, 4)
-        for entry in self._store.without_depth():
+        for entry in self._store.detected():
             partner = self._partner_of(entry)
             certain = is_certain(entry) and (entry.label or partner)
             view = predict(entry.center, entry.size_m, seen) if certain else None

@@ -150,9 +150,9 @@ class RegionSource:
         self._surfaces = DepthSegmentation(WIDEST, config)
         self._model = fitted_forest() if model is None else model
 
-    def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
-        """Return the chosen regions of `frame`; their scores are probabilities."""
-        trees, surfaces, step = self.candidates(frame, intrinsics)
+    def __call__(self, frame: Frame, intrinsics: Intrinsics, by_depth: Proposals | None = None) -> Proposals:
+        """Return the chosen regions of `frame`; their scores are probabilities. See `candidates`."""
+        trees, surfaces, step = self.candidates(frame, intrinsics, by_depth)
         judged: list[RegionTree | Surfaces] = [*trees, surfaces]
         log_odds = [_log_odds(each.found, each.usable, self._model) for each in judged]
         masks, gains, first = _contenders(trees, surfaces, log_odds)
@@ -161,11 +161,23 @@ class RegionSource:
         choice.exchange(gains, conflict, ROUNDS, chosen)
         return _as_proposals(masks, gains + MIN_LOG_ODDS, np.flatnonzero(chosen), step)
 
-    def candidates(self, frame: Frame, intrinsics: Intrinsics) -> tuple[list[RegionTree], Surfaces, int]:
-        """Return the candidates of a frame with their quantities, and the step of the reduced picture, pixels."""
+    def candidates(
+        self, frame: Frame, intrinsics: Intrinsics, by_depth: Proposals | None = None
+    ) -> tuple[list[RegionTree], Surfaces, int]:
+        """Return the candidates of a frame with their quantities, and the step of the reduced picture, pixels.
+
+        Parameters
+        ----------
+        frame : Frame
+        intrinsics : Intrinsics
+        by_depth : Proposals, optional
+            The proposals of the source `depth` for this frame, if they are known.
+        """
         depth, step = shrunk(frame, intrinsics, WIDEST)
         maps, camera = maps_of(frame.color, depth, step), np.array(depth.camera.pinhole)
-        masks, scores = surface_masks(self._surfaces(frame, intrinsics))
+        if by_depth is None or by_depth.mask_step != step or not isinstance(by_depth.masks, JoinedMasks):
+            by_depth = self._surfaces(frame, intrinsics)
+        masks, scores = surface_masks(by_depth)
         trees: list[RegionTree] = []
         for division in DIVISIONS:
             labels, graph = _divide(maps, camera, division)

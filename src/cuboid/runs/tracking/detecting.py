@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.observation import Observation
 from cuboid.ground.core.results import Sighting, TrackedObject
@@ -60,9 +61,9 @@ class Detecting:
         """Whether a detector is in use."""
         return self._detect is not None
 
-    def begin(self, store: ObjectStore, far_m: float) -> None:
-        """Start with a map of objects; objects without depth readings start no farther away than `far_m`."""
-        self._store, self._without_depth = store, WithoutDepth(store, far_m)
+    def begin(self, store: ObjectStore, config: TrackerConfig) -> None:
+        """Start with a map of objects."""
+        self._store, self._without_depth = store, WithoutDepth(store, config)
 
     @property
     def without_depth(self) -> WithoutDepth:

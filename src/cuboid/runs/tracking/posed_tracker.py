@@ -33,6 +33,7 @@ from cuboid.method.heatmap.anchors import LAST_KEYFRAME
 from cuboid.method.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.method.heatmap.voxel_map import PixelVoxels, VoxelMap, VoxelMapState
 from cuboid.method.objects.association import Association, SegmentedFrame, prior_of
+from cuboid.method.objects.by_regions import ByRegions, region_views
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.following import Following
 from cuboid.method.objects.object_map import ObjectMap, ObjectMapState
@@ -40,7 +41,8 @@ from cuboid.method.objects.support import seen_part
 from cuboid.method.objects.validity import fits_object, too_large
 from cuboid.method.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.method.proposals import make_source
-from cuboid.method.proposals.segment_scores import segment_log_odds
+from cuboid.method.proposals.regions import RegionSource
+from cuboid.method.proposals.segment_scores import MIN_WIDE, segment_log_odds
 from cuboid.method.proposals.types import Proposals, ProposalSource
 from cuboid.method.surfaces.cells import find_cells, patch_pixels, with_level_patches
 from cuboid.method.surfaces.frame_segments import (
@@ -250,7 +252,7 @@ class PosedTracker(TrackedMap):
         tracker._voxels = VoxelMap.from_state(state.voxels, c.voxel_m, c.depth_noise_per_m, c.max_depth_m, memory_mb)
         tracker._map = ObjectMap.from_state(state.map, c, tracker._voxels, tracker._planes)
         tracker._begin_motion()
-        tracker._detecting.begin(tracker._map.store, c.max_depth_m)
+        tracker._detecting.begin(tracker._map.store, c)
         tracker._map.store.restore_without_depth(state.unread)
         tracker._furniture_labels = dict(state.furniture_labels)
         tracker._T_world_map, tracker._count = state.T_world_map, state.count
@@ -372,6 +374,7 @@ class PosedTracker(TrackedMap):
         segments = segment_frame(
             seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self._camera.config
         )
+        self._camera.unscored += seen.weight
         segments = self._scored(segments, frame, seen, proposals)
         boxes = self._boxes(segments.segments, voxels, seen)
         clock.lap("boxes")
@@ -396,6 +399,8 @@ class PosedTracker(TrackedMap):
         frame_boxes = self._frame_boxes(segmented, found)
         clock.lap("matching")
         sightings = self._detect(given, visible, seen, sightings, clock)
+        sightings = self._by_regions(frame, proposals, seen, slots, visible, sightings)
+        clock.lap("regions")
         self._count += 1
         self._camera.count += 1
         return FrameResult(
@@ -417,13 +422,36 @@ class PosedTracker(TrackedMap):
     def _scored(self, segments: FrameSegments, frame: Frame, seen: Observation, proposals: Proposals) -> FrameSegments:
         """Return the segments of a frame with their fitted scores, if the frames since the last scores add enough."""
         camera = self._camera
-        camera.unscored += seen.weight
         if camera.unscored < SCORED_WEIGHT or not segments.segments:
             return segments
-        weight, camera.unscored = min(camera.unscored, 1.0), 0.0
+        weight = min(camera.unscored, 1.0)
         count = len(segments.segments)
         whole = segment_log_odds(frame, self._roll.camera, seen.image, segments.claim, count, proposals)
         return dataclasses.replace(segments, whole=whole, whole_weight=weight)
+
+    def _by_regions(
+        self,
+        frame: Frame,
+        proposals: Proposals,
+        seen: Observation,
+        slots: npt.NDArray[np.int32],
+        visible: Sequence[tuple[MapObject, Visibility]],
+        sightings: tuple[Sighting, ...],
+    ) -> tuple[Sighting, ...]:
+        """Return the sightings with those of objects that only regions show; look for these in the scored frames."""
+        camera, c = self._camera, self.config
+        if c.region_probability >= 1.0:
+            return sightings
+        by_regions = ByRegions(self._map.store, c)
+        if camera.unscored >= SCORED_WEIGHT:
+            shown = [(entry, view) for entry, view in visible if entry.is_reported(c.min_probability)]
+            if max(self._roll.camera.width, self._roll.camera.height) >= MIN_WIDE:
+                found = RegionSource(camera.config)(frame, self._roll.camera, proposals)
+                owner = self._voxels.look_up(slots).owner
+                regions = region_views(found, frame.depth_m, owner, seen, [entry.number for entry, _ in shown])
+                by_regions.update(regions, shown, seen, min(camera.unscored, 1.0))
+            camera.unscored = 0.0
+        return by_regions.sightings(sightings, seen, self._support_planes())
 
     def _fuse(self, seen: Observation, heat: Float32Array, due: bool) -> npt.NDArray[np.int32]:
         """Fuse a frame into the map and carve free space; return the row (h, w) of the map of each working pixel."""

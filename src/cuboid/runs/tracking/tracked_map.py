@@ -64,7 +64,7 @@ class TrackedMap(MapQueries):
         self._planes = PlaneTracker(c)
         self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
         self._map = ObjectMap(c, self._voxels, self._planes)
-        self._detecting.begin(self._map.store, c.max_depth_m)
+        self._detecting.begin(self._map.store, c)
 
     @property
     def T_world_map(self) -> Float64Array:

@@ -123,9 +123,13 @@ class ObjectStore(EvidenceWithoutDepth):
         self.place(entry, box)
         return entry
 
-    def add_without_depth(self, information: Float64Array, vector: Float64Array, frame: int) -> ObjectWithoutDepth:
+    def add_without_depth(
+        self, information: Float64Array, vector: Float64Array, frame: int, *, by_regions: bool = False
+    ) -> ObjectWithoutDepth:
         """Add a candidate without depth at a position, as information matrix (3, 3) and vector (3,), and return it."""
-        entry = ObjectWithoutDepth(self._next_number_without_depth, frame, frame, information, vector)
+        entry = ObjectWithoutDepth(
+            self._next_number_without_depth, frame, frame, information, vector, by_regions=by_regions
+        )
         self._next_number_without_depth += 1
         self._without_depth[entry.number] = entry
         return entry
@@ -253,6 +257,8 @@ class ObjectStore(EvidenceWithoutDepth):
             _unite_labels(kept, gone)
         self.merge_names(kept, gone)
         kept.log_odds, kept.hits = max(kept.log_odds, gone.log_odds), max(kept.hits, gone.hits)
+        if gone.score > kept.score:
+            kept.looks, kept.regions = gone.looks, gone.regions
         self.retire(gone)
 
     # --- taken over ------------------------------------------------------------------------------------------------

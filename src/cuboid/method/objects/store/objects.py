@@ -80,6 +80,14 @@ class StoredObjects:
         """Return the living objects without depth, by number."""
         return list(self._without_depth.values())
 
+    def detected(self) -> list[ObjectWithoutDepth]:
+        """Return the objects without depth that a detector shows, by number."""
+        return [entry for entry in self._without_depth.values() if not entry.by_regions]
+
+    def by_regions(self) -> list[ObjectWithoutDepth]:
+        """Return the objects without depth that regions of color and depth show, by number."""
+        return [entry for entry in self._without_depth.values() if entry.by_regions]
+
     def all_of(self, numbers: Iterable[int]) -> list[MapObject]:
         """Return the living ones among some objects, by number."""
         found = map(self._objects.get, sorted(set(numbers)))

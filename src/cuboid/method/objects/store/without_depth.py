@@ -10,6 +10,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.se3 import transform
 from cuboid.method.objects.affinity import MAX_LOG_ODDS
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
+from cuboid.method.objects.naming import counted_view
 from cuboid.method.objects.store.evidence import ObjectEvidence, turned_views
 
 # Factor on the information of earlier hits with each new one: poses drift, and the position with them.
@@ -23,6 +24,16 @@ class EvidenceWithoutDepth(ObjectEvidence):
         """Count a detection, with the fraction of its rectangle that has depth readings: `read` is the mean of all."""
         entry.hits, entry.keyframe = entry.hits + 1, keyframe
         entry.read += (read - entry.read) / entry.hits
+
+    def add_look(self, entry: ObjectWithoutDepth, probability: float, weight: float, *, taken: bool) -> None:
+        """Add a view of the place of an object, with the probability of its region there, 0: none."""
+        entry.looks += weight
+        entry.regions += weight * probability
+        entry.taken = taken
+
+    def add_direction(self, entry: ObjectWithoutDepth, toward: Float64Array) -> None:
+        """Add the direction (3,) from an object to a camera that sees it."""
+        entry.views, _ = counted_view(entry.views, toward)
 
     def add_ray(self, entry: ObjectWithoutDepth, information: Float64Array, vector: Float64Array) -> None:
         """Add the position from a detection, as information matrix (3, 3) and vector (3,); earlier ones fade."""

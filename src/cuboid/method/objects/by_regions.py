@@ -1,0 +1,248 @@
+"""Objects that depth does not part from what is around them: chosen regions of color and depth, followed over views.
+
+A sheet on a wall, a box beside another one or a thing in a hand may have no segment of its own in the depth image. The
+source `regions` shows it in many views, and false regions seldom repeat at one place. So a region starts an object
+without voxels, regions of later views are matched to it by its predicted rectangle, and its probability is the mean of
+those of its regions, where a view without one counts as 0. Where labelled objects of the map own its pixels, these
+decide: it is not reported, and if it repeatedly has the rectangle of one of them, it is that one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.observation import Observation
+from cuboid.ground.core.results import Sighting
+from cuboid.ground.core.tolerances import MIN_READINGS, NEAREST_M
+from cuboid.ground.geometry.rectangles import rect_iou_matrix
+from cuboid.method.objects.box_without_depth import Planes, box_of
+from cuboid.method.objects.confirmation import is_repeated
+from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
+from cuboid.method.objects.naming import SAME_IOU
+from cuboid.method.objects.rectangles import distance_along, is_cut_off, match_views, predict, ray_through, size_at
+from cuboid.method.objects.store import ObjectStore
+from cuboid.method.objects.visibility import Visibility
+from cuboid.method.objects.without_depth import (
+    DIRECTION_RAD,
+    DIRECTION_SIZE,
+    MAX_WITHOUT_DEPTH,
+    MIN_MEETINGS,
+    MISSED_FRACTION,
+    SEEN_FRACTION,
+)
+from cuboid.method.proposals.types import Proposals
+
+# A region is a view of an object if its rectangle overlaps the predicted one by this IoU.
+FOLLOW_IOU = 0.4
+# A region that shares at least this fraction of its pixels, or of those of a labelled object, with that object shows
+# nothing new.
+TAKEN_FRACTION = 0.5
+# Smallest probability of a region that starts an object: more likely a whole thing than not.
+MIN_START = 0.5
+# Standard deviation of the distance of a region, from the median of its readings, as a fraction of the distance.
+DISTANCE = 0.03
+# An object without a label is forgotten if its probability is below this after views of this weight.
+UNLIKELY, MIN_LOOKS = 0.15, 2.0
+
+
+class RegionViews(NamedTuple):
+    """The chosen regions of a frame.
+
+    Attributes
+    ----------
+    rects_xyxy : (N, 4) float64
+        Rectangles in pixels of the full image.
+    probabilities : (N,) float64
+        Of showing one whole thing, 0..1.
+    depth_m : (N,) float64
+        Median depth of its readings, 0: too few.
+    taken : (N,) float64
+        Largest fraction of its pixels, or of those of a labelled object, that it shares with that object.
+    """
+
+    rects_xyxy: Float64Array
+    probabilities: Float64Array
+    depth_m: Float64Array
+    taken: Float64Array
+
+
+def region_views(
+    found: Proposals, depth_m: Float32Array, owner: npt.NDArray[np.int32], seen: Observation, labelled: Sequence[int]
+) -> RegionViews:
+    """Return what a frame's regions show.
+
+    Parameters
+    ----------
+    found : Proposals
+        From the source `regions`.
+    depth_m : (H, W) float32
+        Depth of the full image.
+    owner : (h, w) int32
+        Number of the object that owns each working pixel, 0: none.
+    seen : Observation
+    labelled : sequence of int
+        Numbers of the reported objects.
+    """
+    counts = np.zeros((len(found), 1 + max([int(owner.max(initial=0)), *labelled])))
+    medians, pixels, step = np.zeros(len(found)), np.zeros(len(found)), found.mask_step
+    # Rows and columns of the full image at the working pixels.
+    v, u = (
+        np.arange(n) * seen.image.step + phase for n, phase in zip(owner.shape, seen.image.phase[::-1], strict=True)
+    )
+    for k, (rect, mask) in enumerate(zip(found.boxes_xyxy.tolist(), found.masks or (), strict=True)):
+        x0, y0, x1, y1 = rect
+        readings = depth_m[y0:y1:step, x0:x1:step][mask > 0]
+        readings = readings[readings > 0]
+        medians[k] = np.median(readings) if len(readings) >= MIN_READINGS else 0.0
+        rows, columns = np.flatnonzero((v >= y0) & (v < y1)), np.flatnonzero((u >= x0) & (u < x1))
+        covers = mask[np.ix_((v[rows] - y0) // step, (u[columns] - x0) // step)] > 0
+        owners = owner[np.ix_(rows, columns)][covers]
+        counts[k], pixels[k] = np.bincount(owners, minlength=counts.shape[1]), len(owners)
+    sizes = np.bincount(owner.ravel(), minlength=counts.shape[1])
+    shared = counts / np.maximum(np.minimum(sizes, pixels[:, None]), 1.0)
+    taken = shared[:, list(labelled)].max(axis=1, initial=0.0)
+    return RegionViews(found.boxes_xyxy.astype(np.float64), found.scores.astype(np.float64), medians, taken)
+
+
+class ByRegions:
+    """Finds and follows objects in the regions of frames; the store contains them.
+
+    Parameters
+    ----------
+    store : ObjectStore
+    config : TrackerConfig
+        Range of the sensor, and the smallest probability of an object with a label.
+    """
+
+    def __init__(self, store: ObjectStore, config: TrackerConfig) -> None:
+        self._store, self._config = store, config
+        # Rectangles of the objects in the last frame with regions, by number, until its sightings are reported.
+        self._hit: dict[int, Float64Array] = {}
+
+    def update(
+        self, found: RegionViews, shown: Sequence[tuple[MapObject, Visibility]], seen: Observation, weight: float
+    ) -> None:
+        """Update the objects with the regions of a frame.
+
+        Parameters
+        ----------
+        found : RegionViews
+        shown : sequence of (MapObject, Visibility)
+            The reported objects of the map that the frame shows.
+        seen : Observation
+        weight : float
+            Weight of the frames since the last regions, 0..1.
+        """
+        entries = self._store.by_regions()
+        views = [predict(entry.center, entry.size_m, seen) for entry in entries]
+        partner = match_views(views, found.rects_xyxy, FOLLOW_IOU)
+        self._hit = {}
+        for k, (entry, view) in enumerate(zip(entries, views, strict=True)):
+            if k in partner:
+                self._add_view(entry, found, partner[k], seen, weight)
+            elif view is not None and view.visible >= MISSED_FRACTION:
+                self._store.add_look(entry, 0.0, weight * view.visible, taken=entry.taken)
+        for k in sorted({*range(len(found.rects_xyxy))} - {*partner.values()}):
+            self._start(found, k, seen, weight)
+        self._join_map(shown)
+        self._merge_doubles(seen)
+        self._forget_unlikely()
+        for entry in self._store.by_regions():
+            new = entry.number in self._hit and not entry.taken and not entry.confirmed
+            if new and is_repeated(entry, self._config):
+                self._store.confirm(entry)
+
+    def _add_view(
+        self, entry: ObjectWithoutDepth, found: RegionViews, k: int, seen: Observation, weight: float
+    ) -> None:
+        rect, z = found.rects_xyxy[k], float(found.depth_m[k])
+        taken = bool(found.taken[k] >= TAKEN_FRACTION)
+        self._store.add_look(entry, float(found.probabilities[k]), weight, taken=taken)
+        self._store.add_hit(entry, 1.0, seen.keyframe)
+        direction, size_rad = ray_through(rect, seen)
+        known_m = max(float(np.linalg.norm(entry.center - seen.eye)), NEAREST_M)
+        distance_m = distance_along(direction, z, seen) if z > 0.0 else known_m
+        along = np.outer(direction, direction)
+        information = weight / (distance_m * max(DIRECTION_RAD, DIRECTION_SIZE * size_rad)) ** 2 * (np.eye(3) - along)
+        if z > 0.0:
+            information = information + weight / (DISTANCE * distance_m) ** 2 * along
+        self._store.add_ray(entry, information, information @ (seen.eye + distance_m * direction))
+        if z > 0.0 and not is_cut_off(rect, seen):
+            self._store.add_size(entry, size_at(rect, z, seen), distance_m, weight)
+            self._store.add_direction(entry, -direction)
+        self._hit[entry.number] = rect
+
+    def _start(self, found: RegionViews, k: int, seen: Observation, weight: float) -> None:
+        """Start an object if a region is probably a whole thing, is not cut off, and shows no labelled object."""
+        rect, z = found.rects_xyxy[k], float(found.depth_m[k])
+        if found.probabilities[k] < MIN_START or found.taken[k] >= TAKEN_FRACTION or is_cut_off(rect, seen):
+            return
+        if not 0.0 < z <= self._config.max_depth_m:
+            return
+        direction, _ = ray_through(rect, seen)
+        guess = 1e-6 * np.eye(3)  # makes the position defined before the first region, which outweighs it
+        place = seen.eye + distance_along(direction, z, seen) * direction
+        entry = self._store.add_without_depth(guess, guess @ place, seen.frame, by_regions=True)
+        self._add_view(entry, found, k, seen, weight)
+
+    def _join_map(self, shown: Sequence[tuple[MapObject, Visibility]]) -> None:
+        """End objects that repeatedly have the rectangle of an object of the map: that one gets the older label."""
+        rects = np.array([view.rect_xyxy for _, view in shown]).reshape(-1, 4)
+        for entry in self._store.by_regions():
+            if entry.number not in self._hit or not shown:
+                continue
+            iou = rect_iou_matrix(self._hit[entry.number][None], rects)[0]
+            k = int(iou.argmax())
+            if iou[k] >= SAME_IOU and self._store.count_meeting(entry, shown[k][0]) >= MIN_MEETINGS:
+                self._store.join_map(entry, shown[k][0])
+                self._store.retire(entry)
+
+    def _merge_doubles(self, seen: Observation) -> None:
+        """Merge two objects with the same rectangle; the older label, or else the older object, stays."""
+        kept: list[tuple[ObjectWithoutDepth, Float64Array]] = []
+        for entry in sorted(self._store.by_regions(), key=lambda o: (o.label or np.inf, o.number)):
+            view = predict(entry.center, entry.size_m, seen)
+            if view is None:
+                continue
+            if kept:
+                iou = rect_iou_matrix(view.rect_xyxy[None], np.array([rect for _, rect in kept]))[0]
+                if iou.max() >= SAME_IOU:
+                    other = kept[int(iou.argmax())][0]
+                    if entry.number in self._hit:
+                        self._hit.setdefault(other.number, self._hit[entry.number])
+                    self._store.merge_without_depth(other, entry)
+                    continue
+            kept.append((entry, view.rect_xyxy))
+
+    def _forget_unlikely(self) -> None:
+        """Retire unlikely objects without a label, and the least likely objects beyond the limit."""
+        entries = self._store.by_regions()
+        likely = [o for o in entries if o.label or o.looks < MIN_LOOKS or o.score >= UNLIKELY]
+        best = sorted(likely, key=lambda o: (-bool(o.label), -o.score, o.number))[:MAX_WITHOUT_DEPTH]
+        kept = {o.number for o in best}
+        self._store.retire_all([o for o in entries if o.number not in kept])
+
+    def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
+        """Return the sightings of a frame, including those of these objects, by label."""
+        found, rects = list(shown), np.array([sighting.rect_xyxy for sighting in shown]).reshape(-1, 4)
+        for entry in sorted(self._store.by_regions(), key=lambda o: o.label):
+            if not entry.label or entry.taken or not is_repeated(entry, self._config):
+                continue
+            view = predict(entry.center, entry.size_m, seen)
+            if view is None or view.visible < SEEN_FRACTION:
+                continue
+            rect = self._hit.get(entry.number, view.rect_xyxy)
+            if len(rects) and rect_iou_matrix(rect[None], rects).max() >= SAME_IOU:
+                continue
+            rects = np.concatenate([rects, rect[None]])
+            self._store.record_seen([entry], seen.frame)
+            values = entry.label, box_of(entry, planes)[0], None, view.visible, rect
+            found.append(Sighting(*values, probability=entry.score))
+        self._hit = {}
+        return tuple(sorted(found, key=lambda sighting: sighting.label))
