@@ -13,6 +13,8 @@ from cuboid.method.objects.entry import ObjectWithoutDepth
 
 # An object lies flat on a plane if its centre is at most this high above it, and then has this thickness, metres.
 FLAT_M, THIN_M = 0.05, 0.02
+# Cosine of the largest angle between the normal of a plane and up at which things stand on it.
+UPRIGHT = 0.98
 # Smallest sine of the angle from which a flat object is seen: at grazing angles its rectangle does not show its
 # extent.
 MIN_SINE = 0.2
@@ -53,6 +55,8 @@ def box_of(entry: ObjectWithoutDepth, planes: Planes) -> tuple[Box, str]:
     entry : ObjectWithoutDepth
     planes : Planes
     """
+    if entry.seen_box is not None:
+        return _on_plane(entry.seen_box, planes), "box"
     center, (width, height) = entry.center, np.maximum(entry.size_m, MIN_SIDE_M).tolist()
     toward = _toward(entry, planes)
     across = _across(toward, planes)
@@ -63,6 +67,16 @@ def box_of(entry: ObjectWithoutDepth, planes: Planes) -> tuple[Box, str]:
         reach = max((height - THIN_M * (1.0 - sine)) / sine, MIN_SIDE_M)
         return Box(center, np.array([width, reach, THIN_M]), rotation), "flat"
     return Box(center, np.array([width, min(width, height), height]), rotation), "box"
+
+
+def _on_plane(box: Box, planes: Planes) -> Box:
+    """Return an upright box extended down to the plane just beneath it, if there is one: a foot is seldom seen."""
+    below_m = [box.foot_m(normal, offset) for normal, offset in planes.supporting if normal @ planes.up > UPRIGHT]
+    near_m = [away for away in below_m if 0.0 < away <= FLAT_M]
+    if not near_m:
+        return box
+    foot_m = min(near_m)
+    return Box(box.center - foot_m / 2.0 * planes.up, box.size + np.array([0.0, 0.0, foot_m]), box.rotation)
 
 
 def size_sigma_of(entry: ObjectWithoutDepth, planes: Planes, kind: str) -> Float64Array:

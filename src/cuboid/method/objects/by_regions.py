@@ -15,18 +15,22 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.arrays import Float32Array, Float64Array
+from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
+from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.observation import Observation
 from cuboid.ground.core.results import Sighting
-from cuboid.ground.core.tolerances import MIN_READINGS, NEAREST_M
+from cuboid.ground.core.tolerances import MIN_READINGS, NEAREST_M, OUTLIER_FRACTION
+from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.rectangles import rect_iou_matrix
+from cuboid.method.boxes.fit import Resting, fit_boxes
 from cuboid.method.objects.box_without_depth import Planes, box_of
 from cuboid.method.objects.confirmation import is_repeated
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.naming import SAME_IOU
 from cuboid.method.objects.rectangles import distance_along, is_cut_off, match_views, predict, ray_through, size_at
 from cuboid.method.objects.store import ObjectStore
+from cuboid.method.objects.validity import fits_object, too_large
 from cuboid.method.objects.visibility import Visibility
 from cuboid.method.objects.without_depth import (
     DIRECTION_RAD,
@@ -37,6 +41,8 @@ from cuboid.method.objects.without_depth import (
     SEEN_FRACTION,
 )
 from cuboid.method.proposals.types import Proposals
+from cuboid.method.surfaces.frame_segments import points_of
+from cuboid.method.surfaces.planes import PlaneTracker
 
 # A region is a view of an object if its rectangle overlaps the predicted one by this IoU.
 FOLLOW_IOU = 0.4
@@ -64,16 +70,19 @@ class RegionViews(NamedTuple):
         Median depth of its readings, 0: too few.
     taken : (N,) float64
         Largest fraction of its pixels, or of those of a labelled object, that it shares with that object.
+    boxes : list of Box
+        Upright box of its readings in the map; of a region with too few, a box that has no meaning.
     """
 
     rects_xyxy: Float64Array
     probabilities: Float64Array
     depth_m: Float64Array
     taken: Float64Array
+    boxes: list[Box]
 
 
 def region_views(
-    found: Proposals, depth_m: Float32Array, owner: npt.NDArray[np.int32], seen: Observation, labelled: Sequence[int]
+    found: Proposals, owner: npt.NDArray[np.int32], seen: Observation, labelled: Sequence[int], up: Float64Array
 ) -> RegionViews:
     """Return what a frame's regions show.
 
@@ -81,14 +90,15 @@ def region_views(
     ----------
     found : Proposals
         From the source `regions`.
-    depth_m : (H, W) float32
-        Depth of the full image.
     owner : (h, w) int32
         Number of the object that owns each working pixel, 0: none.
     seen : Observation
     labelled : sequence of int
         Numbers of the reported objects.
+    up : (3,) float64
+        In the map.
     """
+    clouds: list[Float64Array] = []
     counts = np.zeros((len(found), 1 + max([int(owner.max(initial=0)), *labelled])))
     medians, pixels, step = np.zeros(len(found)), np.zeros(len(found)), found.mask_step
     # Rows and columns of the full image at the working pixels.
@@ -97,17 +107,23 @@ def region_views(
     )
     for k, (rect, mask) in enumerate(zip(found.boxes_xyxy.tolist(), found.masks or (), strict=True)):
         x0, y0, x1, y1 = rect
-        readings = depth_m[y0:y1:step, x0:x1:step][mask > 0]
-        readings = readings[readings > 0]
-        medians[k] = np.median(readings) if len(readings) >= MIN_READINGS else 0.0
         rows, columns = np.flatnonzero((v >= y0) & (v < y1)), np.flatnonzero((u >= x0) & (u < x1))
         covers = mask[np.ix_((v[rows] - y0) // step, (u[columns] - x0) // step)] > 0
         owners = owner[np.ix_(rows, columns)][covers]
         counts[k], pixels[k] = np.bincount(owners, minlength=counts.shape[1]), len(owners)
+        flat = (rows[:, None] * owner.shape[1] + columns)[covers]
+        readings = seen.image.depth_m.ravel()[flat]
+        flat, readings = flat[readings > 0], readings[readings > 0]
+        medians[k] = np.median(readings) if len(readings) >= MIN_READINGS else 0.0
+        sample = flat[:: 1 + len(flat) // SAMPLE_POINTS]
+        clouds.append(points_of(sample, seen.image, seen.T_world_camera) if len(flat) else np.zeros((1, 3)))
     sizes = np.bincount(owner.ravel(), minlength=counts.shape[1])
     shared = counts / np.maximum(np.minimum(sizes, pixels[:, None]), 1.0)
     taken = shared[:, list(labelled)].max(axis=1, initial=0.0)
-    return RegionViews(found.boxes_xyxy.astype(np.float64), found.scores.astype(np.float64), medians, taken)
+    rests: list[Resting] = [(up, None)] * len(clouds)
+    boxes = fit_boxes(np.concatenate([np.zeros((0, 3)), *clouds]), list(map(len, clouds)), rests, OUTLIER_FRACTION)
+    rects, probabilities = found.boxes_xyxy.astype(np.float64), found.scores.astype(np.float64)
+    return RegionViews(rects, probabilities, medians, taken, boxes)
 
 
 class ByRegions:
@@ -118,10 +134,14 @@ class ByRegions:
     store : ObjectStore
     config : TrackerConfig
         Range of the sensor, and the smallest probability of an object with a label.
+    planes : PlaneTracker
+        What lies beneath one of its planes is furniture.
+    supports : Planes
+        Up and the supporting planes, for the boxes.
     """
 
-    def __init__(self, store: ObjectStore, config: TrackerConfig) -> None:
-        self._store, self._config = store, config
+    def __init__(self, store: ObjectStore, config: TrackerConfig, planes: PlaneTracker, supports: Planes) -> None:
+        self._store, self._config, self._planes, self._supports = store, config, planes, supports
         # Rectangles of the objects in the last frame with regions, by number, until its sightings are reported.
         self._hit: dict[int, Float64Array] = {}
 
@@ -154,8 +174,12 @@ class ByRegions:
         self._merge_doubles(seen)
         self._forget_unlikely()
         for entry in self._store.by_regions():
-            new = entry.number in self._hit and not entry.taken and not entry.confirmed
-            if new and is_repeated(entry, self._config):
+            if entry.number not in self._hit or entry.taken or not is_repeated(entry, self._config):
+                continue
+            box, _ = box_of(entry, self._supports)
+            if self._planes.has_plane_on_top(box) or too_large(box, self._config):
+                self._store.retire(entry)
+            elif not entry.confirmed and fits_object(box, self._config):
                 self._store.confirm(entry)
 
     def _add_view(
@@ -176,6 +200,7 @@ class ByRegions:
         if z > 0.0 and not is_cut_off(rect, seen):
             self._store.add_size(entry, size_at(rect, z, seen), distance_m, weight)
             self._store.add_direction(entry, -direction)
+            self._store.show_box(entry, found.boxes[k])
         self._hit[entry.number] = rect
 
     def _start(self, found: RegionViews, k: int, seen: Observation, weight: float) -> None:
@@ -228,7 +253,7 @@ class ByRegions:
         kept = {o.number for o in best}
         self._store.retire_all([o for o in entries if o.number not in kept])
 
-    def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
+    def sightings(self, shown: Sequence[Sighting], seen: Observation) -> tuple[Sighting, ...]:
         """Return the sightings of a frame, including those of these objects, by label."""
         found, rects = list(shown), np.array([sighting.rect_xyxy for sighting in shown]).reshape(-1, 4)
         for entry in sorted(self._store.by_regions(), key=lambda o: o.label):
@@ -242,7 +267,7 @@ class ByRegions:
                 continue
             rects = np.concatenate([rects, rect[None]])
             self._store.record_seen([entry], seen.frame)
-            values = entry.label, box_of(entry, planes)[0], None, view.visible, rect
+            values = entry.label, box_of(entry, self._supports)[0], None, view.visible, rect
             found.append(Sighting(*values, probability=entry.score))
         self._hit = {}
         return tuple(sorted(found, key=lambda sighting: sighting.label))

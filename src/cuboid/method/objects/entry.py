@@ -249,6 +249,8 @@ class ObjectWithoutDepth(ObjectRecord):
         Weight of the views of its place, and sum of the probabilities of its regions, times the weights.
     taken : bool
         Whether labelled objects of the map own the pixels of its last region.
+    seen_box : Box or None
+        Box of the readings of its regions: of the largest one.
     """
 
     information: Float64Array
@@ -267,6 +269,7 @@ class ObjectWithoutDepth(ObjectRecord):
     looks: float = field(default_factory=float, metadata=ADDED)
     regions: float = field(default_factory=float, metadata=ADDED)
     taken: bool = field(default_factory=bool, metadata=ADDED)
+    seen_box: Box | None = field(default=None, metadata={"added": lambda: None})
 
     @property
     def score(self) -> float:

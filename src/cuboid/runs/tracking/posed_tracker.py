@@ -442,16 +442,16 @@ class PosedTracker(TrackedMap):
         camera, c = self._camera, self.config
         if c.region_probability >= 1.0:
             return sightings
-        by_regions = ByRegions(self._map.store, c)
+        by_regions = ByRegions(self._map.store, c, self._planes, self._support_planes())
         if camera.unscored >= SCORED_WEIGHT:
             shown = [(entry, view) for entry, view in visible if entry.is_reported(c.min_probability)]
             if max(self._roll.camera.width, self._roll.camera.height) >= MIN_WIDE:
                 found = RegionSource(camera.config)(frame, self._roll.camera, proposals)
                 owner = self._voxels.look_up(slots).owner
-                regions = region_views(found, frame.depth_m, owner, seen, [entry.number for entry, _ in shown])
+                regions = region_views(found, owner, seen, [e.number for e, _ in shown], self._planes.likely_up)
                 by_regions.update(regions, shown, seen, min(camera.unscored, 1.0))
             camera.unscored = 0.0
-        return by_regions.sightings(sightings, seen, self._support_planes())
+        return by_regions.sightings(sightings, seen)
 
     def _fuse(self, seen: Observation, heat: Float32Array, due: bool) -> npt.NDArray[np.int32]:
         """Fuse a frame into the map and carve free space; return the row (h, w) of the map of each working pixel."""

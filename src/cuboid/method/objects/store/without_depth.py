@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
+from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import transform
 from cuboid.method.objects.affinity import MAX_LOG_ODDS
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
@@ -34,6 +35,11 @@ class EvidenceWithoutDepth(ObjectEvidence):
     def add_direction(self, entry: ObjectWithoutDepth, toward: Float64Array) -> None:
         """Add the direction (3,) from an object to a camera that sees it."""
         entry.views, _ = counted_view(entry.views, toward)
+
+    def show_box(self, entry: ObjectWithoutDepth, box: Box) -> None:
+        """Set the box of the readings of an object, if it is larger than the one so far: that shows a part."""
+        if entry.seen_box is None or box.volume > entry.seen_box.volume:
+            entry.seen_box = box
 
     def add_ray(self, entry: ObjectWithoutDepth, information: Float64Array, vector: Float64Array) -> None:
         """Add the position from a detection, as information matrix (3, 3) and vector (3,); earlier ones fade."""
@@ -68,6 +74,8 @@ class EvidenceWithoutDepth(ObjectEvidence):
                 entry.information = R @ entry.information @ R.T
                 entry.vector = entry.information @ center
                 entry.views = turned_views(entry.views, R)
+                if entry.seen_box is not None:
+                    entry.seen_box = entry.seen_box.moved(T)
 
     def _unite(
         self, kept: ObjectWithoutDepth, gone: ObjectWithoutDepth, vector: Float64Array, size_m: Float64Array
