@@ -30,7 +30,7 @@ from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.naming import SAME_IOU
 from cuboid.method.objects.rectangles import distance_along, is_cut_off, match_views, predict, ray_through, size_at
 from cuboid.method.objects.store import ObjectStore
-from cuboid.method.objects.validity import fits_object, too_large
+from cuboid.method.objects.validity import too_large
 from cuboid.method.objects.visibility import Visibility
 from cuboid.method.objects.without_depth import (
     DIRECTION_RAD,
@@ -177,9 +177,9 @@ class ByRegions:
             if entry.number not in self._hit or entry.taken or not is_repeated(entry, self._config):
                 continue
             box, _ = box_of(entry, self._supports)
-            if self._planes.has_plane_on_top(box) or too_large(box, self._config):
+            if self._planes.has_plane_on_top(box):
                 self._store.retire(entry)
-            elif not entry.confirmed and fits_object(box, self._config):
+            elif not entry.confirmed and not too_large(box, self._config):
                 self._store.confirm(entry)
 
     def _add_view(
@@ -200,7 +200,7 @@ class ByRegions:
         if z > 0.0 and not is_cut_off(rect, seen):
             self._store.add_size(entry, size_at(rect, z, seen), distance_m, weight)
             self._store.add_direction(entry, -direction)
-            self._store.show_box(entry, found.boxes[k])
+            self._store.show_box(entry, found.boxes[k], float(found.probabilities[k]))
         self._hit[entry.number] = rect
 
     def _start(self, found: RegionViews, k: int, seen: Observation, weight: float) -> None:

@@ -250,7 +250,9 @@ class ObjectWithoutDepth(ObjectRecord):
     taken : bool
         Whether labelled objects of the map own the pixels of its last region.
     seen_box : Box or None
-        Box of the readings of its regions: of the largest one.
+        Box of the readings of its most probable region.
+    likeliest : float
+        Probability of that region.
     """
 
     information: Float64Array
@@ -270,6 +272,7 @@ class ObjectWithoutDepth(ObjectRecord):
     regions: float = field(default_factory=float, metadata=ADDED)
     taken: bool = field(default_factory=bool, metadata=ADDED)
     seen_box: Box | None = field(default=None, metadata={"added": lambda: None})
+    likeliest: float = field(default_factory=float, metadata=ADDED)
 
     @property
     def score(self) -> float:

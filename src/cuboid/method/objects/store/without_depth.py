@@ -36,10 +36,10 @@ class EvidenceWithoutDepth(ObjectEvidence):
         """Add the direction (3,) from an object to a camera that sees it."""
         entry.views, _ = counted_view(entry.views, toward)
 
-    def show_box(self, entry: ObjectWithoutDepth, box: Box) -> None:
-        """Set the box of the readings of an object, if it is larger than the one so far: that shows a part."""
-        if entry.seen_box is None or box.volume > entry.seen_box.volume:
-            entry.seen_box = box
+    def show_box(self, entry: ObjectWithoutDepth, box: Box, probability: float) -> None:
+        """Set the box of the readings of an object, if its region is at least as probable as the one so far."""
+        if probability >= entry.likeliest:
+            entry.seen_box, entry.likeliest = box, probability
 
     def add_ray(self, entry: ObjectWithoutDepth, information: Float64Array, vector: Float64Array) -> None:
         """Add the position from a detection, as information matrix (3, 3) and vector (3,); earlier ones fade."""
