@@ -145,9 +145,7 @@ class ByRegions:
         # Rectangles of the objects in the last frame with regions, by number, until its sightings are reported.
         self._hit: dict[int, Float64Array] = {}
 
-    def update(
-        self, found: RegionViews, shown: Sequence[tuple[MapObject, Visibility]], seen: Observation, weight: float
-    ) -> None:
+    def update(self, found: RegionViews, shown: Sequence[tuple[MapObject, Visibility]], seen: Observation) -> None:
         """Update the objects with the regions of a frame.
 
         Parameters
@@ -156,8 +154,6 @@ class ByRegions:
         shown : sequence of (MapObject, Visibility)
             The reported objects of the map that the frame shows.
         seen : Observation
-        weight : float
-            Weight of the frames since the last regions, 0..1.
         """
         entries = self._store.by_regions()
         views = [predict(entry.center, entry.size_m, seen) for entry in entries]
@@ -165,11 +161,11 @@ class ByRegions:
         self._hit = {}
         for k, (entry, view) in enumerate(zip(entries, views, strict=True)):
             if k in partner:
-                self._add_view(entry, found, partner[k], seen, weight)
+                self._add_view(entry, found, partner[k], seen)
             elif view is not None and view.visible >= MISSED_FRACTION:
-                self._store.add_look(entry, 0.0, weight * view.visible, taken=entry.taken)
+                self._store.add_look(entry, 0.0, view.visible, taken=entry.taken)
         for k in sorted({*range(len(found.rects_xyxy))} - {*partner.values()}):
-            self._start(found, k, seen, weight)
+            self._start(found, k, seen)
         self._join_map(shown)
         self._merge_doubles(seen)
         self._forget_unlikely()
@@ -182,28 +178,26 @@ class ByRegions:
             elif not entry.confirmed and not too_large(box, self._config):
                 self._store.confirm(entry)
 
-    def _add_view(
-        self, entry: ObjectWithoutDepth, found: RegionViews, k: int, seen: Observation, weight: float
-    ) -> None:
+    def _add_view(self, entry: ObjectWithoutDepth, found: RegionViews, k: int, seen: Observation) -> None:
         rect, z = found.rects_xyxy[k], float(found.depth_m[k])
         taken = bool(found.taken[k] >= TAKEN_FRACTION)
-        self._store.add_look(entry, float(found.probabilities[k]), weight, taken=taken)
+        self._store.add_look(entry, float(found.probabilities[k]), 1.0, taken=taken)
         self._store.add_hit(entry, 1.0, seen.keyframe)
         direction, size_rad = ray_through(rect, seen)
         known_m = max(float(np.linalg.norm(entry.center - seen.eye)), NEAREST_M)
         distance_m = distance_along(direction, z, seen) if z > 0.0 else known_m
         along = np.outer(direction, direction)
-        information = weight / (distance_m * max(DIRECTION_RAD, DIRECTION_SIZE * size_rad)) ** 2 * (np.eye(3) - along)
+        information = 1.0 / (distance_m * max(DIRECTION_RAD, DIRECTION_SIZE * size_rad)) ** 2 * (np.eye(3) - along)
         if z > 0.0:
-            information = information + weight / (DISTANCE * distance_m) ** 2 * along
+            information = information + 1.0 / (DISTANCE * distance_m) ** 2 * along
         self._store.add_ray(entry, information, information @ (seen.eye + distance_m * direction))
         if z > 0.0 and not is_cut_off(rect, seen):
-            self._store.add_size(entry, size_at(rect, z, seen), distance_m, weight)
+            self._store.add_size(entry, size_at(rect, z, seen), distance_m, 1.0)
             self._store.add_direction(entry, -direction)
             self._store.show_box(entry, found.boxes[k], float(found.probabilities[k]))
         self._hit[entry.number] = rect
 
-    def _start(self, found: RegionViews, k: int, seen: Observation, weight: float) -> None:
+    def _start(self, found: RegionViews, k: int, seen: Observation) -> None:
         """Start an object if a region is probably a whole thing, is not cut off, and shows no labelled object."""
         rect, z = found.rects_xyxy[k], float(found.depth_m[k])
         if found.probabilities[k] < MIN_START or found.taken[k] >= TAKEN_FRACTION or is_cut_off(rect, seen):
@@ -214,7 +208,7 @@ class ByRegions:
         guess = 1e-6 * np.eye(3)  # makes the position defined before the first region, which outweighs it
         place = seen.eye + distance_along(direction, z, seen) * direction
         entry = self._store.add_without_depth(guess, guess @ place, seen.frame, by_regions=True)
-        self._add_view(entry, found, k, seen, weight)
+        self._add_view(entry, found, k, seen)
 
     def _join_map(self, shown: Sequence[tuple[MapObject, Visibility]]) -> None:
         """End objects that repeatedly have the rectangle of an object of the map: that one gets the older label."""

@@ -36,6 +36,8 @@ class CameraMemory:
         Whether its next frame refreshes the map.
     unscored : float
         Weight of its frames since the last one whose segments were scored.
+    unlooked : float
+        Weight of its frames since the last look for what only regions show.
     last : (Frame, FrameResult) or None
         Its last frame with the result.
     motion : Motion
@@ -50,7 +52,7 @@ class CameraMemory:
         self.viewpoint: Float64Array | None = None
         self.time_s: float | None = None
         self.due = True
-        self.unscored = 0.0
+        self.unscored = self.unlooked = 0.0
         self.last: tuple[Frame, FrameResult] | None = None
         self.begin_motion()
 

@@ -67,6 +67,9 @@ from cuboid.runs.tracking.tracked_map import TrackedMap
 POSE_DECIMALS = 9
 # The segments of a frame are scored if the weight of the frames since the last scores is at least this: half a view.
 SCORED_WEIGHT = 0.5
+# The next look for what only regions show is due when the weight of the frames since the last one is this: two views. A
+# look takes as long as two or three frames.
+LOOK_WEIGHT = 2.0
 # While up is unknown, two cameras look the same way if the angle between their optical axes is less than this, radians:
 # the cameras of a moving pair that overlap, and no two cameras 90 degrees apart around a table that look down by up to
 # 60 degrees.
@@ -104,6 +107,8 @@ class PosedTrackerState(Record):
         Time of the last frame; None before the first.
     unscored : float
         Weight of the frames since the last one whose segments were scored.
+    unlooked : float
+        Weight of the frames since the last look for what only regions show.
     """
 
     config: TrackerConfig
@@ -120,6 +125,7 @@ class PosedTrackerState(Record):
     furniture_labels: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict, metadata=ADDED)
     time_s: float | None = dataclasses.field(default_factory=lambda: None, metadata=ADDED)
     unscored: float = dataclasses.field(default_factory=float, metadata=ADDED)
+    unlooked: float = dataclasses.field(default_factory=float, metadata=ADDED)
 
 
 class PosedTracker(TrackedMap):
@@ -235,6 +241,7 @@ class PosedTracker(TrackedMap):
             furniture_labels=dict(self._furniture_labels),
             time_s=camera.time_s,
             unscored=camera.unscored,
+            unlooked=camera.unlooked,
         )
 
     @classmethod
@@ -259,7 +266,7 @@ class PosedTracker(TrackedMap):
         camera = tracker._cameras[""]
         camera.turns, camera.count, camera.due = state.turns, state.count, state.due
         camera.position, camera.viewpoint, camera.time_s = state.position, state.viewpoint, state.time_s
-        camera.unscored = state.unscored
+        camera.unscored, camera.unlooked = state.unscored, state.unlooked
         return tracker
 
     def prepare(self, frame: Frame) -> PreparedImages:
@@ -374,7 +381,6 @@ class PosedTracker(TrackedMap):
         segments = segment_frame(
             seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self._camera.config
         )
-        self._camera.unscored += seen.weight
         segments = self._scored(segments, frame, seen, proposals)
         boxes = self._boxes(segments.segments, voxels, seen)
         clock.lap("boxes")
@@ -422,9 +428,10 @@ class PosedTracker(TrackedMap):
     def _scored(self, segments: FrameSegments, frame: Frame, seen: Observation, proposals: Proposals) -> FrameSegments:
         """Return the segments of a frame with their fitted scores, if the frames since the last scores add enough."""
         camera = self._camera
+        camera.unscored += seen.weight
         if camera.unscored < SCORED_WEIGHT or not segments.segments:
             return segments
-        weight = min(camera.unscored, 1.0)
+        weight, camera.unscored = min(camera.unscored, 1.0), 0.0
         count = len(segments.segments)
         whole = segment_log_odds(frame, self._roll.camera, seen.image, segments.claim, count, proposals)
         return dataclasses.replace(segments, whole=whole, whole_weight=weight)
@@ -443,14 +450,15 @@ class PosedTracker(TrackedMap):
         if c.region_probability >= 1.0:
             return sightings
         by_regions = ByRegions(self._map.store, c, self._planes, self._support_planes())
-        if camera.unscored >= SCORED_WEIGHT:
+        camera.unlooked += seen.weight
+        if camera.unlooked >= LOOK_WEIGHT or self._camera.count == 0:
+            camera.unlooked = 0.0
             shown = [(entry, view) for entry, view in visible if entry.is_reported(c.min_probability)]
             if max(self._roll.camera.width, self._roll.camera.height) >= MIN_WIDE:
                 found = RegionSource(camera.config)(frame, self._roll.camera, proposals)
                 owner = self._voxels.look_up(slots).owner
                 regions = region_views(found, owner, seen, [e.number for e, _ in shown], self._planes.likely_up)
-                by_regions.update(regions, shown, seen, min(camera.unscored, 1.0))
-            camera.unscored = 0.0
+                by_regions.update(regions, shown, seen)
         return by_regions.sightings(sightings, seen)
 
     def _fuse(self, seen: Observation, heat: Float32Array, due: bool) -> npt.NDArray[np.int32]:
