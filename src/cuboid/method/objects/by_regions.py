@@ -35,10 +35,10 @@ from cuboid.method.objects.visibility import Visibility
 from cuboid.method.objects.without_depth import (
     DIRECTION_RAD,
     DIRECTION_SIZE,
-    MAX_WITHOUT_DEPTH,
-    MIN_MEETINGS,
     MISSED_FRACTION,
     SEEN_FRACTION,
+    met_in_map,
+    retire_others,
 )
 from cuboid.method.proposals.types import Proposals
 from cuboid.method.surfaces.frame_segments import points_of
@@ -212,15 +212,9 @@ class ByRegions:
 
     def _join_map(self, shown: Sequence[tuple[MapObject, Visibility]]) -> None:
         """End objects that repeatedly have the rectangle of an object of the map: that one gets the older label."""
-        rects = np.array([view.rect_xyxy for _, view in shown]).reshape(-1, 4)
-        for entry in self._store.by_regions():
-            if entry.number not in self._hit or not shown:
-                continue
-            iou = rect_iou_matrix(self._hit[entry.number][None], rects)[0]
-            k = int(iou.argmax())
-            if iou[k] >= SAME_IOU and self._store.count_meeting(entry, shown[k][0]) >= MIN_MEETINGS:
-                self._store.join_map(entry, shown[k][0])
-                self._store.retire(entry)
+        for entry, partner in met_in_map(self._store, self._store.by_regions(), self._hit, shown):
+            self._store.join_map(entry, partner)
+            self._store.retire(entry)
 
     def _merge_doubles(self, seen: Observation) -> None:
         """Merge two objects with the same rectangle; the older label, or else the older object, stays."""
@@ -243,9 +237,7 @@ class ByRegions:
         """Retire unlikely objects without a label, and the least likely objects beyond the limit."""
         entries = self._store.by_regions()
         likely = [o for o in entries if o.label or o.looks < MIN_LOOKS or o.score >= UNLIKELY]
-        best = sorted(likely, key=lambda o: (-bool(o.label), -o.score, o.number))[:MAX_WITHOUT_DEPTH]
-        kept = {o.number for o in best}
-        self._store.retire_all([o for o in entries if o.number not in kept])
+        retire_others(self._store, entries, sorted(likely, key=lambda o: (-bool(o.label), -o.score, o.number)))
 
     def sightings(self, shown: Sequence[Sighting], seen: Observation) -> tuple[Sighting, ...]:
         """Return the sightings of a frame, including those of these objects, by label."""

@@ -12,7 +12,7 @@ label stays, and where the map's object has few readings, the rectangle of the o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -76,10 +76,8 @@ class WithoutDepth:
 
     def confirmed(self) -> list[ObjectWithoutDepth]:
         """Return the certain objects with a label of their own, by label."""
-        labelled = [o for o in self._store.without_depth() if o.confirmed and not o.partner]
-        found = [
-            o for o in labelled if (is_repeated(o, self._config) and not o.taken if o.by_regions else is_certain(o))
-        ]
+        found = [o for o in self._store.detected() if o.confirmed and not o.partner and is_certain(o)]
+        found += [o for o in self._store.by_regions() if o.confirmed and not o.taken and is_repeated(o, self._config)]
         return sorted(found, key=lambda o: o.label)
 
     def retire(self, label: int) -> bool:
@@ -182,14 +180,9 @@ class WithoutDepth:
 
     def _join_map(self, shown: Sequence[tuple[MapObject, Visibility]]) -> None:
         """Join objects that repeatedly have the rectangle of a labelled object of the map with that object."""
-        rects = np.array([view.rect_xyxy for _, view in shown]).reshape(-1, 4)
-        for entry in self._store.detected():
-            if entry.partner or entry.number not in self._hit or not shown:
-                continue
-            iou = rect_iou_matrix(self._hit[entry.number][None], rects)[0]
-            k = int(iou.argmax())
-            if iou[k] >= SAME_IOU and self._store.count_meeting(entry, shown[k][0]) >= MIN_MEETINGS:
-                self._store.join_map(entry, shown[k][0])
+        entries = [entry for entry in self._store.detected() if not entry.partner]
+        for entry, partner in met_in_map(self._store, entries, self._hit, shown):
+            self._store.join_map(entry, partner)
 
     def _merge_doubles(self, seen: Observation) -> None:
         """Merge two objects with the same rectangle; the older label, or else the older object, stays."""
@@ -209,9 +202,7 @@ class WithoutDepth:
         """Retire unlikely objects, and the least likely ones beyond the limit."""
         entries = self._store.detected()
         likely = [o for o in entries if not is_unlikely(o)]
-        best = sorted(likely, key=lambda o: (-bool(o.label), -o.log_odds, o.number))[:MAX_WITHOUT_DEPTH]
-        kept = {o.number for o in best}
-        self._store.retire_all([o for o in entries if o.number not in kept])
+        retire_others(self._store, entries, sorted(likely, key=lambda o: (-bool(o.label), -o.log_odds, o.number)))
 
     def sightings(
         self, shown: Sequence[Sighting], seen: Observation, planes: Planes, min_probability: float
@@ -246,3 +237,40 @@ class WithoutDepth:
         if entry.partner and (entry.partner not in self._store or not self._store[entry.partner].confirmed):
             self._store.leave_map(entry)
         return self._store[entry.partner] if entry.partner else None
+
+
+def met_in_map(
+    store: ObjectStore,
+    entries: Sequence[ObjectWithoutDepth],
+    hit: Mapping[int, Float64Array],
+    shown: Sequence[tuple[MapObject, Visibility]],
+) -> list[tuple[ObjectWithoutDepth, MapObject]]:
+    """Count the entries that have the rectangle of a labelled object of the map; return those that did so repeatedly.
+
+    Parameters
+    ----------
+    store : ObjectStore
+    entries : sequence of ObjectWithoutDepth
+    hit : mapping of int to (4,) float64
+        Rectangles that were found in this frame, by the number of the entry.
+    shown : sequence of (MapObject, Visibility)
+        The labelled objects of the map that the frame shows.
+    """
+    rects = np.array([view.rect_xyxy for _, view in shown]).reshape(-1, 4)
+    found = []
+    for entry in entries if shown else ():
+        if entry.number not in hit:
+            continue
+        iou = rect_iou_matrix(hit[entry.number][None], rects)[0]
+        k = int(iou.argmax())
+        if iou[k] >= SAME_IOU and store.count_meeting(entry, shown[k][0]) >= MIN_MEETINGS:
+            found.append((entry, shown[k][0]))
+    return found
+
+
+def retire_others(
+    store: ObjectStore, entries: Sequence[ObjectWithoutDepth], best: Sequence[ObjectWithoutDepth]
+) -> None:
+    """Retire the entries that are not among the first `MAX_WITHOUT_DEPTH` of the best."""
+    kept = {entry.number for entry in best[:MAX_WITHOUT_DEPTH]}
+    store.retire_all([entry for entry in entries if entry.number not in kept])
