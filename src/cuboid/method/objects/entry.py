@@ -155,6 +155,8 @@ class MapObject(ObjectRecord):
         Number of the object that it is attached to, if nothing supported it from below at the last fit; 0: none.
     moved : bool
         Whether it was seen to move by itself.
+    replaced : bool
+        Whether an object of regions with its pixels is reported in its place; see `by_regions`.
     doubt : float
         Log-odds that it is not in its place, from the frames since it was last seen there; see `presence.doubts`.
     merged_into : MapObject or None
@@ -189,6 +191,7 @@ class MapObject(ObjectRecord):
     holder: int = 0
     moved: bool = field(default_factory=bool, metadata=ADDED)
     doubt: float = field(default_factory=float, metadata=ADDED)
+    replaced: bool = field(default_factory=bool, metadata=ADDED)
     merged_into: MapObject | None = field(default=None, metadata=TRANSIENT)
 
     @property
@@ -198,6 +201,10 @@ class MapObject(ObjectRecord):
         while entry.merged_into is not None:
             entry = entry.merged_into
         return entry
+
+    def is_reported(self, min_probability: float) -> bool:
+        """Return whether results contain it; those of a replaced object contain the object of regions."""
+        return not self.replaced and ObjectRecord.is_reported(self, min_probability)
 
     @property
     def score(self) -> float:
@@ -247,8 +254,8 @@ class ObjectWithoutDepth(ObjectRecord):
         Whether regions of color and depth show it, and not a detector; see `by_regions`.
     looks, regions : float
         Weight of the views of its place, and sum of the probabilities of its regions, times the weights.
-    taken : bool
-        Whether labelled objects of the map own the pixels of its last region.
+    rivals : tuple of int
+        Numbers of the labelled objects of the map that owned pixels of its last region.
     seen_box : Box or None
         Box of the readings of its most probable region.
     likeliest : float
@@ -270,7 +277,7 @@ class ObjectWithoutDepth(ObjectRecord):
     by_regions: bool = field(default_factory=bool, metadata=ADDED)
     looks: float = field(default_factory=float, metadata=ADDED)
     regions: float = field(default_factory=float, metadata=ADDED)
-    taken: bool = field(default_factory=bool, metadata=ADDED)
+    rivals: tuple[int, ...] = field(default_factory=tuple, metadata=ADDED)
     seen_box: Box | None = field(default=None, metadata={"added": lambda: None})
     likeliest: float = field(default_factory=float, metadata=ADDED)
 

@@ -453,7 +453,7 @@ class PosedTracker(TrackedMap):
         camera.unlooked += seen.weight
         if camera.unlooked >= LOOK_WEIGHT or self._camera.count == 0:
             camera.unlooked = 0.0
-            shown = [(entry, view) for entry, view in visible if entry.is_reported(c.min_probability)]
+            shown = [(o, view) for o, view in visible if o.confirmed and o.score >= c.min_probability]
             if max(self._roll.camera.width, self._roll.camera.height) >= MIN_WIDE:
                 found = RegionSource(camera.config)(frame, self._roll.camera, proposals)
                 owner = self._voxels.look_up(slots).owner

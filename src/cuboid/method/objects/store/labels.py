@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -150,6 +150,11 @@ class ObjectStore(EvidenceWithoutDepth):
         entry.state, entry.label = State.CONFIRMED, self.next_label()
         if isinstance(entry, MapObject):
             self._confirmed[entry.number] = entry
+
+    def replace(self, numbers: Collection[int]) -> None:
+        """Set which labelled objects of the map are reported as objects of regions instead."""
+        for entry in self._confirmed.values():
+            entry.replaced = entry.number in numbers
 
     # --- retired ---------------------------------------------------------------------------------------------------
 
