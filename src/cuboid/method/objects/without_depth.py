@@ -78,9 +78,7 @@ class WithoutDepth:
         """Return the certain objects with a label of their own, by label."""
         found = [o for o in self._store.detected() if o.confirmed and not o.partner and is_certain(o)]
         found += [
-            o
-            for o in self._store.by_regions()
-            if o.confirmed and prevails(o, self._store.rivals_of(o), self._config)
+            o for o in self._store.by_regions() if o.confirmed and prevails(o, self._store.rivals_of(o), self._config)
         ]
         return sorted(found, key=lambda o: o.label)
 
