@@ -69,7 +69,7 @@ POSE_DECIMALS = 9
 SCORED_WEIGHT = 0.5
 # The next look for what only regions show is due when the weight of the frames since the last one is this: two views. A
 # look takes as long as two or three frames.
-LOOK_WEIGHT = 1.0
+LOOK_WEIGHT = 2.0
 # While up is unknown, two cameras look the same way if the angle between their optical axes is less than this, radians:
 # the cameras of a moving pair that overlap, and no two cameras 90 degrees apart around a table that look down by up to
 # 60 degrees.
