@@ -66,8 +66,7 @@ def markdown() -> str:
 
 HEAD = """# File formats
 
-The program validates files by the descriptions on this page; `python docs/make_formats.py` makes the page from the
-code. The same descriptions as JSON Schemas: [camera](schemas/camera.schema.json),
+The program validates files by the descriptions on this page. The same descriptions as JSON Schemas: [camera](schemas/camera.schema.json),
 [objects](schemas/objects.schema.json), [run](schemas/run.schema.json), [truth](schemas/truth.schema.json),
 [keyframes](schemas/keyframes.schema.json), [visits](schemas/visits.schema.json), [rig](schemas/rig.schema.json). A file
 that does not match is refused with a message of one line that names the field.
