@@ -113,8 +113,8 @@ COMMANDS = """# Commands and options
 
 `cuboid` alone lists the commands, `cuboid COMMAND --help` the options of one. A misspelt command or option is answered
 with the nearest one, an incomplete call with the missing argument and an example. `python -m cuboid` is the same
-program. [Results](../results.md#commands-in-general) has what all commands share: `--output`, `--json`, `--force`, and the
-exit status.
+program. [Results](../results.md#commands-in-general) has what all commands share: `--output`, `--json`, `--force`, and
+the exit status.
 """
 
 
@@ -128,8 +128,9 @@ def settings() -> str:
     return f"# Settings of the tracker\n\n{SETTINGS}\n\n{table(('setting', 'default', 'range', 'meaning'), rows)}"
 
 
-SETTINGS = """`--set NAME=VALUE` sets one of these, in Python `cuboid.TrackerConfig(NAME=VALUE)`. Unknown names and values out
-of range are refused; `run.json` has the values of a run. [Tuning](../finds-nothing.md#tuning) tells which to change."""
+SETTINGS = """\
+`--set NAME=VALUE` sets one of these, in Python `cuboid.TrackerConfig(NAME=VALUE)`. Unknown names and values out of
+range are refused; `run.json` has the values of a run. [Tuning](../finds-nothing.md#tuning) tells which to change."""
 
 
 def attributes_of(cls: type) -> dict[str, tuple[str, str]]:
@@ -177,44 +178,36 @@ def example(one: Parameter) -> str:
     return str(next((value for value in values if value is not None), ""))
 
 
-HTTP = """[Questions and services](../questions.md#over-http) describes the server. `/openapi.json` of a running server has
-the same for programs, with the types of all answers. A WebSocket at `/api/changes/live` sends each change as one JSON
+HTTP = """\
+[Questions and services](../questions.md#over-http) describes the server. `/openapi.json` of a running server has the
+same for programs, with the types of all answers. A WebSocket at `/api/changes/live` sends each change as one JSON
 message; `?after=N` begins with the changes after number N.
 """
 
 
 # --- Files ----------------------------------------------------------------------------------------------------------
 
-STORE = """[Many recordings](../store.md) describes the store. Names of columns end with their unit. Boxes are as in
-[objects.json](files.md#objectsjson): right-handed, metres, and the third axis is the normal of the supporting plane. The
-key of a row is `run`; in `objects` it is `run` and `label`, and in `sightings` `run`, `label` and `frame`. The columns
-`finished`, `stages`, `seconds` and `peak_memory_mb` of `runs` are measured; all other columns have the same values for
-the same input."""
+STORE = """\
+[Many recordings](../store.md) describes the store. Names of columns end with their unit. Boxes are as in
+[objects.json](files.md#objectsjson): right-handed, metres, and the third axis is the normal of the supporting plane.
+The key of a row is `run`; in `objects` it is `run` and `label`, and in `sightings` `run`, `label` and `frame`. The
+columns `finished`, `stages`, `seconds` and `peak_memory_mb` of `runs` are measured; all other columns have the same
+values for the same input."""
 
 
 def scene() -> str:
     """Return the page of a scene file: its tables, the rows of the map, and the state of the tracker."""
     rows = [(f"`{name}`", ROWS[name], ", ".join(f"`{one}`" for one in kind.columns)) for name, kind in TABLES.items()]
-    parts = [
-        "# A scene file\n",
-        SCENE,
-        table(("table", "a row is", "columns"), rows),
-        BLOCKS,
-        table(
-            ("field", "type"),
-            [(f"`{name}`", f"{kind.base} x {kind.shape[0]}" if kind.shape else str(kind)) for name, kind in row_fields()],
-        ),
-        STATE,
+    types = {name: kind for name, (kind, *_) in (ROW.fields or {}).items()}
+    of_row = [
+        (f"`{name}`", f"{kind.base} x {kind.shape[0]}" if kind.shape else f"{kind}") for name, kind in types.items()
     ]
+    parts = ["# A scene file\n", SCENE, table(("table", "a row is", "columns"), rows)]
+    parts += [BLOCKS, table(("field", "type"), of_row), STATE]
     for key, cls in records(SceneState):
-        parts.append(f"### `{key}`\n\n{(inspect.getdoc(cls) or '').partition(chr(10) * 2)[0].replace(chr(10), ' ')}\n")
-        parts.append(table(("field", "type", "meaning"), list(state_fields(key, cls))))
+        meaning = " ".join((inspect.getdoc(cls) or "").partition("\n\n")[0].split())
+        parts += [f"### `{key}`\n\n{meaning}\n", table(("field", "type", "meaning"), list(state_fields(key, cls)))]
     return "\n".join(parts)
-
-
-def row_fields() -> list[tuple[str, Any]]:
-    """Return name and type of each field of a row of the map."""
-    return [(name, ROW.fields[name][0]) for name in ROW.names or ()] if ROW.fields else []
 
 
 def records(cls: type[Record], key: str = "") -> Iterator[tuple[str, type[Record]]]:
@@ -242,10 +235,11 @@ def state_fields(key: str, cls: type[Record]) -> Iterator[Row]:
         yield f"`{name}`", kind.replace("|", "or"), meaning
 
 
-SCENE = """[Scenes that last](../scene.md) describes scenes. The file is an SQLite database with the application id
-0x43554244 ("CUBD"); its `user_version` is that of the file, and other versions are refused. Its tables are `STRICT`. Any
-SQLite client can read it; only Cuboid should write it. Lengths are metres, times seconds, quaternions and boxes as in
-[the results](files.md). The world is that of the first recording. Frames in `objects` are numbered over the whole scene:
+SCENE = """\
+[Scenes that last](../scene.md) describes scenes. The file is an SQLite database with the application id 0x43554244
+("CUBD"); its `user_version` is that of the file, and other versions are refused. Its tables are `STRICT`. Any SQLite
+client can read it; only Cuboid should write it. Lengths are metres, times seconds, quaternions and boxes as in [the
+results](files.md). The world is that of the first recording. Frames in `objects` are numbered over the whole scene:
 `first_frame` of the recording plus the number in it. Each value is checked when its row is read.
 """
 
@@ -260,8 +254,8 @@ ROWS = {
     "objects": "any label ever given; a present object whose `score` is below `min_probability` is shown as `unlikely`",
     "boxes": "a box that an object had",
     "sightings": "an object seen in a frame",
-    "blocks": "at most 1024 points of the map, of one cube of 32 voxels a side; `cube` is its place, x, y, z + 2^20, 21 "
-    "bits each (of cubes of voxels with half the edge, less 2^63); `check_sum` is the CRC-32 of `data`, followed by "
+    "blocks": "at most 1024 points of the map, of one cube of 32 voxels a side; `cube` is its place, x, y, z + 2^20, "
+    "21 bits each (of cubes of voxels with half the edge, less 2^63); `check_sum` is the CRC-32 of `data`, followed by "
     "`number` to `living`",
     "parts": "a part of [the state](#the-state), as MessagePack",
     "arrays": "a large array of the state",
@@ -271,26 +265,26 @@ ROWS = {
     "occupied": "cells of 2 cm with points of no labelled object, at that time",
     "changes": "the state of an object after a recording; `sure` is the confidence, `before` and `after` are pictures",
     "events": "an event of an object while a recording watched it, at the frame that reported it",
-    "embeddings": "the vector of an object (float32); `picture` is the check sum of its picture, null: of views of a run",
+    "embeddings": "the vector of an object (float32); `picture` is the check sum of its picture; null: views of a run",
 }
 
 BLOCKS = """## Rows of a block
 
-`data` is zlib over the bytes of its rows: all first bytes, then all second bytes and so on. Where it has 36 bytes a row, it
-is not compressed: a block that changes all the time is compressed later. Blocks use the frame of the map;
-`tracker.T_world_map` in `arrays` transforms it to the world. `voxel` has 5 bits each for x, y, z, `place` is in 1/65,536 of
-the voxel's edge, `color` in 1/256 of a level, `heat` in 1/65,535. If `mark` is not 0, the row stands for several voxels of a
-cell of two voxels a side, bit 4 x + 2 y + z for each; `voxel` is the first of the eight, and the low and high byte of
-`place` are the position in the first and the second layer, in 1/256 of a voxel. `anchor` is the number of a keyframe, or of
-a row `tracker/voxels/anchors/all/N` that names the keyframe; if that row has a `T_new_old`, this transform moves the point to
-its corrected position.
+`data` is zlib over the bytes of its rows: all first bytes, then all second bytes and so on. Where it has 36 bytes a
+row, it is not compressed: a block that changes all the time is compressed later. Blocks use the frame of the map;
+`tracker.T_world_map` in `arrays` transforms it to the world. `voxel` has 5 bits each for x, y, z, `place` is in
+1/65,536 of the voxel's edge, `color` in 1/256 of a level, `heat` in 1/65,535. If `mark` is not 0, the row stands for
+several voxels of a cell of two voxels a side, bit 4 x + 2 y + z for each; `voxel` is the first of the eight, and the
+low and high byte of `place` are the position in the first and the second layer, in 1/256 of a voxel. `anchor` is the
+number of a keyframe, or of a row `tracker/voxels/anchors/all/N` that names the keyframe; if that row has a `T_new_old`,
+this transform moves the point to its corrected position.
 """
 
 STATE = """## The state
 
-The tables `parts` and `arrays` hold the state from which the tracker continues. Each row of `parts` is one of the records
-below. Its `key` is a path, in which N is a number: `tracker/map/store/objects/17` is object 17. Its `fields` are a
-MessagePack map from the name of a field to its value.
+The tables `parts` and `arrays` hold the state from which the tracker continues. Each row of `parts` is one of the
+records below. Its `key` is a path, in which N is a number: `tracker/map/store/objects/17` is object 17. Its `fields`
+are a MessagePack map from the name of a field to its value.
 
 - An array is a list of its form (JSON: type, shape, and strides if it is not in C order) and its bytes.
 - An array of more than 512 bytes is a row of `arrays`; the field holds the `path` of that row.

@@ -66,10 +66,10 @@ def markdown() -> str:
 
 HEAD = """# File formats
 
-The program validates files by the descriptions on this page. The same descriptions as JSON Schemas: [camera](schemas/camera.schema.json),
-[objects](schemas/objects.schema.json), [run](schemas/run.schema.json), [truth](schemas/truth.schema.json),
-[keyframes](schemas/keyframes.schema.json), [visits](schemas/visits.schema.json), [rig](schemas/rig.schema.json). A file
-that does not match is refused with a message of one line that names the field.
+The program validates files by the descriptions on this page. The same descriptions as JSON Schemas:
+[camera](schemas/camera.schema.json), [objects](schemas/objects.schema.json), [run](schemas/run.schema.json),
+[truth](schemas/truth.schema.json), [keyframes](schemas/keyframes.schema.json), [visits](schemas/visits.schema.json),
+[rig](schemas/rig.schema.json). A file that does not match is refused with a message of one line that names the field.
 
 Numbers are finite. JSON documents have at most 64 MB. Fields that are not listed here are ignored, except in
 `camera.json` and `rig.json`, where they are refused. Text files are UTF-8, with lines of at most 10,000 characters.
