@@ -40,6 +40,8 @@ def test_those_that_are_there_are_shown(hook: ModuleType, tmp_path: Path) -> Non
     (tmp_path / "index.json").write_text(json.dumps([sheet]))
     (tmp_path / "look-at-heat.jpg").write_bytes(b"")
     gallery, nothing = page(hook, "results.md"), page(hook, "finds-nothing.md")
-    assert "### A desk\n\n![Labels, heat, own boxes, planes](gallery/real/desk.jpg)\n\nRecording: somebody's." in gallery
+    assert (
+        "### A desk\n\n![Labels, heat, own boxes, planes](gallery/real/desk.jpg)\n\nRecording: somebody's." in gallery
+    )
     assert "(gallery/real/look-at-heat.jpg)" in nothing
     assert "(gallery/look-at-planes.jpg)" in nothing

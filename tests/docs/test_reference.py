@@ -75,7 +75,7 @@ def test_every_setting_stands_there(pages: dict[str, str]) -> None:
 def test_every_file_stands_there_with_its_schema(pages: dict[str, str]) -> None:
     for name, kind in DOCUMENTS.items():
         section = pages["files.md"].split(f"\n## `{name}`\n")[1].split("\n## ")[0]
-        encoded = {one for one in kind.__struct_encode_fields__}
+        encoded = set(kind.__struct_encode_fields__)
         assert encoded <= {*first_cells(section)}, name
         assert '"$schema"' in pages[f"schemas/{name.replace('.json', '.schema.json')}"]
     for name, row in ROWS.items():
