@@ -181,7 +181,8 @@ def example(one: Parameter) -> str:
 HTTP = """\
 [Questions and services](../questions.md#over-http) describes the server. `/openapi.json` of a running server has the
 same for programs, with the types of all answers. A WebSocket at `/api/changes/live` sends each change as one JSON
-message; `?after=N` begins with the changes after number N.
+message; `?after=N` begins with the changes after number N. `/report.html#LABEL` is the 3D page at an object, except
+during a run.
 """
 
 
