@@ -16,15 +16,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from make_formats import DOCUMENTS, markdown, schema_of
+from make_tables import exports_table, store_tables
+
 from cuboid.cli import GROUPS, description
 from cuboid.cli.parser import Parser
-from cuboid.fleet.store import schema
 from cuboid.fleet.store.asgi import PATHS as STORE_PATHS
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.state import Record
-from cuboid.ground.formats import describe
 from cuboid.method.heatmap.kernels.cubes import ROW
-from cuboid.results.exports import registry
 from cuboid.runs.scene.codec import layout_of
 from cuboid.runs.scene.saving import SceneState
 from cuboid.runs.scene.schema import TABLES
@@ -39,15 +39,15 @@ def files() -> dict[str, str]:
     pages = {
         "commands": commands(),
         "settings": settings(),
-        "files": describe.markdown(),
-        "exports": f"# Forms of exports\n\n{registry.markdown()}",
+        "files": markdown(),
+        "exports": f"# Forms of exports\n\n{exports_table()}",
         "http": http(),
-        "store": f"# The tables of a store\n\n{STORE}\n\n{schema.markdown().replace('### ', '## ')}",
+        "store": f"# The tables of a store\n\n{STORE}\n\n{store_tables()}",
         "scene": scene(),
     }
     schemas = {
-        f"schemas/{name.replace('.json', '.schema.json')}": json.dumps(describe.schema_of(kind), indent=1) + "\n"
-        for name, kind in describe.DOCUMENTS.items()
+        f"schemas/{name.replace('.json', '.schema.json')}": json.dumps(schema_of(kind), indent=1) + "\n"
+        for name, kind in DOCUMENTS.items()
     }
     return {f"reference/{name}.md": text for name, text in pages.items()} | {
         f"reference/{name}": text for name, text in schemas.items()
@@ -245,10 +245,9 @@ results](files.md). The world is that of the first recording. Frames in `objects
 """
 
 ROWS = {
-    "scene": "a fact about the whole by its key; `seal` is a check sum over `parts` and `arrays`. Keys of objects: "
-    "`class/LABEL/PLACE` (probability and name of a class of a detector), `kind/LABEL/0` (`box` or `flat`), "
-    "`accuracy/LABEL/0` (standard deviations of size and centre, sides seen), `relation/LABEL/KIND/TO/FIRST` (last "
-    "recording and score)",
+    "scene": "a fact about the whole, or about an object, by its key; `seal` is a check sum over `parts` and `arrays`",
+    "relations": "a relation over recordings; `target` is a label, `plane#` with a plane's `identity`, or `wall`",
+    "furniture": "the name of a piece of furniture",
     "recordings": "a recording; `next_frame` is where `--resume` continues",
     "frames": "a frame that has a pose, with its first pose",
     "planes": "a supporting plane; `outline` is JSON",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import fields
 from types import ModuleType
@@ -16,8 +17,6 @@ from cuboid.cli import COMMANDS
 from cuboid.fleet.store import schema
 from cuboid.fleet.store.asgi import PATHS
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.formats.describe import DOCUMENTS
-from cuboid.ground.formats.describe import TABLES as ROWS
 from cuboid.results.exports import EXPORTS
 from cuboid.runs.scene import schema as scene_schema
 from cuboid.services.service.endpoints import ENDPOINTS
@@ -30,7 +29,9 @@ def reference() -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(REPOSITORY / "docs")  # as MkDocs does
+        spec.loader.exec_module(module)
     return module
 
 
@@ -72,13 +73,14 @@ def test_every_setting_stands_there(pages: dict[str, str]) -> None:
     assert first_cells(pages["settings.md"]) == [one.name for one in fields(TrackerConfig)]
 
 
-def test_every_file_stands_there_with_its_schema(pages: dict[str, str]) -> None:
-    for name, kind in DOCUMENTS.items():
+def test_every_file_stands_there_with_its_schema(reference: ModuleType, pages: dict[str, str]) -> None:
+    formats = sys.modules[reference.markdown.__module__]
+    for name, kind in formats.DOCUMENTS.items():
         section = pages["files.md"].split(f"\n## `{name}`\n")[1].split("\n## ")[0]
         encoded = set(kind.__struct_encode_fields__)
         assert encoded <= {*first_cells(section)}, name
         assert '"$schema"' in pages[f"schemas/{name.replace('.json', '.schema.json')}"]
-    for name, row in ROWS.items():
+    for name, row in formats.TABLES.items():
         assert {*row.__struct_fields__} <= {*first_cells(pages["files.md"].split(name)[-1])}, name
 
 
@@ -87,7 +89,7 @@ def test_every_export_address_and_column_stands_there(pages: dict[str, str]) -> 
     assert {one.path for one in ENDPOINTS} | {*PATHS} <= {*first_cells(pages["http.md"])}
     for table in schema.TABLES.values():
         section = pages["store.md"].split(f"\n## `{table.name}`\n")[1].split("\n## ")[0]
-        assert first_cells(section) == [one.name for one in (*table.columns, schema.DAY)]
+        assert first_cells(section) == [one.name for one in table.columns] + ["day"]
 
 
 def test_every_table_of_a_scene_stands_there_with_the_state(pages: dict[str, str]) -> None:

@@ -46,6 +46,6 @@ def markdown() -> str:
     """Return the table of all exports for the documentation."""
     lines = ["| `--to` | PATH | for |", "|---|---|---|"]
     for name, form in EXPORTS.items():
-        needs = f"; needs [the extra `{form.extra}`](../index.md#extras)" if form.extra else ""
+        needs = f"; needs [the extra `{form.extra}`](install.md#extras)" if form.extra else ""
         lines.append(f"| `{name}` | {f'`{form.suffix}`' if form.suffix else 'a folder'} | {form.purpose}{needs} |")
     return "\n".join(lines) + "\n"

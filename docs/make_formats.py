@@ -1,4 +1,4 @@
-"""The descriptions of the formats as JSON Schemas and as tables of a page."""
+"""The page of file formats and the JSON Schemas, made from the program's own descriptions for `make_reference.py`."""
 
 from __future__ import annotations
 
