@@ -15,14 +15,10 @@ def test_the_time_of_a_frame_is_the_measured_one() -> None:
     speed = measured[measured.index("## Speed") :].split("\n## ")[0]
     assert "cuboid bench DATA/rgbd-scenes-v2 --threads 1" in speed
     assert f"The median frame is {row[1]}," in speed
-    for page in ("BENCHMARK.md", "docs/store.md"):
-        assert row[1] in (REPOSITORY / page).read_text(encoding="utf-8")
 
 
 def test_the_boxes_of_scene_01_have_one_mean_iou() -> None:
     measured = (REPOSITORY / "BENCHMARK.md").read_text(encoding="utf-8")
     row = re.search(r"^\| mean IoU of the five \| ([\d.]+) \| ([\d.]+) \|", measured, re.MULTILINE)
     assert row is not None
-    poses = (REPOSITORY / "docs" / "poses.md").read_text(encoding="utf-8")
-    assert f"mean IoU with the truth is {row[2]} (given poses: {row[1]})" in poses
     assert f"| mean IoU of the boxes | {row[1]} |" in (REPOSITORY / "README.md").read_text(encoding="utf-8")

@@ -160,7 +160,7 @@ def test_the_files_of_the_release_name_its_version() -> None:
     citation = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
     assert re.search(rf"^version: {version}$", citation, re.MULTILINE)
     assert re.search(r"^cff-version: 1\.2\.0$", citation, re.MULTILINE)
-    assert f"cuboid-{cuboid.__version__}-py3-none-any.whl" in (REPOSITORY / "docs" / "install.md").read_text("utf-8")
+    assert f"cuboid-{cuboid.__version__}-py3-none-any.whl" in (REPOSITORY / "docs" / "index.md").read_text("utf-8")
 
 
 def test_the_workflow_runs_what_the_project_promises() -> None:

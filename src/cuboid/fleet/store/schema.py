@@ -1,4 +1,4 @@
-"""The tables of a store: each column with its type, unit and meaning; `docs/store.md` is made from them."""
+"""The tables of a store: each column with its type, unit and meaning; a reference page is made from them."""
 
 from __future__ import annotations
 
@@ -267,27 +267,3 @@ TABLES = {
 
 # Columns of `runs` that depend on the clock or the machine; all others depend on recording, settings and version.
 MEASURED = ("finished", "stages", "seconds", "peak_memory_mb")
-
-
-def markdown() -> str:
-    """Return the tables as documentation."""
-    parts = []
-    for kind in TABLES.values():
-        lines = [f"### `{kind.name}`", "", f"A row: {kind.row}.", "", "| column | type | meaning |", "|---|---|---|"]
-        lines += [f"| `{c.name}` | {_plain(c.type)} | {c.meaning} |" for c in (*kind.columns, DAY)]
-        parts.append("\n".join(lines))
-    return "\n\n".join(parts) + "\n"
-
-
-DAY = Column(
-    "day", pa.date32(), "date of `recorded`, UTC: in the name of the folder, `day=2026-03-01`, not in the file"
-)
-
-
-def _plain(kind: pa.DataType) -> str:
-    words = {"timestamp[us, tz=UTC]": "time (UTC)", "double": "float64", "float": "float32"}
-    if pa.types.is_list(kind):
-        return f"list of {_plain(kind.value_type)}"
-    if pa.types.is_struct(kind):
-        return "struct of " + ", ".join(field.name for field in kind)
-    return words.get(str(kind), str(kind))
