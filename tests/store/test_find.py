@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from datetime import timedelta
 from pathlib import Path
@@ -16,7 +15,6 @@ from cuboid.fleet.store.compact import compact
 from cuboid.fleet.store.find import StoreObjects
 from cuboid.fleet.store.place import Place
 from cuboid.fleet.store.query import Tables
-from cuboid.fleet.store.schema import OBJECTS, TABLES
 from cuboid.ground.core.errors import InputError
 from cuboid.services.queries.questions import last_seen
 
@@ -63,15 +61,10 @@ def test_filters(capsys: pytest.CaptureFixture[str], store: str, words: tuple[st
     assert set(found(capsys, store, *words)) == which
 
 
-def test_by_the_name_of_a_class(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also in files of before there were names, alone and beside newer ones, gathered or not."""
+def test_by_the_name_of_a_class(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """In files that are gathered, and in others."""
     place = Place(str(tmp_path / "named"))
-    old = dataclasses.replace(TABLES[OBJECTS], columns=tuple(c for c in TABLES[OBJECTS].columns if not c.added))
-    with monkeypatch.context() as earlier:
-        earlier.setitem(TABLES, OBJECTS, old)
-        put_run(place, 1, [thing(1)], recording="old")
+    put_run(place, 1, [thing(1)], recording="old")
     assert found(capsys, place.url, "--name", "cup") == []
     guess = [{"name": "bowl", "score": 0.3}, {"name": "vase", "score": 0.01}]
     things = [thing(1, name="cup", name_score=0.9), thing(2, names=guess), thing(3, name="Cup", name_score=0.6)]
@@ -88,17 +81,16 @@ def test_by_the_name_of_a_class(
 
 def test_by_probability(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     place = Place(str(tmp_path))
-    old = [thing(1, score=0.5), thing(2, score=0.7)]  # of before there was a column of that name
-    put_run(place, 1, old, recording="old")
-    put_run(place, 2, [thing(1, score=0.6, probability=0.6)], recording="new")
-    assert set(found(capsys, place.url, "--min-probability", "0.6")) == {"old#2", "new#1"}
+    put_run(place, 1, [thing(1, probability=0.5), thing(2, probability=0.7)], recording="one")
+    put_run(place, 2, [thing(1, probability=0.6)], recording="two")
+    assert set(found(capsys, place.url, "--min-probability", "0.6")) == {"one#2", "two#1"}
     assert main(["find", place.url, "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["objects"]
-    assert {(row["recording"], row["label"]): row["probability"] for row in rows} == {
-        ("old", 1): 0.5,
-        ("old", 2): 0.7,
-        ("new", 1): 0.6,
-    }
+    assert [(row["recording"], row["label"], row["probability"]) for row in rows] == [
+        ("one", 1, 0.5),
+        ("one", 2, 0.7),
+        ("two", 1, 0.6),
+    ]
 
 
 def test_by_what_things_are_on_in_and_beside(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -17,12 +17,10 @@ from cuboid.fleet.store.compact import compact
 from cuboid.fleet.store.place import Place
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.rows import ReadAs, RunHead, tables_of
-from cuboid.fleet.store.schema import FAILED, TABLES, markdown
+from cuboid.fleet.store.schema import FAILED, TABLES
 from cuboid.ground.core.errors import InputError
 from cuboid.results.files import Results
 from made_results import FRAMES, INTRINSICS, write_results
-
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "store.md"
 
 
 def rows(url: str) -> dict[str, list[dict[str, Any]]]:
@@ -136,10 +134,6 @@ def test_no_store_and_a_broken_one_are_one_line(tmp_path: Path, capsys: pytest.C
     err = capsys.readouterr().err
     assert "version" in err
     assert err.count("\n") == 1
-
-
-def test_the_documentation_has_every_column() -> None:
-    assert markdown() in DOCS.read_text(encoding="utf-8")
 
 
 def test_things_that_depth_does_not_read_are_told_from_volumes(tmp_path: Path) -> None:

@@ -110,7 +110,7 @@ def _rows(place: Place, names: list[str], table: str) -> pa.Table:
     """Return the rows of many small files, read by DuckDB; raise FileNotFoundError if one is gone."""
     with connected(place, {"threads": 1}) as connection:
         try:
-            rows = connection.sql(read(connection, place, table, names, partitioned=False))
+            rows = connection.sql(read(place, names, partitioned=False))
             schema = TABLES[table].schema
             return rows.to_arrow_table().select(schema.names).cast(schema)
         except (duckdb.Error, UnreadableError, pa.ArrowException, KeyError, ValueError) as error:

@@ -12,7 +12,7 @@ import msgspec
 import pyarrow as pa
 
 from cuboid.fleet.store.place import Place
-from cuboid.fleet.store.schema import ALL_OBJECTS, DONE, GONE, OBJECTS, RUNS, TABLES
+from cuboid.fleet.store.schema import ALL_OBJECTS, DONE, OBJECTS, RUNS, TABLES
 from cuboid.fleet.store.snapshot import ATTEMPTS, Snapshot, snapshot
 from cuboid.ground.core.errors import InputError, one_line
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, UnreadableError, opened
@@ -79,7 +79,7 @@ class Tables:
             self._connection.execute(f"create view {view} as {self._select(table, self._files)}")
             self._refuse_other(view, kind.schema)
         self._put_names()
-        there = f"select * from {ALL_OBJECTS} where not {GONE}"
+        there = f"select * from {ALL_OBJECTS} where not gone"
         self._connection.execute(f"create view {OBJECTS} as {there}")
         self.kept = {}
         self._connection.execute("set parquet_metadata_cache = true")
@@ -113,9 +113,11 @@ class Tables:
 
     def _select(self, table: str, files: Snapshot) -> str:
         names = files.files(table)
-        if not names:  # every recording failed
-            return f"select *, null::date as day from {empty(self._connection, table)}"
-        return read(self._connection, self._place, table, names, partitioned=True)
+        if names:
+            return read(self._place, names, partitioned=True)
+        # every recording failed
+        self._connection.register(f"_{table}", pa.Table.from_pylist([], schema=TABLES[table].schema))
+        return f"select *, null::date as day from _{table}"
 
     def refresh(self) -> None:
         """Update the tables to the present files."""
@@ -202,21 +204,9 @@ def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection
     return connection
 
 
-def empty(connection: duckdb.DuckDBPyConnection, table: str) -> str:
-    """Return the name of an empty relation with the columns of a table."""
-    connection.register(f"_{table}", pa.Table.from_pylist([], schema=TABLES[table].schema))
-    return f"_{table}"
-
-
-def read(
-    connection: duckdb.DuckDBPyConnection, place: Place, table: str, names: Iterable[str], *, partitioned: bool
-) -> str:
-    """Return the query for the rows of a table in files; columns missing in older files are null."""
-    options = f"hive_partitioning = {str(partitioned).lower()}"
-    if not TABLES[table].has_added:
-        return f"select * from read_parquet({listed(place, names)}, {options})"
-    files = f"select * from read_parquet({listed(place, names)}, {options}, union_by_name = true)"
-    return f"{files} union all by name select * from {empty(connection, table)}"
+def read(place: Place, names: Iterable[str], *, partitioned: bool) -> str:
+    """Return the query for the rows of a table in files."""
+    return f"select * from read_parquet({listed(place, names)}, hive_partitioning = {str(partitioned).lower()})"
 
 
 def listed(place: Place, names: Iterable[str]) -> str:

@@ -26,8 +26,6 @@ LATER = (
 
 # The view of all rows of the table of objects; the view `objects` has those that were there at the end of their run.
 ALL_OBJECTS = "all_objects"
-# Condition on rows of that view, in SQL: files of earlier versions lack the column, and have no gone objects.
-GONE = "coalesce(gone, false)"
 # Outcomes of a recording.
 DONE, FAILED, SET_ASIDE = "done", "failed", "set aside"
 
@@ -39,7 +37,6 @@ class Column:
     name: str
     type: pa.DataType
     meaning: str
-    added: bool = False  # missing in files of earlier versions: null there
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +56,6 @@ class TableKind:
     def schema(self) -> pa.Schema:
         """The Arrow schema; the metadata of a column is its meaning."""
         return pa.schema([pa.field(c.name, c.type, metadata={"what": c.meaning}) for c in self.columns])
-
-    @property
-    def has_added(self) -> bool:
-        """Whether files of earlier versions lack columns."""
-        return any(column.added for column in self.columns)
 
     def table(self, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
         """Return rows as a table; missing columns of a row are null."""
@@ -112,7 +104,7 @@ def _described(record: type) -> Iterator[Column]:
     for one in columns_of(record):
         if one.stored:
             for name, meaning in zip_longest(_stored_names(one), (one.meaning,), fillvalue=""):
-                yield Column(name, _TYPES[one.type], meaning, added=one.optional)
+                yield Column(name, _TYPES[one.type], meaning)
 
 
 def _stored_names(column: RecordColumn) -> tuple[str, ...]:
@@ -201,29 +193,27 @@ TABLES = {
                 Column("middle_m", SMALL, ""),
                 Column("shortest_m", SMALL, ""),
                 *_OBJECT,
-                Column("gone", pa.bool_(), "whether it was gone at the end; null in older files: no", added=True),
-                Column("names", _CLASSES, "the next most likely classes, with their probabilities", added=True),
+                Column("gone", pa.bool_(), "whether it was gone at the end"),
+                Column("names", _CLASSES, "the next most likely classes, with their probabilities"),
                 Column(
                     "relations",
                     _RELATIONS,
                     "relations to objects and surfaces (`plane:k`, and `floor` or `table` where it is one); `against` "
                     "walls only with `--relations`",
-                    added=True,
                 ),
                 Column("first_seen", TIME, "time of its first frame; null if the times of the recording are no dates"),
                 Column("last_seen", TIME, "time of its last frame; null if the times of the recording are no dates"),
-                Column("camera_x_m", REAL, "position of the camera in its last frame, in the world", added=True),
-                Column("camera_y_m", REAL, "", added=True),
-                Column("camera_z_m", REAL, "", added=True),
-                Column("camera_distance_m", SMALL, "distance of that camera from the centre of its box", added=True),
-                Column("later", TEXT, LATER, added=True),
-                Column("later_frame", COUNT, "for `not seen` and `gone` the first such frame", added=True),
-                *(Column(name, SMALL, meaning, added=True) for name, meaning in _SIGMAS.items()),
+                Column("camera_x_m", REAL, "position of the camera in its last frame, in the world"),
+                Column("camera_y_m", REAL, ""),
+                Column("camera_z_m", REAL, ""),
+                Column("camera_distance_m", SMALL, "distance of that camera from the centre of its box"),
+                Column("later", TEXT, LATER),
+                Column("later_frame", COUNT, "for `not seen` and `gone` the first such frame"),
+                *(Column(name, SMALL, meaning) for name, meaning in _SIGMAS.items()),
                 Column(
                     "sides_seen",
                     pa.list_(TEXT),
                     "sides of the box that a camera saw as faces; empty: none, null: unknown",
-                    added=True,
                 ),
                 Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
                 Column("green", pa.uint8(), ""),
@@ -237,14 +227,9 @@ TABLES = {
                 ),
                 Column("picture_frame", COUNT, "frame of the picture"),
                 Column("picture", pa.binary(), "best picture of the object, a small JPEG; null if there is none"),
-                Column("last_picture", pa.binary(), "picture in its last frame; null if `picture` is it", added=True),
-                Column(
-                    "embedding",
-                    pa.list_(SMALL),
-                    "vector of an image-text model for its pictures, of length 1",
-                    added=True,
-                ),
-                Column("embedding_model", TEXT, "digits that identify the model; null if none was used", added=True),
+                Column("last_picture", pa.binary(), "picture in its last frame; null if `picture` is it"),
+                Column("embedding", pa.list_(SMALL), "vector of an image-text model for its pictures, of length 1"),
+                Column("embedding_model", TEXT, "digits that identify the model; null if none was used"),
             ),
             ("longest_m", "run", "label"),
             group_rows=1 << 13,  # sorted by size: a query for a size reads few groups
@@ -267,27 +252,3 @@ TABLES = {
 
 # Columns of `runs` that depend on the clock or the machine; all others depend on recording, settings and version.
 MEASURED = ("finished", "stages", "seconds", "peak_memory_mb")
-
-
-def markdown() -> str:
-    """Return the tables as documentation."""
-    parts = []
-    for kind in TABLES.values():
-        lines = [f"### `{kind.name}`", "", f"A row: {kind.row}.", "", "| column | type | meaning |", "|---|---|---|"]
-        lines += [f"| `{c.name}` | {_plain(c.type)} | {c.meaning} |" for c in (*kind.columns, DAY)]
-        parts.append("\n".join(lines))
-    return "\n\n".join(parts) + "\n"
-
-
-DAY = Column(
-    "day", pa.date32(), "date of `recorded`, UTC: in the name of the folder, `day=2026-03-01`, not in the file"
-)
-
-
-def _plain(kind: pa.DataType) -> str:
-    words = {"timestamp[us, tz=UTC]": "time (UTC)", "double": "float64", "float": "float32"}
-    if pa.types.is_list(kind):
-        return f"list of {_plain(kind.value_type)}"
-    if pa.types.is_struct(kind):
-        return "struct of " + ", ".join(field.name for field in kind)
-    return words.get(str(kind), str(kind))
