@@ -9,7 +9,7 @@ from typing import Any
 from urllib.parse import quote, urlencode
 
 from cuboid.fleet.store.find import ask, names_in, without
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.schema import ALL_OBJECTS, RUNS
 from cuboid.fleet.store.summary import StoreSummary, summarise_store, totals_of
@@ -51,7 +51,7 @@ def write_summary(store: str) -> None:
     InputError, OutputError
         The store cannot be read or written.
     """
-    place = Place(store)
+    place = StoreFolder(store)
     place.put(NAME, summary_page(summarise_store(Tables(store), WORST + MORE), store).encode("utf-8", "replace"))
 
 

@@ -11,9 +11,9 @@ import duckdb
 import msgspec
 import pyarrow as pa
 
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.files import ATTEMPTS, StoreFiles, store_files
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.schema import ALL_OBJECTS, DONE, OBJECTS, RUNS, TABLES
-from cuboid.fleet.store.snapshot import ATTEMPTS, Snapshot, snapshot
 from cuboid.ground.core.errors import InputError, one_line
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, UnreadableError, opened
 
@@ -52,13 +52,13 @@ class Tables:
     def __init__(self, url: str, threads: int = 1) -> None:
         self.url = url
         self.kept: dict[str, Any] = {}
-        self._place = Place(url)
+        self._place = StoreFolder(url)
         self._threads = threads
         self._open()
 
     def _open(self) -> None:
         for attempt in range(ATTEMPTS):
-            self._files, self._names = snapshot(self._place), read_names(self._place)
+            self._files, self._names = store_files(self._place), read_names(self._place)
             if self._files.empty:
                 fault = "expected a store that 'cuboid batch' wrote, found no runs in it"
                 raise InputError(
@@ -68,7 +68,7 @@ class Tables:
                 self._connect()
                 return
             except (duckdb.Error, UnreadableError) as error:
-                if attempt == ATTEMPTS - 1 or snapshot(self._place) == self._files:
+                if attempt == ATTEMPTS - 1 or store_files(self._place) == self._files:
                     raise InputError(f"{self.url}: is damaged: {_first_line(error)}") from None
                 # otherwise the files were gathered meanwhile: try again
 
@@ -111,7 +111,7 @@ class Tables:
         except (pa.ArrowException, KeyError, ValueError) as error:
             raise InputError(f"{self.url}: the table {table} is not as it must be: {one_line(str(error))}") from None
 
-    def _select(self, table: str, files: Snapshot) -> str:
+    def _select(self, table: str, files: StoreFiles) -> str:
         names = files.files(table)
         if names:
             return read(self._place, names, partitioned=True)
@@ -121,7 +121,7 @@ class Tables:
 
     def refresh(self) -> None:
         """Update the tables to the present files."""
-        if snapshot(self._place) != self._files or read_names(self._place) != self._names:
+        if store_files(self._place) != self._files or read_names(self._place) != self._names:
             self._open()
 
     def ask(self, question: str, values: object = None) -> pa.Table:
@@ -148,7 +148,7 @@ class Tables:
             try:
                 return answer()
             except duckdb.Error as error:
-                if not isinstance(error, duckdb.IOException) or snapshot(self._place) == self._files:
+                if not isinstance(error, duckdb.IOException) or store_files(self._place) == self._files:
                     raise InputError(_first_line(error)) from None
                 self._open()  # the files were gathered into others meanwhile
         return answer()
@@ -177,7 +177,7 @@ class SharedTables:
             return question(self._tables)
 
 
-def read_names(place: Place) -> dict[str, Mapping[int, str]]:
+def read_names(place: StoreFolder) -> dict[str, Mapping[int, str]]:
     """Return the names that people gave, by run and label.
 
     Raises
@@ -196,7 +196,7 @@ def read_names(place: Place) -> dict[str, Mapping[int, str]]:
     return found
 
 
-def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection:
+def connected(place: StoreFolder, config: dict[str, Any]) -> duckdb.DuckDBPyConnection:
     """Return an in-memory DuckDB connection that can read the files of a place."""
     connection = duckdb.connect(config=config)
     if place.local is None:
@@ -204,12 +204,12 @@ def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection
     return connection
 
 
-def read(place: Place, names: Iterable[str], *, partitioned: bool) -> str:
+def read(place: StoreFolder, names: Iterable[str], *, partitioned: bool) -> str:
     """Return the query for the rows of a table in files."""
     return f"select * from read_parquet({listed(place, names)}, hive_partitioning = {str(partitioned).lower()})"
 
 
-def listed(place: Place, names: Iterable[str]) -> str:
+def listed(place: StoreFolder, names: Iterable[str]) -> str:
     """Return files as an SQL list; raise UnreadableError for anything else (DuckDB would wait for a pipe)."""
     names = list(names)
     if place.local is not None:

@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
 from cuboid.ground.formats import cache
-from cuboid.ground.formats.stores import Entry
+from cuboid.ground.formats.stores import FileEntry
 
 # Maximum size of a compressed file that is unpacked in memory; larger ones go to the cache, for random access.
 MAX_IN_MEMORY = 16 << 20
@@ -105,14 +105,14 @@ class _ArchiveStore:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         return self._name(path)
 
-    def entry(self, path: Path) -> Entry:
+    def entry(self, path: Path) -> FileEntry:
         """Return the entry at a path."""
         name = self._name(path)
         if name in self._folders:
-            return Entry(0, True)
+            return FileEntry(0, True)
         if name not in self._sizes:
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-        return Entry(self._sizes[name], False)
+        return FileEntry(self._sizes[name], False)
 
     def names(self, path: Path) -> list[str]:
         """Return the names in a folder."""

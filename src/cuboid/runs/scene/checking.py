@@ -32,7 +32,19 @@ Rows = npt.NDArray[np.void]
 Keys = npt.NDArray[np.int64]
 
 # Tables that people and other programs read, in the order in which their rows refer to each other.
-PUBLIC_TABLES = ("scene", "recordings", "frames", "planes", "objects", "boxes", "sightings", "events", "pending")
+PUBLIC_TABLES = (
+    "scene",
+    "recordings",
+    "frames",
+    "planes",
+    "objects",
+    "boxes",
+    "sightings",
+    "events",
+    "pending",
+    "relations",
+    "furniture",
+)
 # Maximum number of reported problems of one kind.
 MAX_PROBLEMS = 8
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import NoneType
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
-from msgspec import Meta
+from msgspec import Meta, Struct
 
 from cuboid.ground.core.records import table_columns_of
 from cuboid.ground.core.results import TrackedObject
@@ -26,15 +26,18 @@ from cuboid.ground.core.values import (
     Name,
     Pixel,
     QuaternionPart,
+    RelationKind,
     Seconds,
     Side,
+    SideName,
+    Sides,
 )
 from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 
 # "CUBD": the application ID in the header of the file.
 APPLICATION_ID = 0x43554244
 # Version of the tables and of the states in them.
-VERSION = 1
+VERSION = 2
 
 Whole: TypeAlias = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 Key: TypeAlias = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
@@ -48,8 +51,23 @@ BlockData: TypeAlias = Annotated[bytes, Meta(max_length=BLOCK_ROWS * ROW.itemsiz
 Motion: TypeAlias = Annotated[bytes, Meta(min_length=128, max_length=128)]
 # An overlap may be rounded to slightly more than 1.
 Overlap: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0 + 1e-6)]
+# What a relation is to: a label, a supporting plane by its persistent number, or a wall.
+Target: TypeAlias = Annotated[str, Meta(pattern=r"^(\d{1,18}|plane#\d{1,18}|wall)\Z")]
 State = Literal["present", "gone", "merged", "forgotten"]
+KindWithoutDepth = Literal["box", "flat"]
 Change = Literal["unchanged", "moved", "gone", "new", "found", "not looked at"]
+
+
+# Classes from a detector with their probabilities, the most likely first: JSON in a column.
+Classes: TypeAlias = list[tuple[Name, Fraction]]
+
+
+class Accuracy(Struct, frozen=True):
+    """How sure the box of an object is, as the fields of `TrackedObject` with these names: JSON in a column."""
+
+    size_sigma_m: Sides
+    center_sigma_m: tuple[Side, ...]
+    sides_seen: tuple[SideName, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +109,7 @@ def _column(name: str, kind: Any) -> str:
         sql for plain, sql in ((int, "INTEGER"), (float, "REAL"), (str, "TEXT"), (bytes, "BLOB")) if plain in types
     )
     check = f" CHECK ({name} IN ({', '.join(map(repr, allowed))}))" if allowed else ""
-    default = " DEFAULT 0" if name in WITH_DEFAULT else ""
+    default = f" DEFAULT {WITH_DEFAULT[name]}" if name in WITH_DEFAULT else ""
     return f"{name} {sql}{'' if NoneType in types else ' NOT NULL'}{default}{check}"
 
 
@@ -108,8 +126,10 @@ def _plain_types(kind: Any) -> Iterator[Any]:
             yield from _plain_types(part)
 
 
-# Columns that are zero in a new row.
-WITH_DEFAULT = ("complete", "next_frame", "picture_share")
+# Columns that a new row may lack, with their values in SQL.
+WITH_DEFAULT = {"complete": "0", "next_frame": "0", "picture_share": "0", "classes": "'[]'"}
+# Key of the row of `scene` with the probability that present objects have at least.
+MIN_PROBABILITY = "min_probability"
 QUATERNION = ("qw", "qx", "qy", "qz")
 BOX = ("cx", "cy", "cz", "length", "width", "height", *QUATERNION)
 _BOX: dict[str, Any] = dict(zip(BOX, (*[Metres] * 3, *[Side] * 3, *[QuaternionPart] * 4), strict=True))
@@ -167,6 +187,9 @@ TABLES = {
             **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), Amount),
             "picture": bytes | None,
             "picture_share": Amount,
+            "kind": KindWithoutDepth | None,
+            "classes": str,
+            "accuracy": str | None,
         },
         "label",
         ("CHECK (label > 0)", "FOREIGN KEY (merged_into) REFERENCES objects (label)"),
@@ -242,6 +265,17 @@ TABLES = {
         ("FOREIGN KEY (recording, frame) REFERENCES frames (recording, frame) ON DELETE CASCADE",),
         optional=True,
     ),
+    "relations": Table(
+        {
+            "label": Label,
+            "kind": RelationKind,
+            "target": Target,
+            **dict.fromkeys(("first_recording", "last_recording"), Label),
+            "score": Fraction,
+        },
+        "label, kind, target, first_recording",
+    ),
+    "furniture": Table({"label": Label, "name": Name}, "label"),
     "occupied": Table({"check_sum": CheckSum, "cells": bytes}),
     "embeddings": Table(
         {"label": Label, "model": Name, "picture": CheckSum | None, "vector": bytes}, "label", optional=True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -26,7 +27,6 @@ from cuboid.results.views.report.page import SHARED, assembled, page_source, sty
 from cuboid.results.views.report.points import LARGEST, STEP_M, spacing, thinned
 from cuboid.results.views.report.summary import (
     TURN_DIGITS,
-    camera_document,
     event_document,
     inferno,
     object_document,
@@ -65,7 +65,7 @@ def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pos
     poses = np.zeros((0, 12)) if first_pose is None else first_pose[:3].reshape(1, 12)
     document = {
         "title": title,
-        "camera": camera_document(intrinsics),
+        "camera": asdict(intrinsics),
         "inferno": packed(inferno()),
         "frames": packed(np.arange(len(poses), dtype="<i4")),
         "poses": packed(poses.astype("<f4")),
@@ -174,7 +174,7 @@ def _camera(
     intrinsics = intrinsics if view.camera is None else view.camera.intrinsics
     return {
         "name": "" if view.camera is None else view.camera.name,
-        "lens": camera_document(intrinsics),
+        "lens": asdict(intrinsics),
         "pose": rounded_list(view.T_world_camera[:3].ravel(), TURN_DIGITS),
         "path": packed(view.path.astype("<f4")),
         "picture": base64.b64encode(_picture(view, objects, intrinsics, measured)).decode("ascii"),
