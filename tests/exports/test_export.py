@@ -131,18 +131,6 @@ def test_files_of_a_rig_are_refused_before_one_is_written(tmp_path: Path) -> Non
     assert [file.name for file in tmp_path.iterdir()] == ["out-b.txt"]
 
 
-def test_a_trajectory_of_another_run_is_an_error(run: Results, tmp_path: Path) -> None:
-    path = run.folder / "trajectory.txt"
-    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
-    with pytest.raises(InputError, match=r"trajectory\.txt: expected 4 lines, one a used frame of run.json, got 3"):
-        export(run, "kitti", tmp_path / "a.txt")
-
-
-def test_the_command_says_what_it_wrote(run: Results, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["export", str(run.folder), "--to", "csv", "--output", str(tmp_path / "o.csv")]) == 0
-    assert capsys.readouterr().out == f"csv written to {tmp_path / 'o.csv'}\n"
-
-
 def test_ply_has_the_points_of_each_object_and_closed_boxes(run: Results, tmp_path: Path) -> None:
     export(run, "ply", tmp_path / "ply")
     assert sorted(path.name for path in (tmp_path / "ply").iterdir()) == [

@@ -274,11 +274,6 @@ def ask(
     return StoreAnswer(asked.said, *questions.answer(lambda _: source, asked, also))
 
 
-def names_in(tables: Tables) -> list[str]:
-    """Return the names and likely classes of the objects, in lower case."""
-    return StoreObjects(tables).names()
-
-
 def without(tables: Tables, question: str, also: Filters) -> tuple[Filters, Mapping[str, int] | None]:
     """Return all conditions of a question, and how many objects there are without each, by field of the filters.
 

@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 from typing import Any
 from urllib.parse import quote, urlencode
 
-from cuboid.fleet.store.find import ask, names_in, without
+from cuboid.fleet.store.find import StoreObjects, ask, without
 from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.schema import ALL_OBJECTS, RUNS
@@ -87,7 +87,7 @@ def objects_page(tables: Tables, query: Mapping[str, str], model: TextModel | No
         f"{counted(totals['objects'])} in {counted(totals['recordings'], 'recording')}",
         found,
         links={"Objects": "", "Recordings": RECORDINGS},
-        form=search_form(asked, fields, SURFACES, names_in(tables)),
+        form=search_form(asked, fields, SURFACES, StoreObjects(tables).names()),
         document={"every_s": EVERY_S},
     )
     return page, found.status

@@ -58,16 +58,7 @@ class RunHead:
 
     def row(self, state: str, reason: str | None) -> dict[str, Any]:
         """Return the part of the row in `runs` that finished and failed runs share."""
-        return {
-            "run": self.run,
-            "recording": self.recording,
-            "source": self.source,
-            "state": state,
-            "reason": reason,
-            "version": self.version,
-            "settings": self.settings,
-            "finished": datetime.now(UTC),
-        }
+        return {**asdict(self), "state": state, "reason": reason, "finished": datetime.now(UTC)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,14 +253,14 @@ def _relations(
     """
     rows: list[dict[str, Any]] = []
     for one in relations:
-        if isinstance(one.to, int):
-            rows.append({"kind": one.kind, "label": one.to, "surface": None, "score": one.score})
-            continue
-        rows.append({"kind": one.kind, "label": None, "surface": one.to, "score": one.score})
+        ends: list[int | str] = [one.to]
         if one.kind == "on" and one.to in bearers:
-            rows.append({"kind": one.kind, "label": bearers[one.to], "surface": None, "score": one.score})
+            ends.append(bearers[str(one.to)])
         if one.to in kinds:
-            rows.append({"kind": one.kind, "label": None, "surface": kinds[one.to], "score": one.score})
+            ends.append(kinds[str(one.to)])
+        for to in ends:
+            label, surface = (to, None) if isinstance(to, int) else (None, to)
+            rows.append({"kind": one.kind, "label": label, "surface": surface, "score": one.score})
     return rows
 
 

@@ -66,30 +66,23 @@ class TableKind:
         return table.sort_by([(name, "ascending") for name in self.order])
 
 
+def _several(names: str, type_: pa.DataType, meaning: str, unit: str = "") -> list[Column]:
+    """Return columns that have their meaning together, which the first one tells."""
+    return [Column(f"{name}{unit}", type_, text) for name, text in zip_longest(names.split(), (meaning,), fillvalue="")]
+
+
 _WHOSE = (
     Column("run", TEXT, "the run, a row of `runs`"),
     Column("recording", TEXT, "name of the recording"),
 )
 _BOX = (
-    Column("center_x_m", REAL, "centre of its box in the world of the recording"),
-    Column("center_y_m", REAL, ""),
-    Column("center_z_m", REAL, ""),
-    Column("length_m", SMALL, "length, width and height of its box along the axes of the box"),
-    Column("width_m", SMALL, ""),
+    *_several("center_x center_y center_z", REAL, "centre of its box in the world of the recording", "_m"),
+    *_several("length width", SMALL, "length, width and height of its box along the axes of the box", "_m"),
     Column("height_m", SMALL, "along the normal of its support"),
-    Column("qw", SMALL, "rotation from the axes of the box to the world, a unit quaternion"),
-    Column("qx", SMALL, ""),
-    Column("qy", SMALL, ""),
-    Column("qz", SMALL, ""),
+    *_several("qw qx qy qz", SMALL, "rotation from the axes of the box to the world, a unit quaternion"),
 )
-_SIGMAS = {
-    "length_sigma_m": "standard deviations of `length_m`, `width_m` and `height_m`; null if unknown",
-    "width_sigma_m": "",
-    "height_sigma_m": "",
-    "center_x_sigma_m": "standard deviations of the centre; null if unknown",
-    "center_y_sigma_m": "",
-    "center_z_sigma_m": "",
-}
+_SIDES_SIGMA = "standard deviations of `length_m`, `width_m` and `height_m`; null if unknown"
+_CENTER_SIGMA = "standard deviations of the centre; null if unknown"
 _SKIPPED = pa.list_(pa.struct([("frame", COUNT), ("reason", TEXT)]))
 _CLASSES = pa.list_(pa.struct([("name", TEXT), ("score", SMALL)]))
 _RELATIONS = pa.list_(pa.struct([("kind", TEXT), ("label", COUNT), ("surface", TEXT), ("score", SMALL)]))
@@ -168,16 +161,11 @@ TABLES = {
                 Column("seconds", REAL, "time from the first to the last frame"),
                 Column("frames", COUNT, "number of frames, unusable ones included"),
                 Column("bytes", pa.int64(), "size of its files"),
-                Column("width_px", COUNT, "width and height of the color images"),
-                Column("height_px", COUNT, ""),
-                Column("fx_px", REAL, "focal length"),
-                Column("fy_px", REAL, ""),
-                Column("cx_px", REAL, "optical centre"),
-                Column("cy_px", REAL, ""),
+                *_several("width height", COUNT, "width and height of the color images", "_px"),
+                *_several("fx fy", REAL, "focal length", "_px"),
+                *_several("cx cy", REAL, "optical centre", "_px"),
                 Column("has_poses", pa.bool_(), "whether the recording has camera poses"),
-                Column("up_x", REAL, "up in the world of the recording, a unit vector; null if unknown"),
-                Column("up_y", REAL, ""),
-                Column("up_z", REAL, ""),
+                *_several("up_x up_y up_z", REAL, "up in the world of the recording, a unit vector; null if unknown"),
             ),
             ("recording", "run"),
         ),
@@ -189,9 +177,7 @@ TABLES = {
                 *_WHOSE,
                 _LABEL,
                 *_BOX,
-                Column("longest_m", SMALL, "longest side of its box"),
-                Column("middle_m", SMALL, ""),
-                Column("shortest_m", SMALL, ""),
+                *_several("longest middle shortest", SMALL, "longest side of its box", "_m"),
                 *_OBJECT,
                 Column("gone", pa.bool_(), "whether it was gone at the end"),
                 Column("names", _CLASSES, "the next most likely classes, with their probabilities"),
@@ -203,21 +189,20 @@ TABLES = {
                 ),
                 Column("first_seen", TIME, "time of its first frame; null if the times of the recording are no dates"),
                 Column("last_seen", TIME, "time of its last frame; null if the times of the recording are no dates"),
-                Column("camera_x_m", REAL, "position of the camera in its last frame, in the world"),
-                Column("camera_y_m", REAL, ""),
-                Column("camera_z_m", REAL, ""),
+                *_several(
+                    "camera_x camera_y camera_z", REAL, "position of the camera in its last frame, in the world", "_m"
+                ),
                 Column("camera_distance_m", SMALL, "distance of that camera from the centre of its box"),
                 Column("later", TEXT, LATER),
                 Column("later_frame", COUNT, "for `not seen` and `gone` the first such frame"),
-                *(Column(name, SMALL, meaning) for name, meaning in _SIGMAS.items()),
+                *_several("length width height", SMALL, _SIDES_SIGMA, "_sigma_m"),
+                *_several("center_x center_y center_z", SMALL, _CENTER_SIGMA, "_sigma_m"),
                 Column(
                     "sides_seen",
                     pa.list_(TEXT),
                     "sides of the box that a camera saw as faces; empty: none, null: unknown",
                 ),
-                Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
-                Column("green", pa.uint8(), ""),
-                Column("blue", pa.uint8(), ""),
+                *_several("red green blue", pa.uint8(), "mean color of its points, 0 to 255"),
                 Column("color", TEXT, "color word of most of its points"),
                 Column("colors", pa.list_(SMALL), "fraction of its points for each color word"),
                 Column(

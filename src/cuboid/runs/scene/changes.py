@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.values import VisitChange
 from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.similarity import CLEARER, MIN_SIMILARITY, color_profile_of, similarity
@@ -62,7 +63,7 @@ class Change:
     """
 
     label: int
-    change: str
+    change: VisitChange
     from_m: Float64Array | None
     to_m: Float64Array | None
     metres: float | None = None

@@ -303,19 +303,11 @@ class SceneReader(MapQueries):
                 raise InputError(
                     f"expected a date such as 2026-01-31 or 2026-01-31T12:00, got {shown(since)}"
                 ) from None
-            # times in one text format sort as their texts do
-            wanted = [
-                recording.number
-                for recording in self.recordings
-                if recording.begun >= moment.isoformat(timespec="seconds")
-            ]
+            begun = moment.isoformat(timespec="seconds")  # times in one text format sort as their texts do
+            wanted = {recording.number for recording in self.recordings if recording.begun >= begun}
         else:
-            last = len(self.recordings)
-            wanted = [
-                recording.number
-                for recording in self.recordings
-                if recording.number >= (last if since is None else since)
-            ]
+            first = len(self.recordings) if since is None else since
+            wanted = {recording.number for recording in self.recordings if recording.number >= first}
         rows = self._rows(_CHANGE, "changes JOIN objects USING (label) ORDER BY recording, changes.label")
         with user_errors(self.path):
             return [_change_of(row) for row in rows if row[0] in wanted]

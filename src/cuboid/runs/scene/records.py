@@ -306,8 +306,8 @@ def _row_without_depth(item: TrackedObject, label: int) -> dict[str, Any]:
 
 
 def _accuracy_of(item: TrackedObject | Uncertainty) -> Accuracy:
-    size_m, center_m = (tuple(rounded_list(values, LENGTH)) for values in (item.size_sigma_m, item.center_sigma_m))
-    return Accuracy(size_m, center_m, item.sides_seen)
+    length_m, width_m, height_m = rounded_list(item.size_sigma_m, LENGTH)
+    return Accuracy((length_m, width_m, height_m), tuple(rounded_list(item.center_sigma_m, LENGTH)), item.sides_seen)
 
 
 def _present_class(item: TrackedObject) -> list[tuple[str, float]]:

@@ -24,6 +24,7 @@ from cuboid.ground.core.values import (
     Label,
     Metres,
     Name,
+    ObjectStatus,
     Pixel,
     QuaternionPart,
     RelationKind,
@@ -31,6 +32,7 @@ from cuboid.ground.core.values import (
     Side,
     SideName,
     Sides,
+    VisitChange,
 )
 from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 
@@ -53,9 +55,7 @@ Motion: TypeAlias = Annotated[bytes, Meta(min_length=128, max_length=128)]
 Overlap: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0 + 1e-6)]
 # What a relation is to: a label, a supporting plane by its persistent number, or a wall.
 Target: TypeAlias = Annotated[str, Meta(pattern=r"^(\d{1,18}|plane#\d{1,18}|wall)\Z")]
-State = Literal["present", "gone", "merged", "forgotten"]
 KindWithoutDepth = Literal["box", "flat"]
-Change = Literal["unchanged", "moved", "gone", "new", "found", "not looked at"]
 
 
 # Classes from a detector with their probabilities, the most likely first: JSON in a column.
@@ -179,7 +179,7 @@ TABLES = {
         {
             "label": Label,
             "name": Name | None,
-            "state": State,
+            "state": ObjectStatus,
             "merged_into": Label | None,
             "plane": Whole | None,
             **_BOX,
@@ -243,7 +243,7 @@ TABLES = {
         {
             "recording": Label,
             "label": Label,
-            "change": Change,
+            "change": VisitChange,
             **_MOVE,
             "metres": Side | None,
             "sure": Fraction,

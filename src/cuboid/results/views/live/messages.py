@@ -24,7 +24,7 @@ from cuboid.results.views.drawing import draw_frame, hidden_objects
 from cuboid.results.views.live.watch import CameraView, Moment
 from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.report.page import SHARED, assembled, page_source, style
-from cuboid.results.views.report.points import LARGEST, STEP_M, spacing, thinned
+from cuboid.results.views.report.points import STEP_M, spacing, stepped, thinned
 from cuboid.results.views.report.summary import (
     TURN_DIGITS,
     event_document,
@@ -129,11 +129,7 @@ def map_message(number: int, points: MapPoints, spacing_m: float, max_points: in
         Largest number of points sent.
     """
     kept = thinned(points.label, max_points)
-    xyz = points.xyz[kept]
-    low = xyz.min(axis=0).astype(np.float64) if len(xyz) else np.zeros(3)
-    extent_m = float((xyz - low).max()) if len(xyz) else 0.0
-    step_m = max(STEP_M, extent_m / LARGEST)
-    steps = np.round((xyz - low) / step_m).astype("<u2")
+    low, step_m, steps = stepped(points.xyz[kept])
     look = np.empty((len(kept), 4), np.uint8)
     look[:, :3] = points.rgb[kept]
     look[:, 3] = np.clip(points.heat[kept] * 255.0, 0.0, 255.0)
@@ -147,7 +143,13 @@ def map_message(number: int, points: MapPoints, spacing_m: float, max_points: in
     }
     text = json.dumps(header, separators=(",", ":")).encode("ascii")
     text += b" " * (-len(text) % 4)
-    parts = (len(text).to_bytes(4, "little"), text, look.tobytes(), steps.tobytes(), points.label[kept].astype("<u2"))
+    parts = (
+        len(text).to_bytes(4, "little"),
+        text,
+        look.tobytes(),
+        steps.astype("<u2").tobytes(),
+        points.label[kept].astype("<u2"),
+    )
     return b"".join(bytes(part) for part in parts)
 
 
