@@ -151,7 +151,7 @@ def _run(results: Results) -> dict[str, Any]:
         "sightings": len(results.tracks),
         "labels": len({row.label for row in results.tracks} | set(results.survivor)),
         "objects": len(objects),
-        **asdict(indicators(objects)),
+        **indicators(objects),
         "stages": [
             {"stage": stage, "median_ms": timing.median_ms, "p95_ms": timing.p95_ms}
             for stage, timing in report.milliseconds.items()

@@ -11,7 +11,7 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from cuboid.ground.core.extras import missing
-from cuboid.ground.formats.archives import BUFFER_BYTES, Window
+from cuboid.ground.formats.archives import BUFFER_BYTES, Window, short_line
 from cuboid.ground.formats.stores import FileEntry
 
 if TYPE_CHECKING:
@@ -154,17 +154,13 @@ def _tried(work: Callable[[], Any], url: str) -> Any:
             if error.__cause__ is None or status in ABSENT:
                 raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), url) from None
             if attempt == ATTEMPTS - 1:
-                raise OSError(errno.EIO, f"the server fails: {_line(error.__cause__)}", url) from None
+                raise OSError(errno.EIO, f"the server fails: {short_line(error.__cause__)}", url) from None
         except ValueError as error:
-            raise OSError(errno.EIO, _line(error), url) from None
+            raise OSError(errno.EIO, short_line(error), url) from None
         except Exception as error:
             if attempt == ATTEMPTS - 1:
-                raise OSError(errno.EIO, f"the server fails: {_line(error)}", url) from None
+                raise OSError(errno.EIO, f"the server fails: {short_line(error)}", url) from None
     raise AssertionError("unreachable")
-
-
-def _line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:120] or type(error).__name__
 
 
 def _filesystem(scheme: str, name: str) -> Any:
@@ -189,4 +185,4 @@ def _filesystem(scheme: str, name: str) -> Any:
         kinds = "https://, s3://, gs:// and what else fsspec knows"
         raise OSError(errno.EINVAL, f"no such kind of URL; there are {kinds}", name) from None
     except Exception as error:  # some look for their server at once
-        raise OSError(errno.EIO, f"the server fails: {_line(error)}", name) from None
+        raise OSError(errno.EIO, f"the server fails: {short_line(error)}", name) from None
