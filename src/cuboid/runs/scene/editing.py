@@ -13,7 +13,7 @@ from cuboid.ground.arrays import Float32Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation, transform
 from cuboid.method.objects.entry import MapObject
-from cuboid.runs.scene.database import has_table, transaction
+from cuboid.runs.scene.database import transaction
 from cuboid.runs.scene.localisation import JoinedPart
 from cuboid.runs.scene.records import Records
 from cuboid.runs.scene.saving import SceneBlockStore, StateFile, load_state
@@ -106,8 +106,7 @@ def transform_rows(connection: sqlite3.Connection, joined: Sequence[JoinedPart])
     """Transform all rows of scene parts that were joined to others, within the caller's transaction."""
     for part in joined:
         for table, place, turn in _PLACES:
-            if not TABLES[table].optional or has_table(connection, table):
-                _transform(connection, part, table, place, turn)
+            _transform(connection, part, table, place, turn)
 
 
 def _transform(

@@ -23,7 +23,7 @@ from cuboid.method.objects.naming import chosen_name
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries
 from cuboid.runs.scene.answers import PastRelation, SceneEvent, SceneObject, ScenePast, SceneRecording
-from cuboid.runs.scene.database import has_table, open_to_read, user_errors
+from cuboid.runs.scene.database import open_to_read, user_errors
 from cuboid.runs.scene.schema import BOX, DESCRIBED, MIN_PROBABILITY, TABLES, Accuracy, Classes
 from cuboid.runs.scene.validation import (
     Outline,
@@ -257,8 +257,6 @@ class SceneReader(MapQueries):
             No object ever had the label.
         """
         labels = None if label is None else self._labels_of(label)
-        if not self.path.is_file() or not has_table(self._connection(), "events"):
-            return []
         rest = "events JOIN frames USING (recording, frame) ORDER BY events.recording, events.frame, events.label"
         with user_errors(self.path):
             found = [_event_of(row) for row in self._rows(_EVENT, rest)]

@@ -92,9 +92,7 @@ class Rows:
         many(f"INSERT OR REPLACE INTO frames VALUES ({', '.join('?' * 10)})", self.frames)
         many(f"INSERT INTO boxes VALUES ({', '.join('?' * 12)})", self.boxes)
         many(f"INSERT OR REPLACE INTO sightings VALUES ({', '.join('?' * 10)})", self.sightings)
-        if self.events:
-            connection.execute(TABLES["events"].sql("events"))
-            many(f"INSERT OR REPLACE INTO events VALUES ({', '.join('?' * 11)})", self.events)
+        many(f"INSERT OR REPLACE INTO events VALUES ({', '.join('?' * 11)})", self.events)
         if self.planes is not None:
             connection.execute("DELETE FROM planes")
             many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*plane) for plane in self.planes))

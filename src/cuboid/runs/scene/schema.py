@@ -84,22 +84,19 @@ class Table:
         Further constraints, in SQL.
     rows_by_key : bool
         Whether the file stores the rows in the order of the key.
-    optional : bool
-        Whether the table exists only after something is written into it.
     """
 
     columns: dict[str, Any]
     key: str = ""
     rules: tuple[str, ...] = ()
     rows_by_key: bool = False
-    optional: bool = False
 
     def sql(self, name: str) -> str:
-        """Return the SQL statement that creates the table if it does not exist."""
+        """Return the SQL statement that creates the table."""
         lines = [*(_column(*column) for column in self.columns.items()), *self.rules]
         lines += [f"PRIMARY KEY ({self.key})"] if self.key else []
         kind = "STRICT, WITHOUT ROWID" if self.rows_by_key else "STRICT"
-        return f"CREATE TABLE {'IF NOT EXISTS ' if self.optional else ''}{name} ({', '.join(lines)}) {kind};"
+        return f"CREATE TABLE {name} ({', '.join(lines)}) {kind};"
 
 
 def _column(name: str, kind: Any) -> str:
@@ -263,7 +260,6 @@ TABLES = {
         },
         "recording, frame, label",
         ("FOREIGN KEY (recording, frame) REFERENCES frames (recording, frame) ON DELETE CASCADE",),
-        optional=True,
     ),
     "relations": Table(
         {
@@ -277,7 +273,5 @@ TABLES = {
     ),
     "furniture": Table({"label": Label, "name": Name}, "label"),
     "occupied": Table({"check_sum": CheckSum, "cells": bytes}),
-    "embeddings": Table(
-        {"label": Label, "model": Name, "picture": CheckSum | None, "vector": bytes}, "label", optional=True
-    ),
+    "embeddings": Table({"label": Label, "model": Name, "picture": CheckSum | None, "vector": bytes}, "label"),
 }
