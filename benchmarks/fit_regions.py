@@ -24,8 +24,9 @@ from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.method.proposals import forest
 from cuboid.method.proposals.forest import Forest
+from cuboid.method.proposals.kernels import forest as kernels
 from cuboid.method.proposals.kernels.quantities import QUANTITIES
-from cuboid.method.proposals.regions import Masks, RegionSource, RegionTree
+from cuboid.method.proposals.regions import MIN_LOG_ODDS, Masks, RegionSource, RegionTree
 from region_pictures import IGNORED, STRUCTURE, MaskedPicture, made_pictures
 
 # IoU with a thing at which the target is 0, and 1.
@@ -35,7 +36,11 @@ WRONG_PER_PICTURE = 250
 TREES, LEAVES, RATE = 400, 47, 0.08
 # A candidate counts neither way if at least this fraction of it is ignored.
 IGNORED_FRACTION = 0.5
-NO_FOREST = Forest(0.0, *(np.zeros(0, kind) for kind in (np.int32, np.int16, np.float32, np.int32, np.int32)))
+NO_FOREST = Forest(
+    0.0, *(np.zeros(0, kind) for kind in (np.int32, np.int16, np.float32, np.int32, np.int32, np.float32))
+)
+# Fraction of the regions probable enough to be chosen that may be given up early, at each stage.
+GIVEN_UP = 0.001
 
 
 def cases_of(picture: MaskedPicture, source: RegionSource) -> tuple[Float32Array, Float64Array]:
@@ -126,7 +131,7 @@ def as_forest(fitted: list[dict[str, Any]]) -> Forest:
     columns = zip(*nodes, strict=True)
     kinds = (np.int16, np.float32, np.int32, np.int32)
     arrays = [np.array(column, kind) for column, kind in zip(columns, kinds, strict=True)]
-    return Forest(0.0, np.array(roots, np.int32), *arrays)
+    return Forest(0.0, np.array(roots, np.int32), *arrays, np.zeros(0, np.float32))
 
 
 def _add_node(node: dict[str, Any], nodes: list[tuple[int, float, int, int]]) -> int:
@@ -145,6 +150,17 @@ def _add_node(node: dict[str, Any], nodes: list[tuple[int, float, int, int]]) ->
     return number
 
 
+def with_stages(model: Forest, found: Float32Array) -> Forest:
+    """Return a forest with `least` for the regions with quantities (N, Q): a soft cascade (Bourdev, Brandt 2005)."""
+    every, count = kernels.STAGE, len(model.roots)
+    usable, sums = np.ones(len(found), np.uint8), np.empty((count // every, len(found)))
+    for k, last in enumerate(range(every, count + 1, every)):
+        kernels.log_odds(found, usable, model._replace(roots=model.roots[:last]), model.least, sums[k])
+    probable = sums[-1] >= MIN_LOG_ODDS
+    least = np.quantile(sums[:-1, probable], GIVEN_UP, axis=1)
+    return model._replace(least=least.astype(np.float32))
+
+
 def save(model: Forest, path: Path) -> None:
     """Write a forest as `fitted_forest` reads it."""
     np.savez_compressed(path, quantities=np.array(QUANTITIES), **model._asdict())
@@ -161,7 +177,7 @@ def main() -> int:
     parser.add_argument("--write", action="store_true", help="replace the trees in the source")
     args = parser.parse_args()
     cases = _cases(args)
-    model = fit(cases, args.trees, args.seed)
+    model = with_stages(fit(cases, args.trees, args.seed), np.concatenate([found for found, _, _ in cases]))
     print(f"{len(cases)} pictures, {sum(len(one[1]) for one in cases)} candidates, {len(model.roots)} trees")
     if args.write:
         save(model, Path(forest.__file__).with_name(forest.FILE))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from cuboid import Frame, FrameResult, Intrinsics, TrackerConfig
 from cuboid.ground.core.observation import Observation
 from cuboid.ground.core.working import WorkingImage, thin
+from cuboid.method.objects import object_map
 from cuboid.method.objects.by_regions import region_views
 from cuboid.method.proposals.types import Proposals
 from cuboid.runs.tracking import posed_tracker
@@ -128,16 +128,62 @@ def observed(owner_pixels: int) -> tuple[Observation, np.ndarray]:
     return seen, owner
 
 
-def test_a_region_is_taken_by_the_object_that_owns_its_pixels() -> None:
+def test_the_owner_of_half_of_the_pixels_of_a_region_is_its_rival() -> None:
     found = Proposals(np.array([[100, 60, 180, 120]], np.int32), np.ones(1, np.float32), [np.ones((60, 80), np.uint8)])
     seen, owner = observed(60)
     up = np.array([0.0, -1.0, 0.0])
     views = region_views(found, owner, seen, [7], up)
-    assert views.taken == pytest.approx([1.0])  # all of the object lies in the region
+    assert views.rivals == [(7,)]  # all of the object lies in the region
     assert views.depth_m == pytest.approx([WALL_M], abs=0.002)
     owner[:, :] = np.where(owner == 7, 9, 0)
-    assert region_views(found, owner, seen, [7], up).taken.tolist() == [0.0]  # its owner has no label
+    assert region_views(found, owner, seen, [7], up).rivals == [()]  # its owner has no label
+    owner[:, :] = 0
     owner[:, 140:] = 7
-    owner[:, :140] = 0
-    half = region_views(found, owner, dataclasses.replace(seen), [7], up)
-    assert half.taken == pytest.approx([0.5])
+    assert region_views(found, owner, seen, [7], up).rivals == [(7,)]  # half of the region
+    owner[:, 140:150] = 0
+    assert region_views(found, owner, seen, [7], up).rivals == [()]
+
+
+def two_boxes(index: int, x_m: float) -> Frame:
+    """A red and a gray box side by side, without a gap, before a wall: depth shows one body."""
+    rng = np.random.default_rng(index)
+    v, u = np.mgrid[:240, :320]
+    near_m = WALL_M - 0.15
+    x, y = x_m + (u - CAMERA.cx) * near_m / CAMERA.fx, (v - CAMERA.cy) * near_m / CAMERA.fy
+    body = (np.abs(x) < 0.16) & (np.abs(y) < 0.08)
+    color = np.full((240, 320, 3), 150.0)
+    color[body] = (90.0, 90.0, 90.0)
+    color[body & (x < 0.0)] = (190.0, 40.0, 40.0)
+    color += rng.normal(0.0, 3.0, color.shape)
+    depth_m = np.where(body, near_m, WALL_M) + rng.normal(0.0, 0.002, (240, 320))
+    T_world_camera = np.eye(4)
+    T_world_camera[0, 3] = x_m
+    return Frame(
+        index, index / 30.0, np.clip(color, 0, 255).astype(np.uint8), depth_m.astype(np.float32), T_world_camera
+    )
+
+
+def walk_by_two_boxes(judged: float) -> tuple[PosedTracker, FrameResult]:
+    """Track the two boxes, where the score of each object of the map is `judged`."""
+    tracker = PosedTracker(CAMERA)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(object_map, "probability", lambda _: judged)
+        results = [tracker.update(two_boxes(k, 0.12 * float(np.sin(k / 12.0)))) for k in range(60)]
+    return tracker, results[-1]
+
+
+def test_a_more_probable_region_replaces_the_object_that_owns_its_pixels() -> None:
+    tracker, last = walk_by_two_boxes(0.6)
+    (found,) = tracker.objects
+    assert sorted(found.box.size)[1:] == pytest.approx([0.16, 0.16], abs=0.03)  # the red box alone
+    (sighting,) = last.sightings
+    assert sighting.label == found.label
+    (body,) = tracker.ever_labelled()  # not reported
+    assert body.label != found.label
+
+
+def test_a_region_that_is_not_clearly_more_probable_changes_nothing() -> None:
+    tracker, last = walk_by_two_boxes(0.75)
+    (found,) = tracker.objects
+    assert max(found.box.size) > 0.28  # both boxes
+    assert [s.label for s in last.sightings] == [found.label]

@@ -16,7 +16,7 @@ from cuboid.method.proposals.forest import Forest, fitted_forest
 from cuboid.method.proposals.kernels import choice, forest, hierarchy, leaves, quantities, sums
 from cuboid.method.proposals.kernels.quantities import QUANTITIES
 from cuboid.method.proposals.region_maps import Maps, empty_sums, graph_of, maps_of
-from cuboid.method.proposals.regions import RegionSource, RegionTree, room_to_merge
+from cuboid.method.proposals.regions import MIN_LOG_ODDS, RegionSource, RegionTree, room_to_merge
 
 CAMERA = Intrinsics(90.0, 90.0, 31.5, 23.5, 64, 48)
 PINHOLE = np.array(CAMERA.pinhole)
@@ -244,7 +244,8 @@ def test_boosted_trees_as_by_recursion() -> None:
     found = random.normal(0.0, 2.0, (40, len(QUANTITIES))).astype(np.float32)
     usable, out = np.ones(40, np.uint8), np.empty(40)
     usable[7] = 0
-    forest.log_odds(found, usable, model, out)
+    given_up = np.array([-1.0, -0.5], np.float32)
+    forest.log_odds(found, usable, model, given_up, out)
 
     def value(at: int, row: np.ndarray) -> float:
         column = model.quantity[at]
@@ -253,10 +254,25 @@ def test_boosted_trees_as_by_recursion() -> None:
         return value(model.smaller[at] if row[column] <= model.value[at] else model.larger[at], row)
 
     for i, row in enumerate(found):
-        by_tree = [value(root, row) for root in model.roots]
-        first = model.base + sum(by_tree[: forest.FIRST_TREES])
-        expected = first if first < forest.HOPELESS else first + sum(by_tree[forest.FIRST_TREES :])
-        assert out[i] == pytest.approx(forest.HOPELESS if i == 7 else expected, abs=1e-9)
+        sums = model.base + np.cumsum([value(root, row) for root in model.roots])
+        stages = sums[forest.STAGE - 1 :: forest.STAGE]
+        expected = next((s for s, least in zip(stages, given_up, strict=False) if s < least), sums[-1])
+        assert out[i] == pytest.approx(forest.NEVER if i == 7 else expected, abs=1e-9)
+
+
+def test_hardly_any_probable_region_is_given_up_early() -> None:
+    model, (color, depth_m) = fitted_forest(), (enlarged(image, 5) for image in picture(4))
+    camera, seen = Intrinsics(450.0, 450.0, 159.5, 119.5, 320, 240), Frame(0, 0.0, color, depth_m, None)
+    trees, surfaces, _ = RegionSource(TrackerConfig()).candidates(seen, camera)
+    found = np.concatenate([each.found for each in (*trees, surfaces)])
+    usable = np.concatenate([each.usable for each in (*trees, surfaces)])
+    whole, early = np.empty(len(found)), np.empty(len(found))
+    forest.log_odds(found, usable, model, np.zeros(0, np.float32), whole)
+    forest.log_odds(found, usable, model, model.least, early)
+    probable = whole >= MIN_LOG_ODDS
+    assert probable.sum() > 10
+    assert (early[probable] == whole[probable]).mean() > 0.98
+    assert (early[~probable] < MIN_LOG_ODDS).all()
 
 
 def best_by_enumeration(parts: np.ndarray, gains: np.ndarray) -> float:

@@ -12,7 +12,7 @@ from cuboid.method.proposals import make_source
 from cuboid.method.proposals.forest import fitted_forest
 from cuboid.method.proposals.kernels import forest
 from cuboid.method.proposals.regions import RegionSource
-from cuboid.method.proposals.segment_scores import segment_log_odds
+from cuboid.method.proposals.segment_scores import NO_STAGES, segment_log_odds
 
 CAMERA = Intrinsics(450.0, 450.0, 159.5, 119.5, 320, 240)
 
@@ -26,7 +26,7 @@ def test_a_segment_has_the_score_of_the_candidate_with_its_pixels() -> None:
     frame = made_frame()
     _, surfaces, _ = RegionSource(TrackerConfig()).candidates(frame, CAMERA)
     expected = np.empty(len(surfaces.found))
-    forest.log_odds(surfaces.found, surfaces.usable, fitted_forest(), expected)
+    forest.log_odds(surfaces.found, surfaces.usable, fitted_forest(), NO_STAGES, expected)
     largest = int(np.argmax(np.where(surfaces.usable > 0, surfaces.masks.sizes, 0)))
     x0, y0, x1, y1 = surfaces.masks.rectangles[largest]
     start = surfaces.masks.starts[largest]

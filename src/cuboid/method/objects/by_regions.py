@@ -3,8 +3,9 @@
 A sheet on a wall, a box beside another one or a thing in a hand may have no segment of its own in the depth image. The
 source `regions` shows it in many views, and false regions seldom repeat at one place. So a region starts an object
 without voxels, regions of later views are matched to it by its predicted rectangle, and its probability is the mean of
-those of its regions, where a view without one counts as 0. Where labelled objects of the map own its pixels, these
-decide: it is not reported, and if it repeatedly has the rectangle of one of them, it is that one.
+those of its regions, where a view without one counts as 0. Labelled objects of the map that own its pixels are its
+rivals: it is reported in their place if it is clearly more probable, and else not at all. If it repeatedly has the
+rectangle of one of them, it is that one.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.rectangles import rect_iou_matrix
 from cuboid.method.boxes.fit import Resting, fit_boxes
 from cuboid.method.objects.box_without_depth import Planes, box_of
-from cuboid.method.objects.confirmation import is_repeated
+from cuboid.method.objects.confirmation import CLEARER, prevails
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.naming import SAME_IOU
 from cuboid.method.objects.rectangles import distance_along, is_cut_off, match_views, predict, ray_through, size_at
@@ -46,9 +47,8 @@ from cuboid.method.surfaces.planes import PlaneTracker
 
 # A region is a view of an object if its rectangle overlaps the predicted one by this IoU.
 FOLLOW_IOU = 0.4
-# A region that shares at least this fraction of its pixels, or of those of a labelled object, with that object shows
-# nothing new.
-TAKEN_FRACTION = 0.5
+# A region and a labelled object that share at least this fraction of the pixels of one of them are rivals.
+SHARED_FRACTION = 0.5
 # Smallest probability of a region that starts an object: more likely a whole thing than not.
 MIN_START = 0.5
 # Standard deviation of the distance of a region, from the median of its readings, as a fraction of the distance.
@@ -68,8 +68,8 @@ class RegionViews(NamedTuple):
         Of showing one whole thing, 0..1.
     depth_m : (N,) float64
         Median depth of its readings, 0: too few.
-    taken : (N,) float64
-        Largest fraction of its pixels, or of those of a labelled object, that it shares with that object.
+    rivals : list of tuple of int
+        Numbers of the labelled objects with which it shares much of its pixels, or of theirs.
     boxes : list of Box
         Upright box of its readings in the map; of a region with too few, a box that has no meaning.
     """
@@ -77,7 +77,7 @@ class RegionViews(NamedTuple):
     rects_xyxy: Float64Array
     probabilities: Float64Array
     depth_m: Float64Array
-    taken: Float64Array
+    rivals: list[tuple[int, ...]]
     boxes: list[Box]
 
 
@@ -119,11 +119,11 @@ def region_views(
         clouds.append(points_of(sample, seen.image, seen.T_world_camera) if len(flat) else np.zeros((1, 3)))
     sizes = np.bincount(owner.ravel(), minlength=counts.shape[1])
     shared = counts / np.maximum(np.minimum(sizes, pixels[:, None]), 1.0)
-    taken = shared[:, list(labelled)].max(axis=1, initial=0.0)
+    rivals = [tuple(number for number in labelled if row[number] >= SHARED_FRACTION) for row in shared]
     rests: list[Resting] = [(up, None)] * len(clouds)
     boxes = fit_boxes(np.concatenate([np.zeros((0, 3)), *clouds]), list(map(len, clouds)), rests, OUTLIER_FRACTION)
     rects, probabilities = found.boxes_xyxy.astype(np.float64), found.scores.astype(np.float64)
-    return RegionViews(rects, probabilities, medians, taken, boxes)
+    return RegionViews(rects, probabilities, medians, rivals, boxes)
 
 
 class ByRegions:
@@ -163,25 +163,29 @@ class ByRegions:
             if k in partner:
                 self._add_view(entry, found, partner[k], seen)
             elif view is not None and view.visible >= MISSED_FRACTION:
-                self._store.add_look(entry, 0.0, view.visible, taken=entry.taken)
+                self._store.add_look(entry, 0.0, view.visible, entry.rivals)
         for k in sorted({*range(len(found.rects_xyxy))} - {*partner.values()}):
             self._start(found, k, seen)
         self._join_map(shown)
         self._merge_doubles(seen)
         self._forget_unlikely()
         for entry in self._store.by_regions():
-            if entry.number not in self._hit or entry.taken or not is_repeated(entry, self._config):
+            if entry.number not in self._hit or not self._prevails(entry):
                 continue
             box, _ = box_of(entry, self._supports)
             if self._planes.has_plane_on_top(box):
                 self._store.retire(entry)
             elif not entry.confirmed and not too_large(box, self._config):
                 self._store.confirm(entry)
+        better = [entry for entry in self._store.by_regions() if entry.label and self._prevails(entry)]
+        self._store.replace({number for entry in better for number in entry.rivals})
+
+    def _prevails(self, entry: ObjectWithoutDepth) -> bool:
+        return prevails(entry, self._store.rivals_of(entry), self._config)
 
     def _add_view(self, entry: ObjectWithoutDepth, found: RegionViews, k: int, seen: Observation) -> None:
         rect, z = found.rects_xyxy[k], float(found.depth_m[k])
-        taken = bool(found.taken[k] >= TAKEN_FRACTION)
-        self._store.add_look(entry, float(found.probabilities[k]), 1.0, taken=taken)
+        self._store.add_look(entry, float(found.probabilities[k]), 1.0, found.rivals[k])
         self._store.add_hit(entry, 1.0, seen.keyframe)
         direction, size_rad = ray_through(rect, seen)
         known_m = max(float(np.linalg.norm(entry.center - seen.eye)), NEAREST_M)
@@ -198,9 +202,10 @@ class ByRegions:
         self._hit[entry.number] = rect
 
     def _start(self, found: RegionViews, k: int, seen: Observation) -> None:
-        """Start an object if a region is probably a whole thing, is not cut off, and shows no labelled object."""
+        """Start an object if a region is not cut off, and is probably a whole thing, more so than labelled objects."""
         rect, z = found.rects_xyxy[k], float(found.depth_m[k])
-        if found.probabilities[k] < MIN_START or found.taken[k] >= TAKEN_FRACTION or is_cut_off(rect, seen):
+        known = [self._store[number].score + CLEARER for number in found.rivals[k]]
+        if found.probabilities[k] < max([MIN_START, *known]) or is_cut_off(rect, seen):
             return
         if not 0.0 < z <= self._config.max_depth_m:
             return
@@ -243,7 +248,7 @@ class ByRegions:
         """Return the sightings of a frame, including those of these objects, by label."""
         found, rects = list(shown), np.array([sighting.rect_xyxy for sighting in shown]).reshape(-1, 4)
         for entry in sorted(self._store.by_regions(), key=lambda o: o.label):
-            if not entry.label or entry.taken or not is_repeated(entry, self._config):
+            if not entry.label or not self._prevails(entry):
                 continue
             view = predict(entry.center, entry.size_m, seen)
             if view is None or view.visible < SEEN_FRACTION:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.method.objects.affinity import CERTAIN_LOG_ODDS
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
@@ -11,6 +13,9 @@ from cuboid.method.objects.validity import fits_object
 READ_FRACTION = 0.5
 # Hits required for the label of an object without depth: two may come from a reflection.
 MIN_HITS = 3
+# An object of regions replaces labelled objects whose probabilities are lower by at least this: about the calibration
+# error of both.
+CLEARER = 0.1
 
 
 def is_confirmable(entry: MapObject, config: TrackerConfig) -> bool:
@@ -25,9 +30,18 @@ def is_confirmable(entry: MapObject, config: TrackerConfig) -> bool:
     return len(entry.points) > 0 and entry.probability >= config.min_probability and fits_object(entry.box, config)
 
 
-def is_repeated(entry: ObjectWithoutDepth, config: TrackerConfig) -> bool:
-    """Return whether regions of several views agree that an object without voxels is one whole thing."""
-    return entry.hits >= MIN_HITS and entry.score >= max(config.region_probability, config.min_probability)
+def prevails(entry: ObjectWithoutDepth, rivals: Iterable[MapObject], config: TrackerConfig) -> bool:
+    """Return whether regions of several views agree that an object is one whole thing, clearly more so than its rivals.
+
+    Parameters
+    ----------
+    entry : ObjectWithoutDepth
+    rivals : iterable of MapObject
+        Labelled objects that own its pixels.
+    config : TrackerConfig
+    """
+    least = max([config.region_probability, config.min_probability, *(rival.score + CLEARER for rival in rivals)])
+    return entry.hits >= MIN_HITS and entry.score >= least
 
 
 def is_certain(entry: ObjectWithoutDepth) -> bool:

@@ -23,9 +23,6 @@ PRIOR_LOOK = 0.5
 # Two views show different sides of an object if their directions differ by this, radians: ten degrees.
 NEW_DIRECTION_RAD = 0.175
 
-# Value of `shown` and `compared` in states of versions that did not have them.
-NOT_COUNTED = -1.0
-
 
 class State(Enum):
     """Stage of an object's life."""
@@ -155,6 +152,8 @@ class MapObject(ObjectRecord):
         Number of the object that it is attached to, if nothing supported it from below at the last fit; 0: none.
     moved : bool
         Whether it was seen to move by itself.
+    replaced : bool
+        Whether an object of regions with its pixels is reported in its place; see `by_regions`.
     doubt : float
         Log-odds that it is not in its place, from the frames since it was last seen there; see `presence.doubts`.
     merged_into : MapObject or None
@@ -167,28 +166,29 @@ class MapObject(ObjectRecord):
     points: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     colors: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     heat: float = 0.0
-    probability: float = field(default_factory=float)
+    probability: float = 0.0
     sightings: float = 0.0
-    shown: float = field(default=0.0, metadata={"added": lambda: NOT_COUNTED})
-    missed: float = field(default_factory=float)
-    agreement: float = field(default_factory=float)
-    compared: float = field(default=0.0, metadata={"added": lambda: NOT_COUNTED})
-    whole_log_odds: float = field(default_factory=float)
-    scored: float = field(default_factory=float)
-    largest_px: int = field(default_factory=int)
+    shown: float = 0.0
+    missed: float = 0.0
+    agreement: float = 0.0
+    compared: float = 0.0
+    whole_log_odds: float = 0.0
+    scored: float = 0.0
+    largest_px: int = 0
     directions: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     outline: Float64Array = field(default_factory=lambda: np.zeros((4, KINDS)))
     supports: dict[int, int] = field(default_factory=dict)
     fitted: float = 0.0
     supports_plane: bool = False
-    continuing: int = field(default_factory=int)
-    filled: float = field(default_factory=float)
-    noise_m: float = field(default_factory=float)
+    continuing: int = 0
+    filled: float = 0.0
+    noise_m: float = 0.0
     sides_m: Float64Array = field(default_factory=lambda: np.zeros((0, 4)))
-    measured: float = field(default_factory=float)
+    measured: float = 0.0
     holder: int = 0
-    moved: bool = field(default_factory=bool)
-    doubt: float = field(default_factory=float)
+    moved: bool = False
+    doubt: float = 0.0
+    replaced: bool = False
     merged_into: MapObject | None = field(default=None, metadata=TRANSIENT)
 
     @property
@@ -198,6 +198,10 @@ class MapObject(ObjectRecord):
         while entry.merged_into is not None:
             entry = entry.merged_into
         return entry
+
+    def is_reported(self, min_probability: float) -> bool:
+        """Return whether results contain it; those of a replaced object contain the object of regions."""
+        return not self.replaced and ObjectRecord.is_reported(self, min_probability)
 
     @property
     def score(self) -> float:
@@ -247,8 +251,8 @@ class ObjectWithoutDepth(ObjectRecord):
         Whether regions of color and depth show it, and not a detector; see `by_regions`.
     looks, regions : float
         Weight of the views of its place, and sum of the probabilities of its regions, times the weights.
-    taken : bool
-        Whether labelled objects of the map own the pixels of its last region.
+    rivals : tuple of int
+        Numbers of the labelled objects of the map that owned pixels of its last region.
     seen_box : Box or None
         Box of the readings of its most probable region.
     likeliest : float
@@ -267,12 +271,12 @@ class ObjectWithoutDepth(ObjectRecord):
     partner: int = 0
     size_scatter_m2: Float64Array = field(default_factory=lambda: np.zeros(2))
     distance_m: float = 0.0
-    by_regions: bool = field(default_factory=bool)
-    looks: float = field(default_factory=float)
-    regions: float = field(default_factory=float)
-    taken: bool = field(default_factory=bool)
-    seen_box: Box | None = field(default=None, metadata={"added": lambda: None})
-    likeliest: float = field(default_factory=float)
+    by_regions: bool = False
+    looks: float = 0.0
+    regions: float = 0.0
+    rivals: tuple[int, ...] = ()
+    seen_box: Box | None = None
+    likeliest: float = 0.0
 
     @property
     def score(self) -> float:

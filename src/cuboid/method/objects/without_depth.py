@@ -26,7 +26,7 @@ from cuboid.ground.geometry.rectangles import rect_iou_matrix
 from cuboid.ground.geometry.se3 import transform
 from cuboid.method.detection.types import Detections
 from cuboid.method.objects.box_without_depth import Planes, box_of, united
-from cuboid.method.objects.confirmation import READ_FRACTION, is_certain, is_repeated
+from cuboid.method.objects.confirmation import READ_FRACTION, is_certain, prevails
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.naming import MISSED, SAME_IOU, likely_classes, score_gain
 from cuboid.method.objects.rectangles import (
@@ -77,7 +77,9 @@ class WithoutDepth:
     def confirmed(self) -> list[ObjectWithoutDepth]:
         """Return the certain objects with a label of their own, by label."""
         found = [o for o in self._store.detected() if o.confirmed and not o.partner and is_certain(o)]
-        found += [o for o in self._store.by_regions() if o.confirmed and not o.taken and is_repeated(o, self._config)]
+        found += [
+            o for o in self._store.by_regions() if o.confirmed and prevails(o, self._store.rivals_of(o), self._config)
+        ]
         return sorted(found, key=lambda o: o.label)
 
     def retire(self, label: int) -> bool:

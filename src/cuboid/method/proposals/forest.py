@@ -29,6 +29,9 @@ class Forest(NamedTuple):
         Largest value that goes to `smaller`; log-odds of a leaf.
     smaller, larger : (N,) int32
         Next nodes.
+    least : (S,) float32
+        Smallest sums of the first trees, after each stage, of regions that are probable enough to be chosen: nearly all
+        such regions of the pictures of the fit have larger ones.
     """
 
     base: float
@@ -37,6 +40,7 @@ class Forest(NamedTuple):
     value: npt.NDArray[np.float32]
     smaller: npt.NDArray[np.int32]
     larger: npt.NDArray[np.int32]
+    least: npt.NDArray[np.float32]
 
 
 @cache

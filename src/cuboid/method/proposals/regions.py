@@ -275,7 +275,7 @@ def _judged_surfaces(masks: Masks, scores: Float32Array, maps: Maps, camera: Flo
 
 def _log_odds(found: Float32Array, usable: UInt8Array, model: Forest) -> Float64Array:
     out = np.empty(len(found))
-    forest.log_odds(found, usable, model, out)
+    forest.log_odds(found, usable, model, model.least, out)
     return out
 
 

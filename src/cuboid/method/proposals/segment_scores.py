@@ -20,6 +20,8 @@ from cuboid.method.proposals.types import JoinedMasks, Proposals
 # Narrower pictures have no scores, pixels: the score is fitted to pictures of 320 pixels, and much coarser ones show
 # things in another way.
 MIN_WIDE = 240
+# All trees count, also for improbable segments.
+NO_STAGES = np.zeros(0, np.float32)
 
 
 def segment_log_odds(
@@ -71,7 +73,7 @@ def segment_log_odds(
     limits = MIN_SIDE, MIN_PIXELS, float(labels.size)
     quantities.quantities(tree, count + 1, SURFACE_TREE, pinhole, labels.shape, limits, found, usable)
     log_odds = np.empty(count + 1)
-    forest.log_odds(found, usable, fitted_forest(), log_odds)
+    forest.log_odds(found, usable, fitted_forest(), NO_STAGES, log_odds)
     log_odds[usable == 0] = np.nan
     return log_odds[1:]
 

@@ -56,7 +56,7 @@ class UpVote(Record):
     axes: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
     measured: Float64Array = field(default_factory=lambda: np.zeros(3))
     up: Float64Array | None = None
-    waiting: float = field(default_factory=float)
+    waiting: float = 0.0
     votes: float = 0.0
     changed: bool = False
 

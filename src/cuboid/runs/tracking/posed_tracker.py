@@ -121,11 +121,11 @@ class PosedTrackerState(Record):
     planes: PlaneTrackerState
     voxels: VoxelMapState
     map: ObjectMapState
-    unread: tuple[ObjectWithoutDepth, ...] = dataclasses.field(default_factory=tuple)
+    unread: tuple[ObjectWithoutDepth, ...] = ()
     furniture_labels: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict)
-    time_s: float | None = dataclasses.field(default_factory=lambda: None)
-    unscored: float = dataclasses.field(default_factory=float)
-    unlooked: float = dataclasses.field(default_factory=float)
+    time_s: float | None = None
+    unscored: float = 0.0
+    unlooked: float = 0.0
 
 
 class PosedTracker(TrackedMap):
@@ -453,7 +453,7 @@ class PosedTracker(TrackedMap):
         camera.unlooked += seen.weight
         if camera.unlooked >= LOOK_WEIGHT or self._camera.count == 0:
             camera.unlooked = 0.0
-            shown = [(entry, view) for entry, view in visible if entry.is_reported(c.min_probability)]
+            shown = [(o, view) for o, view in visible if o.confirmed and o.score >= c.min_probability]
             if max(self._roll.camera.width, self._roll.camera.height) >= MIN_WIDE:
                 found = RegionSource(camera.config)(frame, self._roll.camera, proposals)
                 owner = self._voxels.look_up(slots).owner

@@ -88,6 +88,10 @@ class StoredObjects:
         """Return the objects without depth that regions of color and depth show, by number."""
         return [entry for entry in self._without_depth.values() if entry.by_regions]
 
+    def rivals_of(self, entry: ObjectWithoutDepth) -> list[MapObject]:
+        """Return the labelled objects that own pixels of the last region of an object."""
+        return [o for o in self.all_of(entry.rivals) if o.confirmed]
+
     def all_of(self, numbers: Iterable[int]) -> list[MapObject]:
         """Return the living ones among some objects, by number."""
         found = map(self._objects.get, sorted(set(numbers)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -26,11 +26,14 @@ class EvidenceWithoutDepth(ObjectEvidence):
         entry.hits, entry.keyframe = entry.hits + 1, keyframe
         entry.read += (read - entry.read) / entry.hits
 
-    def add_look(self, entry: ObjectWithoutDepth, probability: float, weight: float, *, taken: bool) -> None:
-        """Add a view of the place of an object, with the probability of its region there, 0: none."""
+    def add_look(self, entry: ObjectWithoutDepth, probability: float, weight: float, rivals: Sequence[int]) -> None:
+        """Add a view of the place of an object, with the probability of its region there, 0: none.
+
+        `rivals` are the numbers of the labelled objects that own pixels of it.
+        """
         entry.looks += weight
         entry.regions += weight * probability
-        entry.taken = taken
+        entry.rivals = tuple(rivals)
 
     def add_direction(self, entry: ObjectWithoutDepth, toward: Float64Array) -> None:
         """Add the direction (3,) from an object to a camera that sees it."""
