@@ -33,7 +33,7 @@ from cuboid.fleet.batch.batch import Order, carry_out, plan
 from cuboid.fleet.batch.cluster import Workers
 from cuboid.fleet.batch.sources import expand
 from cuboid.fleet.store.compact import compact
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.threads import limit_threads
 from scenes import MadeScene, made
@@ -135,10 +135,10 @@ def measure(folder: Path, work: Path, workers: int) -> dict[str, Any]:
     }
 
 
-def _timed_compact(seconds: list[float]) -> Callable[[Place], Any]:
+def _timed_compact(seconds: list[float]) -> Callable[[StoreFolder], Any]:
     """Return what gathers files, and notes its processor time, that of the threads it has others start included."""
 
-    def timed(place: Place) -> Any:
+    def timed(place: StoreFolder) -> Any:
         begun_s = time.process_time()
         try:
             return compact(place)

@@ -19,11 +19,11 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
+from cuboid.fleet.store.files import Manifest, manifest_name, name_of
 from cuboid.fleet.store.find import find
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.schema import DONE, OBJECTS, RUNS, TABLES, TIME
-from cuboid.fleet.store.snapshot import Manifest, manifest_name, name_of
 from cuboid.services.queries.filters import Filters
 from cuboid.services.queries.likeness import COLOR_WORDS, SHAPE_BINS
 from tables import show
@@ -38,7 +38,7 @@ QUESTIONS = {
 TIMES = 5
 
 
-def make(place: Place, days: int, recordings: int, objects: int) -> None:
+def make(place: StoreFolder, days: int, recordings: int, objects: int) -> None:
     """Write the store: sizes are log-normal about 14 cm, places fill 20 x 20 x 2 m."""
     rng = np.random.default_rng(0)
     files: dict[str, list[str]] = {RUNS: [], OBJECTS: []}
@@ -110,7 +110,7 @@ def main() -> int:
     parser.add_argument("--objects", type=int, default=10, metavar="N")
     args = parser.parse_args()
     if not args.store.exists():
-        make(Place(str(args.store)), args.days, args.recordings, args.objects)
+        make(StoreFolder(str(args.store)), args.days, args.recordings, args.objects)
         print("made; call it again to measure", file=sys.stderr)  # whose memory is not that of the questions
         return 0
     begun_s = time.perf_counter()

@@ -22,7 +22,7 @@ from distributed import Client, Worker, WorkerPlugin
 from cuboid import CuboidError, TrackerConfig, __version__
 from cuboid.fleet.batch.batch import Order, carry_out, plan
 from cuboid.fleet.batch.cluster import Workers
-from cuboid.fleet.batch.sources import Source
+from cuboid.fleet.batch.sources import BatchSource
 from cuboid.fleet.batch.task import Ended
 from cuboid.fleet.store.judging import judge_store
 from cuboid.fleet.store.rows import settings_text
@@ -109,7 +109,7 @@ def run_suite(scenes: list[MadeScene], settings: Settings, work: Path, jobs: int
     with Workers(count=jobs).connected() as client:
         client.register_plugin(ProcessorTime())
         cases = client.gather(client.map(made, longest_first, work=work, pure=False))
-        _track(client, [Source(case.name, str(case.recording.resolve())) for case in cases], order)
+        _track(client, [BatchSource(case.name, str(case.recording.resolve())) for case in cases], order)
         truths = cases[0].recording.parent
         found = judge_store(client, order.store, truths, version=version, settings=settings_text(order.settings))
     for name, reason in found.refused.items():
@@ -117,7 +117,7 @@ def run_suite(scenes: list[MadeScene], settings: Settings, work: Path, jobs: int
     return [{"scene": scene.name, "kind": scene.kind, **found.rows[scene.name]} for scene in scenes]
 
 
-def _track(client: Client, sources: list[Source], order: Order) -> None:
+def _track(client: Client, sources: list[BatchSource], order: Order) -> None:
     """Track what is not done yet, and say on standard error how far it is."""
     planned = plan(client, sources, order)
     count = 0

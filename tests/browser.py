@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import shutil
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from socketserver import BaseServer
 
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Locator, Page, ViewportSize, sync_playwright
+from playwright.sync_api import Browser, FloatRect, Locator, Page, ViewportSize, sync_playwright
 
 from cuboid.ground.arrays import UInt8Array
 
@@ -92,3 +94,49 @@ def press_layer(page: Page, name: str) -> None:
         page.click("#show")
     page.click(f'[data-layer="{name}"]')
     page.keyboard.press("Escape")
+
+
+def settle(page: Page) -> None:
+    """Wait until what was asked for is on the screen."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def rect(place: Locator) -> FloatRect:
+    """Return where a place of the page is: x, y, width, height."""
+    found = place.bounding_box()
+    assert found is not None
+    return found
+
+
+class OpenPage:
+    """Opens pages; in the end none of them must have complained."""
+
+    def __init__(self, launched: Browser) -> None:
+        self._launched, self._opened = launched, list[Watched]()
+
+    def __call__(
+        self, address: str | Path, scheme: str = "dark", *, width: int = VIEWPORT["width"], motion: bool = False
+    ) -> Page:
+        """Open a page of its own, and wait until the scene is there."""
+        watched = Watched(self._launched, scheme, motion=motion)
+        self._opened.append(watched)
+        watched.page.set_viewport_size({**VIEWPORT, "width": width})
+        watched.open(address)
+        settle(watched.page)
+        return watched.page
+
+    def close(self) -> None:
+        """Close the pages."""
+        for watched in self._opened:
+            assert watched.complaints == []
+            watched.page.close()
+
+
+@contextmanager
+def answering(server: BaseServer) -> Iterator[None]:
+    """Let a server answer from a thread of its own."""
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
+    thread.start()
+    yield
+    server.shutdown()
+    thread.join()

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -71,6 +72,25 @@ def data_dir() -> Path:
             pytest.fail(message)
         pytest.skip(message)
     return folder
+
+
+@pytest.fixture(scope="module")
+def launched() -> Generator[Any, None, None]:
+    """A browser."""
+    from browser import browser
+
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture
+def open_page(launched: Any) -> Generator[Any, None, None]:
+    """A function that opens pages, which must not have complained in the end."""
+    from browser import OpenPage
+
+    opener = OpenPage(launched)
+    yield opener
+    opener.close()
 
 
 @pytest.fixture(scope="session")

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 
 from cuboid import Tracker, open_recording
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.files import Part, key_of
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.rows import ReadAs, RunHead, day_of, recorded, tables_of
 from cuboid.fleet.store.schema import DONE, RUNS, TABLES
-from cuboid.fleet.store.snapshot import Part, key_of
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.method.proposals.types import Proposals
 from cuboid.results.files import Results
@@ -123,7 +123,7 @@ def into_scene(path: Path, begin_s: float, without: str = "") -> None:
 
 def put_results(store: str, results: Path, recording: str, number: int) -> None:
     """Put the results of a recording into a store, as a batch does."""
-    found, place = Results(results), Place(store)
+    found, place = Results(results), StoreFolder(store)
     newest = datetime(2026, 11, 27, 17, 30, tzinfo=UTC)
     head = RunHead(f"{number:020x}", recording, f"/data/{recording}", "1", "{}", newest, 1)
     read: Callable[[int], Frame] = found.recording.read

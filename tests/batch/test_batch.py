@@ -19,7 +19,7 @@ from cuboid.cli.batch import add_arguments, settings_from
 from cuboid.fleet.batch import cluster
 from cuboid.fleet.batch.batch import Order, carry_out, plan
 from cuboid.fleet.batch.cluster import Workers
-from cuboid.fleet.batch.sources import Source
+from cuboid.fleet.batch.sources import BatchSource
 from cuboid.fleet.batch.task import Ended
 from cuboid.fleet.store.query import Tables
 from cuboid.ground.core.errors import InputError
@@ -132,7 +132,7 @@ def test_the_tables_say_what_the_folders_say(store: Path) -> None:
 
 def test_a_result_that_dies_with_its_worker_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = recordings(tmp_path / "source", 2)
-    sources = [Source(path.name, str(path)) for path in sorted(folder.iterdir())]
+    sources = [BatchSource(path.name, str(path)) for path in sorted(folder.iterdir())]
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     store = str(tmp_path / "store")

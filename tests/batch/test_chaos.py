@@ -13,7 +13,7 @@ import psutil
 
 from batches import LIMIT_S, call, content, recordings, run, states, surroundings
 from cuboid.fleet.batch.claim import claimed
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 
 # More with CUBOID_CHAOS=200.
 COUNT = int(os.environ.get("CUBOID_CHAOS", "6"))
@@ -101,7 +101,7 @@ def test_two_batches_on_one_store_do_all_once(tmp_path: Path) -> None:
 def test_a_second_batch_says_that_it_waits(tmp_path: Path) -> None:
     source = recordings(tmp_path / "source", 1, 4)
     words = call("batch", source, "--output", tmp_path / "store", "--workers", 1)
-    with claimed(Place(str(tmp_path / "store")), lambda: None):
+    with claimed(StoreFolder(str(tmp_path / "store")), lambda: None):
         second = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=surroundings())
         assert second.stderr is not None
         line = second.stderr.readline()

@@ -13,15 +13,15 @@ import pytest
 
 from cuboid.fleet.batch import claim
 from cuboid.fleet.batch.claim import LOCK, claimed
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.ground.core.errors import OutputError
 
 
 @pytest.fixture(params=["folder", "object store"])
-def place(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Place]:
+def place(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StoreFolder]:
     monkeypatch.setattr(claim, "POLL_S", 0.01)
     monkeypatch.setattr(claim, "RENEW_S", 0.01)
-    yield Place(str(tmp_path / "store") if request.param == "folder" else "memory://fleet/store")
+    yield StoreFolder(str(tmp_path / "store") if request.param == "folder" else "memory://fleet/store")
     fsspec.filesystem("memory").store.clear()
 
 
@@ -29,11 +29,11 @@ def never() -> None:
     raise AssertionError("nobody else holds the store")
 
 
-def test_a_second_batch_says_that_it_waits_and_goes_on_after_the_first(place: Place) -> None:
+def test_a_second_batch_says_that_it_waits_and_goes_on_after_the_first(place: StoreFolder) -> None:
     said, done = threading.Event(), threading.Event()
 
     def second() -> None:
-        with claimed(Place(place.url), said.set):
+        with claimed(StoreFolder(place.url), said.set):
             done.set()
 
     with claimed(place, never):
@@ -48,29 +48,30 @@ def test_a_second_batch_says_that_it_waits_and_goes_on_after_the_first(place: Pl
 
 
 def test_a_batch_that_did_nothing_leaves_no_folder(tmp_path: Path) -> None:
-    with claimed(Place(str(tmp_path / "store")), never):
+    with claimed(StoreFolder(str(tmp_path / "store")), never):
         assert (tmp_path / "store" / LOCK).is_file()
     assert list(tmp_path.iterdir()) == []
-    with claimed(Place(str(tmp_path / "store")), never):
+    with claimed(StoreFolder(str(tmp_path / "store")), never):
         (tmp_path / "store" / "runs").mkdir()
     assert (tmp_path / "store" / "runs").is_dir()
 
 
 def test_the_lock_of_a_killed_batch_ends(tmp_path: Path) -> None:
     script = (
-        "import os, sys; from cuboid.fleet.batch.claim import claimed; from cuboid.fleet.store.place import Place\n"
-        "with claimed(Place(sys.argv[1]), print): os._exit(9)"
+        "import os, sys; from cuboid.fleet.batch.claim import claimed\n"
+        "from cuboid.fleet.store.folder import StoreFolder\n"
+        "with claimed(StoreFolder(sys.argv[1]), print): os._exit(9)"
     )
     store = tmp_path / "store"
     assert subprocess.run([sys.executable, "-c", script, str(store)], check=False, timeout=60).returncode == 9
-    with claimed(Place(str(store)), never):
+    with claimed(StoreFolder(str(store)), never):
         pass
 
 
 def test_on_an_object_store_a_lock_that_nobody_renews_expires(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(claim, "POLL_S", 0.01)
     monkeypatch.setattr(claim, "EXPIRE_S", 0.05)
-    place = Place("memory://fleet/killed")
+    place = StoreFolder("memory://fleet/killed")
     assert place.create(LOCK, b"of a batch that was killed")
     waited: list[int] = []
     with claimed(place, lambda: waited.append(1)):
@@ -82,6 +83,6 @@ def test_on_an_object_store_a_lock_that_nobody_renews_expires(monkeypatch: pytes
 
 def test_a_store_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    enter: Callable[[], object] = claimed(Place(str(tmp_path / "file" / "store")), never).__enter__
+    enter: Callable[[], object] = claimed(StoreFolder(str(tmp_path / "file" / "store")), never).__enter__
     with pytest.raises(OutputError, match="cannot be written"):
         enter()

@@ -11,7 +11,7 @@ import pytest
 from batches import content, recordings, run, states
 from cuboid.fleet.store.compact import compact
 from cuboid.fleet.store.find import find
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
 from cuboid.services.queries.filters import Filters
 
@@ -50,7 +50,7 @@ def test_a_batch_from_and_to_an_object_store(bucket: str, tmp_path: Path) -> Non
         "rec-02": "done",
     }
     assert "s3://fleet/march/rec-01" in (found["rec-01"][1] or ""), "the reason names the recording, not a copy of it"
-    place = Place(f"{bucket}/store")
+    place = StoreFolder(f"{bucket}/store")
     files = place.names("results")
     assert sum(name.endswith("run.json") for name in files) == 2
     assert sum(name.endswith("report.html") for name in files) == 2
@@ -65,7 +65,7 @@ def test_a_batch_from_and_to_an_object_store(bucket: str, tmp_path: Path) -> Non
 
 
 def test_a_name_is_taken_once(bucket: str) -> None:
-    place = Place(f"{bucket}/other")
+    place = StoreFolder(f"{bucket}/other")
     assert place.create("one", b"1")
     assert not place.create("one", b"2")
     assert place.read("one") == b"1"

@@ -15,7 +15,7 @@ import cuboid.runs.pipeline.run
 from batches import content, recordings
 from cuboid.cli import main
 from cuboid.cli.batch import add_arguments, settings_from
-from cuboid.fleet.batch.sources import Source
+from cuboid.fleet.batch.sources import BatchSource
 from cuboid.fleet.batch.task import Task, head_of, track
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.results import FrameResult
@@ -27,7 +27,7 @@ from made_text_models import made_text_model
 @pytest.fixture
 def task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Task:
     monkeypatch.setattr(cuboid.runs.pipeline.run, "_tracker", FakeTracker)
-    source = Source("rec-00", str(recordings(tmp_path / "source", 1) / "rec-00"))
+    source = BatchSource("rec-00", str(recordings(tmp_path / "source", 1) / "rec-00"))
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     settings = settings_from(parser.parse_args([source.url, "--output", "unused"]))
@@ -91,7 +91,7 @@ def test_vectors_of_an_image_text_model_stand_in_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("tokenizers")
-    source = Source("made", str(tmp_path / "made"))
+    source = BatchSource("made", str(tmp_path / "made"))
     write_frames(tmp_path / "made", frames())
     model = made_text_model(tmp_path / "model")
     parser = argparse.ArgumentParser()

@@ -23,9 +23,9 @@ def make_store(folder: Path) -> None:
     from made_stores import put_run, thing
 
     from cuboid.fleet.store.compact import compact
-    from cuboid.fleet.store.place import Place
+    from cuboid.fleet.store.folder import StoreFolder
 
-    place = Place(str(folder))
+    place = StoreFolder(str(folder))
     put_run(place, 1, [thing(1), thing(2, longest_m=0.3)])
     put_run(place, 2, [thing(1, color="red")])
     compact(place)
@@ -102,12 +102,12 @@ def sum_up(folder: Path) -> None:
 def gather(folder: Path) -> None:
     """Gather what is there; what that removes comes back."""
     from cuboid.fleet.store.compact import compact
-    from cuboid.fleet.store.place import Place
+    from cuboid.fleet.store.folder import StoreFolder
 
     tables = [path for path in folder.rglob("*.parquet") if path.is_file() and path.stat().st_size < SMALL_BYTES]
     before = {path: path.read_bytes() for path in tables}
     try:
-        compact(Place(str(folder)))
+        compact(StoreFolder(str(folder)))
     finally:
         for path, content in before.items():
             if not path.exists():
@@ -116,10 +116,10 @@ def gather(folder: Path) -> None:
 
 def batch(folder: Path) -> None:
     """Ask what was tracked before."""
-    from cuboid.fleet.store.place import Place
-    from cuboid.fleet.store.snapshot import snapshot
+    from cuboid.fleet.store.files import store_files
+    from cuboid.fleet.store.folder import StoreFolder
 
-    snapshot(Place(str(folder)), every_key=True)
+    store_files(StoreFolder(str(folder)), every_key=True)
 
 
 STORES = {

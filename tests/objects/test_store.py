@@ -267,8 +267,6 @@ def test_a_state_keeps_the_objects_without_depth() -> None:
     saved = store.state_without_depth()
     store.add_evidence(entries[0], 1.0)
     assert saved[0].log_odds == 0.0, "later updates do not change it"
-    for entry in saved:
-        entry.state = State.CANDIDATE  # as in states of earlier versions
     again = store_of(1)
     again.restore_without_depth(saved)
     assert [o.number for o in again.without_depth()] == [1, 2]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_scene import CAMERA, Shown, record
 
-from browser import Watched, browser
+from browser import OpenPage
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Frame
 from cuboid.method.proposals.types import Proposals
@@ -43,6 +43,11 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def label_at(scene: Scene, place: tuple[float, float]) -> int:
     return scene.near([*place, 0.53], 0.1)[0].label
+
+
+def told(scene: Scene) -> dict[int, str]:
+    """Return the change of each object since the visit before."""
+    return {change.label: change.change for change in scene.changes()}
 
 
 def visited(first: Path, path: Path, shown: Shown) -> Scene:
@@ -107,33 +112,30 @@ def test_results_of_an_earlier_recording_do_not_tell_how_sure_later_boxes_are(mo
     assert all(len(item.size_sigma_m) == 3 and item.sides_seen for item in last)
 
 
-def test_the_page_shows_what_changed(moved: Path, tmp_path: Path) -> None:
+def test_the_page_shows_what_changed(open_page: OpenPage, moved: Path, tmp_path: Path) -> None:
     with Scene.open(moved) as scene:
         one, two = (label_at_begin(scene, place[0]) for place in (ONE, TWO))
         (new,) = (change.label for change in scene.changes() if change.change == "new")
         scene.write_results(tmp_path / "out")
         write_report(tmp_path / "page.html", summarise(Results(tmp_path / "out"), None, scene.shown_changes(2)))
     assert two not in [item.label for item in Results(tmp_path / "out").found.objects], "it is gone"
-    with browser() as launched:
-        seen = Watched(launched)
-        seen.open(tmp_path / "page.html")
-        rows = seen.page.locator("#changes .change")
-        told = [row.split("\n")[:2] for row in rows.all_inner_texts()]
-        assert told[1:] == [[f"#{two}", "gone"], [f"#{new}", "new"]]
-        assert told[0][0] == f"#{one}"
-        assert told[0][1].startswith("moved 7")
-        rows.first.click()
-        assert seen.page.locator("#card h2").inner_text() == f"Object {one}"
-        assert seen.complaints == []
+    page = open_page(tmp_path / "page.html")
+    rows = page.locator("#changes .change")
+    shown = [row.split("\n")[:2] for row in rows.all_inner_texts()]
+    assert shown[1:] == [[f"#{two}", "gone"], [f"#{new}", "new"]]
+    assert shown[0][0] == f"#{one}"
+    assert shown[0][1].startswith("moved 7")
+    rows.first.click()
+    assert page.locator("#card h2").inner_text() == f"Object {one}"
 
 
 def test_what_is_hidden_is_not_gone(first: Path, tmp_path: Path) -> None:
     screen = upright((0.75, 0.15), (0.05, 1.4, 1.6), 0.0, z=0.0)
     shown = Shown((thing(TWO), screen), frames=12)
     with visited(first, tmp_path / "s.cuboid", shown) as scene:
-        told = {change.label: change.change for change in scene.changes()}
-        assert "gone" not in told.values()
-        assert "not looked at" in told.values()
+        changes = told(scene)
+        assert "gone" not in changes.values()
+        assert "not looked at" in changes.values()
 
 
 def test_another_thing_in_its_place_is_another(first: Path, tmp_path: Path) -> None:
@@ -143,7 +145,7 @@ def test_another_thing_in_its_place_is_another(first: Path, tmp_path: Path) -> N
     shown = Shown((other, thing(TWO), thing(THREE)), frames=60, begin=0.3)
     with visited(first, tmp_path / "s.cuboid", shown) as scene:
         assert label_at(scene, ONE[0]) != one
-        assert {change.label: change.change for change in scene.changes()}[one] == "gone"
+        assert told(scene)[one] == "gone"
 
 
 def test_what_is_laid_where_another_stood_is_not_one_with_it(first: Path, tmp_path: Path) -> None:
@@ -152,7 +154,7 @@ def test_what_is_laid_where_another_stood_is_not_one_with_it(first: Path, tmp_pa
         one, two, three = (label_at(scene, place[0]) for place in (ONE, TWO, THREE))
     shown = Shown((thing(ONE, (-0.3, 0.21)), thing(TWO), thing(THREE, (-0.25, 0.06))), frames=60, begin=0.3)
     with visited(first, tmp_path / "s.cuboid", shown) as scene:
-        assert {change.label: change.change for change in scene.changes()} == {
+        assert told(scene) == {
             one: "moved",
             two: "unchanged",
             three: "moved",
@@ -175,9 +177,9 @@ def test_pieces_that_went_together_are_one(tmp_path: Path) -> None:
         two = label_at(scene, TWO[0])
     record(path, Shown((*pieces(0.35, -0.05), thing(TWO)), frames=60, begin=0.3), "again")
     with Scene.open(path) as scene:
-        told = {change.label: change.change for change in scene.changes()}
-        assert told.pop(two) == "unchanged"
-        ((label, change),) = told.items()
+        changes = told(scene)
+        assert changes.pop(two) == "unchanged"
+        ((label, change),) = changes.items()
         assert change == "moved"
         ended = {item.label: item.merged_into for item in scene.all_objects}
         assert [ended[other] for other in (1, 2, 3) if other not in (label, two)] == [label]
@@ -196,9 +198,9 @@ def test_what_stood_there_without_a_label_is_not_new(tmp_path: Path) -> None:
     in_two(tmp_path / "broken-off.cuboid", shown, 20)
     for path in (tmp_path / "s.cuboid", tmp_path / "broken-off.cuboid"):
         with Scene.open(path) as scene:
-            told = {change.label: change.change for change in scene.changes()}
-            assert told[label_at(scene, THREE[0])] == "found", path
-            assert sorted(told.values()) == ["found", "unchanged", "unchanged"]
+            changes = told(scene)
+            assert changes[label_at(scene, THREE[0])] == "found", path
+            assert sorted(changes.values()) == ["found", "unchanged", "unchanged"]
 
 
 def in_two(path: Path, shown: Shown, cut: int) -> None:
@@ -238,9 +240,9 @@ def test_what_was_hidden_is_not_new(tmp_path: Path) -> None:
         assert len(scene.objects) == 1
     record(tmp_path / "s.cuboid", Shown((tall, behind), frames=40, begin=2.5), "again")
     with Scene.open(tmp_path / "s.cuboid") as scene:
-        told = {change.label: change.change for change in scene.changes()}
-        assert told[label_at(scene, (-0.22, 0.15))] == "found"
-        assert "new" not in told.values()
+        changes = told(scene)
+        assert changes[label_at(scene, (-0.22, 0.15))] == "found"
+        assert "new" not in changes.values()
 
 
 def test_what_is_thinner_than_the_ground_is_known_is_not_new(first: Path, tmp_path: Path) -> None:
@@ -250,9 +252,9 @@ def test_what_is_thinner_than_the_ground_is_known_is_not_new(first: Path, tmp_pa
     )
     shown = Shown((thing(ONE), thing(TWO), thing(THREE), post, can), frames=40, begin=0.4)
     with visited(first, tmp_path / "s.cuboid", shown) as scene:
-        told = {change.label: change.change for change in scene.changes()}
-        assert told[label_at(scene, (-0.3, 0.4))] == "new"
-        assert told[label_at(scene, (0.35, -0.1))] == "found"
+        changes = told(scene)
+        assert changes[label_at(scene, (-0.3, 0.4))] == "new"
+        assert changes[label_at(scene, (0.35, -0.1))] == "found"
 
 
 class Passed(Shown):

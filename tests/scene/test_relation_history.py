@@ -90,7 +90,7 @@ def test_a_damaged_row_is_named(moved: Path, tmp_path: Path) -> None:
     path = tmp_path / "s.cuboid"
     path.write_bytes(moved.read_bytes())
     file = Writing(path)
-    file.connection.execute("UPDATE scene SET value = 'one 0.5' WHERE key GLOB 'relation/1/on/*'")
+    file.connection.execute("UPDATE relations SET target = 'one' WHERE kind = 'on'")
     file.close()
-    with Scene.open(path) as scene, pytest.raises(InputError, match="relation of an object is damaged"):
+    with Scene.open(path) as scene, pytest.raises(InputError, match=r"relations\.target is damaged"):
         scene.relation_history(1)

@@ -74,12 +74,8 @@ def test_objects_tell_how_sure_they_are(path: Path, capfd: pytest.CaptureFixture
     assert all(0.001 < one["height_sigma_m"] < 0.05 for one in found)
     assert [tuple(one["sides_seen"]) for one in found] == [kept[one["label"]].sides_seen for one in found]
     with contextlib.closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("DELETE FROM scene WHERE key GLOB 'accuracy/*'")  # as in scenes of earlier versions
-    with Scene.open(path) as scene:
-        assert [item.size_sigma_m for item in scene.objects] == [(), ()]
-    with contextlib.closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("INSERT INTO scene VALUES ('accuracy/1/0', '0.1 0.1 +x')")
-    with Scene.open(path) as scene, pytest.raises(InputError, match="the accuracy of an object is damaged"):
+        connection.execute("UPDATE objects SET accuracy = '[0.1, 0.1]'")
+    with Scene.open(path) as scene, pytest.raises(InputError, match=r"objects\.accuracy is damaged"):
         scene.objects  # noqa: B018
 
 

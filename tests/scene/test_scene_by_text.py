@@ -88,17 +88,6 @@ def test_while_another_one_writes_the_scene_it_is_asked_all_the_same(path: Path,
             assert len(scene.find("green", model)) == len(THINGS)
 
 
-def test_without_a_text_a_scene_has_no_table_of_vectors(path: Path, model: Path) -> None:
-    def tables() -> set[str]:
-        with sqlite3.connect(path) as connection:
-            return {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-
-    assert "embeddings" not in tables()
-    with Scene.open(path) as scene:
-        scene.find("green", model)
-    assert "embeddings" in tables()
-
-
 def test_damaged_vectors_are_told(path: Path, model: Path) -> None:
     with Scene.open(path) as scene:
         scene.find("green", model)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, get_type_hints
 
-import msgspec
 import pytest
 from made_scene import CAMERA, Shown
 
@@ -121,43 +120,3 @@ def test_what_cannot_be_saved_is_refused() -> None:
     plane = Plane(0, 7, offset=object())  # type: ignore[arg-type]
     with pytest.raises(TypeError, match=r"Plane\.offset cannot be saved: it holds a object"):
         Encoder().parts(take(snapshot(plane)))
-
-
-def test_objects_from_before_there_were_probabilities_keep_their_labels_and_are_judged_anew() -> None:
-    tracker, other = scene()
-    parts = Encoder().parts(take(SceneState(tracker.state(), other.state())))
-    labels = [item.label for item in tracker.objects]
-    for key, part in parts.items():
-        fields = msgspec.msgpack.decode(part.fields)
-        if "largest_px" in fields:
-            for name in (
-                "probability",
-                "shown",
-                "missed",
-                "agreement",
-                "largest_px",
-                "directions",
-                "filled",
-                "noise_m",
-            ):
-                del fields[name]
-            parts[key] = dataclasses.replace(part, fields=msgspec.msgpack.encode(fields | {"log_odds": 9.0}))
-    loaded = PosedTracker.from_state(decode(SceneState, parts).tracker, CAMERA)
-    assert labels
-    assert [item.label for item in loaded.objects] == labels
-    assert {item.probability for item in loaded.objects} == {0.5}
-    assert {entry.sightings for entry in loaded._map.store.living()} == {0}
-
-
-def test_a_state_from_before_there_were_names_is_read() -> None:
-    tracker, _ = scene()
-    entry = next(iter(tracker._map.store._objects.values()))
-    (part,) = Encoder().parts(take(entry)).values()
-    fields = msgspec.msgpack.decode(part.fields)
-    for name in ("name_log_odds", "views"):
-        del fields[name]
-    old = dataclasses.replace(part, fields=msgspec.msgpack.encode(fields))
-    read = decode(type(entry), {"": old})
-    assert read.name_log_odds == {}
-    assert read.views.shape == (0, 4)
-    assert read.box.center.tolist() == entry.box.center.tolist()

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from made_scene import THINGS, Shown, record
-from playwright.sync_api import Browser
 
-from browser import Watched, browser
+from browser import OpenPage, rect
 from cuboid.ground.core.errors import InputError
 from cuboid.runs.scene import Scene
 from cuboid.runs.scene.viewing import scene_viewer
@@ -71,29 +69,18 @@ def test_what_cannot_be_shown_is_one_line(path: Path, tmp_path: Path) -> None:
         scene_viewer(path, tmp_path / "b", tmp_path / "nowhere")
 
 
-@pytest.fixture(scope="module")
-def launched() -> Iterator[Browser]:
-    with browser() as found:
-        yield found
-
-
 @pytest.mark.parametrize("width", [1280, 390])
 def test_before_and_after_of_a_change_are_shown_side_by_side(
-    launched: Browser, path: Path, tmp_path: Path, width: int
+    open_page: OpenPage, path: Path, tmp_path: Path, width: int
 ) -> None:
     (tmp_path / "page.html").write_bytes(scene_viewer(path, tmp_path / "work").page)
-    watched = Watched(launched)
-    page = watched.page
-    page.set_viewport_size({"width": width, "height": 720})
-    watched.open(tmp_path / "page.html")
+    page = open_page(tmp_path / "page.html", width=width)
     page.click("#changes .pair")
     assert page.locator("#compare-title").inner_text().split() == ["#1", "gone"]
     assert page.locator("#compare figcaption").all_inner_texts() == ["before", "after"]
     assert page.locator("#compare img").evaluate("image => image.decode().then(() => image.naturalWidth)") > 10
     assert page.inner_text("#compare .empty") == "gone"
-    before, after = (place.bounding_box() for place in page.locator("#compare figure").all())
-    assert before is not None
-    assert after is not None
+    before, after = map(rect, page.locator("#compare figure").all())
     assert before["y"] == after["y"]
     assert before["x"] + before["width"] <= after["x"]
     assert after["x"] + after["width"] <= width
@@ -102,4 +89,3 @@ def test_before_and_after_of_a_change_are_shown_side_by_side(
     page.click("#changes .pair")
     page.click("#compare .close")
     assert page.locator("#compare").is_hidden()
-    assert watched.complaints == []

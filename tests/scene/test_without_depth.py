@@ -181,6 +181,18 @@ def without_depth_of(path: Path) -> list[SceneObject]:
         return [item for item in scene.all_objects if item.kind != "volume"]
 
 
+Kitchen = tuple[Path, SceneObject]
+
+
+@pytest.fixture
+def kitchen(tmp_path: Path) -> Kitchen:
+    """A scene with a thing that depth does not read."""
+    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
+    into_scene(path, shown, dark(shown))
+    (item,) = without_depth_of(path)
+    return path, item
+
+
 def test_in_a_scene_it_keeps_its_label_from_one_recording_to_the_next(tmp_path: Path) -> None:
     path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
     first = into_scene(path, shown, dark(shown))
@@ -202,10 +214,8 @@ def test_in_a_scene_it_keeps_its_label_from_one_recording_to_the_next(tmp_path: 
     assert problems(path) == []
 
 
-def test_a_scene_without_a_detector_leaves_it_as_it_was(tmp_path: Path) -> None:
-    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
-    into_scene(path, shown, dark(shown))
-    (item,) = without_depth_of(path)
+def test_a_scene_without_a_detector_leaves_it_as_it_was(kitchen: Kitchen) -> None:
+    (path, item), shown = kitchen, Shown(frames=30)
     with Scene.open(path) as scene:
         tracker = scene.tracker(CAMERA, proposals=others_of(shown))  # type: ignore[arg-type]
         for frame in dark(shown):
@@ -225,10 +235,8 @@ def test_in_a_scene_it_ends_when_it_is_not_there_any_more(tmp_path: Path) -> Non
     assert problems(path) == []
 
 
-def test_in_a_scene_its_label_stays_when_depth_comes(tmp_path: Path) -> None:
-    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
-    into_scene(path, shown, dark(shown))
-    (item,) = without_depth_of(path)
+def test_in_a_scene_its_label_stays_when_depth_comes(kitchen: Kitchen) -> None:
+    path, item = kitchen
     again = Shown(frames=40)
     source = Source("/again", "made", "given", 40, CAMERA, {"every": 1})
     with Scene.open(path) as scene:
@@ -279,10 +287,8 @@ def test_people_merge_two_labels_of_what_depth_does_not_read(tmp_path: Path) -> 
     ]
 
 
-def test_people_merge_it_with_an_object_of_the_map(tmp_path: Path) -> None:
-    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
-    into_scene(path, shown, dark(shown))
-    (item,) = without_depth_of(path)
+def test_people_merge_it_with_an_object_of_the_map(kitchen: Kitchen) -> None:
+    path, item = kitchen
     with Scene.open(path) as scene:
         volume = next(one for one in scene.objects if one.kind == "volume")
         kept = scene.merge(item.label, volume.label)
@@ -307,10 +313,8 @@ def test_what_is_far_apart_is_not_merged(tmp_path: Path) -> None:
         assert {one.label for one in scene.objects} == {*apart_m}
 
 
-def test_people_forget_and_name_it(tmp_path: Path) -> None:
-    path, shown = tmp_path / "kitchen.cuboid", Shown(frames=30)
-    into_scene(path, shown, dark(shown))
-    (item,) = without_depth_of(path)
+def test_people_forget_and_name_it(kitchen: Kitchen) -> None:
+    path, item = kitchen
     with Scene.open(path) as scene:
         scene.name(item.label, "my screen")
     (named,) = without_depth_of(path)

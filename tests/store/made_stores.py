@@ -5,10 +5,10 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.files import Part, key_of
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.rows import day_of
 from cuboid.fleet.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES
-from cuboid.fleet.store.snapshot import Part, key_of
 from cuboid.services.queries.likeness import COLOR_WORDS, SHAPE_BINS
 
 BEGIN = datetime(2026, 3, 1, 12, tzinfo=UTC)
@@ -33,7 +33,9 @@ def thing(label: int, **columns: Any) -> dict[str, Any]:
         "qx": 0.0,
         "qy": 0.0,
         "qz": 0.0,
-        "score": 0.9,
+        "score": columns.get("probability", 0.9),
+        "probability": 0.9,
+        "gone": False,
         "frames_seen": 10,
         "last_seen": BEGIN,
         "color": color,
@@ -44,7 +46,7 @@ def thing(label: int, **columns: Any) -> dict[str, Any]:
 
 
 def put_run(
-    place: Place, k: int, things: list[dict[str, Any]], *, recording: str = "", state: str = DONE, **columns: Any
+    place: StoreFolder, k: int, things: list[dict[str, Any]], *, recording: str = "", state: str = DONE, **columns: Any
 ) -> Part:
     """Put a run and its objects into a store, as a task does."""
     name = recording or f"rec-{k}"

@@ -14,11 +14,11 @@ from made_stores import put_run, thing
 
 from cuboid.cli import main
 from cuboid.fleet.store.compact import compact
+from cuboid.fleet.store.files import Manifest, manifest_name, store_files
 from cuboid.fleet.store.find import find
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.schema import OBJECTS, RUNS, SIGHTINGS
-from cuboid.fleet.store.snapshot import Manifest, manifest_name, snapshot
 from cuboid.ground.core.errors import InputError
 from cuboid.services.queries.filters import Filters
 
@@ -26,7 +26,7 @@ from cuboid.services.queries.filters import Filters
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
     """One run that was gathered, and one that was not."""
-    place = Place(str(tmp_path / "store"))
+    place = StoreFolder(str(tmp_path / "store"))
     put_run(place, 1, [thing(1)])
     compact(place)
     put_run(place, 2, [thing(2)])
@@ -61,7 +61,7 @@ def missing(store: Path) -> None:
 def device(store: Path) -> None:
     file_of(store, OBJECTS, "part").unlink()
     os.mkfifo(store / OBJECTS / "x")
-    part = next(iter(snapshot(Place(str(store))).parts))
+    part = next(iter(store_files(StoreFolder(str(store))).parts))
     os.replace(store / OBJECTS / "x", store / part.names()[OBJECTS])
 
 
@@ -128,7 +128,7 @@ def test_no_recording_is_tracked_into_a_store_whose_runs_cannot_be_read(
 ) -> None:
     spoil(store)
     with pytest.raises(InputError, match="store"):
-        snapshot(Place(str(store)), every_key=True)
+        store_files(StoreFolder(str(store)), every_key=True)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_a_manifest_cannot_name_what_is_none_of_the_stores_files(store: Path, na
     secret.write_text("mine")
     (store / manifest_name(2)).write_bytes(msgspec.json.encode(Manifest(files={OBJECTS: [name]})))
     with pytest.raises(InputError, match="files"):
-        compact(Place(str(store)))
+        compact(StoreFolder(str(store)))
     assert secret.read_text() == "mine"
 
 
@@ -152,5 +152,5 @@ def test_an_object_without_a_size_is_told(store: Path) -> None:
 
 def test_what_is_whole_is_read_as_before(store: Path) -> None:
     assert Tables(str(store)).rows("select label from objects order by label") == [{"label": 1}, {"label": 2}]
-    compact(Place(str(store)))
+    compact(StoreFolder(str(store)))
     assert Tables(str(store)).rows("select label from objects order by label") == [{"label": 1}, {"label": 2}]

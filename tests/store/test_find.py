@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from datetime import timedelta
 from pathlib import Path
@@ -14,16 +13,15 @@ from made_stores import BEGIN, colors_of, put_run, run_of, thing
 from cuboid.cli import main
 from cuboid.fleet.store.compact import compact
 from cuboid.fleet.store.find import StoreObjects
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
-from cuboid.fleet.store.schema import OBJECTS, TABLES
 from cuboid.ground.core.errors import InputError
 from cuboid.services.queries.questions import last_seen
 
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> str:
-    place = Place(str(tmp_path_factory.mktemp("found")))
+    place = StoreFolder(str(tmp_path_factory.mktemp("found")))
     cup = {"longest_m": 0.12, "middle_m": 0.08, "shortest_m": 0.08}
     put_run(place, 1, [thing(1, **cup, color="red"), thing(2, longest_m=0.3, center_x_m=1.0)], recording="kitchen-1")
     half = [0.5 * (a + b) for a, b in zip(colors_of("red"), colors_of("blue"), strict=True)]
@@ -63,15 +61,10 @@ def test_filters(capsys: pytest.CaptureFixture[str], store: str, words: tuple[st
     assert set(found(capsys, store, *words)) == which
 
 
-def test_by_the_name_of_a_class(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also in files of before there were names, alone and beside newer ones, gathered or not."""
-    place = Place(str(tmp_path / "named"))
-    old = dataclasses.replace(TABLES[OBJECTS], columns=tuple(c for c in TABLES[OBJECTS].columns if not c.added))
-    with monkeypatch.context() as earlier:
-        earlier.setitem(TABLES, OBJECTS, old)
-        put_run(place, 1, [thing(1)], recording="old")
+def test_by_the_name_of_a_class(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """In files that are gathered, and in others."""
+    place = StoreFolder(str(tmp_path / "named"))
+    put_run(place, 1, [thing(1)], recording="old")
     assert found(capsys, place.url, "--name", "cup") == []
     guess = [{"name": "bowl", "score": 0.3}, {"name": "vase", "score": 0.01}]
     things = [thing(1, name="cup", name_score=0.9), thing(2, names=guess), thing(3, name="Cup", name_score=0.6)]
@@ -87,18 +80,17 @@ def test_by_the_name_of_a_class(
 
 
 def test_by_probability(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    place = Place(str(tmp_path))
-    old = [thing(1, score=0.5), thing(2, score=0.7)]  # of before there was a column of that name
-    put_run(place, 1, old, recording="old")
-    put_run(place, 2, [thing(1, score=0.6, probability=0.6)], recording="new")
-    assert set(found(capsys, place.url, "--min-probability", "0.6")) == {"old#2", "new#1"}
+    place = StoreFolder(str(tmp_path))
+    put_run(place, 1, [thing(1, probability=0.5), thing(2, probability=0.7)], recording="one")
+    put_run(place, 2, [thing(1, probability=0.6)], recording="two")
+    assert set(found(capsys, place.url, "--min-probability", "0.6")) == {"one#2", "two#1"}
     assert main(["find", place.url, "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["objects"]
-    assert {(row["recording"], row["label"]): row["probability"] for row in rows} == {
-        ("old", 1): 0.5,
-        ("old", 2): 0.7,
-        ("new", 1): 0.6,
-    }
+    assert [(row["recording"], row["label"], row["probability"]) for row in rows] == [
+        ("one", 1, 0.5),
+        ("one", 2, 0.7),
+        ("two", 1, 0.6),
+    ]
 
 
 def test_by_what_things_are_on_in_and_beside(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -106,7 +98,7 @@ def test_by_what_things_are_on_in_and_beside(capsys: pytest.CaptureFixture[str],
         ends = {"label": to, "surface": None} if isinstance(to, int) else {"label": None, "surface": to}
         return {"kind": kind, **ends, "score": 0.9}
 
-    place, on_table = Place(str(tmp_path)), relation("on", "plane:1")
+    place, on_table = StoreFolder(str(tmp_path)), relation("on", "plane:1")
     tray = thing(1, name="Tray", relations=[on_table, relation("supports", 2)])
     cup = thing(2, name="cup", relations=[relation("on", 1), relation("beside", 3)], center_x_m=0.1)
     jar = thing(3, name="jar", relations=[relation("in", 1), relation("beside", 2)], center_x_m=0.2)
@@ -135,7 +127,7 @@ def test_the_nearest_and_the_most_alike_come_first(capsys: pytest.CaptureFixture
 
 def test_a_store_answers_when_something_was_last_seen(tmp_path: Path) -> None:
     """The question is the one that a scene, results and a run answer, see `tests/queries`."""
-    place = Place(str(tmp_path))
+    place = StoreFolder(str(tmp_path))
     put_run(place, 1, [thing(1, name="cup"), thing(2, last_seen=BEGIN + timedelta(days=2))], recording="kitchen")
     put_run(place, 2, [thing(2, name="Cup", last_seen=BEGIN + timedelta(days=1))], recording="office")
     objects = StoreObjects(Tables(place.url))
@@ -146,7 +138,7 @@ def test_a_store_answers_when_something_was_last_seen(tmp_path: Path) -> None:
 
 
 def test_pages_show_names_as_text(store: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    place = Place(str(tmp_path / "store"))
+    place = StoreFolder(str(tmp_path / "store"))
     put_run(place, 1, [thing(1, picture=b"\xff\xd8jpeg")], recording="<script>alert(1)</script>")
     assert main(["find", place.url, "--html", str(tmp_path / "found.html")]) == 0
     assert main(["store", "compact", place.url]) == 0
@@ -157,7 +149,7 @@ def test_pages_show_names_as_text(store: str, tmp_path: Path, capsys: pytest.Cap
 
 
 def test_the_worst_come_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    place = Place(str(tmp_path))
+    place = StoreFolder(str(tmp_path))
     put_run(place, 1, [thing(1)], recording="good")
     put_run(place, 2, [thing(1)], recording="lost", frames_used=2)
     put_run(place, 3, [], recording="empty")
@@ -184,7 +176,7 @@ def test_sql(capsysbinary: pytest.CaptureFixture[bytes], store: str) -> None:
 
 
 def test_what_a_compaction_did_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    place = Place(str(tmp_path))
+    place = StoreFolder(str(tmp_path))
     put_run(place, 1, [thing(1)], recording="one")
     put_run(place, 2, [thing(1)], recording="two")
     assert main(["store", "compact", place.url, "--json"]) == 0

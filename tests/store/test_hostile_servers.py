@@ -10,9 +10,9 @@ from contextlib import contextmanager
 import pytest
 
 from cuboid.cli import main
-from cuboid.fleet.batch.sources import Source, expand
+from cuboid.fleet.batch.sources import BatchSource, expand
 from cuboid.fleet.batch.task import head_of
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
 from cuboid.ground.core.errors import CuboidError, InputError
 
@@ -65,7 +65,7 @@ def refused(work: Callable[[], object]) -> None:
 @pytest.mark.parametrize("answer", ANSWERS.values(), ids=ANSWERS)
 def test_a_server_that_fails_is_told_in_one_line(answer: bytes) -> None:
     with answering(answer) as url:
-        refused(lambda: head_of(Source("a", f"{url}/a.zip"), {}, "1"))
+        refused(lambda: head_of(BatchSource("a", f"{url}/a.zip"), {}, "1"))
         refused(lambda: expand([f"{url}/*.zip"]))
         refused(lambda: Tables(f"{url}/store"))
 
@@ -73,7 +73,7 @@ def test_a_server_that_fails_is_told_in_one_line(answer: bytes) -> None:
 @pytest.mark.parametrize("url", NO_URLS)
 def test_no_store_lies_at_what_is_no_url(url: str) -> None:
     refused(lambda: Tables(url))
-    refused(lambda: Place(url).create("a", b""))
+    refused(lambda: StoreFolder(url).create("a", b""))
 
 
 @pytest.mark.parametrize("url", [*NO_URLS, "ftp://127.0.0.1/a.zip"])
@@ -86,4 +86,4 @@ def test_what_is_no_url_of_a_recording_is_told_in_one_line(url: str, capsys: pyt
 
 def test_a_url_that_names_no_place_makes_no_folder() -> None:
     with pytest.raises(InputError, match="expected a folder or URL"):
-        Place("http://")
+        StoreFolder("http://")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from multiprocessing import Pipe
 from pathlib import Path
@@ -16,10 +16,10 @@ import pytest
 from made_stores import put_run, thing
 from playwright.sync_api import Browser, Page, expect
 
-from browser import Watched, browser, pixels
+from browser import Watched, pixels, rect
 from cuboid.fleet.store.asgi import application as store_application
 from cuboid.fleet.store.find import find
-from cuboid.fleet.store.place import Place as StorePlace
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
 from cuboid.results.files.naming import name_object
 from cuboid.services.queries.filters import Filters
@@ -32,21 +32,16 @@ from cuboid.services.service.updates import Update
 from made_place import OBJECTS, PLANES, UP, write_place
 from served import serving
 
+Opened = Callable[..., Watched]
 HOSTILE = "<script>alert(1)</script>"
 SIZES = [(1280, 800), (768, 1024), (390, 844)]
 REPORT = "results/kitchen/seq 1/00000000000000000001"
 GROUNDS = {"dark": (12, 15, 20), "light": (243, 245, 248)}  # those of the report
 
 
-@pytest.fixture(scope="module")
-def launched() -> Iterator[Browser]:
-    with browser() as found:
-        yield found
-
-
 def write_store(folder: Path) -> str:
     """Two kitchens and an office; one recording failed."""
-    place = StorePlace(str(folder))
+    place = StoreFolder(str(folder))
     jpeg = cv2.imencode(".jpg", np.full((40, 60, 3), 90, np.uint8))[1].tobytes()
     on_table = [{"kind": "on", "label": None, "surface": name, "score": 0.9} for name in ("plane:1", "table")]
     cups = [
@@ -74,12 +69,21 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespace
         yield SimpleNamespace(place=place, store=of_store, url=store)
 
 
-def opened(launched: Browser, address: str, size: tuple[int, int] = SIZES[0], scheme: str = "dark") -> Watched:
-    """A page under its own content policy."""
-    watched = Watched(launched, scheme, strict=True)
-    watched.page.set_viewport_size({"width": size[0], "height": size[1]})
-    watched.page.goto(address)
-    return watched
+@pytest.fixture
+def opened(launched: Browser) -> Iterator[Callable[..., Watched]]:
+    """A function that opens a page under its own content policy."""
+    pages: list[Page] = []
+
+    def open_page(address: str, size: tuple[int, int] = SIZES[0], scheme: str = "dark") -> Watched:
+        watched = Watched(launched, scheme, strict=True)
+        pages.append(watched.page)
+        watched.page.set_viewport_size({"width": size[0], "height": size[1]})
+        watched.page.goto(address)
+        return watched
+
+    yield open_page
+    for page in pages:
+        page.close()
 
 
 def tags(page: Page) -> list[str]:
@@ -106,11 +110,11 @@ PAGES = {
 
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: str(size[0]))
 @pytest.mark.parametrize("name", PAGES)
-def test_it_fits_the_screen(launched: Browser, served: SimpleNamespace, name: str, size: tuple[int, int]) -> None:
+def test_it_fits_the_screen(opened: Opened, served: SimpleNamespace, name: str, size: tuple[int, int]) -> None:
     of, path = PAGES[name]
     address = getattr(served, of)
     for scheme in ("dark", "light") if size == SIZES[0] else ("dark",):  # which differ in colors alone
-        watched = opened(launched, f"{address}{path}", size, scheme)
+        watched = opened(f"{address}{path}", size, scheme)
         page = watched.page
         assert pixels(page.locator("body"))[-2, 3].tolist() == list(GROUNDS[scheme])
         assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
@@ -133,12 +137,10 @@ def test_it_fits_the_screen(launched: Browser, served: SimpleNamespace, name: st
         assert {urlsplit(one).netloc for one in watched.requests} == {urlsplit(address).netloc}
         # a picture that does not exist, or a question with a mistake, is a status of an answer
         assert [one for one in watched.complaints if "the server responded with a status" not in one] == []
-        page.close()
 
 
 def bottom(page: Page, selector: str) -> float:
-    box = page.locator(selector).bounding_box()
-    assert box is not None
+    box = rect(page.locator(selector))
     return box["y"] + box["height"]
 
 
@@ -153,8 +155,8 @@ def small_targets(page: Page) -> list[str]:
     return found
 
 
-def test_a_question_gives_the_right_cards_and_an_address_to_share(launched: Browser, served: SimpleNamespace) -> None:
-    watched = opened(launched, served.place)
+def test_a_question_gives_the_right_cards_and_an_address_to_share(opened: Opened, served: SimpleNamespace) -> None:
+    watched = opened(served.place)
     page = watched.page
     shows(page, "#1 crate", "#2 can", "#3", f"#4 {HOSTILE}", "#5 mug")
     assert page.locator("#facts").inner_text() == "5 objects"
@@ -168,21 +170,19 @@ def test_a_question_gives_the_right_cards_and_an_address_to_share(launched: Brow
         assert told in card, told
     assert "last seen in frame 5 (2026-03-01 12:00:05 UTC) of recording, 0.76 m away" in card
     assert page.url.endswith("/?q=what+is+in+the+crate%3F")
-    other = opened(launched, page.url)
+    other = opened(page.url)
     shows(other.page, "#2 can")
     assert other.page.get_by_label("Question in English").input_value() == "what is in the crate?"
-    other.page.close()
     page.get_by_label("Question in English").fill("the red things")
     page.get_by_role("button", name="Search").click()
     shows(page, "#5 mug")
     page.go_back()
     shows(page, "#2 can")
     assert watched.complaints == []
-    page.close()
 
 
-def test_filters_are_conditions_and_nothing_says_what_to_loosen(launched: Browser, served: SimpleNamespace) -> None:
-    page = opened(launched, served.place).page
+def test_filters_are_conditions_and_nothing_says_what_to_loosen(opened: Opened, served: SimpleNamespace) -> None:
+    page = opened(served.place).page
     page.get_by_label("standing on").select_option("plane:1")
     shows(page, "#1 crate", "#3")
     assert "on a table, 0.50 m high" in page.locator(".card").first.inner_text()
@@ -204,10 +204,9 @@ def test_filters_are_conditions_and_nothing_says_what_to_loosen(launched: Browse
     page.get_by_label("probability from").fill("0.95")
     shows(page)
     assert "2 objects without “probability from 0.95”" in page.locator(".empty").inner_text()
-    page.close()
 
 
-def test_a_mistake_is_one_line_with_the_fields_to_correct(launched: Browser, served: SimpleNamespace) -> None:
+def test_a_mistake_is_one_line_with_the_fields_to_correct(opened: Opened, served: SimpleNamespace) -> None:
     for address, said in (
         ("?near=here", "near: expected X,Y,Z in metres, got 'here'"),
         ("?color=blue&q=the+red+mug", "color: expected one condition, got 'red' and 'blue'"),
@@ -216,38 +215,34 @@ def test_a_mistake_is_one_line_with_the_fields_to_correct(launched: Browser, ser
         ("?q=where+is+the+horse", "no object has the name 'horse'; names: '<script>"),
         ("?min_size=8", "8 what? A length needs its unit: 8cm, or 8m"),
     ):
-        page = opened(launched, f"{served.place}/{address}").page
+        page = opened(f"{served.place}/{address}").page
         told = page.locator("#answer").inner_text()
         assert said in told, told
         assert tags(page) == []
-        page.close()
-    page = opened(launched, f"{served.place}/?near=here").page
+    page = opened(f"{served.place}/?near=here").page
     page.get_by_role("textbox", name="near, m").fill("0.3,0,0.6")
     page.get_by_role("textbox", name="near, m").press("Enter")
     expect(page.locator(".card .chip").first).to_have_text("#5 mug")
-    page.close()
 
 
-def test_an_object_is_shown_in_3d(launched: Browser, served: SimpleNamespace) -> None:
-    page = opened(launched, f"{served.place}/?name=mug").page
+def test_an_object_is_shown_in_3d(opened: Opened, served: SimpleNamespace) -> None:
+    page = opened(f"{served.place}/?name=mug").page
     page.get_by_role("link", name="Show in 3D: #5 mug").click()
     page.wait_for_url("**/report.html#5")
     expect(page.locator("#card .chip").first).to_have_text("#5 mug")
-    page.close()
 
 
-def test_a_page_follows_results_that_change(launched: Browser, tmp_path: Path) -> None:
+def test_a_page_follows_results_that_change(opened: Opened, tmp_path: Path) -> None:
     results = write_place(tmp_path)
     with serving(application(open_place(str(results)), token=None)) as address:
-        watched = opened(launched, f"{address}/?q=larger+than+25+cm")
+        watched = opened(f"{address}/?q=larger+than+25+cm")
         shows(watched.page, "#1 crate", "#4")
         name_object(results, 4, "parcel")
         shows(watched.page, "#1 crate", "#4 parcel")
         assert watched.complaints == []
-        watched.page.close()
 
 
-def test_a_page_follows_a_run(launched: Browser) -> None:
+def test_a_page_follows_a_run(opened: Opened) -> None:
     source = RunSource("a run", Pipe()[0])
     place = Place(source)
 
@@ -256,7 +251,7 @@ def test_a_page_follows_a_run(launched: Browser) -> None:
 
     tell(0, 1)
     with serving(application(place, token=None)) as address:
-        watched = opened(launched, address)
+        watched = opened(address)
         page = watched.page
         assert page.locator("#facts").inner_text() == "running, 1 object"
         shows(page, "#1 crate")
@@ -269,11 +264,10 @@ def test_a_page_follows_a_run(launched: Browser) -> None:
             "(one) => one.isConnected || document.querySelector('.card').innerText.includes('frame 5')"
         )
     expect(page.locator("#facts")).to_have_text("The run has ended, or the server does not answer", timeout=15_000)
-    page.close()
 
 
-def test_the_objects_of_a_store_are_searched(launched: Browser, served: SimpleNamespace) -> None:
-    watched = opened(launched, served.store)
+def test_the_objects_of_a_store_are_searched(opened: Opened, served: SimpleNamespace) -> None:
+    watched = opened(served.store)
     page = watched.page
     assert page.locator("#facts").inner_text() == "5 objects in 3 recordings"
     page.get_by_label("Question in English").fill("red cups")
@@ -300,11 +294,10 @@ def test_the_objects_of_a_store_are_searched(launched: Browser, served: SimpleNa
     assert watched.complaints == []
     page.goto(f"{served.store}/results/kitchen/seq%201/00000000000000000001/report.html#1")
     assert page.title() == "a run"
-    page.close()
 
 
-def test_recordings_say_in_words_what_to_check(launched: Browser, served: SimpleNamespace) -> None:
-    watched = opened(launched, f"{served.store}/recordings")
+def test_recordings_say_in_words_what_to_check(opened: Opened, served: SimpleNamespace) -> None:
+    watched = opened(f"{served.store}/recordings")
     page = watched.page
     told = page.inner_text("main")
     for words in (
@@ -327,7 +320,6 @@ def test_recordings_say_in_words_what_to_check(launched: Browser, served: Simple
     assert watched.complaints == []
     page.get_by_role("link", name="kitchen/seq 1").click()
     assert page.title() == "a run"
-    page.close()
 
 
 def test_names_are_text(launched: Browser, served: SimpleNamespace) -> None:
@@ -341,14 +333,11 @@ def test_names_are_text(launched: Browser, served: SimpleNamespace) -> None:
             watched.page.close()
 
 
-def test_a_file_holds_its_objects_with_their_pictures(
-    launched: Browser, served: SimpleNamespace, tmp_path: Path
-) -> None:
+def test_a_file_holds_its_objects_with_their_pictures(opened: Opened, served: SimpleNamespace, tmp_path: Path) -> None:
     file = tmp_path / "found.html"
     file.write_text(found_page(find(Tables(served.url), Filters(name="cup"), ("picture",)), "Objects of a store"))
-    watched = opened(launched, file.as_uri())
+    watched = opened(file.as_uri())
     assert sorted(recordings(watched.page)) == ["kitchen-2", "kitchen/seq 1", "kitchen/seq 1"]
     assert watched.page.locator("img").evaluate("(one) => one.decode().then(() => one.naturalWidth)") == 60
     assert watched.requests == [file.as_uri()]
     assert watched.complaints == []
-    watched.page.close()

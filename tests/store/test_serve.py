@@ -11,13 +11,13 @@ from urllib.request import Request, urlopen
 import pytest
 from made_stores import put_run, thing
 
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from served import refuses_large_bodies, served
 
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> str:
-    place = Place(str(tmp_path_factory.mktemp("served")))
+    place = StoreFolder(str(tmp_path_factory.mktemp("served")))
     folder = "results/kitchen/00000000000000000001"
     put_run(place, 1, [thing(1, color="red"), thing(2)], recording="kitchen", results=folder)
     place.put(f"{folder}/report.html", b"<!doctype html><title>a run</title>")
@@ -53,7 +53,7 @@ def test_the_api_answers_what_find_finds(address: str, store: str) -> None:
         *("/api/recordings", "/api/failures"),
     }
     assert json.loads(get(f"{address}/api/recordings"))["recordings"][0]["objects"] == 2
-    put_run(Place(store), 2, [thing(7, color="red")], recording="office")  # while it is served
+    put_run(StoreFolder(store), 2, [thing(7, color="red")], recording="office")  # while it is served
     found = json.loads(get(f"{address}/api/objects?like=kitchen%231&limit=1"))
     assert [(one["recording"], one["label"]) for one in found["objects"]] == [("office", 7)]
 

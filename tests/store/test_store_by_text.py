@@ -16,7 +16,7 @@ pytest.importorskip("tokenizers")
 from made_stores import put_run, thing
 
 from cuboid.cli import main
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.method.text_search import TextModel
 from made_text_models import made_text_model
 from served import served
@@ -25,7 +25,7 @@ from served import served
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory, model: Path) -> str:
     """Of four things one has a vector of another model, and one has none."""
-    place = Place(str(tmp_path_factory.mktemp("found")))
+    place = StoreFolder(str(tmp_path_factory.mktemp("found")))
     opened = TextModel(model)
 
     def vector(text: str) -> dict:

@@ -10,8 +10,8 @@ import pytest
 from made_stores import put_run, thing
 from mcp.client.client import Client
 
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.mcp import server_of
-from cuboid.fleet.store.place import Place
 from cuboid.ground.core.errors import InputError
 from served import served
 
@@ -20,7 +20,7 @@ JPEG = b"\xff\xd8\xff\xe0 a picture"
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> str:
-    place = Place(str(tmp_path_factory.mktemp("asked")))
+    place = StoreFolder(str(tmp_path_factory.mktemp("asked")))
     things = [thing(1, color="red", name="mug", picture=JPEG), thing(2, longest_m=0.4)]
     put_run(place, 1, things, recording="kitchen")
     put_run(place, 2, [thing(7, color="red", center_x_m=2.0)], recording="office")

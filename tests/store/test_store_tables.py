@@ -14,7 +14,7 @@ from made_stores import put_run, run_of, thing
 
 from cuboid.cli import main
 from cuboid.fleet.store.compact import compact
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.rows import ReadAs, RunHead, tables_of
 from cuboid.fleet.store.schema import FAILED, TABLES
@@ -28,8 +28,8 @@ def rows(url: str) -> dict[str, list[dict[str, Any]]]:
     return {name: tables.rows(f"select * from {name} order by all") for name in TABLES}
 
 
-def filled(folder: Path, runs: int = 4) -> Place:
-    place = Place(str(folder))
+def filled(folder: Path, runs: int = 4) -> StoreFolder:
+    place = StoreFolder(str(folder))
     for k in range(runs):
         put_run(place, k, [thing(1), thing(2, longest_m=0.2 + k)])
     put_run(place, 90, [], state=FAILED, reason="no frames")
@@ -62,7 +62,7 @@ def test_killed_at_any_step_of_gathering(tmp_path: Path, monkeypatch: pytest.Mon
     put_run(start, 6, [thing(3)])
     before = rows(start.url)
     for step in range(100):
-        place, left = Place(str(shutil.copytree(start.url, tmp_path / str(step)))), [step]
+        place, left = StoreFolder(str(shutil.copytree(start.url, tmp_path / str(step)))), [step]
 
         def deadly(what: Any, left: list[int] = left) -> Any:
             def step_or_die(*args: Any, **options: Any) -> Any:
@@ -75,7 +75,7 @@ def test_killed_at_any_step_of_gathering(tmp_path: Path, monkeypatch: pytest.Mon
 
         with monkeypatch.context() as patched:
             for name in ("put", "create"):
-                patched.setattr(Place, name, deadly(getattr(Place, name)))
+                patched.setattr(StoreFolder, name, deadly(getattr(StoreFolder, name)))
             patched.setattr(type(place.fs), "rm_file", deadly(type(place.fs).rm_file))
             try:
                 compact(place)
@@ -91,15 +91,15 @@ def test_killed_at_any_step_of_gathering(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_of_two_that_gather_at_once_one_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place, before = filled(tmp_path), rows(str(tmp_path))
-    create = Place.create
+    create = StoreFolder.create
 
-    def too_late(self: Place, name: str, content: bytes) -> bool:
-        monkeypatch.setattr(Place, "create", create)
+    def too_late(self: StoreFolder, name: str, content: bytes) -> bool:
+        monkeypatch.setattr(StoreFolder, "create", create)
         put_run(place, 8, [thing(1)])  # so that the other one gathers more
-        assert compact(Place(self.url)).runs == 6
+        assert compact(StoreFolder(self.url)).runs == 6
         return create(self, name, content)
 
-    monkeypatch.setattr(Place, "create", too_late)
+    monkeypatch.setattr(StoreFolder, "create", too_late)
     assert compact(place).runs == 0
     after = rows(place.url)
     assert len(after["objects"]) == len(before["objects"]) + 1

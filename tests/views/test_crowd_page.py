@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
 
-from browser import VIEWPORT, Watched, browser, pixels, press_layer
+from browser import VIEWPORT, Watched, pixels, press_layer, settle
 from cuboid.ground.core.palette import color_of, hex_of
 from cuboid.inputs.readers import open_recording
 from cuboid.results.files import Results
@@ -18,12 +18,6 @@ from cuboid.results.views.report import summarise, write_report
 from made_crowd import box, crowd, write_crowd
 
 COUNT = 40
-
-
-@pytest.fixture(scope="module")
-def launched() -> Iterator[Browser]:
-    with browser() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")
@@ -55,11 +49,6 @@ def page(opened: Watched) -> Iterator[Page]:
 def search(page: Page, text: str) -> None:
     page.fill("#search", text)
     settle(page)
-
-
-def settle(page: Page) -> None:
-    """Wait until what was asked for is on the screen."""
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 
 def listed(page: Page) -> list[int]:

@@ -63,10 +63,8 @@ class Run:
 
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveServer]:
-    for fraction in (
-        "MOMENT_FRACTION",
-        "MAP_FRACTION",
-    ):  # a tracker that does nothing has no time to take a fraction of
+    # a tracker that does nothing has no time to take a fraction of
+    for fraction in ("MOMENT_FRACTION", "MAP_FRACTION"):
         monkeypatch.setattr(f"cuboid.results.views.live.watch.{fraction}", 1.0)
     # Most tests have nobody who waits for the end.
     monkeypatch.setattr("cuboid.results.views.live.watch.FAREWELL_S", 0.1)
@@ -104,6 +102,12 @@ def unpacked(message: bytes) -> tuple[dict[str, Any], np.ndarray, np.ndarray, np
     return header, header["low"] + steps * header["step_m"], look, np.frombuffer(message, "<u2", n, at + 10 * n)
 
 
+def moment_of(view: LiveView) -> Moment:
+    found = view.moment_after(0, 0.0)
+    assert found is not None
+    return found
+
+
 def test_nothing_is_taken_while_nobody_looks() -> None:
     view = LiveView()
     run = Run(view)
@@ -126,9 +130,7 @@ def test_a_moment_of_a_rig_has_the_last_picture_of_each_camera() -> None:
 
     def shown() -> list[dict[str, Any]]:
         run.view._take_moment()
-        moment = run.view.moment_after(0, 0.0)
-        assert moment is not None
-        document = json.loads(moment_message(moment, INTRINSICS))
+        document = json.loads(moment_message(moment_of(run.view), INTRINSICS))
         assert (document["frame"], document["seen"]) == (frame.index, 1)
         return document["cameras"]
 
@@ -154,9 +156,7 @@ def test_a_camera_with_long_intervals_has_ended_after_three_of_them() -> None:
         frame = replace(run.recording.read(index), timestamp_s=time_s, camera=RigCamera(name, INTRINSICS))
         run.view(frame, run.tracker.update(frame), run.tracker)
         run.view._take_moment()
-        moment = run.view.moment_after(0, 0.0)
-        assert moment is not None
-        ended.append([one.ended for one in moment.cameras])
+        ended.append([one.ended for one in moment_of(run.view).cameras])
     assert ended[-2:] == [[False, False], [False, True]]
 
 
@@ -209,9 +209,7 @@ def test_a_long_path_is_told_in_few_places() -> None:
         run.step()
     view.map_after(0, 0.0)  # somebody looks
     view.end(complete=True)
-    moment = view.moment_after(0, 0.0)
-    assert moment is not None
-    path = moment.cameras[0].path
+    path = moment_of(view).cameras[0].path
     assert 500 < len(path) <= 1000
     assert path[0, 0] == 0.0
     assert path[-1, 0] == pytest.approx(44.98, abs=0.1)

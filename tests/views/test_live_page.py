@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from playwright.sync_api import Browser
 
-from browser import VIEWPORT, Watched, browser, pixels
+from browser import VIEWPORT, Watched, pixels
 from cuboid.cli import main
 from cuboid.results.views.live import LiveServer, LiveView
 from fakes import FakeTracker, write_recording
@@ -16,9 +16,8 @@ from going_run import CAMERA, Going
 
 
 @pytest.fixture(scope="module")
-def watched() -> Iterator[Watched]:
-    with browser() as launched:
-        yield Watched(launched)
+def watched(launched: Browser) -> Watched:
+    return Watched(launched)
 
 
 def shares_of_scene(watched: Watched) -> tuple[float, float]:

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
 
-from browser import Watched, browser, pixels
+from browser import Watched, answering, pixels, rect, settle
 from cuboid.inputs.readers import open_recording
 from cuboid.lab.annotation import Annotator, KeyframesFile
 from cuboid.lab.annotation import make_server as annotation_server
@@ -60,19 +59,10 @@ MEASURE = """() => {
 }""".replace("CONTROLS", repr(CONTROLS))
 
 
-@pytest.fixture(scope="module")
-def launched() -> Iterator[Browser]:
-    with browser() as found:
-        yield found
-
-
 def serve(stack: ExitStack, server: PageServer) -> str:
     """Return the address of a server that answers until the end of the tests."""
     stack.enter_context(server)
-    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-    thread.start()
-    stack.callback(thread.join)
-    stack.callback(server.shutdown)
+    stack.enter_context(answering(server))
     return f"http://localhost:{server.server_port}/"
 
 
@@ -107,10 +97,10 @@ def resize(page: Page, size: tuple[int, int]) -> None:
     page.wait_for_function(
         f"innerWidth === {size[0]} && (document.querySelector('#view, #board').clientWidth <= {size[0]})"
     )
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    settle(page)
     if page.locator("#look-home").count():
         page.click("#look-home")
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    settle(page)
 
 
 def measured(page: Page) -> dict[str, Any]:
@@ -184,9 +174,7 @@ def test_the_tables_of_the_second_tab_fit(shown: Shown) -> None:
 @at_all_sizes("view", "live")
 def test_the_picture_fills_its_part(shown: Shown) -> None:
     page = shown.page
-    part, image = (page.locator(which).bounding_box() for which in ("#picture", "#picture .framed img"))
-    assert part is not None
-    assert image is not None
+    part, image = (rect(page.locator(which)) for which in ("#picture", "#picture .framed img"))
     assert image["width"] == pytest.approx(part["width"], abs=2)
     assert image["height"] == pytest.approx(part["height"], abs=2)
     ratio = page.locator("#picture .framed img").evaluate("image => image.naturalWidth / image.naturalHeight")
@@ -203,12 +191,9 @@ def test_a_divider_is_dragged_moved_by_keys_and_kept(
     bar = page.locator(f".splitter{which}")
 
     def length() -> float:
-        box = page.locator(part).bounding_box()
-        assert box is not None
-        return float(box[axis])  # type: ignore[literal-required]
+        return float(rect(page.locator(part))[axis])  # type: ignore[literal-required]
 
-    first, place = length(), bar.bounding_box()
-    assert place is not None
+    first, place = length(), rect(bar)
     x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 from playwright.sync_api import Browser, Page
 
-from browser import VIEWPORT, Watched, browser, pixels, press_layer
+from browser import VIEWPORT, OpenPage, Watched, pixels, press_layer, rect, settle
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import MapPoints
@@ -29,12 +29,6 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     read = open_recording(folder.parent / "recording").read
     write_report(folder / "report.html", summarise(Results(folder), read))
     return folder
-
-
-@pytest.fixture(scope="module")
-def launched() -> Iterator[Browser]:
-    with browser() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")
@@ -96,11 +90,6 @@ def move_to(page: Page, place: int) -> None:
     settle(page)
 
 
-def settle(page: Page) -> None:
-    """Wait until what was asked for is on the screen."""
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-
-
 def test_it_opens_from_disk_and_asks_for_nothing_else(watched: Watched, results: Path) -> None:
     assert watched.requests == [(results / "report.html").as_uri()]
 
@@ -113,15 +102,10 @@ def test_the_scene_is_drawn(page: Page) -> None:
         assert near(shown, color_of(label)) > 60  # tag and edges
 
 
-def test_the_scene_is_drawn_for_readers_who_allow_motion_too(launched: Browser, results: Path) -> None:
-    found = Watched(launched, motion=True)
-    found.open(results / "report.html")
-    settle(found.page)
-    shown = pixels(found.page.locator("#canvas"))
-    found.page.close()
+def test_the_scene_is_drawn_for_readers_who_allow_motion_too(open_page: OpenPage, results: Path) -> None:
+    shown = pixels(open_page(results / "report.html", motion=True).locator("#canvas"))
     for label in COLORS:
         assert points_of(shown, label).sum() > 100, label
-    assert found.complaints == []
 
 
 def test_points_are_colored_as_asked(page: Page) -> None:
@@ -185,8 +169,7 @@ def test_the_slider_leaves_likely_objects(page: Page, width: int) -> None:
     if width < 600:
         page.click("#show")
     slider = page.locator("#least")
-    box = slider.bounding_box()
-    assert box is not None
+    box = rect(slider)
     assert 0 <= box["x"] < box["x"] + box["width"] <= width
     slider.focus()
     for _ in range(65):
@@ -267,7 +250,7 @@ def test_a_card_has_pictures_through_time_which_lead_to_their_frames(page: Page)
 
 
 def test_a_ceiling_is_cut_for_an_eye_above_it_and_sizes_have_their_errors(
-    launched: Browser, results: Path, tmp_path: Path
+    open_page: OpenPage, results: Path, tmp_path: Path
 ) -> None:
     finished = Results(results)
     below = finished.map_points()
@@ -288,9 +271,7 @@ def test_a_ceiling_is_cut_for_an_eye_above_it_and_sizes_have_their_errors(
     )
     found = dataclasses.replace(summary, found=dataclasses.replace(summary.found, objects=sure))
     write_report(tmp_path / "report.html", found)
-    watched = Watched(launched)
-    watched.open(tmp_path / "report.html")
-    page = watched.page
+    page = open_page(tmp_path / "report.html")
     page.click("#look-down")
     page.locator("#canvas").hover()
     for _ in range(2):  # above the ceiling
@@ -303,8 +284,6 @@ def test_a_ceiling_is_cut_for_an_eye_above_it_and_sizes_have_their_errors(
     assert page.inner_text('.object[data-label="2"] .size') == "15.0 × 15.0 × 10"
     page.click('.object[data-label="2"]')
     assert "15.0 ± 0.4 × 15.0 ± 0.2 × 10 ± 4 cm" in page.inner_text("#card")
-    assert watched.complaints == []
-    page.close()
 
 
 def test_playing_runs_through_the_frames(page: Page) -> None:
@@ -343,9 +322,8 @@ def test_the_scene_can_be_turned_moved_and_looked_at_through_the_camera(page: Pa
     assert tags == {}  # nothing was known in the first frame
     move_to(page, 37)
     box = page.locator('.tag[data-label="1"]').bounding_box()
-    other = page.locator('.tag[data-label="2"]').bounding_box()
+    other = rect(page.locator('.tag[data-label="2"]'))
     assert box is not None
-    assert other is not None
     assert box["x"] < other["x"]
 
 
@@ -366,18 +344,14 @@ def test_the_second_tab_tells_how_it_went(page: Page) -> None:
     assert page.locator("#view").is_visible()
 
 
-def test_dark_and_light_follow_the_reader(launched: Browser, results: Path) -> None:
+def test_dark_and_light_follow_the_reader(open_page: OpenPage, results: Path) -> None:
     brightness = {}
     for scheme in ("dark", "light"):
-        found = Watched(launched, scheme)
-        found.open(results / "report.html")
-        settle(found.page)
-        brightness[scheme] = pixels(found.page.locator("body")).mean()
-        found.page.click("#theme")
-        settle(found.page)
-        brightness[f"{scheme}, turned over"] = pixels(found.page.locator("body")).mean()
-        assert found.complaints == []
-        found.page.close()
+        page = open_page(results / "report.html", scheme)
+        brightness[scheme] = pixels(page.locator("body")).mean()
+        page.click("#theme")
+        settle(page)
+        brightness[f"{scheme}, turned over"] = pixels(page.locator("body")).mean()
     assert brightness["light"] > 2 * brightness["dark"]
     assert abs(brightness["dark, turned over"] - brightness["light"]) < 3
 
@@ -391,10 +365,8 @@ def test_it_can_be_resized(page: Page) -> None:
             "canvas.width === canvas.clientWidth && canvas.height === canvas.clientHeight",
         ):
             page.wait_for_function(wanted, timeout=30_000)
-    before = page.locator("#panel").bounding_box()
-    splitter = page.locator('[data-size="--side"]').bounding_box()
-    assert before is not None
-    assert splitter is not None
+    before = rect(page.locator("#panel"))
+    splitter = rect(page.locator('[data-size="--side"]'))
     page.mouse.move(splitter["x"], 200)
     page.mouse.down()
     page.mouse.move(splitter["x"] - 80, 200, steps=2)
@@ -417,7 +389,9 @@ def test_without_webgl_the_rest_is_shown_all_the_same(launched: Browser, results
 
 
 @pytest.mark.parametrize("width", [1280, 390])
-def test_warnings_are_a_banner_that_can_be_hidden(launched: Browser, results: Path, tmp_path: Path, width: int) -> None:
+def test_warnings_are_a_banner_that_can_be_hidden(
+    open_page: OpenPage, results: Path, tmp_path: Path, width: int
+) -> None:
     finished = Results(results)
     warnings = (
         "the camera was lost in 30 of 100 frames; move slower",
@@ -426,57 +400,42 @@ def test_warnings_are_a_banner_that_can_be_hidden(launched: Browser, results: Pa
     summary = summarise(finished, None)
     report = dataclasses.replace(summary.report, warnings=warnings)
     write_report(tmp_path / "report.html", dataclasses.replace(summary, report=report))
-    found = Watched(launched)
-    found.page.set_viewport_size({"width": width, "height": 640})
-    found.open(tmp_path / "report.html")
-    settle(found.page)
-    lines = found.page.locator("#warnings li").all_inner_texts()
+    page = open_page(tmp_path / "report.html", width=width)
+    lines = page.locator("#warnings li").all_inner_texts()
     assert lines == ["The run was interrupted: these results are not complete.", warnings[0], warnings[1].strip()]
-    box, view = found.page.locator("#warnings").bounding_box(), found.page.locator("#view").bounding_box()
-    assert box is not None
-    assert view is not None
+    box, view = rect(page.locator("#warnings")), rect(page.locator("#view"))
     assert box["x"] + box["width"] <= width
     assert view["y"] == pytest.approx(box["y"] + box["height"], abs=1)
-    found.page.click("#warnings .close")
-    assert found.page.locator("#warnings").is_hidden()
-    settle(found.page)
-    assert found.complaints == []
-    found.page.close()
+    page.click("#warnings .close")
+    assert page.locator("#warnings").is_hidden()
 
 
 def test_events_are_signs_in_the_timeline_and_lines_of_the_card(
-    launched: Browser, results: Path, tmp_path: Path
+    open_page: OpenPage, results: Path, tmp_path: Path
 ) -> None:
     here, there = np.zeros(3), np.array([0.3, 0.4, 0.0])
     events = (EventRow("moved", 1, here, there, 0.9, 12, 0.4), EventRow("gone", 2, here, None, 1.0, 30, 1.0))
     write_report(tmp_path / "report.html", dataclasses.replace(summarise(Results(results), None), events=events))
-    found = Watched(launched)
-    found.open(tmp_path / "report.html")
-    settle(found.page)
-    signs = found.page.locator("[data-event]").evaluate_all(
+    page = open_page(tmp_path / "report.html")
+    signs = page.locator("[data-event]").evaluate_all(
         "signs => signs.map((one) => [one.closest('.row').dataset.row, one.dataset.event, one.textContent])"
     )
     assert signs == [
         ["1", "moved", "#1: moved 50.0 cm, reported in frame 12"],
         ["2", "gone", "#2: gone, reported in frame 30"],
     ]
-    found.page.click('[data-event="moved"]')
+    page.click('[data-event="moved"]')
     for _ in range(2):  # the second click leaves the object chosen
-        assert found.page.inner_text("#frame-number") == "frame 12"
-        card = " ".join(found.page.inner_text("#card").split())
+        assert page.inner_text("#frame-number") == "frame 12"
+        card = " ".join(page.inner_text("#card").split())
         assert "Moved 50.0 cm, frame 12" in card
-        found.page.click('[data-event="moved"]')
-    assert found.complaints == []
-    found.page.close()
+        page.click('[data-event="moved"]')
 
 
-def test_the_address_may_name_an_object(launched: Browser, results: Path) -> None:
-    linked = Watched(launched)
-    linked.open(f"{(results / 'report.html').as_uri()}#2")
-    assert linked.page.locator("#card .chip").first.inner_text() == "#2"
-    linked.page.evaluate("location.hash = '#3'")
-    linked.page.wait_for_function("document.querySelector('#card .chip').innerText === '#3'")
-    linked.page.evaluate("location.hash = '#99'")  # no such object: the page stays
-    assert linked.page.locator("#card .chip").first.inner_text() == "#3"
-    assert linked.complaints == []
-    linked.page.close()
+def test_the_address_may_name_an_object(open_page: OpenPage, results: Path) -> None:
+    page = open_page(f"{(results / 'report.html').as_uri()}#2")
+    assert page.locator("#card .chip").first.inner_text() == "#2"
+    page.evaluate("location.hash = '#3'")
+    page.wait_for_function("document.querySelector('#card .chip').innerText === '#3'")
+    page.evaluate("location.hash = '#99'")  # no such object: the page stays
+    assert page.locator("#card .chip").first.inner_text() == "#3"

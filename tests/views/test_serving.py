@@ -12,8 +12,9 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Browser
 
-from browser import Watched, browser
+from browser import Watched, answering
 from cuboid.inputs.readers import open_recording
 from cuboid.results.files import Results
 from cuboid.results.views import serving
@@ -37,16 +38,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def port(results: Path) -> Iterator[int]:
     viewer = Viewer(results, Replay(results), open_recording(results.parent / "recording"))
-    with make_server(viewer) as found:
-        yield from running(found)
-
-
-def running(server: PageServer) -> Iterator[int]:
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True)
-    thread.start()
-    yield server.server_port
-    server.shutdown()
-    thread.join()
+    with make_server(viewer) as found, answering(found):
+        yield found.server_port
 
 
 def status(port: int, path: str = "/frame/0.jpg", method: str = "GET", **headers: str) -> int:
@@ -187,8 +180,7 @@ def test_a_connection_that_is_worked_on_is_not_cut_off(monkeypatch: pytest.Monke
             return "text/plain", b"done"
 
     found: list[int] = []
-    with serving.listening_at(0, Handler) as server:
-        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()
+    with serving.listening_at(0, Handler) as server, answering(server):
         port = server.server_port
         asking = [threading.Thread(target=lambda: found.append(status(port))) for _ in range(3)]
         for thread in asking:
@@ -199,7 +191,6 @@ def test_a_connection_that_is_worked_on_is_not_cut_off(monkeypatch: pytest.Monke
         go.set()
         for thread in asking:
             thread.join()
-        server.shutdown()
     assert found == [200] * 3
 
 
@@ -210,7 +201,7 @@ def test_a_live_view_for_others_answers_to_no_name_of_another_site() -> None:
         assert status(server.port, "/", Origin="http://evil.example") == 403
 
 
-def test_a_name_is_text_wherever_it_is_shown(results: Path, tmp_path: Path) -> None:
+def test_a_name_is_text_wherever_it_is_shown(launched: Browser, results: Path, tmp_path: Path) -> None:
     recording = tmp_path / EVIL
     shutil.copytree(results.parent / "recording", recording)
     mine = tmp_path / "results"
@@ -220,8 +211,7 @@ def test_a_name_is_text_wherever_it_is_shown(results: Path, tmp_path: Path) -> N
     (mine / "run.json").write_text(run.replace(old, str(recording)).replace("truncated", TEXT), encoding="utf-8")
     write_report(tmp_path / "page.html", summarise(Results(mine), None))
     viewer = Viewer(mine, Replay(mine), open_recording(recording))
-    with browser() as launched, make_server(viewer) as server, LiveServer(LiveView(), EVIL, INTRINSICS) as live:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+    with make_server(viewer) as server, answering(server), LiveServer(LiveView(), EVIL, INTRINSICS) as live:
         for address in (tmp_path / "page.html", f"http://localhost:{server.server_port}/"):
             watched = Watched(launched, strict=True)
             watched.open(address)
@@ -235,4 +225,3 @@ def test_a_name_is_text_wherever_it_is_shown(results: Path, tmp_path: Path) -> N
         watched.page.goto(f"http://localhost:{live.port}/")
         assert watched.page.title().startswith(EVIL)
         assert watched.page.locator("img[src=x]").count() == 0
-        server.shutdown()

@@ -2,37 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Page
 
-from browser import Watched, browser, press_layer
+from browser import OpenPage, press_layer
 from cuboid.results.files import Results
 from cuboid.results.files.objects import write_objects
 from cuboid.results.views.report import summarise, write_report
 from made_place import thing, write_place
 
 
-@pytest.fixture(scope="module")
-def launched() -> Iterator[Browser]:
-    with browser() as found:
-        yield found
-
-
 @pytest.fixture
-def page(launched: Browser, tmp_path: Path) -> Iterator[Page]:
+def page(open_page: OpenPage, tmp_path: Path) -> Page:
     folder = write_place(tmp_path)
     found = Results(folder)
     write_objects(folder / "objects.json", found.found.with_relations(found.map_points()))
     write_report(folder / "report.html", summarise(Results(folder), None))
-    watched = Watched(launched)
-    watched.open(folder / "report.html")
-    yield watched.page
-    assert watched.complaints == []
-    watched.page.close()
+    return open_page(folder / "report.html")
 
 
 def nested(page: Page) -> object:
@@ -74,28 +63,23 @@ def test_a_card_says_what_the_object_is_to_others(page: Page) -> None:
     assert "Object 2" in page.inner_text("#card")
 
 
-def test_without_relations_there_is_no_choice(launched: Browser, tmp_path: Path) -> None:
+def test_without_relations_there_is_no_choice(open_page: OpenPage, tmp_path: Path) -> None:
     folder = write_place(tmp_path)
     write_report(folder / "report.html", summarise(Results(folder), None))
-    watched = Watched(launched)
-    watched.open(folder / "report.html")
-    assert watched.page.locator("#arranged").is_hidden()
-    watched.page.click('.object[data-label="1"]')
-    assert "2 of 2" in watched.page.inner_text("#card dl")
-    assert watched.complaints == []
-    watched.page.close()
+    page = open_page(folder / "report.html")
+    assert page.locator("#arranged").is_hidden()
+    page.click('.object[data-label="1"]')
+    assert "2 of 2" in page.inner_text("#card dl")
 
 
-def test_furniture_is_drawn_on_its_own_and_counted_apart(launched: Browser, tmp_path: Path) -> None:
+def test_furniture_is_drawn_on_its_own_and_counted_apart(open_page: OpenPage, tmp_path: Path) -> None:
     folder = write_place(tmp_path)
     found = Results(folder).found
     table = replace(thing(9, 0.0, 0.0, 0.0, (2.0, 2.0, 0.5), plane=0), kind="support", planes=(1,))
     furnished = replace(found, furniture=(table,)).with_relations(Results(folder).map_points())
     write_objects(folder / "objects.json", furnished)
     write_report(folder / "report.html", summarise(Results(folder), None))
-    watched = Watched(launched)
-    watched.open(folder / "report.html")
-    page = watched.page
+    page = open_page(folder / "report.html")
     assert "5 objects" in page.inner_text("#facts")
     assert "1 piece of furniture" in page.inner_text("#facts")
     assert page.locator(".object").count() == 5, "the list is of objects"
@@ -105,8 +89,6 @@ def test_furniture_is_drawn_on_its_own_and_counted_apart(launched: Browser, tmp_
     page.wait_for_function("document.querySelector('.tag[data-label=\"9\"]').hidden")
     page.click('[data-arranged="place"]')
     assert nested(page)[0][0] == "Surface 2, furniture #9, 0.50 m above the lowest"  # type: ignore[index]
-    assert watched.complaints == []
-    page.close()
 
 
 def test_a_page_without_furniture_has_no_button_for_it(page: Page) -> None:

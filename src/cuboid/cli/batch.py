@@ -173,15 +173,15 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.fleet.batch.batch import Order, carry_out, plan
     from cuboid.fleet.batch.claim import claimed
     from cuboid.fleet.batch.sources import expand
+    from cuboid.fleet.store.folder import StoreFolder
     from cuboid.fleet.store.page import write_summary
-    from cuboid.fleet.store.place import Place
     from cuboid.fleet.store.schema import DONE
 
     version = f"{__version__}+{args.tag}" if args.tag else __version__
     embedding_model(args)  # mistakes are reported before workers start
     order = Order(args.output, settings_from(args), args.tables_only, args.retry, version)
     sources = expand(args.sources)
-    place = Place(order.store)  # a mistake in its name is reported before workers start
+    place = StoreFolder(order.store)  # a mistake in its name is reported before workers start
 
     def waiting() -> None:
         print(

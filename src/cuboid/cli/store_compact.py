@@ -23,12 +23,12 @@ def run(args: argparse.Namespace) -> int:
 
     need_cluster("cuboid store compact")
     from cuboid.fleet.store.compact import compact, tidy
+    from cuboid.fleet.store.folder import StoreFolder
     from cuboid.fleet.store.page import write_summary
-    from cuboid.fleet.store.place import Place
     from cuboid.fleet.store.query import Tables
 
     Tables(args.store)  # raises if there is no store
-    place = Place(args.store)
+    place = StoreFolder(args.store)
     done = compact(place)
     left = tidy(place)
     write_summary(args.store)

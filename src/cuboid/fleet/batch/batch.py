@@ -9,13 +9,13 @@ from typing import Any
 from distributed import Client, Future, KilledWorker, as_completed
 
 from cuboid.fleet.batch.cluster import RETRIES
-from cuboid.fleet.batch.sources import Source
+from cuboid.fleet.batch.sources import BatchSource
 from cuboid.fleet.batch.task import Ended, Task, give_up, identify, track
 from cuboid.fleet.store.compact import compact
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.files import key_of, store_files
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.rows import RunHead
 from cuboid.fleet.store.schema import DONE, FAILED, SET_ASIDE
-from cuboid.fleet.store.snapshot import key_of, snapshot
 from cuboid.ground.core.errors import CuboidError
 from cuboid.ground.version import __version__
 
@@ -63,17 +63,17 @@ class Plan:
         Number of recordings that were done before.
     failed : int
         Number of recordings that failed before, and are not tried again.
-    broken : dict of Source to str
+    broken : dict of BatchSource to str
         Recordings that cannot be listed, with the reason.
     """
 
     tasks: tuple[Task, ...]
     done: int
     failed: int
-    broken: dict[Source, str] = field(default_factory=dict)
+    broken: dict[BatchSource, str] = field(default_factory=dict)
 
 
-def plan(client: Client, sources: Iterable[Source], order: Order) -> Plan:
+def plan(client: Client, sources: Iterable[BatchSource], order: Order) -> Plan:
     """Return the recordings to process; the workers look at the files.
 
     Raises
@@ -87,9 +87,9 @@ def plan(client: Client, sources: Iterable[Source], order: Order) -> Plan:
     some = [sources[k : k + LOOK_AT] for k in range(0, len(sources), LOOK_AT)]
     futures = client.map(identify, some, settings=order.settings, version=order.version, pure=False)
     heads = [head for heads in client.gather(futures) for head in heads]
-    stored_keys = snapshot(Place(order.store), every_key=True).keys
+    stored_keys = store_files(StoreFolder(order.store), every_key=True).keys
     tasks: list[Task] = []
-    broken: dict[Source, str] = {}
+    broken: dict[BatchSource, str] = {}
     done = failed = 0
     for source, head in zip(sources, heads, strict=True):
         if isinstance(head, str):
@@ -121,7 +121,7 @@ def carry_out(client: Client, planned: Plan, order: Order, ended: Callable[[Ende
     OutputError
         The store cannot be written.
     """
-    place = Place(order.store)
+    place = StoreFolder(order.store)
     for count, one in enumerate(_results(client, planned, place), start=1):
         ended(one)
         if count % GATHER_EVERY == 0:
@@ -129,7 +129,7 @@ def carry_out(client: Client, planned: Plan, order: Order, ended: Callable[[Ende
     compact(place)
 
 
-def _results(client: Client, planned: Plan, place: Place) -> Iterator[Ended]:
+def _results(client: Client, planned: Plan, place: StoreFolder) -> Iterator[Ended]:
     """Iterate over the outcomes of the recordings."""
     of_key = {f"track-{task.head.run}": task for task in planned.tasks}
     futures = client.map(track, planned.tasks, key=list(of_key), pure=False, retries=RETRIES)
@@ -139,7 +139,7 @@ def _results(client: Client, planned: Plan, place: Place) -> Iterator[Ended]:
         yield _result(future, of_key[str(future.key)].head, place)
 
 
-def _result(future: Future[Ended], head: RunHead, place: Place) -> Ended:
+def _result(future: Future[Ended], head: RunHead, place: StoreFolder) -> Ended:
     """Return the outcome of one recording.
 
     A result is lost if the worker that holds it dies; Dask then runs the task again, and `Future.result` waits for it.

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.ground.core.errors import CuboidError
 from cuboid.ground.formats.folder import writing
 from cuboid.ground.locks import lock_file, release
@@ -26,7 +26,7 @@ POLL_S = 1.0
 
 
 @contextmanager
-def claimed(place: Place, waiting: Callable[[], None]) -> Iterator[None]:
+def claimed(place: StoreFolder, waiting: Callable[[], None]) -> Iterator[None]:
     """Hold a store for one batch; wait while another batch holds it.
 
     In a local folder the lock ends with its process. On an object store the lock of a killed batch expires after
@@ -34,7 +34,7 @@ def claimed(place: Place, waiting: Callable[[], None]) -> Iterator[None]:
 
     Parameters
     ----------
-    place : Place
+    place : StoreFolder
         The store.
     waiting : callable
         Called once if another batch holds the store.
@@ -73,7 +73,7 @@ def _locked(path: Path, waiting: Callable[[], None]) -> int:
 
 
 @contextmanager
-def _lease(place: Place, waiting: Callable[[], None]) -> Iterator[None]:
+def _lease(place: StoreFolder, waiting: Callable[[], None]) -> Iterator[None]:
     holder = secrets.token_hex(8)
     _take(place, _lease_content(holder, 0), waiting)
     ended = threading.Event()
@@ -87,7 +87,7 @@ def _lease(place: Place, waiting: Callable[[], None]) -> Iterator[None]:
         place.remove([LOCK])
 
 
-def _take(place: Place, content: bytes, waiting: Callable[[], None]) -> None:
+def _take(place: StoreFolder, content: bytes, waiting: Callable[[], None]) -> None:
     """Create the lock file; remove an expired one."""
     seen, since_s = b"", time.monotonic()
     while not place.create(LOCK, content):
@@ -106,7 +106,7 @@ def _take(place: Place, content: bytes, waiting: Callable[[], None]) -> None:
         time.sleep(POLL_S)
 
 
-def _renew(place: Place, holder: str, ended: threading.Event) -> None:
+def _renew(place: StoreFolder, holder: str, ended: threading.Event) -> None:
     count = 0
     while not ended.wait(RENEW_S):
         count += 1

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import fsspec
 
-from cuboid.fleet.store.place import is_remote, refusals
+from cuboid.fleet.store.folder import is_remote, refusals
 from cuboid.ground.core.errors import InputError, one_line
 from cuboid.ground.formats.reading import real_path
 from cuboid.ground.formats.stored import ARCHIVE_ENDINGS, located
@@ -22,7 +22,7 @@ LIST_ENDINGS = (".txt", ".list")
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Source:
+class BatchSource:
     """A recording, or an entry that should be one.
 
     Attributes
@@ -37,7 +37,7 @@ class Source:
     url: str
 
 
-def expand(words: Iterable[str]) -> list[Source]:
+def expand(words: Iterable[str]) -> list[BatchSource]:
     """Return the recordings that the arguments stand for, each once, sorted by name.
 
     A folder that is not a recording stands for the recordings in it, up to two folders deeper. Each of its entries
@@ -56,7 +56,7 @@ def expand(words: Iterable[str]) -> list[Source]:
     """
     words = list(words)
     found = {source.url: source for word in words for source in _expand(word, alone=len(words) == 1)}
-    by_name: dict[str, Source] = {}
+    by_name: dict[str, BatchSource] = {}
     for source in sorted(found.values()):
         other = by_name.setdefault(source.name, source)
         if other != source:
@@ -66,7 +66,7 @@ def expand(words: Iterable[str]) -> list[Source]:
     return list(by_name.values())
 
 
-def _expand(word: str, *, alone: bool) -> list[Source]:
+def _expand(word: str, *, alone: bool) -> list[BatchSource]:
     if is_remote(word):
         return _remote(word)
     if word.endswith(LIST_ENDINGS) and os.path.isfile(word):
@@ -78,11 +78,11 @@ def _expand(word: str, *, alone: bool) -> list[Source]:
         matches = sorted(glob.glob(path, recursive=True))
         return _beneath(_fixed(path), [one for one in matches if os.path.isdir(one) or _may_be_recording(one)], word)
     if not os.path.isdir(path) or _recognised(path):
-        return [Source(os.path.basename(path), path)]
+        return [BatchSource(os.path.basename(path), path)]
     if not alone and not _deeper(path, LEVELS):
-        return [Source(os.path.basename(path), path)]
+        return [BatchSource(os.path.basename(path), path)]
     start = path if alone else os.path.dirname(path)
-    return [Source(os.path.relpath(one, start), one) for one in _inside(path)]
+    return [BatchSource(os.path.relpath(one, start), one) for one in _inside(path)]
 
 
 def _inside(folder: str) -> list[str]:
@@ -119,7 +119,7 @@ def _recognised(path: str) -> bool:
         return False
 
 
-def _listed(path: Path) -> list[Source]:
+def _listed(path: Path) -> list[BatchSource]:
     """Return the recordings of a list file, one per line; relative paths start at the list's folder."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -130,12 +130,12 @@ def _listed(path: Path) -> list[Source]:
         raise InputError(f"{path}: expected a recording a line, found none")
     urls = [word if is_remote(word) else str(real_path(path.parent / word)) for word in words]
     start = os.path.commonpath(urls) if len(urls) > 1 and not any(map(is_remote, urls)) else ""
-    return [Source(os.path.relpath(url, start) if start else _base(url), url) for url in urls]
+    return [BatchSource(os.path.relpath(url, start) if start else _base(url), url) for url in urls]
 
 
-def _remote(url: str) -> list[Source]:
+def _remote(url: str) -> list[BatchSource]:
     if not WILD & set(url):
-        return [Source(_base(url), url.rstrip("/"))]
+        return [BatchSource(_base(url), url.rstrip("/"))]
     try:
         with refusals(url, "listed"):
             fs, path = fsspec.core.url_to_fs(url, use_listings_cache=False)
@@ -143,13 +143,15 @@ def _remote(url: str) -> list[Source]:
     except (OSError, ImportError, TypeError) as error:
         raise InputError(f"{url}: cannot be listed: {one_line(str(error))}") from None
     found = [name for name, about in sorted(matches.items()) if about["type"] != "file" or _may_be_recording(name)]
-    return [Source(source.name, str(fs.unstrip_protocol(source.url))) for source in _beneath(_fixed(path), found, url)]
+    return [
+        BatchSource(source.name, str(fs.unstrip_protocol(source.url))) for source in _beneath(_fixed(path), found, url)
+    ]
 
 
-def _beneath(fixed: str, found: list[str], word: str) -> list[Source]:
+def _beneath(fixed: str, found: list[str], word: str) -> list[BatchSource]:
     if not found:
         raise InputError(f"{word}: no folder and no file of a recording matches")
-    return [Source(os.path.relpath(path.rstrip("/"), fixed), path.rstrip("/")) for path in found]
+    return [BatchSource(os.path.relpath(path.rstrip("/"), fixed), path.rstrip("/")) for path in found]
 
 
 def _fixed(path: str) -> str:

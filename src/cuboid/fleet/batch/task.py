@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 import fsspec
 import msgspec
 
-from cuboid.fleet.batch.sources import Source
-from cuboid.fleet.store.place import RESULTS, Place, is_remote, refusals
+from cuboid.fleet.batch.sources import BatchSource
+from cuboid.fleet.store.files import Part, key_of
+from cuboid.fleet.store.folder import RESULTS, StoreFolder, is_remote, refusals
 from cuboid.fleet.store.rows import ReadAs, RunHead, day_of, failure, recorded, settings_text, tables_of
 from cuboid.fleet.store.schema import DONE, FAILED, RUNS, TABLES
-from cuboid.fleet.store.snapshot import Part, key_of
 from cuboid.ground.core.errors import InputError, MissingExtraError, one_line
 from cuboid.ground.formats.folder import RUN
 
@@ -45,7 +45,7 @@ class _File:
     modified: datetime
 
 
-def head_of(source: Source, settings: dict[str, Any], version: str) -> RunHead:
+def head_of(source: BatchSource, settings: dict[str, Any], version: str) -> RunHead:
     """Return the identity of a run; it lists the recording's files without opening them.
 
     Raises
@@ -118,7 +118,7 @@ class Task:
 
     Attributes
     ----------
-    source : Source
+    source : BatchSource
     head : RunHead
     settings : dict
         As of `Order`.
@@ -128,7 +128,7 @@ class Task:
         Whether the result files are left out.
     """
 
-    source: Source
+    source: BatchSource
     head: RunHead
     settings: dict[str, Any]
     store: str
@@ -155,12 +155,12 @@ class Ended:
     objects: int = 0
 
 
-def identify(sources: list[Source], settings: dict[str, Any], version: str) -> list[RunHead | str]:
+def identify(sources: list[BatchSource], settings: dict[str, Any], version: str) -> list[RunHead | str]:
     """Return the identity of each source's run, or one line with the reason why it is unknown."""
     return [_identified(source, settings, version) for source in sources]
 
 
-def _identified(source: Source, settings: dict[str, Any], version: str) -> RunHead | str:
+def _identified(source: BatchSource, settings: dict[str, Any], version: str) -> RunHead | str:
     try:
         return head_of(source, settings, version)
     except InputError as error:
@@ -175,7 +175,7 @@ def track(task: Task) -> Ended:
     from cuboid.ground.core.threads import limit_threads
 
     limit_threads(1)
-    place = Place(task.store)
+    place = StoreFolder(task.store)
     with tempfile.TemporaryDirectory(prefix="cuboid-", dir=_scratch()) as scratch, _fetched(task, scratch) as path:
         try:
             return _tracked(task, place, path, Path(scratch) / "out")
@@ -183,7 +183,7 @@ def track(task: Task) -> Ended:
             return give_up(task.head, place, FAILED, _named(str(error), path, task.source))
 
 
-def give_up(head: RunHead, place: Place, state: str, reason: str) -> Ended:
+def give_up(head: RunHead, place: StoreFolder, state: str, reason: str) -> Ended:
     """Write to the store that a recording failed or was set aside, with the reason."""
     reason = one_line(reason)
     part = Part(key_of(head.run, state), day_of(head.newest))
@@ -191,7 +191,7 @@ def give_up(head: RunHead, place: Place, state: str, reason: str) -> Ended:
     return Ended(head, state, reason)
 
 
-def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
+def _tracked(task: Task, place: StoreFolder, path: Path, scratch: Path) -> Ended:
     from cuboid.ground.core.config import TrackerConfig
     from cuboid.results.files import Results
     from cuboid.results.files.pending import new_folder
@@ -279,6 +279,6 @@ def _scratch() -> str | None:
         return None
 
 
-def _named(message: str, path: Path, source: Source) -> str:
+def _named(message: str, path: Path, source: BatchSource) -> str:
     """Return a message with the recording's own name instead of its local copy's."""
     return message.replace(str(path), source.url)

@@ -14,8 +14,8 @@ from starlette.routing import Route
 
 from cuboid.fleet.store.find import ask as ask_store
 from cuboid.fleet.store.find import find, last_seen, picture_of
+from cuboid.fleet.store.folder import RESULTS, StoreFolder
 from cuboid.fleet.store.page import MORE, RECORDINGS, WORST, objects_page, summary_page
-from cuboid.fleet.store.place import RESULTS, Place
 from cuboid.fleet.store.query import SharedTables, Tables
 from cuboid.fleet.store.summary import summarise_store
 from cuboid.ground.core.errors import InputError, shown
@@ -71,77 +71,58 @@ def application(
     """
     tables = SharedTables(url)
 
-    async def ask(question: Callable[[Tables], Response]) -> Response:
-        return await run_in_threadpool(tables.ask, question)
+    def route(path: str, answer: Callable[[Tables, Request], Response]) -> Route:
+        async def endpoint(request: Request) -> Response:
+            return await run_in_threadpool(tables.ask, lambda of: answer(of, request))
 
-    async def search(request: Request) -> Response:
-        query = dict(request.query_params)
+        return Route(path, endpoint)
 
-        def answer(of: Tables) -> Response:
-            page, status = objects_page(of, query, model)
-            return HTMLResponse(page, status)
+    def search(of: Tables, request: Request) -> Response:
+        return HTMLResponse(*objects_page(of, dict(request.query_params), model))
 
-        return await ask(answer)
-
-    async def summary(request: Request) -> Response:
+    def summary(of: Tables, request: Request) -> Response:
         asked = given(request.query_params)
+        return HTMLResponse(summary_page(summarise_store(of, WORST + MORE, asked.get("recording")), url, asked))
 
-        def answer(of: Tables) -> Response:
-            return HTMLResponse(summary_page(summarise_store(of, WORST + MORE, asked.get("recording")), url, asked))
+    def objects(of: Tables, request: Request) -> Response:
+        return _rows("objects", find(of, filters_of(given(request.query_params), model)))
 
-        return await ask(answer)
-
-    async def objects(request: Request) -> Response:
-        filters = given(request.query_params)
-        return await ask(lambda of: _rows("objects", find(of, filters_of(filters, model))))
-
-    async def last(request: Request) -> Response:
+    def last(of: Tables, request: Request) -> Response:
         what = request.query_params.get("what", "").strip()
         if not what:
             raise InputError("what is needed: the label or the name of an object")
-        return await ask(lambda of: _rows("objects", last_seen(of, what)))
+        return _rows("objects", last_seen(of, what))
 
-    async def asked(request: Request) -> Response:
+    def asked(of: Tables, request: Request) -> Response:
         query = dict(request.query_params)
         question = query.pop(ASK, "").strip()
         if not question:
             raise InputError("q is needed: a question such as 'the blue bin beside the chair'")
         also = filters_of(given(query), model)
+        understood, rows, note = ask_store(of, question, limit=also.limit, also=also)
+        return JSONResponse({"understood": understood, "objects": [plain(row) for row in rows], "note": note})
 
-        def answer(of: Tables) -> Response:
-            understood, rows, note = ask_store(of, question, limit=also.limit, also=also)
-            return JSONResponse({"understood": understood, "objects": [plain(row) for row in rows], "note": note})
+    def picture(of: Tables, request: Request) -> Response:
+        path, last = request.path_params, request.query_params.get("last", "").lower() in ("1", "true", "yes")
+        found = picture_of(of, path["recording"], path["label"], last=last)
+        return refusal("there is none", 404) if found is None else Response(found, media_type="image/jpeg")
 
-        return await ask(answer)
-
-    async def picture(request: Request) -> Response:
-        asked, path = request.query_params.get("last", ""), request.path_params
-
-        def answer(of: Tables) -> Response:
-            found = picture_of(of, path["recording"], path["label"], last=asked.lower() in ("1", "true", "yes"))
-            return refusal("there is none", 404) if found is None else Response(found, media_type="image/jpeg")
-
-        return await ask(answer)
-
-    async def recordings(request: Request) -> Response:
+    def recordings(of: Tables, request: Request) -> Response:
         filters = filters_of(given(request.query_params))
-        return await ask(lambda of: _rows("recordings", summarise_store(of, filters.limit, filters.recording).worst))
-
-    async def failures(request: Request) -> Response:
-        return await ask(lambda of: _rows("failures", summarise_store(of, 1).failed))
+        return _rows("recordings", summarise_store(of, filters.limit, filters.recording).worst)
 
     async def file(request: Request) -> Response:
         return await run_in_threadpool(_file, url, request.path_params["path"])
 
     routes = [
-        Route("/", search),
-        Route(f"/{RECORDINGS}", summary),
-        Route("/api/objects", objects),
-        Route("/api/objects/{recording:path}/{label:int}/picture", picture),
-        Route("/api/ask", asked),
-        Route("/api/last-seen", last),
-        Route("/api/recordings", recordings),
-        Route("/api/failures", failures),
+        route("/", search),
+        route(f"/{RECORDINGS}", summary),
+        route("/api/objects", objects),
+        route("/api/objects/{recording:path}/{label:int}/picture", picture),
+        route("/api/ask", asked),
+        route("/api/last-seen", last),
+        route("/api/recordings", recordings),
+        route("/api/failures", lambda of, _: _rows("failures", summarise_store(of, 1).failed)),
         Route(f"/{RESULTS}/{{path:path}}", file),
     ]
     return guarded(routes, openapi(secured=token is not None), token, hosts)
@@ -176,7 +157,7 @@ def _file(url: str, path: str) -> Response:
     if parts[-1] not in OUTPUT_NAMES or any(part in ("", ".", "..") or part.startswith(".") for part in parts):
         return refusal(f"there is no file {shown(path)} in the store", 404)
     try:
-        content = Place(url).read(f"{RESULTS}/{path}")
+        content = StoreFolder(url).read(f"{RESULTS}/{path}")
     except (FileNotFoundError, InputError):
         return refusal(f"there is no file {shown(path)} in the store", 404)
     return Response(content, media_type=TYPES.get(Path(path).suffix, "application/octet-stream"))

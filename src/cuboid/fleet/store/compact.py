@@ -13,10 +13,10 @@ import duckdb
 import msgspec
 import pyarrow as pa
 
-from cuboid.fleet.store.place import RESULTS, Place
+from cuboid.fleet.store.files import Manifest, Part, StoreFiles, manifest_name, manifests, name_of, store_files
+from cuboid.fleet.store.folder import RESULTS, StoreFolder
 from cuboid.fleet.store.query import connected, read
 from cuboid.fleet.store.schema import TABLES
-from cuboid.fleet.store.snapshot import Manifest, Part, Snapshot, manifest_name, manifests, name_of, snapshot
 from cuboid.ground.core.errors import InputError, one_line
 from cuboid.ground.formats.reading import UnreadableError
 
@@ -44,12 +44,12 @@ class Compaction:
     files_after: int
 
 
-def compact(place: Place) -> Compaction:
+def compact(place: StoreFolder) -> Compaction:
     """Merge the parts of a store, one file per table and day; an interruption loses and duplicates no rows.
 
     Parameters
     ----------
-    place : Place
+    place : StoreFolder
 
     Returns
     -------
@@ -61,7 +61,7 @@ def compact(place: Place) -> Compaction:
     InputError, OutputError
         The store cannot be read or written.
     """
-    before = snapshot(place)
+    before = store_files(place)
     place.remove(name for part in before.leftovers for name in part.names().values())
     count = _count(before)
     if not before.parts:
@@ -72,7 +72,7 @@ def compact(place: Place) -> Compaction:
         return Compaction(0, count, count)
     manifest = msgspec.json.format(msgspec.json.encode(Manifest(files=files)), indent=1)
     if not place.create(manifest_name(before.number + 1), manifest):
-        after = snapshot(place)
+        after = store_files(place)
         place.remove(set(written) - {name for names in after.gathered.values() for name in names})
         return Compaction(0, count, _count(after))
     old = {name for names in before.gathered.values() for name in names}
@@ -82,7 +82,7 @@ def compact(place: Place) -> Compaction:
     return Compaction(len(before.parts), count, sum(map(len, files.values())))
 
 
-def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[str]]:
+def _gather(place: StoreFolder, before: StoreFiles) -> tuple[dict[str, list[str]], list[str]]:
     """Write the gathered files; return all valid gathered files by table, and the new ones."""
     files: dict[str, list[str]] = {}
     written: list[str] = []
@@ -106,11 +106,11 @@ def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[
     return files, written
 
 
-def _rows(place: Place, names: list[str], table: str) -> pa.Table:
+def _rows(place: StoreFolder, names: list[str], table: str) -> pa.Table:
     """Return the rows of many small files, read by DuckDB; raise FileNotFoundError if one is gone."""
     with connected(place, {"threads": 1}) as connection:
         try:
-            rows = connection.sql(read(connection, place, table, names, partitioned=False))
+            rows = connection.sql(read(place, names, partitioned=False))
             schema = TABLES[table].schema
             return rows.to_arrow_table().select(schema.names).cast(schema)
         except (duckdb.Error, UnreadableError, pa.ArrowException, KeyError, ValueError) as error:
@@ -128,12 +128,12 @@ def _by_day(parts: Iterable[Part], table: str) -> dict[str, list[str]]:
     return days
 
 
-def tidy(place: Place) -> int:
+def tidy(place: StoreFolder) -> int:
     """Remove unreferenced table files and partial results of killed processes; return their number.
 
     Young files stay: their process may still be running.
     """
-    found = snapshot(place)
+    found = store_files(place)
     listed = {name for table in TABLES for name in found.files(table)}
     young = datetime.now(UTC) - timedelta(days=1)
     strange = [name for table in TABLES for name in place.names(table) if name not in listed]
@@ -142,7 +142,7 @@ def tidy(place: Place) -> int:
     return len(old) + _tidy_results(place, young)
 
 
-def _tidy_results(place: Place, young: datetime) -> int:
+def _tidy_results(place: StoreFolder, young: datetime) -> int:
     """Remove partial folders of results; return their number."""
     if place.local is None:
         return 0
@@ -153,5 +153,5 @@ def _tidy_results(place: Place, young: datetime) -> int:
     return len(old)
 
 
-def _count(found: Snapshot) -> int:
+def _count(found: StoreFiles) -> int:
     return sum(len(found.files(table)) for table in TABLES)

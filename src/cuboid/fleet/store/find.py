@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cuboid.fleet.store.query import SUPERSEDED, Tables
-from cuboid.fleet.store.schema import ALL_OBJECTS, GONE, OBJECTS, RUNS
+from cuboid.fleet.store.schema import ALL_OBJECTS, OBJECTS, RUNS
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.values import RelationKind
 from cuboid.method.text_search import TextQuery
@@ -30,8 +30,8 @@ SHOWN = (
     *("camera_x_m", "camera_y_m", "camera_z_m", "camera_distance_m", "later", "later_frame"),
     *("state", *sigma_names(LWH), *sigma_names(CENTER), "sides_seen"),
 )
-# Rows of older versions have the probability as their score alone.
-AS = {"probability": "score as probability", "state": f"if({GONE}, 'gone', 'present') as state"}
+# Columns that are not in the table.
+AS = {"state": "if(gone, 'gone', 'present') as state"}
 
 # Objects of recordings without dates are ordered by frame.
 LATEST = "last_seen desc nulls last, last_frame desc"
@@ -95,7 +95,7 @@ class StoreObjects:
 
     def near(self, point: tuple[float, float, float], within_m: float) -> Sql:
         """Return the objects whose boxes are near a point."""
-        return Sql(f"not {GONE} and {_distance(_coordinates(point))} <= ?", (within_m,))
+        return Sql(f"not gone and {_distance(_coordinates(point))} <= ?", (within_m,))
 
     def near_object(self, label_or_name: str, within_m: float) -> Sql:
         """Return the objects whose boxes are near the centre of another one of their recording."""
@@ -189,7 +189,7 @@ class StoreObjects:
             extra["text_score"] = Sql(FITTING.format(n=len(by.text.vector)), [by.text.vector.tolist()])
             order = "text_score desc"
             kept.append(Sql("embedding_model = ?", (by.text.model,)))
-        return self._rows(kept, f"{GONE}, {order}", extra, by.limit)
+        return self._rows(kept, f"gone, {order}", extra, by.limit)
 
     def latest(self, conditions: Sequence[Sql]) -> list[dict[str, Any]]:
         """Return rows, the last seen first."""
@@ -272,11 +272,6 @@ def ask(
     source, also = StoreObjects(tables, more), replace(also or Filters(), limit=limit)
     asked = questions.understood_with(lambda _: source, question, also)
     return StoreAnswer(asked.said, *questions.answer(lambda _: source, asked, also))
-
-
-def names_in(tables: Tables) -> list[str]:
-    """Return the names and likely classes of the objects, in lower case."""
-    return StoreObjects(tables).names()
 
 
 def without(tables: Tables, question: str, also: Filters) -> tuple[Filters, Mapping[str, int] | None]:

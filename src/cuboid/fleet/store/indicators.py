@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,36 +21,25 @@ TOUCHING_M = 0.03
 BRIEF_FRAMES = 5
 
 
-@dataclass(frozen=True, slots=True)
-class Indicators:
-    """Numbers of objects that look wrong.
+def indicators(objects: Sequence[TrackedObject]) -> dict[str, int]:
+    """Return the numbers of objects of a map that look wrong.
 
-    Attributes
-    ----------
-    overlapping : int
-        Objects that overlap another one by `OVERLAPPING` or more of the smaller box.
-    floating : int
-        Objects in free space: no plane supports them and no other object touches them.
-    brief : int
-        Objects seen in fewer than `BRIEF_FRAMES` frames.
+    Returns
+    -------
+    dict of str to int
+        ``overlapping``: they overlap another one by `OVERLAPPING` or more of the smaller box. ``floating``: in free
+        space, no plane supports them and no other object touches them. ``brief``: seen in fewer than `BRIEF_FRAMES`
+        frames.
     """
-
-    overlapping: int
-    floating: int
-    brief: int
-
-
-def indicators(objects: Sequence[TrackedObject]) -> Indicators:
-    """Return the indicators of a map of objects."""
     boxes = pack([item.box for item in objects])
     shared = overlap_min_matrix(boxes, boxes)
     np.fill_diagonal(shared, 0.0)
     touching = _touching(objects, boxes)
-    return Indicators(
-        overlapping=int((shared.max(axis=1, initial=0.0) >= OVERLAPPING).sum()),
-        floating=sum(item.plane is None and not near for item, near in zip(objects, touching, strict=True)),
-        brief=sum(item.frames_seen < BRIEF_FRAMES for item in objects),
-    )
+    return {
+        "overlapping": int((shared.max(axis=1, initial=0.0) >= OVERLAPPING).sum()),
+        "floating": sum(item.plane is None and not near for item, near in zip(objects, touching, strict=True)),
+        "brief": sum(item.frames_seen < BRIEF_FRAMES for item in objects),
+    }
 
 
 def _touching(objects: Sequence[TrackedObject], boxes: Float64Array) -> list[bool]:

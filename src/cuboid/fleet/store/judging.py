@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from distributed import Client
 
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.schema import DONE, OBJECTS, RUNS, SIGHTINGS
 from cuboid.ground.arrays import Float64Array
@@ -112,7 +112,7 @@ def _runs(tables: Tables, version: str | None, settings: str | None) -> list[dic
 def _judge(asked: tuple[dict[str, Any], Path], url: str) -> dict[str, Any] | str:
     """Return the figures of a run, or the reason why it has none in one line; runs on a worker."""
     run, truth = asked
-    place = Place(url)
+    place = StoreFolder(url)
     try:
         if run["results"] is not None and place.local is not None:
             result = read_result(place.local / run["results"])

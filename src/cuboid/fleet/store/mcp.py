@@ -134,13 +134,9 @@ def server_of(url: str, model: TextModel | None = None) -> MCPServer:
     @server.tool(annotations=READ_ONLY)
     async def describe_store() -> StoreAbout:
         """Tell how many recordings, objects and frames the store has, and how many recordings are not done."""
-
-        def answer(of: Tables) -> StoreAbout:
-            found = summarise_store(of, 1)
-            totals, not_done = found.totals, sum(one["count"] for one in found.failed)
-            return StoreAbout(totals["recordings"], totals["objects"], totals["frames"], not_done)
-
-        return await asked(answer)
+        found = await asked(lambda of: summarise_store(of, 1))
+        totals, not_done = found.totals, sum(one["count"] for one in found.failed)
+        return StoreAbout(totals["recordings"], totals["objects"], totals["frames"], not_done)
 
     @server.tool(annotations=READ_ONLY)
     async def list_recordings(
@@ -148,11 +144,8 @@ def server_of(url: str, model: TextModel | None = None) -> MCPServer:
         limit: Limit = 50,
     ) -> list[StoreRecording]:
         """List recordings that are done, those with the worst quality first."""
-
-        def answer(of: Tables) -> list[StoreRecording]:
-            return [_recording(row) for row in summarise_store(of, limit, recording).worst]
-
-        return await asked(answer)
+        found = await asked(lambda of: summarise_store(of, limit, recording))
+        return [_recording(row) for row in found.worst]
 
     def found(asked: StoreConditions) -> list[StoredObject]:
         """Find objects in all recordings by name, size, color, place, time and relations; all must hold.
@@ -171,17 +164,13 @@ def server_of(url: str, model: TextModel | None = None) -> MCPServer:
     @server.tool(annotations=READ_ONLY)
     async def ask(question: Question, limit: Limit = 10) -> StoredAnswer:
         """Answer a question in plain English by a small grammar, and tell which conditions were understood."""
-
-        def answer(of: Tables) -> StoredAnswer:
-            understood, rows, note = ask_store(of, question, limit=limit)
-            return StoredAnswer(understood, [_object(row) for row in rows], note)
-
-        return await asked(answer)
+        understood, rows, note = await asked(lambda of: ask_store(of, question, limit=limit))
+        return StoredAnswer(understood, [_object(row) for row in rows], note)
 
     @server.tool(annotations=READ_ONLY)
     async def last_seen(what: What) -> list[StoredObject]:
         """Tell where and when an object was seen last, from where, and whether it is still there; the latest first."""
-        return await asked(lambda of: [_object(row) for row in last_seen_in(of, what)])
+        return [_object(row) for row in await asked(lambda of: last_seen_in(of, what))]
 
     @server.tool(annotations=READ_ONLY)
     async def picture_of_object(recording: Recording, label: Label, last: Last = False) -> Image:

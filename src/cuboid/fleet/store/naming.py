@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from cuboid.fleet.store.find import the_one
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import NAMES, Tables, read_names
 from cuboid.ground.formats.folder import OBJECTS, REPORT
 from cuboid.results.files.naming import checked_name, name_object
@@ -34,7 +34,7 @@ def name_in_store(url: str, recording: str, label: int, name: str) -> None:
         The store cannot be written.
     """
     name = checked_name(f"{recording}#{label}", name)
-    tables, place = Tables(url), Place(url)
+    tables, place = Tables(url), StoreFolder(url)
     run = the_one(tables, recording, label, "run")["run"]
     names = {str(one): text for one, text in read_names(place).get(run, {}).items() if one != label}
     if name:
@@ -45,7 +45,7 @@ def name_in_store(url: str, recording: str, label: int, name: str) -> None:
     place.put(f"{NAMES}/{run}.json", msgspec.json.encode(names, order="sorted"))
 
 
-def _name_in_results(place: Place, folder: str, label: int, name: str) -> None:
+def _name_in_results(place: StoreFolder, folder: str, label: int, name: str) -> None:
     """Name an object in the result files of a run."""
     with tempfile.TemporaryDirectory(prefix="cuboid-names-") as work:
         copied = []

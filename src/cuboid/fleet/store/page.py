@@ -8,8 +8,8 @@ from pathlib import PurePosixPath
 from typing import Any
 from urllib.parse import quote, urlencode
 
-from cuboid.fleet.store.find import ask, names_in, without
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.find import StoreObjects, ask, without
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.schema import ALL_OBJECTS, RUNS
 from cuboid.fleet.store.summary import StoreSummary, summarise_store, totals_of
@@ -51,7 +51,7 @@ def write_summary(store: str) -> None:
     InputError, OutputError
         The store cannot be read or written.
     """
-    place = Place(store)
+    place = StoreFolder(store)
     place.put(NAME, summary_page(summarise_store(Tables(store), WORST + MORE), store).encode("utf-8", "replace"))
 
 
@@ -87,7 +87,7 @@ def objects_page(tables: Tables, query: Mapping[str, str], model: TextModel | No
         f"{counted(totals['objects'])} in {counted(totals['recordings'], 'recording')}",
         found,
         links={"Objects": "", "Recordings": RECORDINGS},
-        form=search_form(asked, fields, SURFACES, names_in(tables)),
+        form=search_form(asked, fields, SURFACES, StoreObjects(tables).names()),
         document={"every_s": EVERY_S},
     )
     return page, found.status

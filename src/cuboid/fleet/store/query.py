@@ -11,9 +11,9 @@ import duckdb
 import msgspec
 import pyarrow as pa
 
-from cuboid.fleet.store.place import Place
-from cuboid.fleet.store.schema import ALL_OBJECTS, DONE, GONE, OBJECTS, RUNS, TABLES
-from cuboid.fleet.store.snapshot import ATTEMPTS, Snapshot, snapshot
+from cuboid.fleet.store.files import ATTEMPTS, StoreFiles, store_files
+from cuboid.fleet.store.folder import StoreFolder
+from cuboid.fleet.store.schema import ALL_OBJECTS, DONE, OBJECTS, RUNS, TABLES
 from cuboid.ground.core.errors import InputError, one_line
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, UnreadableError, opened
 
@@ -52,13 +52,13 @@ class Tables:
     def __init__(self, url: str, threads: int = 1) -> None:
         self.url = url
         self.kept: dict[str, Any] = {}
-        self._place = Place(url)
+        self._place = StoreFolder(url)
         self._threads = threads
         self._open()
 
     def _open(self) -> None:
         for attempt in range(ATTEMPTS):
-            self._files, self._names = snapshot(self._place), read_names(self._place)
+            self._files, self._names = store_files(self._place), read_names(self._place)
             if self._files.empty:
                 fault = "expected a store that 'cuboid batch' wrote, found no runs in it"
                 raise InputError(
@@ -68,7 +68,7 @@ class Tables:
                 self._connect()
                 return
             except (duckdb.Error, UnreadableError) as error:
-                if attempt == ATTEMPTS - 1 or snapshot(self._place) == self._files:
+                if attempt == ATTEMPTS - 1 or store_files(self._place) == self._files:
                     raise InputError(f"{self.url}: is damaged: {_first_line(error)}") from None
                 # otherwise the files were gathered meanwhile: try again
 
@@ -79,7 +79,7 @@ class Tables:
             self._connection.execute(f"create view {view} as {self._select(table, self._files)}")
             self._refuse_other(view, kind.schema)
         self._put_names()
-        there = f"select * from {ALL_OBJECTS} where not {GONE}"
+        there = f"select * from {ALL_OBJECTS} where not gone"
         self._connection.execute(f"create view {OBJECTS} as {there}")
         self.kept = {}
         self._connection.execute("set parquet_metadata_cache = true")
@@ -111,15 +111,17 @@ class Tables:
         except (pa.ArrowException, KeyError, ValueError) as error:
             raise InputError(f"{self.url}: the table {table} is not as it must be: {one_line(str(error))}") from None
 
-    def _select(self, table: str, files: Snapshot) -> str:
+    def _select(self, table: str, files: StoreFiles) -> str:
         names = files.files(table)
-        if not names:  # every recording failed
-            return f"select *, null::date as day from {empty(self._connection, table)}"
-        return read(self._connection, self._place, table, names, partitioned=True)
+        if names:
+            return read(self._place, names, partitioned=True)
+        # every recording failed
+        self._connection.register(f"_{table}", pa.Table.from_pylist([], schema=TABLES[table].schema))
+        return f"select *, null::date as day from _{table}"
 
     def refresh(self) -> None:
         """Update the tables to the present files."""
-        if snapshot(self._place) != self._files or read_names(self._place) != self._names:
+        if store_files(self._place) != self._files or read_names(self._place) != self._names:
             self._open()
 
     def ask(self, question: str, values: object = None) -> pa.Table:
@@ -146,7 +148,7 @@ class Tables:
             try:
                 return answer()
             except duckdb.Error as error:
-                if not isinstance(error, duckdb.IOException) or snapshot(self._place) == self._files:
+                if not isinstance(error, duckdb.IOException) or store_files(self._place) == self._files:
                     raise InputError(_first_line(error)) from None
                 self._open()  # the files were gathered into others meanwhile
         return answer()
@@ -175,7 +177,7 @@ class SharedTables:
             return question(self._tables)
 
 
-def read_names(place: Place) -> dict[str, Mapping[int, str]]:
+def read_names(place: StoreFolder) -> dict[str, Mapping[int, str]]:
     """Return the names that people gave, by run and label.
 
     Raises
@@ -194,7 +196,7 @@ def read_names(place: Place) -> dict[str, Mapping[int, str]]:
     return found
 
 
-def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection:
+def connected(place: StoreFolder, config: dict[str, Any]) -> duckdb.DuckDBPyConnection:
     """Return an in-memory DuckDB connection that can read the files of a place."""
     connection = duckdb.connect(config=config)
     if place.local is None:
@@ -202,24 +204,12 @@ def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection
     return connection
 
 
-def empty(connection: duckdb.DuckDBPyConnection, table: str) -> str:
-    """Return the name of an empty relation with the columns of a table."""
-    connection.register(f"_{table}", pa.Table.from_pylist([], schema=TABLES[table].schema))
-    return f"_{table}"
+def read(place: StoreFolder, names: Iterable[str], *, partitioned: bool) -> str:
+    """Return the query for the rows of a table in files."""
+    return f"select * from read_parquet({listed(place, names)}, hive_partitioning = {str(partitioned).lower()})"
 
 
-def read(
-    connection: duckdb.DuckDBPyConnection, place: Place, table: str, names: Iterable[str], *, partitioned: bool
-) -> str:
-    """Return the query for the rows of a table in files; columns missing in older files are null."""
-    options = f"hive_partitioning = {str(partitioned).lower()}"
-    if not TABLES[table].has_added:
-        return f"select * from read_parquet({listed(place, names)}, {options})"
-    files = f"select * from read_parquet({listed(place, names)}, {options}, union_by_name = true)"
-    return f"{files} union all by name select * from {empty(connection, table)}"
-
-
-def listed(place: Place, names: Iterable[str]) -> str:
+def listed(place: StoreFolder, names: Iterable[str]) -> str:
     """Return files as an SQL list; raise UnreadableError for anything else (DuckDB would wait for a pipe)."""
     names = list(names)
     if place.local is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -21,9 +21,9 @@ from cuboid.ground.geometry.se3 import quats_wxyz_from_rotations
 from cuboid.method.poses.sources import LOST
 from cuboid.method.relations import find_relations, surface_kinds
 from cuboid.method.text_search import Embeddings
-from cuboid.results.files import Results, RunReport
+from cuboid.results.files import Results
 from cuboid.results.files.queries import saved_relations
-from cuboid.results.views.pixels import encode_jpeg
+from cuboid.results.views.pixels import encode_jpeg, shrunk
 from cuboid.results.views.report.pictures import Picture
 from cuboid.services.queries.in_results import later_in_results, seen_in_results
 from cuboid.services.queries.likeness import color_fractions, color_word, shape_distribution
@@ -58,16 +58,7 @@ class RunHead:
 
     def row(self, state: str, reason: str | None) -> dict[str, Any]:
         """Return the part of the row in `runs` that finished and failed runs share."""
-        return {
-            "run": self.run,
-            "recording": self.recording,
-            "source": self.source,
-            "state": state,
-            "reason": reason,
-            "version": self.version,
-            "settings": self.settings,
-            "finished": datetime.now(UTC),
-        }
+        return {**asdict(self), "state": state, "reason": reason, "finished": datetime.now(UTC)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +139,6 @@ def settings_text(settings: Mapping[str, Any]) -> str:
 
 def _run(results: Results) -> dict[str, Any]:
     report, objects = results.report, results.found.objects
-    hints = indicators(objects)
     return {
         "poses": report.poses,
         "frames_read": report.frames_read,
@@ -159,23 +149,9 @@ def _run(results: Results) -> dict[str, Any]:
         "proposals": len(results.proposal_labels),
         "proposals_labelled": sum(label > 0 for label in results.proposal_labels),
         "sightings": len(results.tracks),
-        "labels": _labels(results),
+        "labels": len({row.label for row in results.tracks} | set(results.survivor)),
         "objects": len(objects),
-        "overlapping": hints.overlapping,
-        "floating": hints.floating,
-        "brief": hints.brief,
-        **_costs(report),
-    }
-
-
-def _labels(results: Results) -> int:
-    """Return the number of labels that were given: seen ones and merged ones."""
-    given = {row.label for row in results.tracks} | set(results.survivor)
-    return len(given)
-
-
-def _costs(report: RunReport) -> dict[str, Any]:
-    return {
+        **indicators(objects),
         "stages": [
             {"stage": stage, "median_ms": timing.median_ms, "p95_ms": timing.p95_ms}
             for stage, timing in report.milliseconds.items()
@@ -195,12 +171,7 @@ def _recording(head: RunHead, results: Results, read_as: ReadAs, begin: datetime
         "seconds": times_s[-1] - times_s[0],
         "frames": read_as.frames,
         "bytes": head.size_bytes,
-        "width_px": K.width,
-        "height_px": K.height,
-        "fx_px": K.fx,
-        "fy_px": K.fy,
-        "cx_px": K.cx,
-        "cy_px": K.cy,
+        **{f"{name}_px": value for name, value in asdict(K).items()},
         "has_poses": read_as.has_poses,
         **({} if up is None else dict(zip(("up_x", "up_y", "up_z"), map(float, up), strict=True))),
     }
@@ -282,14 +253,14 @@ def _relations(
     """
     rows: list[dict[str, Any]] = []
     for one in relations:
-        if isinstance(one.to, int):
-            rows.append({"kind": one.kind, "label": one.to, "surface": None, "score": one.score})
-            continue
-        rows.append({"kind": one.kind, "label": None, "surface": one.to, "score": one.score})
+        ends: list[int | str] = [one.to]
         if one.kind == "on" and one.to in bearers:
-            rows.append({"kind": one.kind, "label": bearers[one.to], "surface": None, "score": one.score})
+            ends.append(bearers[str(one.to)])
         if one.to in kinds:
-            rows.append({"kind": one.kind, "label": None, "surface": kinds[one.to], "score": one.score})
+            ends.append(kinds[str(one.to)])
+        for to in ends:
+            label, surface = (to, None) if isinstance(to, int) else (None, to)
+            rows.append({"kind": one.kind, "label": label, "surface": surface, "score": one.score})
     return rows
 
 
@@ -319,11 +290,7 @@ def _pictures(best: Picture | None, last: Picture | None) -> dict[str, Any]:
 def _small(picture: Picture) -> bytes:
     """Return a picture in the size of the tables, JPEG."""
     color = np.asarray(cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
-    height, width = color.shape[:2]
-    if width > PICTURE_PX:
-        size = (PICTURE_PX, max(1, round(height * PICTURE_PX / width)))
-        color = np.asarray(cv2.resize(color, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return encode_jpeg(color[..., ::-1], PICTURE_QUALITY)
+    return encode_jpeg(shrunk(color, PICTURE_PX)[..., ::-1], PICTURE_QUALITY)
 
 
 def _embedding(row: Mapping[str, Any], embeddings: Embeddings | None) -> dict[str, Any]:

@@ -26,8 +26,6 @@ LATER = (
 
 # The view of all rows of the table of objects; the view `objects` has those that were there at the end of their run.
 ALL_OBJECTS = "all_objects"
-# Condition on rows of that view, in SQL: files of earlier versions lack the column, and have no gone objects.
-GONE = "coalesce(gone, false)"
 # Outcomes of a recording.
 DONE, FAILED, SET_ASIDE = "done", "failed", "set aside"
 
@@ -39,7 +37,6 @@ class Column:
     name: str
     type: pa.DataType
     meaning: str
-    added: bool = False  # missing in files of earlier versions: null there
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +57,6 @@ class TableKind:
         """The Arrow schema; the metadata of a column is its meaning."""
         return pa.schema([pa.field(c.name, c.type, metadata={"what": c.meaning}) for c in self.columns])
 
-    @property
-    def has_added(self) -> bool:
-        """Whether files of earlier versions lack columns."""
-        return any(column.added for column in self.columns)
-
     def table(self, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
         """Return rows as a table; missing columns of a row are null."""
         return self.sorted(pa.Table.from_pylist(list(rows), schema=self.schema))
@@ -74,30 +66,23 @@ class TableKind:
         return table.sort_by([(name, "ascending") for name in self.order])
 
 
+def _several(names: str, type_: pa.DataType, meaning: str, unit: str = "") -> list[Column]:
+    """Return columns that have their meaning together, which the first one tells."""
+    return [Column(f"{name}{unit}", type_, text) for name, text in zip_longest(names.split(), (meaning,), fillvalue="")]
+
+
 _WHOSE = (
     Column("run", TEXT, "the run, a row of `runs`"),
     Column("recording", TEXT, "name of the recording"),
 )
 _BOX = (
-    Column("center_x_m", REAL, "centre of its box in the world of the recording"),
-    Column("center_y_m", REAL, ""),
-    Column("center_z_m", REAL, ""),
-    Column("length_m", SMALL, "length, width and height of its box along the axes of the box"),
-    Column("width_m", SMALL, ""),
+    *_several("center_x center_y center_z", REAL, "centre of its box in the world of the recording", "_m"),
+    *_several("length width", SMALL, "length, width and height of its box along the axes of the box", "_m"),
     Column("height_m", SMALL, "along the normal of its support"),
-    Column("qw", SMALL, "rotation from the axes of the box to the world, a unit quaternion"),
-    Column("qx", SMALL, ""),
-    Column("qy", SMALL, ""),
-    Column("qz", SMALL, ""),
+    *_several("qw qx qy qz", SMALL, "rotation from the axes of the box to the world, a unit quaternion"),
 )
-_SIGMAS = {
-    "length_sigma_m": "standard deviations of `length_m`, `width_m` and `height_m`; null if unknown",
-    "width_sigma_m": "",
-    "height_sigma_m": "",
-    "center_x_sigma_m": "standard deviations of the centre; null if unknown",
-    "center_y_sigma_m": "",
-    "center_z_sigma_m": "",
-}
+_SIDES_SIGMA = "standard deviations of `length_m`, `width_m` and `height_m`; null if unknown"
+_CENTER_SIGMA = "standard deviations of the centre; null if unknown"
 _SKIPPED = pa.list_(pa.struct([("frame", COUNT), ("reason", TEXT)]))
 _CLASSES = pa.list_(pa.struct([("name", TEXT), ("score", SMALL)]))
 _RELATIONS = pa.list_(pa.struct([("kind", TEXT), ("label", COUNT), ("surface", TEXT), ("score", SMALL)]))
@@ -112,7 +97,7 @@ def _described(record: type) -> Iterator[Column]:
     for one in columns_of(record):
         if one.stored:
             for name, meaning in zip_longest(_stored_names(one), (one.meaning,), fillvalue=""):
-                yield Column(name, _TYPES[one.type], meaning, added=one.optional)
+                yield Column(name, _TYPES[one.type], meaning)
 
 
 def _stored_names(column: RecordColumn) -> tuple[str, ...]:
@@ -176,16 +161,11 @@ TABLES = {
                 Column("seconds", REAL, "time from the first to the last frame"),
                 Column("frames", COUNT, "number of frames, unusable ones included"),
                 Column("bytes", pa.int64(), "size of its files"),
-                Column("width_px", COUNT, "width and height of the color images"),
-                Column("height_px", COUNT, ""),
-                Column("fx_px", REAL, "focal length"),
-                Column("fy_px", REAL, ""),
-                Column("cx_px", REAL, "optical centre"),
-                Column("cy_px", REAL, ""),
+                *_several("width height", COUNT, "width and height of the color images", "_px"),
+                *_several("fx fy", REAL, "focal length", "_px"),
+                *_several("cx cy", REAL, "optical centre", "_px"),
                 Column("has_poses", pa.bool_(), "whether the recording has camera poses"),
-                Column("up_x", REAL, "up in the world of the recording, a unit vector; null if unknown"),
-                Column("up_y", REAL, ""),
-                Column("up_z", REAL, ""),
+                *_several("up_x up_y up_z", REAL, "up in the world of the recording, a unit vector; null if unknown"),
             ),
             ("recording", "run"),
         ),
@@ -197,37 +177,32 @@ TABLES = {
                 *_WHOSE,
                 _LABEL,
                 *_BOX,
-                Column("longest_m", SMALL, "longest side of its box"),
-                Column("middle_m", SMALL, ""),
-                Column("shortest_m", SMALL, ""),
+                *_several("longest middle shortest", SMALL, "longest side of its box", "_m"),
                 *_OBJECT,
-                Column("gone", pa.bool_(), "whether it was gone at the end; null in older files: no", added=True),
-                Column("names", _CLASSES, "the next most likely classes, with their probabilities", added=True),
+                Column("gone", pa.bool_(), "whether it was gone at the end"),
+                Column("names", _CLASSES, "the next most likely classes, with their probabilities"),
                 Column(
                     "relations",
                     _RELATIONS,
                     "relations to objects and surfaces (`plane:k`, and `floor` or `table` where it is one); `against` "
                     "walls only with `--relations`",
-                    added=True,
                 ),
                 Column("first_seen", TIME, "time of its first frame; null if the times of the recording are no dates"),
                 Column("last_seen", TIME, "time of its last frame; null if the times of the recording are no dates"),
-                Column("camera_x_m", REAL, "position of the camera in its last frame, in the world", added=True),
-                Column("camera_y_m", REAL, "", added=True),
-                Column("camera_z_m", REAL, "", added=True),
-                Column("camera_distance_m", SMALL, "distance of that camera from the centre of its box", added=True),
-                Column("later", TEXT, LATER, added=True),
-                Column("later_frame", COUNT, "for `not seen` and `gone` the first such frame", added=True),
-                *(Column(name, SMALL, meaning, added=True) for name, meaning in _SIGMAS.items()),
+                *_several(
+                    "camera_x camera_y camera_z", REAL, "position of the camera in its last frame, in the world", "_m"
+                ),
+                Column("camera_distance_m", SMALL, "distance of that camera from the centre of its box"),
+                Column("later", TEXT, LATER),
+                Column("later_frame", COUNT, "for `not seen` and `gone` the first such frame"),
+                *_several("length width height", SMALL, _SIDES_SIGMA, "_sigma_m"),
+                *_several("center_x center_y center_z", SMALL, _CENTER_SIGMA, "_sigma_m"),
                 Column(
                     "sides_seen",
                     pa.list_(TEXT),
                     "sides of the box that a camera saw as faces; empty: none, null: unknown",
-                    added=True,
                 ),
-                Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
-                Column("green", pa.uint8(), ""),
-                Column("blue", pa.uint8(), ""),
+                *_several("red green blue", pa.uint8(), "mean color of its points, 0 to 255"),
                 Column("color", TEXT, "color word of most of its points"),
                 Column("colors", pa.list_(SMALL), "fraction of its points for each color word"),
                 Column(
@@ -237,14 +212,9 @@ TABLES = {
                 ),
                 Column("picture_frame", COUNT, "frame of the picture"),
                 Column("picture", pa.binary(), "best picture of the object, a small JPEG; null if there is none"),
-                Column("last_picture", pa.binary(), "picture in its last frame; null if `picture` is it", added=True),
-                Column(
-                    "embedding",
-                    pa.list_(SMALL),
-                    "vector of an image-text model for its pictures, of length 1",
-                    added=True,
-                ),
-                Column("embedding_model", TEXT, "digits that identify the model; null if none was used", added=True),
+                Column("last_picture", pa.binary(), "picture in its last frame; null if `picture` is it"),
+                Column("embedding", pa.list_(SMALL), "vector of an image-text model for its pictures, of length 1"),
+                Column("embedding_model", TEXT, "digits that identify the model; null if none was used"),
             ),
             ("longest_m", "run", "label"),
             group_rows=1 << 13,  # sorted by size: a query for a size reads few groups

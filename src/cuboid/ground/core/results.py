@@ -30,6 +30,7 @@ from cuboid.ground.core.values import (
     SideName,
     Sides,
     Surface,
+    VisitChange,
 )
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import transform
@@ -480,7 +481,7 @@ class SceneChange:
     recording: int
     label: int
     name: str | None
-    change: str
+    change: VisitChange
     box: Box
     from_m: Float64Array | None
     to_m: Float64Array | None

@@ -10,7 +10,6 @@ A class that does more than hold data has a separate state: `state()` returns it
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 from typing import Any, TypeVar
@@ -21,10 +20,6 @@ R = TypeVar("R", bound="Record")
 
 # Metadata of a record field that is not saved because it follows from the others; the field needs a default.
 TRANSIENT = {"transient": True}
-
-# Metadata of a record field that states of earlier versions lack; its default factory then makes the value, or the
-# factory under this key.
-ADDED = {"added": True}
 
 
 class Record:
@@ -56,17 +51,6 @@ class WatchedRecord(Record):
 def saved_fields(cls: Any) -> tuple[str, ...]:
     """Return the names of the fields of a record that are saved, in order."""
     return tuple(item.name for item in fields(cls) if not item.metadata.get("transient"))
-
-
-@cache
-def added_fields(cls: Any) -> dict[str, Callable[[], Any]]:
-    """Return the factories of the fields of a record that states of earlier versions lack, by name."""
-    added: dict[str, Any] = {}
-    for item in fields(cls):
-        factory = item.metadata.get("added")
-        if factory is not None:
-            added[item.name] = factory if callable(factory) else item.default_factory
-    return added
 
 
 def snapshot(record: R) -> R:

@@ -42,6 +42,10 @@ LabelOrNone: TypeAlias = Annotated[int, Meta(ge=0, le=LAST_NUMBER, description="
 ImageSide: TypeAlias = Annotated[int, Meta(ge=1, le=LARGEST_IMAGE_PX, description="pixels")]
 ObjectKind: TypeAlias = Literal["volume", "flat", "box", "support"]
 EventName: TypeAlias = Literal["appeared", "moved", "gone", "back"]
+# Status of an object at the end of a recording; its change since the visit before; what later frames show of it.
+ObjectStatus: TypeAlias = Literal["present", "unlikely", "gone", "merged", "forgotten"]
+VisitChange: TypeAlias = Literal["unchanged", "moved", "gone", "new", "found", "not looked at"]
+LaterStatus: TypeAlias = Literal["there", "gone", "not looked at", "not seen"]
 RelationKind: TypeAlias = Literal["on", "in", "beside", "under", "against", "supports"]
 SideName: TypeAlias = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Surface: TypeAlias = Annotated[str, Meta(pattern=r"^(plane|wall):\d{1,9}$", max_length=20)]

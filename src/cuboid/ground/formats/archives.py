@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
 from cuboid.ground.formats import cache
-from cuboid.ground.formats.stores import Entry
+from cuboid.ground.formats.stores import FileEntry
 
 # Maximum size of a compressed file that is unpacked in memory; larger ones go to the cache, for random access.
 MAX_IN_MEMORY = 16 << 20
@@ -105,14 +105,14 @@ class _ArchiveStore:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         return self._name(path)
 
-    def entry(self, path: Path) -> Entry:
+    def entry(self, path: Path) -> FileEntry:
         """Return the entry at a path."""
         name = self._name(path)
         if name in self._folders:
-            return Entry(0, True)
+            return FileEntry(0, True)
         if name not in self._sizes:
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-        return Entry(self._sizes[name], False)
+        return FileEntry(self._sizes[name], False)
 
     def names(self, path: Path) -> list[str]:
         """Return the names in a folder."""
@@ -153,7 +153,7 @@ class ZipStore(_ArchiveStore):
         except OSError:
             raise
         except Exception as error:  # a damaged file makes the library raise nearly anything
-            raise OSError(errno.EINVAL, f"no whole zip archive: {_line(error)}", str(archive)) from None
+            raise OSError(errno.EINVAL, f"no whole zip archive: {short_line(error)}", str(archive)) from None
         self._infos = {name: one for one in infos if not one.filename.endswith("/") and (name := _plain(one.filename))}
         self._add((name, one.file_size) for name, one in self._infos.items())
 
@@ -190,7 +190,7 @@ class ZipStore(_ArchiveStore):
         except OSError:
             raise
         except Exception as error:  # as above
-            raise OSError(errno.EIO, f"cannot be unpacked: {_line(error)}", str(path)) from None
+            raise OSError(errno.EIO, f"cannot be unpacked: {short_line(error)}", str(path)) from None
 
 
 class TarStore(_ArchiveStore):
@@ -216,7 +216,7 @@ class TarStore(_ArchiveStore):
         try:
             tar = tarfile.open(fileobj=self._file, mode="r:")  # noqa: SIM115 - the file stays open
         except (tarfile.TarError, ValueError, EOFError) as error:
-            raise OSError(errno.EINVAL, f"no tar archive: {_line(error)}", str(archive)) from None
+            raise OSError(errno.EINVAL, f"no tar archive: {short_line(error)}", str(archive)) from None
         with suppress(tarfile.TarError, ValueError, EOFError, KeyError, UnicodeError):  # what was found counts
             for one in tar:
                 whole = one.isreg() and not one.issparse() and one.offset_data + one.size <= end
@@ -231,5 +231,6 @@ class TarStore(_ArchiveStore):
         return io.BufferedReader(Window(self._file, self._lock, start, size, self), BUFFER_BYTES)
 
 
-def _line(error: Exception) -> str:
+def short_line(error: BaseException) -> str:
+    """Return the message of an error in a short line."""
     return " ".join(str(error).split())[:120] or type(error).__name__

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +15,8 @@ BAG = "recording"
 MILLIMETRES = 1000.0
 
 
-class McapWriter:
-    """A bag with images, cameras and transforms.
+class McapWriter(RosBag):
+    """A bag with images, cameras and transforms; a context manager.
 
     Parameters
     ----------
@@ -34,32 +33,23 @@ class McapWriter:
     """
 
     def __init__(self, folder: Path, intrinsics: Intrinsics, units_per_metre: float) -> None:
-        self._bag = RosBag(folder / BAG, "writing a bag")
+        super().__init__(folder / BAG, "writing a bag")
         self._intrinsics = intrinsics
         self._whole = units_per_metre == MILLIMETRES
 
-    def __enter__(self) -> Self:
-        self._bag.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bag.__exit__(kind, error, trace)
-
     def add(self, frame: Frame) -> None:
         """Write the messages of a frame."""
-        bag, time_ns = self._bag, nanoseconds(frame.timestamp_s)
+        time_ns = nanoseconds(frame.timestamp_s)
         if frame.T_world_camera is not None:
-            bag.publish(TRANSFORMS, bag.transforms([bag.transform(frame.T_world_camera, time_ns)]), time_ns)
+            self.publish(TRANSFORMS, self.transforms([self.transform(frame.T_world_camera, time_ns)]), time_ns)
         for topic in (COLOR, DEPTH):
-            bag.publish(f"{topic}/camera_info", bag.camera_info(self._intrinsics, time_ns), time_ns)
-        bag.publish(f"{COLOR}/image_raw", self._image(frame.color, "rgb8", time_ns), time_ns)
+            self.publish(f"{topic}/camera_info", self.camera_info(self._intrinsics, time_ns), time_ns)
+        self.publish(f"{COLOR}/image_raw", self._image(frame.color, "rgb8", time_ns), time_ns)
         if self._whole:
             depth, encoding = np.rint(frame.depth_m * np.float32(MILLIMETRES)).astype(np.uint16), "16UC1"
         else:
             depth, encoding = frame.depth_m, "32FC1"
-        bag.publish(f"{DEPTH}/image_raw", self._image(depth, encoding, time_ns), time_ns)
+        self.publish(f"{DEPTH}/image_raw", self._image(depth, encoding, time_ns), time_ns)
 
     def finish(self) -> None:
         """Nothing is left: the bag ends when it is closed."""
@@ -67,9 +57,9 @@ class McapWriter:
     def _image(self, pixels: Any, encoding: str, time_ns: int) -> Any:
         height, width = pixels.shape[:2]
         data = np.ascontiguousarray(pixels).view(np.uint8).reshape(-1)
-        return self._bag.make(
+        return self.make(
             "sensor_msgs/Image",
-            header=self._bag.header(OPTICAL_FRAME, time_ns),
+            header=self.header(OPTICAL_FRAME, time_ns),
             height=height,
             width=width,
             encoding=encoding,

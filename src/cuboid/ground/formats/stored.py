@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 
 from cuboid.ground.core.paths import PathLike
 from cuboid.ground.formats import cache
-from cuboid.ground.formats.stores import Store
+from cuboid.ground.formats.stores import FileStore
 
 URL = re.compile(r"([a-z][a-z0-9+.-]+):/+(?=[^/])")
 # Scheme, and host or bucket.
@@ -35,7 +35,7 @@ PACKED_ENDINGS = (".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar.zst", ".7z", "
 COPY_BYTES = 1 << 20
 # Number of archives and servers that stay open; others are opened again on request.
 STORES_OPEN = 16
-_stores: OrderedDict[str, Store] = OrderedDict()
+_stores: OrderedDict[str, FileStore] = OrderedDict()
 
 
 class StoredPath(type(Path())):  # type: ignore[misc]
@@ -60,7 +60,7 @@ class StoredPath(type(Path())):  # type: ignore[misc]
             return PurePath(self.name.partition("?")[0]).suffix
         return str(super().suffix)
 
-    def _store(self) -> Store | None:
+    def _store(self) -> FileStore | None:
         return next((store for one in (self, *self.parents) if (store := _store_at(one)) is not None), None)
 
     def outside(self) -> BinaryIO:
@@ -112,7 +112,7 @@ class StoredPath(type(Path())):  # type: ignore[misc]
         return open(PurePath.__str__(self), mode) if store is None else store.open(self)
 
 
-def _store_at(path: StoredPath) -> Store | None:
+def _store_at(path: StoredPath) -> FileStore | None:
     """Return the store whose root is this path, or None."""
     key = PurePath.__str__(path)
     if key in _stores:
@@ -134,7 +134,7 @@ def _is_file_outside(path: StoredPath) -> bool:
         return False
 
 
-def _keep(key: str, store: Store) -> None:
+def _keep(key: str, store: FileStore) -> None:
     _stores[key] = store
     if len(_stores) > STORES_OPEN:
         _stores.popitem(last=False)

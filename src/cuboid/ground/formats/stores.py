@@ -8,17 +8,17 @@ from typing import BinaryIO, Protocol
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class FileEntry:
     """A file or a folder in a store: its size in bytes, 0 of a folder."""
 
     size: int
     is_folder: bool
 
 
-class Store(Protocol):
+class FileStore(Protocol):
     """A place that holds files; its methods raise OSError."""
 
-    def entry(self, path: Path) -> Entry:
+    def entry(self, path: Path) -> FileEntry:
         """Return the entry at a path."""
 
     def names(self, path: Path) -> list[str]:

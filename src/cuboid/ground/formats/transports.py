@@ -11,8 +11,8 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from cuboid.ground.core.extras import missing
-from cuboid.ground.formats.archives import BUFFER_BYTES, Window
-from cuboid.ground.formats.stores import Entry
+from cuboid.ground.formats.archives import BUFFER_BYTES, Window, short_line
+from cuboid.ground.formats.stores import FileEntry
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,11 +47,11 @@ class ServerStore:
         self._lock = threading.RLock()
         self._http = scheme in ("http", "https")
         self._system = _filesystem(scheme, name)
-        self._entries: dict[str, dict[str, Entry | None]] = {}  # by folder; None: a file of unknown size
-        self._alone: dict[str, dict[str, Entry | None]] = {}  # entries that were requested one by one
+        self._entries: dict[str, dict[str, FileEntry | None]] = {}  # by folder; None: a file of unknown size
+        self._alone: dict[str, dict[str, FileEntry | None]] = {}  # entries that were requested one by one
         self._files: OrderedDict[str, tuple[Any, threading.Lock, int]] = OrderedDict()
 
-    def entry(self, path: Path) -> Entry:
+    def entry(self, path: Path) -> FileEntry:
         """Return what lies at a path: as its folder's list says, where that is known, else as the server answers."""
         with self._lock:
             listed = self._entries.get(str(path.parent))
@@ -71,7 +71,7 @@ class ServerStore:
         entry = self._alone.get(folder, {}).get(path.name) or self._entries.get(folder, {}).get(path.name)
         return entry is not None and not entry.is_folder
 
-    def _ask(self, path: Path) -> Entry:
+    def _ask(self, path: Path) -> FileEntry:
         url = str(path)
         found = _tried(lambda: self._system.info(url), url)
         if self._http:
@@ -79,20 +79,20 @@ class ServerStore:
             page = found.get("mimetype") == "text/html" and path.suffix not in (".html", ".htm")
             found["type"] = "directory" if page else "file"
         if found["type"] == "directory":
-            return Entry(0, True)
+            return FileEntry(0, True)
         if found.get("size") is None:
             raise OSError(errno.EIO, "the server does not say how large it is", url)
-        return Entry(int(found["size"]), False)
+        return FileEntry(int(found["size"]), False)
 
-    def _list(self, path: Path) -> dict[str, Entry | None]:
+    def _list(self, path: Path) -> dict[str, FileEntry | None]:
         url = f"{path}/" if self._http else str(path)
-        found: dict[str, Entry | None] = {}
+        found: dict[str, FileEntry | None] = {}
         for one in _tried(lambda: self._system.ls(url, detail=True), url):
             name = str(one["name"]).partition("?")[0].rstrip("/").rpartition("/")[2]
             if one["type"] == "directory":
-                found[name] = Entry(0, True)
+                found[name] = FileEntry(0, True)
             elif name:
-                found[name] = None if one.get("size") is None else Entry(int(one["size"]), False)
+                found[name] = None if one.get("size") is None else FileEntry(int(one["size"]), False)
         return found
 
     def names(self, path: Path) -> list[str]:
@@ -154,17 +154,13 @@ def _tried(work: Callable[[], Any], url: str) -> Any:
             if error.__cause__ is None or status in ABSENT:
                 raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), url) from None
             if attempt == ATTEMPTS - 1:
-                raise OSError(errno.EIO, f"the server fails: {_line(error.__cause__)}", url) from None
+                raise OSError(errno.EIO, f"the server fails: {short_line(error.__cause__)}", url) from None
         except ValueError as error:
-            raise OSError(errno.EIO, _line(error), url) from None
+            raise OSError(errno.EIO, short_line(error), url) from None
         except Exception as error:
             if attempt == ATTEMPTS - 1:
-                raise OSError(errno.EIO, f"the server fails: {_line(error)}", url) from None
+                raise OSError(errno.EIO, f"the server fails: {short_line(error)}", url) from None
     raise AssertionError("unreachable")
-
-
-def _line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:120] or type(error).__name__
 
 
 def _filesystem(scheme: str, name: str) -> Any:
@@ -189,4 +185,4 @@ def _filesystem(scheme: str, name: str) -> Any:
         kinds = "https://, s3://, gs:// and what else fsspec knows"
         raise OSError(errno.EINVAL, f"no such kind of URL; there are {kinds}", name) from None
     except Exception as error:  # some look for their server at once
-        raise OSError(errno.EIO, f"the server fails: {_line(error)}", name) from None
+        raise OSError(errno.EIO, f"the server fails: {short_line(error)}", name) from None

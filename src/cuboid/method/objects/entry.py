@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.state import ADDED, TRANSIENT, Record
+from cuboid.ground.core.state import TRANSIENT, Record
 from cuboid.ground.geometry.box import Box
 from cuboid.method.surfaces.kernels.outlines import KINDS
 
@@ -22,9 +22,6 @@ from cuboid.method.surfaces.kernels.outlines import KINDS
 PRIOR_LOOK = 0.5
 # Two views show different sides of an object if their directions differ by this, radians: ten degrees.
 NEW_DIRECTION_RAD = 0.175
-
-# Value of `shown` and `compared` in states of versions that did not have them.
-NOT_COUNTED = -1.0
 
 
 class State(Enum):
@@ -72,8 +69,8 @@ class ObjectRecord(Record):
     keyframe: int = -1
     frames_seen: int = 0
     merged_labels: list[int] = field(default_factory=list)
-    name_log_odds: dict[str, float] = field(default_factory=dict, metadata=ADDED)
-    views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)), metadata=ADDED)
+    name_log_odds: dict[str, float] = field(default_factory=dict)
+    views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     @property
     def confirmed(self) -> bool:
@@ -169,29 +166,29 @@ class MapObject(ObjectRecord):
     points: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     colors: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     heat: float = 0.0
-    probability: float = field(default_factory=float, metadata=ADDED)
+    probability: float = 0.0
     sightings: float = 0.0
-    shown: float = field(default=0.0, metadata={"added": lambda: NOT_COUNTED})
-    missed: float = field(default_factory=float, metadata=ADDED)
-    agreement: float = field(default_factory=float, metadata=ADDED)
-    compared: float = field(default=0.0, metadata={"added": lambda: NOT_COUNTED})
-    whole_log_odds: float = field(default_factory=float, metadata=ADDED)
-    scored: float = field(default_factory=float, metadata=ADDED)
-    largest_px: int = field(default_factory=int, metadata=ADDED)
-    directions: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32), metadata=ADDED)
+    shown: float = 0.0
+    missed: float = 0.0
+    agreement: float = 0.0
+    compared: float = 0.0
+    whole_log_odds: float = 0.0
+    scored: float = 0.0
+    largest_px: int = 0
+    directions: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     outline: Float64Array = field(default_factory=lambda: np.zeros((4, KINDS)))
     supports: dict[int, int] = field(default_factory=dict)
     fitted: float = 0.0
     supports_plane: bool = False
-    continuing: int = field(default_factory=int, metadata=ADDED)
-    filled: float = field(default_factory=float, metadata=ADDED)
-    noise_m: float = field(default_factory=float, metadata=ADDED)
-    sides_m: Float64Array = field(default_factory=lambda: np.zeros((0, 4)), metadata=ADDED)
-    measured: float = field(default_factory=float, metadata=ADDED)
+    continuing: int = 0
+    filled: float = 0.0
+    noise_m: float = 0.0
+    sides_m: Float64Array = field(default_factory=lambda: np.zeros((0, 4)))
+    measured: float = 0.0
     holder: int = 0
-    moved: bool = field(default_factory=bool, metadata=ADDED)
-    doubt: float = field(default_factory=float, metadata=ADDED)
-    replaced: bool = field(default_factory=bool, metadata=ADDED)
+    moved: bool = False
+    doubt: float = 0.0
+    replaced: bool = False
     merged_into: MapObject | None = field(default=None, metadata=TRANSIENT)
 
     @property
@@ -274,12 +271,12 @@ class ObjectWithoutDepth(ObjectRecord):
     partner: int = 0
     size_scatter_m2: Float64Array = field(default_factory=lambda: np.zeros(2))
     distance_m: float = 0.0
-    by_regions: bool = field(default_factory=bool, metadata=ADDED)
-    looks: float = field(default_factory=float, metadata=ADDED)
-    regions: float = field(default_factory=float, metadata=ADDED)
-    rivals: tuple[int, ...] = field(default_factory=tuple, metadata=ADDED)
-    seen_box: Box | None = field(default=None, metadata={"added": lambda: None})
-    likeliest: float = field(default_factory=float, metadata=ADDED)
+    by_regions: bool = False
+    looks: float = 0.0
+    regions: float = 0.0
+    rivals: tuple[int, ...] = ()
+    seen_box: Box | None = None
+    likeliest: float = 0.0
 
     @property
     def score(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.state import ADDED, TRANSIENT, WatchedRecord
+from cuboid.ground.core.state import TRANSIENT, WatchedRecord
 from cuboid.ground.core.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, MIN_SIGMA_M, SIGMAS
 from cuboid.method.surfaces.grid import GroundPlan
 
@@ -79,7 +79,7 @@ class Plane(WatchedRecord):
     absorbed_by: Plane | None = field(default=None, metadata=TRANSIENT)
     keyframes: Keyframes = field(default_factory=lambda: np.zeros(0, np.int64))
     keyframe_moments: Float64Array = field(default_factory=lambda: np.zeros((0, 13)))
-    first_frame: int = field(default_factory=int, metadata=ADDED)
+    first_frame: int = 0
 
     def add(self, points: Float64Array, weights: Float64Array, keyframe: int = 0) -> None:
         """Add points (N, 3) of the plane, seen from a keyframe."""

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.state import ADDED, Record
+from cuboid.ground.core.state import Record
 from cuboid.method.surfaces.standing import ENOUGH, SAME_COS, FlatAreas
 
 # A direction nearer than 45 degrees to another one is a noisy version of it: real ones are at right angles (cosine).
@@ -56,7 +56,7 @@ class UpVote(Record):
     axes: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
     measured: Float64Array = field(default_factory=lambda: np.zeros(3))
     up: Float64Array | None = None
-    waiting: float = field(default_factory=float, metadata=ADDED)
+    waiting: float = 0.0
     votes: float = 0.0
     changed: bool = False
 

@@ -10,46 +10,11 @@ from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.paths import PathLike, as_path, file_name, refuse_same_file_names
 from cuboid.ground.formats.folder import OUTPUT_NAMES
 from cuboid.ground.formats.reading import real_path
-from cuboid.results.exports import (
-    boxer,
-    coco,
-    csv_table,
-    glb,
-    graphml,
-    kitti,
-    mcap,
-    obj,
-    plain_json,
-    ply,
-    rerun_file,
-    stl,
-    urdf,
-    usd,
-)
 from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results
 from cuboid.results.files.pending import new_file, new_folder, refuse_taken
 
-__all__ = [
-    "EXPORTS",
-    "Export",
-    "Results",
-    "boxer",
-    "coco",
-    "csv_table",
-    "export",
-    "glb",
-    "graphml",
-    "kitti",
-    "mcap",
-    "obj",
-    "plain_json",
-    "ply",
-    "rerun_file",
-    "stl",
-    "urdf",
-    "usd",
-]
+__all__ = ["EXPORTS", "Export", "Results", "export"]
 
 
 def export(run: Results, name: str, path: PathLike, *, force: bool = False, **options: Any) -> list[str]:

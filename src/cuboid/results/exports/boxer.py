@@ -13,7 +13,6 @@ from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.formats.rows_files import BoxerEntry
 from cuboid.ground.formats.table_validation import header_of
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
-from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results
 from cuboid.results.files.text import DIRECTION, LENGTH, number, numbers
 
@@ -33,6 +32,3 @@ def _line(item: TrackedObject) -> str:
     box = ",".join((numbers(item.box.center, LENGTH), turn, numbers(item.box.size, LENGTH)))
     name = (item.name or ANYTHING).replace(",", " ").replace('"', " ")  # Boxer's reader knows no quotes
     return f"0,{box},{name},{item.label},{ANYTHING_ID},{number(item.probability, LENGTH)}"
-
-
-EXPORTS.register("boxer")(Export(".csv", "Boxer and tools that read its table of boxes: one row per object", write))

@@ -14,7 +14,6 @@ from typing import Any
 
 from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.formats.stored import is_there
-from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results, TrackRow
 from cuboid.results.files.objects import write_json
 from cuboid.results.files.text import LENGTH, PIXEL, rounded, rounded_list
@@ -106,13 +105,3 @@ def _annotation(run: Results, number: int, row: TrackRow, categories: Mapping[st
         "visibility": rounded(row.visible, LENGTH),
         "score": rounded(run.probability_of(row), LENGTH),
     }
-
-
-EXPORTS.register("coco")(
-    Export(
-        ".json",
-        "detection and tracking tools: rectangles in the images, with track ids",
-        write,
-        one_camera=True,
-    )
-)

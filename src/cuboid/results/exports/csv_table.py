@@ -7,7 +7,6 @@ from pathlib import Path
 from cuboid.ground.core.records import names_in, table_columns_of
 from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
-from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results
 from cuboid.results.files.text import DIRECTION, LENGTH, number, numbers
 
@@ -49,6 +48,3 @@ def _classes(item: TrackedObject) -> str:
     score = "" if item.name_score is None else number(item.name_score, LENGTH)
     next_names = "; ".join(f"{name} {number(value, LENGTH)}" for name, value in item.names)
     return f"{score},{quoted(next_names)}"
-
-
-EXPORTS.register("csv")(Export(".csv", "spreadsheets: one row per object", write))

@@ -21,8 +21,7 @@ from cuboid.ground.core.extras import require
 from cuboid.ground.core.palette import UNLABELLED, color_of
 from cuboid.ground.geometry import se3
 from cuboid.method.shapes.mesh import EXTRA
-from cuboid.results.exports.registry import EXPORTS, Export
-from cuboid.results.exports.shapes import GUESSED_RGB, OPTIONS, Y_UP, Body, seen_and_guessed, shape_scene
+from cuboid.results.exports.shapes import Y_UP, Body, shape_scene
 from cuboid.results.files import Results
 
 COLLISION_ALPHA = 80
@@ -54,20 +53,8 @@ def _add(scene: Any, trimesh: Any, body: Body) -> None:
         mesh = trimesh.Trimesh(se3.transform(Y_UP, vertices), faces, process=False, vertex_colors=colors)
         scene.add_geometry(mesh, node_name=name, geom_name=name, parent_node_name=body.name)
 
-    for suffix, part in seen_and_guessed(body.mesh):
-        colors = np.tile(np.array(GUESSED_RGB, np.uint8), (len(part.vertices), 1)) if suffix else part.rgb
-        put(f"{body.name}{suffix or '_surface'}", part.vertices, part.faces, colors)
+    for suffix, part in body.parts():
+        put(f"{body.name}{suffix or '_surface'}", part.vertices, part.faces, part.rgb)
     for k, (vertices, faces) in enumerate(body.collision):
         color = np.array([*color_of(body.item.label), COLLISION_ALPHA], np.uint8)
         put(f"{body.name}_collision_{k}", vertices, faces, np.tile(color, (len(vertices), 1)))
-
-
-EXPORTS.register("glb")(
-    Export(
-        ".glb",
-        "browsers, Blender, AR: the surface of each object on its support, with colors",
-        write,
-        extra=EXTRA,
-        options=OPTIONS,
-    )
-)

@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 from cuboid.ground.core.results import SupportPlane, TrackedObject, Wall
 from cuboid.results.exports.plain_json import kind_of
-from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results
 from cuboid.results.files.text import LENGTH, rounded
 
@@ -35,9 +34,7 @@ def write(run: Results, path: Path) -> list[str]:
             ElementTree.SubElement(root, "key", key)
     graph = ElementTree.SubElement(root, "graph", id="place", edgedefault="directed")
     relations = run.relations
-    for item in run.objects:
-        _with_data(graph, "node", {"id": f"object:{item.label}"}, _object(item))
-    for item in run.furniture:
+    for item in (*run.objects, *run.furniture):
         _with_data(graph, "node", {"id": f"object:{item.label}"}, _object(item))
     for number, plane in enumerate(run.planes):
         _with_data(graph, "node", {"id": f"plane:{number}"}, _surface("plane", plane))
@@ -76,6 +73,3 @@ def _object(item: TrackedObject) -> dict[str, Value]:
 def _surface(what: str, surface: SupportPlane | Wall) -> dict[str, Value]:
     center = surface.extent.mean(0).tolist()
     return {"kind": what, **{name: rounded(value, LENGTH) for name, value in zip(list(NODE)[3:6], center, strict=True)}}
-
-
-EXPORTS.register("graphml")(Export(".graphml", "networkx, Gephi, yEd: which object is on, in or beside what", write))

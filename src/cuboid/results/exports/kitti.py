@@ -17,7 +17,6 @@ each box keeps its centre and its size but is set upright in the camera's frame,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,6 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import iou
 from cuboid.ground.geometry.se3 import inverse
-from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results, TrackRow
 from cuboid.results.files.text import LENGTH, PIXEL, number, numbers
 from cuboid.results.views.projection import NEAR_PLANE_M
@@ -41,84 +39,33 @@ WHOLE, PARTLY = 0.8, 0.4
 # Number of boxes, evenly over the file, for the estimate of the format's loss.
 PROBES = 200
 
-COLUMNS = 18
-
-
-@dataclass(frozen=True, slots=True)
-class KittiRow:
-    """A line of the text.
-
-    Attributes
-    ----------
-    frame, label : int
-    truncated, occluded : int
-        0, 1 or 2.
-    alpha_rad : float
-    rect_xyxy : (4,) float64
-        Pixels.
-    size_lwh : (3,) float64
-        Length, width, height in metres.
-    foot : (3,) float64
-        Middle of the lower face in the camera frame, metres.
-    rotation_y_rad : float
-    score : float
-    """
-
-    frame: int
-    label: int
-    truncated: int
-    occluded: int
-    alpha_rad: float
-    rect_xyxy: Float64Array
-    size_lwh: Float64Array
-    foot: Float64Array
-    rotation_y_rad: float
-    score: float
-
-    def line(self) -> str:
-        """Return the line without its end."""
-        length, width, height = self.size_lwh
-        return (
-            f"{self.frame} {self.label} {TYPE} {self.truncated} {self.occluded} {number(self.alpha_rad, LENGTH)} "
-            f"{numbers(self.rect_xyxy, PIXEL, ' ')} {numbers((height, width, length, *self.foot), LENGTH, ' ')} "
-            f"{number(self.rotation_y_rad, LENGTH)} {number(self.score, LENGTH)}"
-        )
-
-    def box(self) -> Box:
-        """Return the box in the camera frame, as readers of this form understand it."""
-        c, s = np.cos(self.rotation_y_rad), np.sin(self.rotation_y_rad)
-        rotation = np.array([[c, s, 0.0], [0.0, 0.0, -1.0], [-s, c, 0.0]])
-        return Box(self.foot + (self.size_lwh[2] / 2.0) * UPRIGHT, self.size_lwh, rotation)
-
 
 def write(run: Results, path: Path) -> list[str]:
     """Write the file; return a note about the format's loss."""
-    rows = []
-    for seen in run.tracks:
-        T_world_camera = run.poses[seen.frame].T_world_camera
-        rows.append(kitti_row(seen, T_world_camera, run.found.intrinsics, run.probability_of(seen)))
-    path.write_text("".join(row.line() + "\n" for row in rows), encoding="utf-8", newline="\n")
-    return _losses(run, rows)
+    rows = [
+        kitti_row(seen, run.poses[seen.frame].T_world_camera, run.found.intrinsics, run.probability_of(seen))
+        for seen in run.tracks
+    ]
+    path.write_text("".join(f"{line}\n" for line, _ in rows), encoding="utf-8", newline="\n")
+    return _losses(run, [box for _, box in rows])
 
 
-def kitti_row(seen: TrackRow, T_world_camera: Float64Array, intrinsics: Intrinsics, score: float) -> KittiRow:
-    """Return a sighting in the camera frame of its frame, its box set upright there."""
+def kitti_row(seen: TrackRow, T_world_camera: Float64Array, intrinsics: Intrinsics, score: float) -> tuple[str, Box]:
+    """Return the line of a sighting, and its box as readers of the line see it: upright, in the camera frame."""
     box = in_camera(seen.box, T_world_camera)
     along = _upright_turn(box.up) @ box.rotation[:, 0]
     rotation_y_rad = float(np.arctan2(-along[2], along[0]))
-    direction_rad = float(np.arctan2(box.center[0], box.center[2]))
-    return KittiRow(
-        frame=seen.frame,
-        label=seen.label,
-        truncated=_truncated(box, intrinsics),
-        occluded=0 if seen.visible >= WHOLE else 1 if seen.visible >= PARTLY else 2,
-        alpha_rad=_wrapped(rotation_y_rad - direction_rad),
-        rect_xyxy=seen.rect_xyxy,
-        size_lwh=box.size,
-        foot=box.center - (box.size[2] / 2.0) * UPRIGHT,
-        rotation_y_rad=rotation_y_rad,
-        score=score,
+    alpha_rad = _wrapped(rotation_y_rad - float(np.arctan2(box.center[0], box.center[2])))
+    foot, (length, width, height) = box.center - (box.size[2] / 2.0) * UPRIGHT, box.size
+    occluded = 0 if seen.visible >= WHOLE else 1 if seen.visible >= PARTLY else 2
+    line = (
+        f"{seen.frame} {seen.label} {TYPE} {_truncated(box, intrinsics)} {occluded} {number(alpha_rad, LENGTH)} "
+        f"{numbers(seen.rect_xyxy, PIXEL, ' ')} {numbers((height, width, length, *foot), LENGTH, ' ')} "
+        f"{number(rotation_y_rad, LENGTH)} {number(score, LENGTH)}"
     )
+    c, s = np.cos(rotation_y_rad), np.sin(rotation_y_rad)
+    rotation = np.array([[c, s, 0.0], [0.0, 0.0, -1.0], [-s, c, 0.0]])
+    return line, Box(foot + (box.size[2] / 2.0) * UPRIGHT, box.size, rotation)
 
 
 def in_camera(box: Box, T_world_camera: Float64Array) -> Box:
@@ -153,21 +100,16 @@ def _wrapped(angle_rad: float) -> float:
     return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def _losses(run: Results, rows: list[KittiRow]) -> list[str]:
+def _losses(run: Results, written: list[Box]) -> list[str]:
     """Return a note about the camera's tilt and the overlap of upright boxes with the true ones."""
-    if not rows:
+    if not written:
         return []
-    chosen = range(0, len(rows), -(-len(rows) // PROBES))
-    true = [in_camera(run.tracks[i].box, run.poses[rows[i].frame].T_world_camera) for i in chosen]
+    chosen = range(0, len(written), -(-len(written) // PROBES))
+    true = [in_camera(run.tracks[i].box, run.poses[run.tracks[i].frame].T_world_camera) for i in chosen]
     tilts_rad = [np.arccos(np.clip(box.up @ UPRIGHT, -1.0, 1.0)) for box in true]
-    kept = [iou(rows[i].box(), box) for i, box in zip(chosen, true, strict=True)]
+    kept = [iou(written[i], box) for i, box in zip(chosen, true, strict=True)]
     return [
         "KITTI boxes turn about the camera's y axis only; the camera was tilted by "
         f"{np.degrees(np.median(tilts_rad)):.0f} degrees, and the written boxes overlap the true ones by "
         f"IoU {np.median(kept):.2f} (medians)"
     ]
-
-
-EXPORTS.register("kitti")(
-    Export(".txt", "3D tracking tools and evaluators (AB3DMOT, TrackEval)", write, one_camera=True)
-)

@@ -38,7 +38,6 @@ from cuboid.ground.formats.ros_messages import (
     optical_frame,
 )
 from cuboid.ground.geometry.box import Box
-from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.exports.shown_frames import missing_pictures, shown_frames
 from cuboid.results.files import Results, TrackRow
 from cuboid.results.files.rows import EventRow
@@ -133,13 +132,3 @@ def _detections(bag: RosBag, run: Results, rows: list[TrackRow], names: Mapping[
         name = names.get(row.label, "")
         detections.append(detection(bag, row.label, name, row.box, score, time_ns, WORLD_FRAME, sigma_m))
     return detection_array(bag, detections, time_ns, WORLD_FRAME)
-
-
-EXPORTS.register("mcap")(
-    Export(
-        ".mcap",
-        "Foxglove, RViz, `ros2 bag play`: one bag with images, `tf`, markers, detections",
-        write,
-        extra="ros",
-    )
-)

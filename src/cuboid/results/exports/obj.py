@@ -9,11 +9,8 @@ from typing import Any
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array, UInt8Array
-from cuboid.ground.core.palette import UNLABELLED
 from cuboid.ground.geometry import se3
-from cuboid.method.shapes.mesh import EXTRA
-from cuboid.results.exports.registry import EXPORTS, Export
-from cuboid.results.exports.shapes import GUESSED_RGB, OPTIONS, Y_UP, seen_and_guessed, shape_scene
+from cuboid.results.exports.shapes import Y_UP, grey, shape_scene
 from cuboid.results.files import Results
 
 HEADER = "# Cuboid: metres, y up, vertex colors 0 to 1 behind the coordinates"
@@ -25,14 +22,12 @@ def write(run: Results, path: Path, **options: Any) -> list[str]:
     groups: list[tuple[str, Float64Array, Any, UInt8Array | None]] = []
     for body in made.bodies:
         T = Y_UP @ body.T_scene_body
-        for suffix, part in seen_and_guessed(body.mesh):
-            rgb = np.tile(np.array(GUESSED_RGB, np.uint8), (len(part.vertices), 1)) if suffix else part.rgb
-            groups.append((body.name + suffix, se3.transform(T, part.vertices), part.faces, rgb))
+        for suffix, part in body.parts():
+            groups.append((body.name + suffix, se3.transform(T, part.vertices), part.faces, part.rgb))
         for k, (vertices, faces) in enumerate(body.collision):
             groups.append((f"{body.name}_collision_{k}", se3.transform(T, vertices), faces, None))
     for k, (vertices, faces) in enumerate(made.planes):
-        grey = np.tile(np.array(UNLABELLED, np.uint8), (len(vertices), 1))
-        groups.append((f"plane_{k}", se3.transform(Y_UP, vertices), faces, grey))
+        groups.append((f"plane_{k}", se3.transform(Y_UP, vertices), faces, grey(len(vertices))))
     path.write_text(obj_text(groups), encoding="ascii")
     return made.notes
 
@@ -47,14 +42,3 @@ def obj_text(groups: Iterable[tuple[str, Float64Array, Any, UInt8Array | None]])
         lines += ["f {} {} {}".format(*row) for row in np.asarray(faces) + count]
         count += len(vertices)
     return "\n".join(lines) + "\n"
-
-
-EXPORTS.register("obj")(
-    Export(
-        ".obj",
-        "Blender, MeshLab, Unity: the same as `glb`, as text",
-        write,
-        extra=EXTRA,
-        options=OPTIONS,
-    )
-)

@@ -17,7 +17,6 @@ from cuboid.ground.core.palette import hex_of
 from cuboid.ground.core.records import columns_of, plain_fields
 from cuboid.ground.core.results import SUPPORT, SupportPlane, TrackedObject
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
-from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results
 from cuboid.results.files.objects import write_json
 from cuboid.results.files.text import DIRECTION, LENGTH, rounded, rounded_list
@@ -105,6 +104,3 @@ def _feature(name: str, ring: Float64Array, properties: dict[str, Any]) -> dict[
         "geometry": {"type": "Polygon", "coordinates": [closed]},
         "properties": properties,
     }
-
-
-EXPORTS.register("json")(Export(".json", "other programs: footprints and sizes in centimetres", write))

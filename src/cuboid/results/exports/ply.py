@@ -18,7 +18,6 @@ import numpy.typing as npt
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.geometry.box import EDGES
-from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.files import Results, write_map
 
 # Corners of each face in the order of `Box.corners`, counter-clockwise seen from outside.
@@ -68,13 +67,3 @@ def boxes_ply(objects: tuple[TrackedObject, ...]) -> bytes:
         "end_header",
     ]
     return ("\n".join(header) + "\n").encode("ascii") + corners.tobytes() + faces.tobytes() + edges.tobytes()
-
-
-EXPORTS.register("ply")(
-    Export(
-        "",
-        "MeshLab, CloudCompare, Blender: one file per object with its points, and all boxes as a mesh",
-        write,
-        r"object_\d{3,}\.ply|boxes\.ply",
-    )
-)

@@ -13,7 +13,6 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.results import names_of
-from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.exports.shown_frames import missing_pictures, shown_frames
 from cuboid.results.files import Results
 from cuboid.results.views.pixels import encode_jpeg
@@ -71,6 +70,3 @@ def _picture(run: Results, frame: int) -> bytes | None:
         return encode_jpeg(run.recording.read(frame).color, JPEG_QUALITY)
     except FrameError:
         return None
-
-
-EXPORTS.register("rerun")(Export(".rrd", "the rerun viewer", write, extra="rerun"))

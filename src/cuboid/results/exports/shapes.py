@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.arrays import Float64Array
+from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.extras import require
+from cuboid.ground.core.palette import UNLABELLED
 from cuboid.ground.core.results import SupportPlane, TrackedObject
 from cuboid.ground.geometry import se3
 from cuboid.method.shapes.mesh import EXTRA, ObjectMesh
@@ -20,7 +21,6 @@ from cuboid.results.files import Results
 NONE, BOX, HULL, PARTS = "none", "box", "hull", "parts"
 # Values of `--collision`.
 COLLISION = (NONE, BOX, HULL, PARTS)
-OPTIONS = ("close", "complete", "collision")
 # Vertices of a convex part: simulators allow 64 and more.
 HULL_VERTICES = 64
 # `parts`: coacd's own measure of how concave a part may stay, and a limit of their number.
@@ -57,6 +57,15 @@ class Body:
     def size_m(self) -> Float64Array:
         """Size of its box, (3,)."""
         return self.item.box.size
+
+    def parts(self) -> Iterator[tuple[str, ObjectMesh]]:
+        """Iterate over the parts of its mesh that have faces, by what is added to the node's name: seen, guessed."""
+        guessed = self.mesh.guessed_faces
+        if not guessed.all():
+            yield "", self.mesh.part(~guessed)
+        if guessed.any():
+            part = self.mesh.part(guessed)
+            yield "_guessed", replace(part, rgb=_tiled(GUESSED_RGB, len(part.vertices)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,9 +197,10 @@ def _outline(plane: SupportPlane, T_scene_world: Float64Array) -> tuple[Float64A
     return ring, np.column_stack([np.zeros_like(k), k, k + 1])
 
 
-def seen_and_guessed(mesh: ObjectMesh) -> Iterator[tuple[str, ObjectMesh]]:
-    """Give the parts of a mesh that have faces, by what is added to the node's name."""
-    guessed = mesh.guessed_faces
-    for suffix, faces in (("", ~guessed), ("_guessed", guessed)):
-        if faces.any():
-            yield suffix, mesh.part(faces)
+def grey(count: int) -> UInt8Array:
+    """Return the colors (N, 3) of the vertices of a support."""
+    return _tiled(UNLABELLED, count)
+
+
+def _tiled(rgb: tuple[int, int, int], count: int) -> UInt8Array:
+    return np.tile(np.array(rgb, np.uint8), (count, 1))

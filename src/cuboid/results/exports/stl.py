@@ -14,8 +14,6 @@ import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
-from cuboid.method.shapes.mesh import EXTRA
-from cuboid.results.exports.registry import EXPORTS, Export
 from cuboid.results.exports.shapes import shape_scene
 from cuboid.results.files import Results
 
@@ -42,15 +40,3 @@ def stl_bytes(corners_m: Float64Array) -> bytes:
     rows["normal"] = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     rows["corners"] = corners_m * MM_PER_M
     return b"Cuboid: millimetres, z up".ljust(80) + np.uint32(len(rows)).tobytes() + rows.tobytes()
-
-
-EXPORTS.register("stl")(
-    Export(
-        "",
-        "3D printers and CAD: one file per object with its surface, in millimetres",
-        write,
-        r"object_\d{3,}\w*\.stl|scene\.stl",
-        extra=EXTRA,
-        options=("close", "complete"),
-    )
-)

@@ -20,8 +20,7 @@ from cuboid.ground.core.extras import require
 from cuboid.ground.core.palette import UNLABELLED
 from cuboid.method.shapes.mesh import EXTRA
 from cuboid.results.exports.obj import obj_text
-from cuboid.results.exports.registry import EXPORTS, Export
-from cuboid.results.exports.shapes import HULL, NONE, OPTIONS, Body, ShapeScene, shape_scene
+from cuboid.results.exports.shapes import HULL, NONE, Body, ShapeScene, shape_scene
 from cuboid.results.files import Results
 
 # Household things between an empty carton and a full can; nothing that a camera sees tells it.
@@ -134,15 +133,3 @@ def _text(values: Float64Array) -> str:
 def _save(robot: Xml.Element, path: Path) -> None:
     Xml.indent(robot)
     path.write_text('<?xml version="1.0"?>\n' + Xml.tostring(robot, "unicode") + "\n", encoding="utf-8")
-
-
-EXPORTS.register("urdf")(
-    Export(
-        "",
-        "PyBullet, MuJoCo, ROS: one body per object, with visual and collision meshes, and the whole scene",
-        write,
-        r"(object_\d{3,}\w*|plane_\d+|scene)\.(urdf|obj)",
-        extra=EXTRA,
-        options=OPTIONS,
-    )
-)

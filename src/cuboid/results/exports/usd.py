@@ -18,17 +18,13 @@ from typing import Any
 import numpy as np
 
 from cuboid.ground.core.extras import require
-from cuboid.ground.core.palette import UNLABELLED
-from cuboid.results.exports.registry import EXPORTS, Export
-from cuboid.results.exports.shapes import GUESSED_RGB, OPTIONS, Body, seen_and_guessed, shape_scene
+from cuboid.results.exports.shapes import Body, grey, shape_scene
 from cuboid.results.files import Results
-
-EXTRA = "usd"
 
 
 def write(run: Results, path: Path, **options: Any) -> list[str]:
     """Write the file."""
-    pxr = {name: require(f"pxr.{name}", "--to usd", EXTRA) for name in ("Usd", "UsdGeom", "UsdPhysics", "Gf", "Vt")}
+    pxr = {name: require(f"pxr.{name}", "--to usd", "usd") for name in ("Usd", "UsdGeom", "UsdPhysics", "Gf", "Vt")}
     made = shape_scene(run, **options)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".cuboid-", suffix=".partial") as work:
         file = Path(work) / "scene.usd"  # its library goes by the name's ending
@@ -41,8 +37,7 @@ def write(run: Results, path: Path, **options: Any) -> list[str]:
         for body in made.bodies:
             _add(stage, pxr, body)
         for k, (vertices, faces) in enumerate(made.planes):
-            grey = np.tile(np.array(UNLABELLED, np.uint8), (len(vertices), 1))
-            plane = _mesh(stage, pxr, f"/World/plane_{k}", vertices, faces, grey)
+            plane = _mesh(stage, pxr, f"/World/plane_{k}", vertices, faces, grey(len(vertices)))
             pxr["UsdPhysics"].CollisionAPI.Apply(plane.GetPrim())
         stage.GetRootLayer().Save()
         del stage
@@ -57,9 +52,8 @@ def _add(stage: Any, pxr: dict[str, Any], body: Body) -> None:
     node.AddTransformOp().Set(pxr["Gf"].Matrix4d(*body.T_scene_body.T.ravel().tolist()))
     node.GetPrim().SetCustomDataByKey("label", body.item.label)
     node.GetPrim().SetCustomDataByKey("name", body.item.name or "")
-    for suffix, part in seen_and_guessed(body.mesh):
-        rgb = np.tile(np.array(GUESSED_RGB, np.uint8), (len(part.vertices), 1)) if suffix else part.rgb
-        _mesh(stage, pxr, f"{root}/{'guessed' if suffix else 'surface'}", part.vertices, part.faces, rgb)
+    for suffix, part in body.parts():
+        _mesh(stage, pxr, f"{root}/{'guessed' if suffix else 'surface'}", part.vertices, part.faces, part.rgb)
     for k, (vertices, faces) in enumerate(body.collision):
         mesh = _mesh(stage, pxr, f"{root}/collision_{k}", vertices, faces, None)
         mesh.CreatePurposeAttr(pxr["UsdGeom"].Tokens.guide)
@@ -80,14 +74,3 @@ def _mesh(stage: Any, pxr: dict[str, Any], path: str, vertices: Any, faces: Any,
         colors = array.Vec3fArray.FromNumpy(np.ascontiguousarray(rgb / 255.0, np.float32))
         mesh.CreateDisplayColorPrimvar(usd.Tokens.vertex).Set(colors)
     return mesh
-
-
-EXPORTS.register("usd")(
-    Export(
-        ".usd",
-        "Isaac Sim, Omniverse, Blender: the same as `glb`, with colliders",
-        write,
-        extra=EXTRA,
-        options=OPTIONS,
-    )
-)

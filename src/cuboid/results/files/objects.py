@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.frame import Intrinsics
@@ -72,20 +73,13 @@ def write_objects(path: Path, content: ObjectsFile) -> None:
     OSError
         The file cannot be written.
     """
-    K, entries = content.intrinsics, (*content.objects, *content.furniture)
+    entries = (*content.objects, *content.furniture)
     gone = [{"label": label, "name": name} for label, name in sorted(content.gone_names.items())]
     document = {
         "format": FORMAT,
         "version": VERSION,
         "up": None if content.up is None else rounded_list(content.up, DIRECTION),
-        "intrinsics": {
-            "fx": K.fx,
-            "fy": K.fy,
-            "cx": K.cx,
-            "cy": K.cy,
-            "width": K.width,
-            "height": K.height,
-        },
+        "intrinsics": asdict(content.intrinsics),
         "planes": [surface_to_json(plane) for plane in content.planes],
         **({"walls": [surface_to_json(wall) for wall in content.walls]} if content.walls else {}),
         "objects": [object_to_json(item) for item in sorted(entries, key=lambda item: item.label)],
@@ -103,10 +97,10 @@ def read_objects(path: Path) -> ObjectsFile:
         The file is missing, is of another format or version, or a field of it is malformed.
     """
     document = read_json(path, ObjectsDocument)
-    K, entries = document.intrinsics, [_object(item) for item in document.objects]
+    entries = [_object(item) for item in document.objects]
     return ObjectsFile(
         up=None if document.up is None else np.array(document.up),
-        intrinsics=Intrinsics(K.fx, K.fy, K.cx, K.cy, K.width, K.height),
+        intrinsics=Intrinsics(**structs.asdict(document.intrinsics)),
         planes=tuple(
             SupportPlane(np.array(plane.normal), plane.offset, np.array(plane.extent).reshape(-1, 3))
             for plane in document.planes

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -34,7 +35,6 @@ from cuboid.inputs.readers.reopen import reopen_recording
 from cuboid.inputs.recordings.rig import FORMAT as RIG
 from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.sources import LOST
-from cuboid.results.files.camera_rows import CameraRows
 from cuboid.results.files.gone import gone_objects
 from cuboid.results.files.naming import name_object
 from cuboid.results.files.object_table import ObjectTable
@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from cuboid.method.text_search import Embeddings, TextModel
 
 R = TypeVar("R", TrackRow, ProposalRow, EventRow, AgentRow)
+Q = TypeVar("Q", TrackRow, ProposalRow, AgentRow)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -434,9 +435,13 @@ class CameraResults(Results):
         cameras, numbers = rig.report.rig_frames
         if not len(cameras):
             raise InputError(f"{self.folder / RUN}: does not say which camera took each frame")
-        k = names.index(name)
-        self._whole, self._camera_name = rig, name
-        self._of = CameraRows(k, {frame: int(numbers[frame]) for frame in np.flatnonzero(cameras == k).tolist()})
+        self._whole, self._camera_name, self._number = rig, name, names.index(name)
+        # The number of each frame of the camera in its own recording, by its number in the rig, ascending.
+        self._own = {frame: int(numbers[frame]) for frame in np.flatnonzero(cameras == self._number).tolist()}
+
+    def _of(self, rows: Iterable[Q]) -> list[Q]:
+        """Return the rows in the frames of the camera."""
+        return [replace(row, frame=self._own[row.frame]) for row in rows if row.frame in self._own]
 
     def name(self, label: int, name: str) -> TrackedObject:
         """Set the name of an object of the rig; see `Results.name`."""
@@ -447,14 +452,22 @@ class CameraResults(Results):
 
     @cached_property
     def report(self) -> RunReport:
-        """The report of the run, with the frames of the camera."""
-        return self._of.report(self._whole.report, len(self.poses))
+        """The report of the run, with the recording and the frames of the camera."""
+        whole, used = self._whole.report, len(self.poses)
+        skipped = tuple((self._own[frame], reason) for frame, reason in whole.skipped if frame in self._own)
+        return replace(
+            whole,
+            recording=whole.rig_recordings[self._number] if whole.rig_recordings else whole.recording,
+            config={key: value for key, value in whole.config.items() if key != "rig"},
+            frames_read=used + len(skipped),
+            frames_used=used,
+            skipped=skipped,
+        )
 
     @cached_property
     def found(self) -> ObjectsFile:
         """The content of `objects.json`, with the intrinsics of the camera."""
-        intrinsics = self._whole.report.rig_cameras[self._of.number].intrinsics
-        return replace(self._whole.found, intrinsics=intrinsics)
+        return replace(self._whole.found, intrinsics=self._whole.report.rig_cameras[self._number].intrinsics)
 
     @cached_property
     def _points(self) -> MapPoints:
@@ -474,33 +487,37 @@ class CameraResults(Results):
     @cached_property
     def poses(self) -> dict[int, PoseRow]:
         """Pose and time of each used frame of the camera."""
-        return self._of.poses(self._whole.poses)
+        return {self._own[frame]: row for frame, row in self._whole.poses.items() if frame in self._own}
 
     @cached_property
     def tracks(self) -> list[TrackRow]:
         """The sightings in the frames of the camera, by frame and label."""
-        return [replace(row, camera="") for row in self._of.rows(self._whole.tracks)]
+        return [replace(row, camera="") for row in self._of(self._whole.tracks)]
 
     @cached_property
     def events(self) -> list[EventRow]:
         """The events of the rig, each at the camera's next used frame, else at its last one."""
-        return self._of.events(self._whole.events, self._whole.poses)
+        frames = [frame for frame in self._whole.poses if frame in self._own]
+        if not frames:
+            return []
+        at = [min(bisect_left(frames, row.frame), len(frames) - 1) for row in self._whole.events]
+        return [replace(row, frame=self._own[frames[k]]) for row, k in zip(self._whole.events, at, strict=True)]
 
     @cached_property
     def agents(self) -> list[AgentRow]:
         """The boxes of moving things in the frames of the camera, by frame."""
-        return self._of.rows(self._whole.agents)
+        return self._of(self._whole.agents)
 
     @cached_property
     def proposals(self) -> list[ProposalRow]:
         """The 3D proposals of the frames of the camera."""
-        return self._of.rows(self._whole.proposals)
+        return self._of(self._whole.proposals)
 
     @cached_property
     def proposal_labels(self) -> list[int]:
         """The label of each of the `proposals`, 0 for none."""
         pairs = zip(self._whole.proposals, self._whole.proposal_labels, strict=True)
-        return [label for row, label in pairs if row.frame in self._of.own]
+        return [label for row, label in pairs if row.frame in self._own]
 
 
 def open_results(folder: PathLike, recording: PathLike | None = None) -> Results:

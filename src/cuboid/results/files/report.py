@@ -26,6 +26,10 @@ IntArray = npt.NDArray[np.int64]
 MILLISECOND = 3
 
 
+# Fields of the report that the file has under the same names, in its order.
+SAME = ("version", "complete", "recording", "format", "poses", "threads", "config")
+
+
 @dataclass(frozen=True, slots=True)
 class SkippedKind:
     """Frames that were skipped for the same kind of reason.
@@ -167,14 +171,9 @@ class RunReport:
     def to_dict(self) -> dict[str, Any]:
         """Return the contents of `run.json`."""
         return {
-            "version": self.version,
-            "complete": self.complete,
+            **{name: getattr(self, name) for name in SAME},
             # a path may contain bytes that are no characters; JSON has only characters
             "recording": self.recording.encode("utf-8", "backslashreplace").decode("utf-8"),
-            "format": self.format,
-            "poses": self.poses,
-            "threads": self.threads,
-            "config": dict(self.config),
             "frames": {
                 "read": self.frames_read,
                 "used": self.frames_used,
@@ -222,20 +221,10 @@ def read_run(path: Path) -> RunReport:
     """
     document = read_json(path, RunDocument)
     return RunReport(
-        version=document.version,
-        complete=document.complete,
-        recording=document.recording,
-        format=document.format,
-        poses=document.poses,
-        threads=document.threads,
-        config=document.config,
+        **{name: getattr(document, name) for name in (*SAME, "milliseconds", "seconds", "peak_memory_mb", "warnings")},
         frames_read=document.frames.read,
         frames_used=document.frames.used,
         skipped=tuple((item.frame, item.reason) for item in document.frames.skipped),
-        milliseconds=document.milliseconds,
-        seconds=document.seconds,
-        peak_memory_mb=document.peak_memory_mb,
-        warnings=tuple(document.warnings),
         limits=document.limits,
         frames_dropped=document.frames.dropped,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -198,11 +198,7 @@ def read_tracks(path: Path) -> list[TrackRow]:
     InputError
         The file is missing or a line of it is malformed; the message names file and line.
     """
-    return [
-        replace(found, camera=row.camera) if row.camera else found
-        for row in (row for _, row in read_table(path, TrackEntry))
-        for found in (_row(TrackRow, row),)
-    ]
+    return [_row(TrackRow, row, camera=row.camera or "") for _, row in read_table(path, TrackEntry)]
 
 
 def read_proposals(path: Path) -> list[ProposalRow]:
@@ -263,8 +259,8 @@ def _box_of(line: TrackEntry | ProposalEntry | AgentEntry) -> Box:
     )
 
 
-def _row(kind: type[R], line: TrackEntry | ProposalEntry) -> R:
-    return kind(box=_box_of(line), frame=line.frame, timestamp_s=line.timestamp, **_values(kind, line))
+def _row(kind: type[R], line: TrackEntry | ProposalEntry, **more: Any) -> R:
+    return kind(box=_box_of(line), frame=line.frame, timestamp_s=line.timestamp, **_values(kind, line), **more)
 
 
 def _values(kind: type, line: Any) -> dict[str, Any]:

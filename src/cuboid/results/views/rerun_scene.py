@@ -40,7 +40,7 @@ PLANE_COLOR = (150, 158, 170)
 PATH_COLOR = (230, 230, 235)
 
 
-class Seen(Protocol):
+class SeenObject(Protocol):
     """An object in a frame: a sighting, or a row of tracks.csv."""
 
     @property
@@ -151,7 +151,7 @@ class RerunScene:
         image = self._rr.EncodedDepthImage(blob=png, media_type="image/png", meter=units_per_metre)
         self.stream.log(f"{_entity(camera)}/depth", image)
 
-    def objects(self, seen: Sequence[Seen], camera: str = "") -> None:
+    def objects(self, seen: Sequence[SeenObject], camera: str = "") -> None:
         """Log the boxes of a frame, in the world and in its image."""
         rr = self._rr
         self.labels(item.label for item in seen)

@@ -195,7 +195,7 @@ def _tracking(
     session.tracker.use_detector(options.detector, plan.detector_every)
     source = session.poses(source)
     tracker = RunningTracker(camera, plan.config, session.tracker, source, write, shapes=shapes)
-    tracker.resume(session.committed.T_world_camera, session.committed.times_s, session.committed.skipped)
+    session.resume(tracker)
     return tracker, source
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cuboid.ground.core.results import ObjectEvent, Sighting, TrackedObject, tag_of
-from cuboid.ground.core.values import RelationKind
+from cuboid.ground.core.values import ObjectStatus, RelationKind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -25,7 +25,7 @@ class SceneObject(TrackedObject):
         Number of the recording, and index of the frame in that recording.
     """
 
-    state: str
+    state: ObjectStatus
     merged_into: int | None
     first_seen: tuple[int, int]
     last_seen: tuple[int, int]

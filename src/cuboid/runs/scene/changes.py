@@ -14,12 +14,13 @@ from itertools import combinations
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.values import VisitChange
 from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.similarity import CLEARER, MIN_SIMILARITY, color_profile_of, similarity
 from cuboid.runs.scene.before import Before, OldObject
 from cuboid.runs.scene.localisation import JoinedPart
-from cuboid.runs.scene.standing import Standing, fraction_near, standing
+from cuboid.runs.scene.still_there import StillThere, fraction_near, still_there
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 
 # An object is unmoved if at least STILL_FRACTION of its old points lie within STILL_M metres of its new points, or if
@@ -62,7 +63,7 @@ class Change:
     """
 
     label: int
-    change: str
+    change: VisitChange
     from_m: Float64Array | None
     to_m: Float64Array | None
     metres: float | None = None
@@ -128,7 +129,7 @@ class Changes:
             and carved >= CARVED_FRACTION
             and len(again) < REMAINING_FRACTION * len(entry.points)
         )
-        if gone or (replaced and len(again) and not self._standing(tracker, old).still):
+        if gone or (replaced and len(again) and not self._still_there(tracker, old).still):
             # The object that stands there now is found anew from later frames, not from the evidence of both visits.
             tracker.retire(entry, old.box)
 
@@ -139,8 +140,8 @@ class Changes:
         new = [o for o in tracker.ever_labelled() if o.confirmed and o.first_frame >= self._first_frame]
         return any(o.box.contains(old.points, 0.0).mean() >= INSIDE_FRACTION for o in new if o is not entry)
 
-    def _standing(self, tracker: PosedTracker, old: OldObject) -> Standing:
-        return standing(tracker.voxels, old, self._first_frame)
+    def _still_there(self, tracker: PosedTracker, old: OldObject) -> StillThere:
+        return still_there(tracker.voxels, old, self._first_frame)
 
     def _find_old(self, tracker: PosedTracker) -> None:
         """Give new objects the labels of old objects: of those that are still there, and of those that were moved."""
@@ -153,7 +154,7 @@ class Changes:
             return
         gone = []
         for old in ended:
-            found = self._standing(tracker, old_objects[old.label])
+            found = self._still_there(tracker, old_objects[old.label])
             if not found.still:
                 gone.append(old)
             elif new:
@@ -233,14 +234,14 @@ class Changes:
         old = self._before.objects[entry.label]
         before, now = tracker.in_world(old.box).center, tracker.in_world(entry.box).center
         if not entry.confirmed:
-            if self._standing(tracker, old).still:
+            if self._still_there(tracker, old).still:
                 return Change(entry.label, "unchanged", before, before)
             return Change(entry.label, "gone", before, None)
         if not seen:
             return Change(entry.label, "not looked at", before, None)
         metres = _distance_m(entry.box, old.box)
         near = _in_place(entry.box, old.box) or fraction_near(old.points, entry.points, STILL_M) >= STILL_FRACTION
-        if near or self._standing(tracker, old).still:
+        if near or self._still_there(tracker, old).still:
             return Change(entry.label, "unchanged", before, now)
         return Change(entry.label, "moved", before, now, metres, self._similarity(entry, old))
 

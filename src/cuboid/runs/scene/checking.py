@@ -13,7 +13,7 @@ from cuboid.ground.core.errors import InputError, OutputError, one_line
 from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 from cuboid.method.heatmap.levels import split_rows
 from cuboid.runs.scene import before
-from cuboid.runs.scene.database import Writing, has_table, open_damaged, open_to_read, transaction, user_errors
+from cuboid.runs.scene.database import Writing, open_damaged, open_to_read, transaction, user_errors
 from cuboid.runs.scene.packing import BlockRow, unpacked_block
 from cuboid.runs.scene.saving import StateFile, load_blocks, load_state, load_state_without_map
 from cuboid.runs.scene.schema import TABLES
@@ -32,7 +32,19 @@ Rows = npt.NDArray[np.void]
 Keys = npt.NDArray[np.int64]
 
 # Tables that people and other programs read, in the order in which their rows refer to each other.
-PUBLIC_TABLES = ("scene", "recordings", "frames", "planes", "objects", "boxes", "sightings", "events", "pending")
+PUBLIC_TABLES = (
+    "scene",
+    "recordings",
+    "frames",
+    "planes",
+    "objects",
+    "boxes",
+    "sightings",
+    "events",
+    "pending",
+    "relations",
+    "furniture",
+)
 # Maximum number of reported problems of one kind.
 MAX_PROBLEMS = 8
 
@@ -71,9 +83,7 @@ def problems(path: Path) -> list[str]:
 def _row_problems(connection: sqlite3.Connection) -> list[str]:
     """Return the problems of rows, the first few of each table."""
     found: list[str] = []
-    for table, kind in TABLES.items():
-        if kind.optional and not has_table(connection, table):
-            continue
+    for table in TABLES:
         damaged: dict[str, None] = {}
         try:
             refuse_oversized(connection, table)
@@ -164,10 +174,6 @@ def rescue(path: Path, new: Path) -> list[str]:
 
 def _copied(old: sqlite3.Connection, new: sqlite3.Connection, table: str, lost: list[str]) -> int:
     """Copy the readable rows of a table; return their number."""
-    if TABLES[table].optional:
-        if not _may_have(old, table):
-            return 0
-        new.execute(TABLES[table].sql(table))
     count = 0
     for row in _readable(old, table, lost):
         try:
@@ -179,14 +185,6 @@ def _copied(old: sqlite3.Connection, new: sqlite3.Connection, table: str, lost: 
         except sqlite3.DatabaseError:
             lost.append(f"a row of {table} makes no sense")
     return count
-
-
-def _may_have(old: sqlite3.Connection, table: str) -> bool:
-    """Return whether a damaged scene has an optional table; True if that cannot be read."""
-    try:
-        return has_table(old, table)
-    except sqlite3.DatabaseError:
-        return True
 
 
 def _readable(old: sqlite3.Connection, table: str, lost: list[str]) -> Iterator[tuple[object, ...]]:
@@ -223,10 +221,9 @@ def _drop_orphans(connection: sqlite3.Connection) -> None:
     connection.execute("DELETE FROM pending WHERE recording NOT IN (SELECT id FROM recordings)")
     for table in ("sightings", "boxes"):
         connection.execute(f"DELETE FROM {table} WHERE label NOT IN (SELECT label FROM objects)")
-    connection.execute(
-        "DELETE FROM sightings WHERE box NOT IN (SELECT id FROM boxes) "
-        "OR (recording, frame) NOT IN (SELECT recording, frame FROM frames)"
-    )
+    connection.execute("DELETE FROM sightings WHERE box NOT IN (SELECT id FROM boxes)")
+    for table in ("sightings", "events"):
+        connection.execute(f"DELETE FROM {table} WHERE (recording, frame) NOT IN (SELECT recording, frame FROM frames)")
     links = dict(connection.execute("SELECT label, merged_into FROM objects"))
     circular = [(label,) for cycle in cycles_of(links) for label in cycle]
     connection.executemany("UPDATE objects SET merged_into = NULL WHERE label = ?", circular)

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.ground.core.state import Record, added_fields, saved_fields
+from cuboid.ground.core.state import Record, saved_fields
 from cuboid.runs.scene.packing import form_of, from_bytes, from_form
 from cuboid.runs.scene.validation import DamagedError
 
@@ -65,16 +65,11 @@ def layout_of(cls: Any) -> Layout:
         for name in names
         if get_origin(hints[name]) is dict and _is_record(get_args(hints[name])[1])
     }
-    added = added_fields(cls)
     columns = [
-        (name, tuple[int, ...] if name in record_dicts else hints[name])
-        if name not in added
-        else (name, hints[name], msgspec.field(default_factory=added[name]))
-        for name in names
-        if name not in records
+        (name, tuple[int, ...] if name in record_dicts else hints[name]) for name in names if name not in records
     ]
     values = attrgetter(*names) if len(names) > 1 else lambda record: (getattr(record, names[0]),)
-    fields = msgspec.defstruct(cls.__name__, columns, kw_only=True)  # fields of earlier versions are not read
+    fields = msgspec.defstruct(cls.__name__, columns)
     return Layout(names, values, records, record_dicts, fields)
 
 

@@ -127,12 +127,6 @@ def open_damaged(path: Path) -> sqlite3.Connection:
         return _connect(path, "ro")
 
 
-def has_table(connection: sqlite3.Connection, name: str) -> bool:
-    """Return whether a scene has an optional table."""
-    query = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?"
-    return connection.execute(query, (name,)).fetchone() is not None
-
-
 class Writing:
     """A scene opened for writing: its connection, and the lock that keeps other processes from writing.
 
@@ -235,7 +229,7 @@ def _make(path: Path) -> None:
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         connection.execute(f"PRAGMA user_version = {VERSION}")
-        connection.executescript("\n".join(table.sql(name) for name, table in TABLES.items() if not table.optional))
+        connection.executescript("\n".join(table.sql(name) for name, table in TABLES.items()))
         connection.close()
         file.show()
 

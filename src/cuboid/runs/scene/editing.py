@@ -13,11 +13,11 @@ from cuboid.ground.arrays import Float32Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation, transform
 from cuboid.method.objects.entry import MapObject
-from cuboid.runs.scene.database import has_table, transaction
+from cuboid.runs.scene.database import transaction
 from cuboid.runs.scene.localisation import JoinedPart
 from cuboid.runs.scene.records import Records
 from cuboid.runs.scene.saving import SceneBlockStore, StateFile, load_state
-from cuboid.runs.scene.schema import TABLES
+from cuboid.runs.scene.schema import QUATERNION, TABLES
 from cuboid.runs.scene.validation import DamagedError, columns_of, floats_of, read_rows, rotation_of
 from cuboid.runs.scene.visit import ANY_CAMERA
 from cuboid.runs.tracking.posed_tracker import PosedTracker
@@ -94,38 +94,25 @@ def _living(tracker: PosedTracker, path: str, label: int) -> MapObject:
     raise InputError(f"{path}: no object that is there has the label {label}")
 
 
-# Tables with a position and rotation: table, position columns, quaternion columns (w first).
-_TURNED = (
-    ("frames", "tx ty tz", "qw qx qy qz"),
-    ("boxes", "cx cy cz", "qw qx qy qz"),
-    ("objects", "cx cy cz", "qw qx qy qz"),
-    ("known", "cx cy cz", "qw qx qy qz"),
+# Tables with a position: the columns of the position, then those of a rotation, if there is one.
+_PLACES = (
+    ("frames", ("tx", "ty", "tz"), QUATERNION),
+    *((table, ("cx", "cy", "cz"), QUATERNION) for table in ("boxes", "objects", "known")),
+    *((table, (f"{end}_x", f"{end}_y", f"{end}_z"), ()) for table in ("changes", "events") for end in ("from", "to")),
 )
-_PLACES = tuple((table, f"{side}_x {side}_y {side}_z") for table in ("changes", "events") for side in ("from", "to"))
-# Key columns of each table.
-_KEYS = {
-    "frames": "recording frame",
-    "changes": "recording label",
-    "events": "recording frame label",
-    "boxes": "id",
-    "objects": "label",
-    "known": "label",
-}
 
 
 def transform_rows(connection: sqlite3.Connection, joined: Sequence[JoinedPart]) -> None:
     """Transform all rows of scene parts that were joined to others, within the caller's transaction."""
     for part in joined:
-        for table, place, turn in _TURNED:
+        for table, place, turn in _PLACES:
             _transform(connection, part, table, place, turn)
-        for table, place in _PLACES:
-            if TABLES[table].optional and not has_table(connection, table):
-                continue
-            _transform(connection, part, table, place, "")
 
 
-def _transform(connection: sqlite3.Connection, part: JoinedPart, table: str, place: str, turn: str) -> None:
-    keys, columns = _KEYS[table].split(), [*place.split(), *turn.split()]
+def _transform(
+    connection: sqlite3.Connection, part: JoinedPart, table: str, place: Sequence[str], turn: Sequence[str]
+) -> None:
+    keys, columns = TABLES[table].key.split(", "), [*place, *turn]
     points = ["points"] if table == "known" else []
     names = columns_of(table, [*keys, *columns, *points])
     rows = []

@@ -1,4 +1,4 @@
-"""The furniture of a scene, as it was committed last, and its names: rows of the table `scene`."""
+"""The furniture of a scene, as it was committed last, and its names."""
 
 from __future__ import annotations
 
@@ -6,41 +6,22 @@ import sqlite3
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import MapPoints, TrackedObject
-from cuboid.results.files.naming import checked_name
 from cuboid.results.files.object_table import ObjectTable
-from cuboid.runs.scene.validation import DamagedError, read_rows
+from cuboid.runs.scene.validation import columns_of, read_rows
 from cuboid.runs.tracking.posed_tracker import PosedTracker
-
-# A row's key is KEY and the label; its value is the name that a user gave.
-KEY = "furniture"
 
 
 def write_name(connection: sqlite3.Connection, label: int, name: str) -> None:
     """Write the name of a piece of furniture, or remove it with an empty name, within the caller's transaction."""
-    key = f"{KEY}/{label}"
-    connection.execute("DELETE FROM scene WHERE key = ?", (key,))
+    connection.execute("DELETE FROM furniture WHERE label = ?", (label,))
     if name:
-        connection.execute("INSERT INTO scene VALUES (?, ?)", (key, name))
+        connection.execute("INSERT INTO furniture VALUES (?, ?)", (label, name))
 
 
 def read_names(connection: sqlite3.Connection) -> dict[int, str]:
-    """Return the names of furniture, by label.
-
-    Raises
-    ------
-    DamagedError
-        A row is invalid.
-    """
-    found = {}
-    rows = read_rows(connection, ("scene.key", "scene.value"), "scene WHERE key GLOB ?", (f"{KEY}/*",))
-    for key, value in rows:
-        try:
-            found[int(key.removeprefix(f"{KEY}/"))] = checked_name(key, value)
-        except (ValueError, InputError):
-            raise DamagedError(f"the name of a piece of furniture is damaged: '{key}'") from None
-    return found
+    """Return the names of furniture, by label; raise DamagedError if a row is invalid."""
+    return dict(read_rows(connection, columns_of("furniture"), "furniture"))
 
 
 def named_furniture(furniture: Iterable[TrackedObject], names: Mapping[int, str]) -> ObjectTable:

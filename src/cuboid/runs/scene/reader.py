@@ -6,34 +6,25 @@ import sqlite3
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
+from msgspec import structs
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.core.results import MapPoints, SceneChange, SupportPlane
-from cuboid.ground.core.values import PinholeEntry
+from cuboid.ground.core.values import Fraction, PinholeEntry
 from cuboid.method.objects.naming import chosen_name
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries
 from cuboid.runs.scene.answers import PastRelation, SceneEvent, SceneObject, ScenePast, SceneRecording
-from cuboid.runs.scene.classes import (
-    KEY,
-    MIN_PROBABILITY,
-    Accuracy,
-    read_accuracy,
-    read_classes,
-    read_kinds,
-    read_min_probability,
-)
-from cuboid.runs.scene.database import has_table, open_to_read, user_errors
-from cuboid.runs.scene.schema import BOX, DESCRIBED, TABLES
+from cuboid.runs.scene.database import open_to_read, user_errors
+from cuboid.runs.scene.schema import BOX, DESCRIBED, MIN_PROBABILITY, TABLES, Accuracy, Classes
 from cuboid.runs.scene.validation import (
     Outline,
     Row,
@@ -104,7 +95,7 @@ class SceneReader(MapQueries):
         if not rows:
             raise InputError(f"{self.path}: there is no recording {recording}")
         with user_errors(self.path):
-            return Intrinsics(**msgspec.structs.asdict(document(rows[0][0], PinholeEntry, "recordings.camera")))
+            return Intrinsics(**structs.asdict(document(rows[0][0], PinholeEntry, "recordings.camera")))
 
     @property
     def version(self) -> int:
@@ -140,23 +131,14 @@ class SceneReader(MapQueries):
             refuse_cycle({row[0]: row[3] for row in rows})
             for label, _, _, merged_into, *_ in rows:
                 merged[merged_into].append(label)
-            of_class = "scene WHERE key GLOB ? ORDER BY key"
-            classes = read_classes(self._rows(("scene.key", "scene.value"), of_class, (f"{KEY}/*",)))
-            kinds = read_kinds(self._connection()) if rows else {}
-            accuracy = read_accuracy(self._connection()) if rows else {}
             begins = self._rows(("recordings.id", "recordings.first_frame"), "recordings ORDER BY id")
-            found = [
-                self._object(
-                    row, merged.get(row[0], ()), index_of, classes.get(row[0], []), begins, accuracy.get(row[0])
-                )
-                for row in rows
-            ]
-            least = read_min_probability(self._rows(("scene.value",), "scene WHERE key = ?", (MIN_PROBABILITY,)))
-            found = [
+            found = [self._object(row, merged.get(row[0], ()), index_of, begins) for row in rows]
+            texts = self._rows(("scene.value",), "scene WHERE key = ?", (MIN_PROBABILITY,))
+            least = max((document(text, Fraction, f"scene.{MIN_PROBABILITY}") for (text,) in texts), default=0.0)
+            return [
                 replace(item, state="unlikely") if item.state == "present" and item.probability < least else item
                 for item in found
             ]
-            return [replace(item, kind=kinds[item.label]) if item.label in kinds else item for item in found]
 
     @property
     def planes(self) -> tuple[SupportPlane, ...]:
@@ -275,8 +257,6 @@ class SceneReader(MapQueries):
             No object ever had the label.
         """
         labels = None if label is None else self._labels_of(label)
-        if not self.path.is_file() or not has_table(self._connection(), "events"):
-            return []
         rest = "events JOIN frames USING (recording, frame) ORDER BY events.recording, events.frame, events.label"
         with user_errors(self.path):
             found = [_event_of(row) for row in self._rows(_EVENT, rest)]
@@ -290,16 +270,14 @@ class SceneReader(MapQueries):
         InputError
             No object ever had the label.
         """
-        from cuboid.runs.scene.relations import KEY as RELATION
-        from cuboid.runs.scene.relations import read_relations
+        from cuboid.runs.scene.relations import past_relations
 
         labels = self._labels_of(label)
-        rows = self._rows(("scene.key", "scene.value"), "scene WHERE key GLOB ? ORDER BY key", (f"{RELATION}/*",))
+        rest = f"relations WHERE label IN ({', '.join('?' * len(labels))}) ORDER BY label, first_recording"
         items = [item for item in self.all_objects if item.state != "merged"]
         survivor = {old: item.label for item in items for old in item.merged_labels}
         plane = {identity: k for k, identity in enumerate(self._plane_identities())}
-        with user_errors(self.path):
-            return read_relations(rows, labels, survivor, plane)
+        return past_relations(self._rows(columns_of("relations"), rest, labels), survivor, plane)
 
     def changes(self, since: str | int | None = None) -> list[SceneChange]:
         """Return the changes that each recording found, by recording and label.
@@ -323,19 +301,11 @@ class SceneReader(MapQueries):
                 raise InputError(
                     f"expected a date such as 2026-01-31 or 2026-01-31T12:00, got {shown(since)}"
                 ) from None
-            # times in one text format sort as their texts do
-            wanted = [
-                recording.number
-                for recording in self.recordings
-                if recording.begun >= moment.isoformat(timespec="seconds")
-            ]
+            begun = moment.isoformat(timespec="seconds")  # times in one text format sort as their texts do
+            wanted = {recording.number for recording in self.recordings if recording.begun >= begun}
         else:
-            last = len(self.recordings)
-            wanted = [
-                recording.number
-                for recording in self.recordings
-                if recording.number >= (last if since is None else since)
-            ]
+            first = len(self.recordings) if since is None else since
+            wanted = {recording.number for recording in self.recordings if recording.number >= first}
         rows = self._rows(_CHANGE, "changes JOIN objects USING (label) ORDER BY recording, changes.label")
         with user_errors(self.path):
             return [_change_of(row) for row in rows if row[0] in wanted]
@@ -386,22 +356,22 @@ class SceneReader(MapQueries):
         row: Row,
         merged: Iterable[int],
         index_of: Mapping[int, int],
-        classes: list[tuple[str, float]],
         begins: Sequence[Row],
-        accuracy: Accuracy | None,
     ) -> SceneObject:
         values = dict(zip(_COLUMNS, row, strict=True))
-        name = values["name"]
+        name, kind, accuracy = values["name"], values["kind"], values["accuracy"]
+        sure = {} if accuracy is None else structs.asdict(document(accuracy, Accuracy, "objects.accuracy"))
         found = SceneObject(
             **{name: values[name] for name in _SAME},
-            **chosen_name(classes),
+            **chosen_name(document(values["classes"], Classes, "objects.classes")),
             merged_labels=tuple(merged),
             box=box_of([values[name] for name in BOX], "objects"),
             plane=None if values["plane"] is None else index_of.get(values["plane"]),
             mean_color=np.array((values["red"], values["green"], values["blue"])),
             first_seen=_seen(begins, values["first_frame"]),
             last_seen=_seen(begins, values["last_frame"]),
-            **({} if accuracy is None else asdict(accuracy)),
+            **sure,
+            **({} if kind is None else {"kind": kind}),
         )
         return found if name is None else found.with_given_name(name)
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
@@ -20,8 +21,8 @@ from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.method.boxes.uncertainty import Uncertainty
 from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.naming import name_scores
-from cuboid.runs.scene.classes import MIN_PROBABILITY, Accuracy, read_kinds, write_accuracy, write_classes, write_kinds
-from cuboid.runs.scene.schema import BOX, DESCRIBED, TABLES
+from cuboid.results.files.text import LENGTH, rounded, rounded_list
+from cuboid.runs.scene.schema import BOX, DESCRIBED, MIN_PROBABILITY, TABLES, Accuracy
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 
 Row = tuple[Any, ...]
@@ -31,12 +32,18 @@ BETTER = 1.5
 # Longest side of a picture, pixels; margin around the object, as a fraction of its size; JPEG quality.
 PICTURE_PX, AROUND, JPEG_QUALITY = 160, 0.15, 85
 
-OBJECT_COLUMNS = tuple(name for name in TABLES["objects"].columns if name not in ("name", "picture", "picture_share"))
-_KEPT = ("label", "state")
+# Number of classes that are kept of an object (its name and the next three), and largest length of a class name.
+CLASSES, LONGEST_CLASS = 4, 100
+
+_WRITTEN_APART = ("name", "picture", "picture_share", "kind")
+OBJECT_COLUMNS = tuple(name for name in TABLES["objects"].columns if name not in _WRITTEN_APART)
+_REPLACED = [name for name in OBJECT_COLUMNS if name not in ("label", "state", "classes", "accuracy")]
 _UPSERT = (
     f"INSERT INTO objects ({', '.join(OBJECT_COLUMNS)}) VALUES ({', '.join(f':{c}' for c in OBJECT_COLUMNS)}) "
-    f"ON CONFLICT (label) DO UPDATE SET {', '.join(f'{c} = excluded.{c}' for c in OBJECT_COLUMNS if c not in _KEPT)}, "
-    "state = CASE objects.state WHEN 'forgotten' THEN 'forgotten' ELSE excluded.state END"
+    f"ON CONFLICT (label) DO UPDATE SET {', '.join(f'{c} = excluded.{c}' for c in _REPLACED)}, "
+    "state = CASE objects.state WHEN 'forgotten' THEN 'forgotten' ELSE excluded.state END, "
+    "classes = CASE excluded.classes WHEN '[]' THEN objects.classes ELSE excluded.classes END, "
+    "accuracy = coalesce(excluded.accuracy, objects.accuracy)"
 )
 
 
@@ -50,8 +57,8 @@ class Rows:
         Rows in the order of their tables' columns.
     planes : list of (int, SupportPlane) or None
         Planes with their identities.
-    objects : list of (MapObject, int)
-        Objects as they were, with 0, or with the label of an object that was merged into them.
+    objects : list of (MapObject, Accuracy or None, int)
+        Objects as they were, with 0, or without accuracy and with the label of an object that was merged into them.
     merged : list of (int, int)
         Merged labels, each with the label into which it was merged.
     without_depth : list of (TrackedObject, int)
@@ -60,8 +67,6 @@ class Rows:
         New kinds of labels whose kind changed; None for volumes. Labels that are not listed keep the scene's entry.
     ended : list of int
         Labels of objects without usable depth that no longer exist.
-    accuracy : dict of int to Accuracy
-        How sure the boxes of `objects` are, by label.
     min_probability : float
         Objects with a lower probability are not among the present ones.
     pictures : dict of int to (float, bytes)
@@ -73,13 +78,12 @@ class Rows:
     boxes: list[Row] = field(default_factory=list)
     events: list[Row] = field(default_factory=list)
     planes: list[tuple[int, SupportPlane]] | None = None
-    objects: list[tuple[MapObject, int]] = field(default_factory=list)
+    objects: list[tuple[MapObject, Accuracy | None, int]] = field(default_factory=list)
     merged: list[tuple[int, int]] = field(default_factory=list)
     pictures: dict[int, tuple[float, bytes]] = field(default_factory=dict)
     without_depth: list[tuple[TrackedObject, int]] = field(default_factory=list)
     kinds: dict[int, str | None] = field(default_factory=dict)
     ended: list[int] = field(default_factory=list)
-    accuracy: dict[int, Accuracy] = field(default_factory=dict)
     min_probability: float = 0.0
 
     def write(self, connection: sqlite3.Connection) -> None:
@@ -88,19 +92,14 @@ class Rows:
         many(f"INSERT OR REPLACE INTO frames VALUES ({', '.join('?' * 10)})", self.frames)
         many(f"INSERT INTO boxes VALUES ({', '.join('?' * 12)})", self.boxes)
         many(f"INSERT OR REPLACE INTO sightings VALUES ({', '.join('?' * 10)})", self.sightings)
-        if self.events:
-            connection.execute(TABLES["events"].sql("events"))
-            many(f"INSERT OR REPLACE INTO events VALUES ({', '.join('?' * 11)})", self.events)
+        many(f"INSERT OR REPLACE INTO events VALUES ({', '.join('?' * 11)})", self.events)
         if self.planes is not None:
             connection.execute("DELETE FROM planes")
             many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*plane) for plane in self.planes))
         connection.execute("INSERT OR REPLACE INTO scene VALUES (?, ?)", (MIN_PROBABILITY, str(self.min_probability)))
-        many(_UPSERT, (_object_row(entry, label) for entry, label in self.objects))
+        many(_UPSERT, (_object_row(*row) for row in self.objects))
         many(_UPSERT, (_row_without_depth(item, label) for item, label in self.without_depth))
-        of_map = {entry.label: name_scores(entry.name_log_odds) for entry, label in self.objects if not label}
-        write_classes(connection, of_map | {label: _classes_of(item) for item, label in self.without_depth})
-        write_kinds(connection, self.kinds)
-        write_accuracy(connection, self.accuracy | {label: _accuracy_of(item) for item, label in self.without_depth})
+        many("UPDATE objects SET kind = ? WHERE label = ?", [(kind, label) for label, kind in self.kinds.items()])
         many("UPDATE objects SET state = 'gone' WHERE label = ? AND state = 'present'", [(k,) for k in self.ended])
         many("UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", [(b, a) for a, b in self.merged])
         many(
@@ -129,7 +128,7 @@ class Records:
         self._box_of: dict[int, tuple[Box, int]] = {}
         self._written: dict[int, tuple[object, ...]] = {}
         self._merged = {k for (k,) in connection.execute("SELECT label FROM objects WHERE merged_into IS NOT NULL")}
-        self._kinds = read_kinds(connection)
+        self._kinds = dict(connection.execute("SELECT label, kind FROM objects WHERE kind IS NOT NULL"))
         self._pixels = pixels
         self._pictures = BestPictures(dict(connection.execute("SELECT label, picture_share FROM objects")))
         # First frame and number of frames of each object that this recording has seen, by label.
@@ -191,8 +190,8 @@ class Records:
             if not _same(self._written.get(entry.label), now):
                 # The attributes' values are replaced, never modified: the copy stays as it is.
                 copied = replace(entry, plane=identity, box=tracker.in_world(entry.box))
-                rows.accuracy[entry.label] = _accuracy_of(tracker.uncertainty(entry))
-                rows.objects += [(copied, 0), *((copied, k) for k in entry.merged_labels if k not in self._merged)]
+                newly_merged = [(copied, None, k) for k in entry.merged_labels if k not in self._merged]
+                rows.objects += [(copied, _accuracy_of(tracker.uncertainty(entry)), 0), *newly_merged]
                 rows.merged += [(k, entry.label) for k in entry.merged_labels]
                 self._merged |= {*entry.merged_labels}
                 self._written[entry.label] = now
@@ -271,7 +270,7 @@ def _same(before: tuple[object, ...] | None, after: tuple[object, ...]) -> bool:
     return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(before, after, strict=True))
 
 
-def _object_row(entry: MapObject, label: int = 0) -> dict[str, Any]:
+def _object_row(entry: MapObject, accuracy: Accuracy | None, label: int) -> dict[str, Any]:
     """Return an object's row, or with a label the row of an object that was merged into it."""
     colors = entry.colors if len(entry.colors) else np.zeros((1, 3))
     return {
@@ -284,6 +283,8 @@ def _object_row(entry: MapObject, label: int = 0) -> dict[str, Any]:
         **dict(zip(BOX, box_numbers(entry.box), strict=True)),
         **dict(zip(("red", "green", "blue"), colors.mean(0).tolist(), strict=True)),
         **dict(zip(("red_spread", "green_spread", "blue_spread"), colors.std(0).tolist(), strict=True)),
+        "classes": _classes_text([] if label else name_scores(entry.name_log_odds)),
+        "accuracy": None if accuracy is None else _as_json(accuracy),
     }
 
 
@@ -297,18 +298,27 @@ def _row_without_depth(item: TrackedObject, label: int) -> dict[str, Any]:
         **{name: value for column in DESCRIBED for name, value in zip(column.names, column.values(item), strict=True)},
         **dict(zip(BOX, box_numbers(item.box), strict=True)),
         **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), 0.0),
+        "classes": _classes_text([*_present_class(item), *item.names]),
+        "accuracy": _as_json(_accuracy_of(item)),
     }
 
 
 def _accuracy_of(item: TrackedObject | Uncertainty) -> Accuracy:
-    size_m, center_m = (tuple(float(v) for v in values) for values in (item.size_sigma_m, item.center_sigma_m))
-    return Accuracy(size_m, center_m, item.sides_seen)
+    length_m, width_m, height_m = rounded_list(item.size_sigma_m, LENGTH)
+    return Accuracy((length_m, width_m, height_m), tuple(rounded_list(item.center_sigma_m, LENGTH)), item.sides_seen)
 
 
-def _classes_of(item: TrackedObject) -> list[tuple[str, float]]:
-    """Return the detected classes of an object, the most likely first."""
-    present = [] if item.name is None or item.name_score is None else [(item.name, item.name_score)]
-    return [*present, *item.names]
+def _present_class(item: TrackedObject) -> list[tuple[str, float]]:
+    return [] if item.name is None or item.name_score is None else [(item.name, item.name_score)]
+
+
+def _classes_text(classes: Sequence[tuple[str, float]]) -> str:
+    """Return detected classes, the most likely first, as text for their column."""
+    return _as_json([(name[:LONGEST_CLASS], rounded(score, LENGTH)) for name, score in classes[:CLASSES]])
+
+
+def _as_json(value: object) -> str:
+    return msgspec.json.encode(value).decode()
 
 
 def _plane_row(identity: int, plane: SupportPlane) -> Row:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike
@@ -19,33 +18,10 @@ from cuboid.results.files import ResultWriter
 from cuboid.runs.scene.scene import Scene
 from cuboid.runs.scene.session import COMMIT_EVERY_S, SceneTracker
 from cuboid.runs.scene.visit import Source
+from cuboid.runs.tracking.running import RunningTracker
 
 # Name under which the scene keeps the skipped frames until the run ends, beside the result files.
 SKIPPED = "skipped"
-
-
-@dataclass(frozen=True, slots=True)
-class CommittedProgress:
-    """The progress of an interrupted run at its last commit.
-
-    Attributes
-    ----------
-    next_frame : int
-        Frame of the recording at which to continue.
-    skipped : tuple of (int, str)
-        Skipped frames, each with the reason.
-    T_world_camera : dict of int to (4, 4) float64
-        Camera pose of each used frame.
-    times_s : dict of int to float
-    texts : dict of str to str
-        Contents of the result files, by name.
-    """
-
-    next_frame: int = 0
-    skipped: tuple[tuple[int, str], ...] = ()
-    T_world_camera: Mapping[int, Float64Array] = field(default_factory=dict)
-    times_s: Mapping[int, float] = field(default_factory=dict)
-    texts: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,29 +99,28 @@ class SceneRun:
     Attributes
     ----------
     tracker : SceneTracker
-    committed : CommittedProgress
-        Progress of the run before its interruption; empty for a new run.
     """
 
     def __init__(self, scene: Scene, tracker: SceneTracker) -> None:
         self.tracker = tracker
         tracker.commits_itself = False
-        texts = scene.pending()
-        skipped = [line.split("\t", 1) for line in texts.pop(SKIPPED, "").splitlines()]
-        poses = scene.poses(tracker.visit.number)
-        self.committed = CommittedProgress(
-            tracker.visit.next_frame,
-            tuple((int(frame), reason) for frame, reason in skipped),
-            {frame: T for frame, (_, T) in poses.items()},
-            {frame: time_s for frame, (time_s, _) in poses.items()},
-            texts,
-        )
+        self._texts = scene.pending()
+        self._skipped = [line.split("\t", 1) for line in self._texts.pop(SKIPPED, "").splitlines()]
+        self._poses = scene.poses(tracker.visit.number)
 
     def go_on(self, frames: Sequence[int], writer: ResultWriter | None) -> Sequence[int]:
         """Continue the results of an interrupted run, and return the remaining frames."""
         if writer is not None:
-            writer.go_on(self.committed.texts, self.tracker.keep)
-        return frames[bisect_left(frames, self.committed.next_frame) :]
+            writer.go_on(self._texts, self.tracker.keep)
+        return frames[bisect_left(frames, self.tracker.visit.next_frame) :]
+
+    def resume(self, tracker: RunningTracker) -> None:
+        """Give a tracker the poses, times and skipped frames of a run before its interruption."""
+        tracker.resume(
+            {frame: T for frame, (_, T) in self._poses.items()},
+            {frame: time_s for frame, (time_s, _) in self._poses.items()},
+            tuple((int(frame), reason) for frame, reason in self._skipped),
+        )
 
     def poses(self, given: Poses) -> Poses:
         """Return the source of poses in the scene's world."""

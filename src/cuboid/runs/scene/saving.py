@@ -49,7 +49,7 @@ class SceneState(Record):
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class SceneSnapshot:
     """The state of a scene at one moment; it does not change afterwards.
 
     Attributes
@@ -143,7 +143,7 @@ class StateFile:
         query = "SELECT number FROM blocks WHERE rows > 0 AND length(data) = rows * ?"
         self._plain = {number for (number,) in connection.execute(query, (ROW.itemsize,))}
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> SceneSnapshot:
         """Return a snapshot of the current state."""
         taken = take(SceneState(self._tracker.state(), self._poses.state()))
         voxels = self._tracker.voxels
@@ -156,10 +156,10 @@ class StateFile:
             if self._block_store.voxels is not voxels:
                 voxels.stored.use_store(self._block_store)
                 self._block_store.voxels = voxels
-        return Snapshot(taken, voxels.stored.blocks, changed)
+        return SceneSnapshot(taken, voxels.stored.blocks, changed)
 
     def write(
-        self, connection: sqlite3.Connection, state: Snapshot, pace: Pace | None = None, *, ended: bool = True
+        self, connection: sqlite3.Connection, state: SceneSnapshot, pace: Pace | None = None, *, ended: bool = True
     ) -> None:
         """Write a snapshot, within the caller's transaction; every snapshot must be written, in order.
 
@@ -192,7 +192,7 @@ class StateFile:
         if self._block_store is not None:
             self._block_store.awaited = np.zeros(0, np.int64)
 
-    def _write_parts(self, connection: sqlite3.Connection, state: Snapshot, pace: Pace) -> None:
+    def _write_parts(self, connection: sqlite3.Connection, state: SceneSnapshot, pace: Pace) -> None:
         now: dict[tuple[str, str], bytes] = {}
         parts = self._encoder.parts(state.taken, pace.rest)
         for key, part in parts.items():
@@ -261,7 +261,7 @@ def load_state(
         The state is damaged.
     """
     block_store = block_store or SceneBlockStore(connection, Path("the scene"))
-    tracker, poses = load_state_without_map(connection, intrinsics, proposals, memory_mb=memory_mb)
+    tracker, poses = load_state_without_map(connection, intrinsics, proposals, memory_mb)
     blocks = block_rows(connection)
     with refusing_nonsense():
         tracker.voxels.stored.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], block_store)
@@ -273,7 +273,6 @@ def load_state_without_map(
     connection: sqlite3.Connection,
     intrinsics: Intrinsics,
     proposals: ProposalSource | None = None,
-    *,
     memory_mb: float = MEMORY_MB,
 ) -> tuple[PosedTracker, ScenePoses]:
     """Return tracker and poses as `load_state` does, but with a voxel map that has no rows yet."""
@@ -292,10 +291,8 @@ def block_rows(connection: sqlite3.Connection) -> list[BlockRow]:
     DamagedError
         A row is invalid, or blocks of the map are missing.
     """
-    blocks = [
-        BlockRow(*row)
-        for row in read_rows(connection, columns_of("blocks", BlockRow._fields), "blocks ORDER BY number")
-    ]
+    columns = columns_of("blocks", BlockRow._fields)
+    blocks = [BlockRow(*row) for row in read_rows(connection, columns, "blocks ORDER BY number")]
     refuse_oversized(connection, "blocks")
     values = [value for (value,) in read_rows(connection, ("scene.value",), "scene WHERE key = 'blocks'")]
     expected = int(values[0]) - 1 if values and values[0].isdecimal() else -1

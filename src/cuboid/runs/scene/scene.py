@@ -8,8 +8,6 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.frame import Intrinsics
@@ -166,7 +164,7 @@ class Scene(SceneReader):
                         f"{self.path}: has no keyframes to recognise the place by; --same-world says that the "
                         "recording's poses are in the scene's world"
                     )
-                visit = visits.begin(connection, source, np.eye(4), tracker, str(self.path))
+                visit = visits.begin(connection, source, tracker, str(self.path))
             earlier = before.load(connection)
             earlier.watch(tracker.voxels)
             if visit.next_frame == 0:

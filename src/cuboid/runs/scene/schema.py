@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import NoneType
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
-from msgspec import Meta
+from msgspec import Meta, Struct
 
 from cuboid.ground.core.records import table_columns_of
 from cuboid.ground.core.results import TrackedObject
@@ -24,17 +24,22 @@ from cuboid.ground.core.values import (
     Label,
     Metres,
     Name,
+    ObjectStatus,
     Pixel,
     QuaternionPart,
+    RelationKind,
     Seconds,
     Side,
+    SideName,
+    Sides,
+    VisitChange,
 )
 from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 
 # "CUBD": the application ID in the header of the file.
 APPLICATION_ID = 0x43554244
 # Version of the tables and of the states in them.
-VERSION = 1
+VERSION = 2
 
 Whole: TypeAlias = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 Key: TypeAlias = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
@@ -48,8 +53,21 @@ BlockData: TypeAlias = Annotated[bytes, Meta(max_length=BLOCK_ROWS * ROW.itemsiz
 Motion: TypeAlias = Annotated[bytes, Meta(min_length=128, max_length=128)]
 # An overlap may be rounded to slightly more than 1.
 Overlap: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0 + 1e-6)]
-State = Literal["present", "gone", "merged", "forgotten"]
-Change = Literal["unchanged", "moved", "gone", "new", "found", "not looked at"]
+# What a relation is to: a label, a supporting plane by its persistent number, or a wall.
+Target: TypeAlias = Annotated[str, Meta(pattern=r"^(\d{1,18}|plane#\d{1,18}|wall)\Z")]
+KindWithoutDepth = Literal["box", "flat"]
+
+
+# Classes from a detector with their probabilities, the most likely first: JSON in a column.
+Classes: TypeAlias = list[tuple[Name, Fraction]]
+
+
+class Accuracy(Struct, frozen=True):
+    """How sure the box of an object is, as the fields of `TrackedObject` with these names: JSON in a column."""
+
+    size_sigma_m: Sides
+    center_sigma_m: tuple[Side, ...]
+    sides_seen: tuple[SideName, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,22 +84,19 @@ class Table:
         Further constraints, in SQL.
     rows_by_key : bool
         Whether the file stores the rows in the order of the key.
-    optional : bool
-        Whether the table exists only after something is written into it.
     """
 
     columns: dict[str, Any]
     key: str = ""
     rules: tuple[str, ...] = ()
     rows_by_key: bool = False
-    optional: bool = False
 
     def sql(self, name: str) -> str:
-        """Return the SQL statement that creates the table if it does not exist."""
+        """Return the SQL statement that creates the table."""
         lines = [*(_column(*column) for column in self.columns.items()), *self.rules]
         lines += [f"PRIMARY KEY ({self.key})"] if self.key else []
         kind = "STRICT, WITHOUT ROWID" if self.rows_by_key else "STRICT"
-        return f"CREATE TABLE {'IF NOT EXISTS ' if self.optional else ''}{name} ({', '.join(lines)}) {kind};"
+        return f"CREATE TABLE {name} ({', '.join(lines)}) {kind};"
 
 
 def _column(name: str, kind: Any) -> str:
@@ -91,7 +106,7 @@ def _column(name: str, kind: Any) -> str:
         sql for plain, sql in ((int, "INTEGER"), (float, "REAL"), (str, "TEXT"), (bytes, "BLOB")) if plain in types
     )
     check = f" CHECK ({name} IN ({', '.join(map(repr, allowed))}))" if allowed else ""
-    default = " DEFAULT 0" if name in WITH_DEFAULT else ""
+    default = f" DEFAULT {WITH_DEFAULT[name]}" if name in WITH_DEFAULT else ""
     return f"{name} {sql}{'' if NoneType in types else ' NOT NULL'}{default}{check}"
 
 
@@ -108,8 +123,10 @@ def _plain_types(kind: Any) -> Iterator[Any]:
             yield from _plain_types(part)
 
 
-# Columns that are zero in a new row.
-WITH_DEFAULT = ("complete", "next_frame", "picture_share")
+# Columns that a new row may lack, with their values in SQL.
+WITH_DEFAULT = {"complete": "0", "next_frame": "0", "picture_share": "0", "classes": "'[]'"}
+# Key of the row of `scene` with the probability that present objects have at least.
+MIN_PROBABILITY = "min_probability"
 QUATERNION = ("qw", "qx", "qy", "qz")
 BOX = ("cx", "cy", "cz", "length", "width", "height", *QUATERNION)
 _BOX: dict[str, Any] = dict(zip(BOX, (*[Metres] * 3, *[Side] * 3, *[QuaternionPart] * 4), strict=True))
@@ -159,7 +176,7 @@ TABLES = {
         {
             "label": Label,
             "name": Name | None,
-            "state": State,
+            "state": ObjectStatus,
             "merged_into": Label | None,
             "plane": Whole | None,
             **_BOX,
@@ -167,6 +184,9 @@ TABLES = {
             **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), Amount),
             "picture": bytes | None,
             "picture_share": Amount,
+            "kind": KindWithoutDepth | None,
+            "classes": str,
+            "accuracy": str | None,
         },
         "label",
         ("CHECK (label > 0)", "FOREIGN KEY (merged_into) REFERENCES objects (label)"),
@@ -220,7 +240,7 @@ TABLES = {
         {
             "recording": Label,
             "label": Label,
-            "change": Change,
+            "change": VisitChange,
             **_MOVE,
             "metres": Side | None,
             "sure": Fraction,
@@ -240,10 +260,18 @@ TABLES = {
         },
         "recording, frame, label",
         ("FOREIGN KEY (recording, frame) REFERENCES frames (recording, frame) ON DELETE CASCADE",),
-        optional=True,
     ),
+    "relations": Table(
+        {
+            "label": Label,
+            "kind": RelationKind,
+            "target": Target,
+            **dict.fromkeys(("first_recording", "last_recording"), Label),
+            "score": Fraction,
+        },
+        "label, kind, target, first_recording",
+    ),
+    "furniture": Table({"label": Label, "name": Name}, "label"),
     "occupied": Table({"check_sum": CheckSum, "cells": bytes}),
-    "embeddings": Table(
-        {"label": Label, "model": Name, "picture": CheckSum | None, "vector": bytes}, "label", optional=True
-    ),
+    "embeddings": Table({"label": Label, "model": Name, "picture": CheckSum | None, "vector": bytes}, "label"),
 }

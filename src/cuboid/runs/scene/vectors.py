@@ -13,8 +13,6 @@ import numpy as np
 from cuboid.ground.arrays import Float32Array
 from cuboid.method.text_search import TextModel, mean_vector
 from cuboid.method.text_search.pictures import squared
-from cuboid.runs.scene.database import has_table
-from cuboid.runs.scene.schema import TABLES
 from cuboid.runs.scene.validation import columns_of, floats_of, read_rows
 
 TABLE = "embeddings"
@@ -35,8 +33,6 @@ def read_vectors(connection: sqlite3.Connection, model: str) -> dict[int, SceneV
     DamagedError
         A row is invalid.
     """
-    if not has_table(connection, TABLE):
-        return {}
     columns = columns_of(TABLE, ("label", "picture", "vector"))
     rows = read_rows(connection, columns, f"{TABLE} WHERE model = ?", (model,))
     return {label: SceneVector(floats_of(vector, "<f4", "a vector"), picture) for label, picture, vector in rows}
@@ -44,7 +40,6 @@ def read_vectors(connection: sqlite3.Connection, model: str) -> dict[int, SceneV
 
 def write_vectors(connection: sqlite3.Connection, model: str, vectors: Mapping[int, SceneVector]) -> None:
     """Write vectors by a model, within the caller's transaction."""
-    connection.execute(TABLES[TABLE].sql(TABLE))
     rows = [(label, model, vector.picture, vector.vector.astype("<f4").tobytes()) for label, vector in vectors.items()]
     connection.executemany(f"INSERT OR REPLACE INTO {TABLE} VALUES (?, ?, ?, ?)", rows)
 

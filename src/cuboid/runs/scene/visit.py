@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.runs.scene import before
@@ -21,8 +20,6 @@ from cuboid.runs.scene.saving import SceneBlockStore, load_state
 from cuboid.runs.scene.validation import columns_of, document, read_rows
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 
-# Columns of `recordings` with the tracking parameters.
-_HOW = ("camera", "settings", "T_world_recording")
 # A state that is loaded for reading or editing gets no frames: any camera will do.
 ANY_CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 
@@ -66,8 +63,6 @@ class Visit:
         Scene number of the recording's first frame; the scene counts the frames of all recordings.
     next_frame : int
         Frame of the recording at which to continue.
-    T_world_recording : (4, 4) float64
-        Transform from the recording's world to the scene's, if its poses are given.
     pixels : int
         Side of the block of recorded pixels that one pixel of the tracked frames covers.
     """
@@ -75,7 +70,6 @@ class Visit:
     number: int
     first_frame: int
     next_frame: int
-    T_world_recording: Float64Array
     pixels: int
 
     def write(
@@ -109,9 +103,7 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def begin(
-    connection: sqlite3.Connection, source: Source, T_world_recording: Float64Array, tracker: PosedTracker, path: str
-) -> Visit:
+def begin(connection: sqlite3.Connection, source: Source, tracker: PosedTracker, path: str) -> Visit:
     """Add a recording to a scene, and note the scene's present contents; pending texts of earlier runs are dropped.
 
     Raises
@@ -133,12 +125,12 @@ def begin(
             "frames": source.frames,
             "camera": _camera(source.intrinsics),
             "settings": _as_text(source.settings),
-            "T_world_recording": T_world_recording.astype("<f8").tobytes(),
+            "T_world_recording": np.eye(4).tobytes(),
         }
         places = ", ".join(f":{name}" for name in row)
         cursor = connection.execute(f"INSERT INTO recordings ({', '.join(row)}) VALUES ({places})", row)
     assert cursor.lastrowid is not None
-    return Visit(cursor.lastrowid, first, 0, T_world_recording, source.settings.get("scale", 1))
+    return Visit(cursor.lastrowid, first, 0, source.settings.get("scale", 1))
 
 
 def _refuse_interrupted(connection: sqlite3.Connection, source: Source, path: str) -> None:
@@ -170,11 +162,11 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
     InputError
         The recording was not interrupted, is another one, or was tracked with other settings.
     """
-    columns = ("id", "path", "poses", "complete", "first_frame", "next_frame", *_HOW)
+    columns = ("id", "path", "poses", "complete", "first_frame", "next_frame", "camera", "settings")
     rows = read_rows(connection, columns_of("recordings", columns), "recordings ORDER BY id DESC LIMIT 1")
     if not rows or rows[0][3]:
         raise InputError(f"{path}: --resume: no recording was broken off; without it, one is added")
-    number, recording, poses, _, first_frame, next_frame, camera, settings, T = rows[0]
+    number, recording, poses, _, first_frame, next_frame, camera, settings = rows[0]
     if recording != source.path:
         raise InputError(f"{path}: --resume: the recording that was broken off is {recording}, not {source.path}")
     begun = document(settings, dict[str, Any], "recordings.settings")
@@ -186,8 +178,7 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
                 f"{path}: --resume: the run was begun with {name} = {shown(recorded.get(name))}, "
                 f"not {shown(asked.get(name))}"
             )
-    T_world_recording = np.frombuffer(T, "<f8").reshape(4, 4).copy()
-    return Visit(number, first_frame, next_frame, T_world_recording, begun.get("scale", 1))
+    return Visit(number, first_frame, next_frame, begun.get("scale", 1))
 
 
 def load_tracker(connection: sqlite3.Connection, path: Path) -> PosedTracker:
@@ -214,5 +205,4 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _camera(intrinsics: Intrinsics) -> str:
-    names = ("fx", "fy", "cx", "cy", "width", "height")
-    return json.dumps({name: getattr(intrinsics, name) for name in names})
+    return json.dumps(asdict(intrinsics))

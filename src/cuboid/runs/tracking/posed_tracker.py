@@ -19,7 +19,7 @@ from cuboid.ground.core.kernels.pixels import PlanesInView, assign_planes
 from cuboid.ground.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.ground.core.observation import Observation, weight_of
 from cuboid.ground.core.results import FrameResult, Proposal3D, Sighting
-from cuboid.ground.core.state import ADDED, Record
+from cuboid.ground.core.state import Record
 from cuboid.ground.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.box import Box
@@ -121,11 +121,11 @@ class PosedTrackerState(Record):
     planes: PlaneTrackerState
     voxels: VoxelMapState
     map: ObjectMapState
-    unread: tuple[ObjectWithoutDepth, ...] = dataclasses.field(default_factory=tuple, metadata=ADDED)
-    furniture_labels: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict, metadata=ADDED)
-    time_s: float | None = dataclasses.field(default_factory=lambda: None, metadata=ADDED)
-    unscored: float = dataclasses.field(default_factory=float, metadata=ADDED)
-    unlooked: float = dataclasses.field(default_factory=float, metadata=ADDED)
+    unread: tuple[ObjectWithoutDepth, ...] = ()
+    furniture_labels: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict)
+    time_s: float | None = None
+    unscored: float = 0.0
+    unlooked: float = 0.0
 
 
 class PosedTracker(TrackedMap):

@@ -8,13 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from cuboid.ground.core.values import RelationKind, SideName
+from cuboid.ground.core.values import LaterStatus, ObjectStatus, RelationKind, SideName
 from cuboid.method.relations import SurfaceKind
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-State = Literal["present", "unlikely", "gone", "merged", "forgotten"]
-LaterState = Literal["there", "gone", "not looked at", "not seen"]
 ChangeName = Literal["confirmed", "moved", "gone", "renamed", "merged", "appeared", "back"]
 
 
@@ -59,7 +57,7 @@ class Later:
         For "gone" and "not seen" the first such frame.
     """
 
-    state: LaterState
+    state: LaterStatus
     at: Seen | None = None
 
 
@@ -127,7 +125,7 @@ class FoundObject:
 
     label: int
     name: str | None
-    state: State
+    state: ObjectStatus
     kind: str
     classes: tuple[tuple[str, float], ...]
     score: float

@@ -16,13 +16,13 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.results import Relation, TrackedObject
-from cuboid.ground.core.values import RelationKind
+from cuboid.ground.core.values import ObjectStatus, RelationKind
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.method.relations import SurfaceKind, surface_kinds
 from cuboid.method.relations.levels import plane_area_m2
 from cuboid.method.relations.tree import plane_heights_m
 from cuboid.method.text_search import ranked
-from cuboid.services.queries.answers import FoundObject, Related, State
+from cuboid.services.queries.answers import FoundObject, Related
 from cuboid.services.queries.filters import Filters, is_kind, is_surface
 from cuboid.services.queries.looking import vector
 from cuboid.services.queries.shared_map import SharedMap
@@ -210,7 +210,7 @@ def answer_of(
     source: Source,
     now: Snapshot,
     item: TrackedObject,
-    state: State,
+    state: ObjectStatus,
     colors: Mapping[int, tuple[str, ...]],
     relations: Mapping[int, Sequence[Relation]] | None = None,
     distance_m: float | None = None,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import TrackedObject
-from cuboid.services.queries.answers import State
+from cuboid.ground.core.values import ObjectStatus
 from cuboid.services.queries.filters import LIKELY, label_of, not_present
 from cuboid.services.queries.likeness import color_fractions, colors_of
 from cuboid.services.queries.sources import Source
@@ -62,7 +62,7 @@ class Snapshot:
             for name in names_of(item):
                 self._called[name].append(item)
 
-    def find(self, label: int) -> tuple[TrackedObject, State]:
+    def find(self, label: int) -> tuple[TrackedObject, ObjectStatus]:
         """Return an object and its state, by its label or by a merged label; raises InputError if there is none."""
         found = self._by_label.get(self._survivor.get(label, label))
         if found is None:

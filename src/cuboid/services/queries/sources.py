@@ -15,6 +15,7 @@ from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import TrackedObject, Wall
+from cuboid.ground.core.values import ObjectStatus
 from cuboid.ground.formats.folder import OBJECTS, REPORT
 from cuboid.inputs.readers.reopen import reopen_recording
 from cuboid.method.text_search import TextModel
@@ -22,7 +23,7 @@ from cuboid.results.files import Results
 from cuboid.results.files.queries import MapQueries
 from cuboid.results.views.report.pictures import cut_picture
 from cuboid.runs.scene import Scene, SceneObject, SceneRecording
-from cuboid.services.queries.answers import Later, PastRelated, Seen, SightingAnswer, State
+from cuboid.services.queries.answers import Later, PastRelated, Seen, SightingAnswer
 from cuboid.services.queries.filters import label_of
 from cuboid.services.queries.in_results import later_in_results, name_of, seen_in_results
 from cuboid.services.queries.likeness import color_fractions, colors_of
@@ -102,7 +103,7 @@ class Source(ABC):
         """Return the vectors of the objects by an image-text model, by label."""
         return {}
 
-    def objects(self) -> list[tuple[TrackedObject, State]]:
+    def objects(self) -> list[tuple[TrackedObject, ObjectStatus]]:
         """Return all objects, gone ones included, sorted by label."""
         return [(item, "present") for item in self.map.objects]
 
@@ -118,7 +119,7 @@ class Source(ABC):
         """Return a frame that saw an object, with its time."""
         return Seen(frame)
 
-    def later(self, item: TrackedObject, state: State) -> Later | None:
+    def later(self, item: TrackedObject, state: ObjectStatus) -> Later | None:
         """Return what is known of an object after its last sighting; None if it is not known."""
         return None
 
@@ -193,7 +194,7 @@ class ResultsSource(Source):
         """Return the vectors of the objects by an image-text model, by label."""
         return self.aside.vectors(model)
 
-    def objects(self) -> list[tuple[TrackedObject, State]]:
+    def objects(self) -> list[tuple[TrackedObject, ObjectStatus]]:
         """Return the objects, and those that were gone at the end, sorted by label."""
         present, gone = super().objects(), [(item, "gone") for item in self.map.gone]
         return sorted([*present, *gone], key=lambda one: one[0].label)  # type: ignore[list-item]  # a literal
@@ -201,7 +202,7 @@ class ResultsSource(Source):
     def _seen(self, frame: int, item: TrackedObject) -> Seen:
         return seen_in_results(self.map, frame, item)
 
-    def later(self, item: TrackedObject, state: State) -> Later:
+    def later(self, item: TrackedObject, state: ObjectStatus) -> Later:
         """Return what the frames after the last sighting of an object show."""
         return later_in_results(self.map, item)
 
@@ -302,7 +303,7 @@ class SceneSource(Source):
         with Scene.open(self._path) as scene:
             return scene.vectors(model)
 
-    def objects(self) -> list[tuple[TrackedObject, State]]:
+    def objects(self) -> list[tuple[TrackedObject, ObjectStatus]]:
         """Return all objects that ever had a label, sorted by label."""
         return [(item, item.state) for item in self.map.all_objects]  # type: ignore[misc]  # a literal in the file
 
@@ -325,7 +326,7 @@ class SceneSource(Source):
             self._poses[recording] = self.map.poses(recording)
         return self._poses[recording]
 
-    def later(self, item: TrackedObject, state: State) -> Later | None:
+    def later(self, item: TrackedObject, state: ObjectStatus) -> Later | None:
         """Return what the frames after the last sighting of an object show, over all later recordings."""
         if not isinstance(item, SceneObject):
             return None

@@ -12,9 +12,10 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import MapPoints, ObjectEvent, SupportPlane, TrackedObject
+from cuboid.ground.core.values import ObjectStatus
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries, PointCloud
-from cuboid.services.queries.answers import Later, Seen, SightingAnswer, State
+from cuboid.services.queries.answers import Later, Seen, SightingAnswer
 from cuboid.services.queries.looking import seen_from
 from cuboid.services.queries.sources import Source
 from cuboid.services.service.updates import Update
@@ -143,7 +144,7 @@ class RunSource(Source):
         time_s = float(np.interp(frame, self._frames, self._seconds))
         return seen_from(frame, item.box, time_s=time_s, camera=self.title, T_world_camera=self._poses.get(frame))
 
-    def later(self, item: TrackedObject, state: State) -> Later | None:
+    def later(self, item: TrackedObject, state: ObjectStatus) -> Later | None:
         """Return that an object is there if the last frame saw it; more is known at the end of the run."""
         return Later("there") if self._frames and item.last_frame >= self._frames[-1] else None
 

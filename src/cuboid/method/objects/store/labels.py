@@ -14,7 +14,6 @@ from cuboid.ground.geometry.box import Box
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.affinity import Affinity, AffinityState
 from cuboid.method.objects.entry import (
-    NOT_COUNTED,
     MapObject,
     ObjectRecord,
     ObjectWithoutDepth,
@@ -28,8 +27,6 @@ from cuboid.method.objects.store.without_depth import EvidenceWithoutDepth
 
 # The sightings of an object before it was moved have at most this weight: its box is soon fitted at its new place.
 MOVED_SIGHTINGS = 1.0
-# Probability of an object that no frame has judged.
-UNJUDGED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +93,6 @@ class ObjectStore(EvidenceWithoutDepth):
     def from_state(cls, state: ObjectStoreState, voxels: VoxelMap) -> ObjectStore:
         """Return a store that continues from a state; the voxel map is already restored."""
         store = cls(voxels)
-        for entry in state.objects.values():
-            if entry.shown == NOT_COUNTED:
-                _judge_anew(entry)
-            elif entry.compared == NOT_COUNTED:
-                entry.compared = max(0.0, entry.sightings - 1.0)  # the first one started it
         store._objects, store._next_number, store._next_label = state.objects, state.next_number, state.next_label
         store._confirmed = {number: entry for number, entry in state.objects.items() if entry.confirmed}
         store.affinity, store._boxes = Affinity.from_state(state.affinity), BoxTable(state.boxes)
@@ -108,8 +100,6 @@ class ObjectStore(EvidenceWithoutDepth):
 
     def restore_without_depth(self, entries: Sequence[ObjectWithoutDepth]) -> None:
         """Continue with the objects without depth of a state."""
-        for entry in entries:
-            entry.state = State.CONFIRMED if entry.label else State.CANDIDATE  # older states have labels alone
         self._without_depth = {entry.number: entry for entry in entries}
         self._next_number_without_depth = 1 + max(self._without_depth, default=0)
 
@@ -289,12 +279,6 @@ class ObjectStore(EvidenceWithoutDepth):
     def leave_map(self, entry: ObjectWithoutDepth) -> None:
         """Undo `join_map`, because the object of the map was retired; the label stays with both."""
         entry.partner, entry.meetings = 0, {}
-
-
-def _judge_anew(entry: MapObject) -> None:
-    """Let an object from a version without probabilities begin its evidence anew; a label stays."""
-    entry.shown = entry.sightings = entry.fitted = entry.compared = 0.0
-    entry.probability = UNJUDGED
 
 
 def _unite_labels(kept: ObjectRecord, gone: ObjectRecord) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -23,10 +24,9 @@ from cuboid.results.views.drawing import draw_frame, hidden_objects
 from cuboid.results.views.live.watch import CameraView, Moment
 from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.report.page import SHARED, assembled, page_source, style
-from cuboid.results.views.report.points import LARGEST, STEP_M, spacing, thinned
+from cuboid.results.views.report.points import STEP_M, spacing, stepped, thinned
 from cuboid.results.views.report.summary import (
     TURN_DIGITS,
-    camera_document,
     event_document,
     inferno,
     object_document,
@@ -65,7 +65,7 @@ def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pos
     poses = np.zeros((0, 12)) if first_pose is None else first_pose[:3].reshape(1, 12)
     document = {
         "title": title,
-        "camera": camera_document(intrinsics),
+        "camera": asdict(intrinsics),
         "inferno": packed(inferno()),
         "frames": packed(np.arange(len(poses), dtype="<i4")),
         "poses": packed(poses.astype("<f4")),
@@ -129,11 +129,7 @@ def map_message(number: int, points: MapPoints, spacing_m: float, max_points: in
         Largest number of points sent.
     """
     kept = thinned(points.label, max_points)
-    xyz = points.xyz[kept]
-    low = xyz.min(axis=0).astype(np.float64) if len(xyz) else np.zeros(3)
-    extent_m = float((xyz - low).max()) if len(xyz) else 0.0
-    step_m = max(STEP_M, extent_m / LARGEST)
-    steps = np.round((xyz - low) / step_m).astype("<u2")
+    low, step_m, steps = stepped(points.xyz[kept])
     look = np.empty((len(kept), 4), np.uint8)
     look[:, :3] = points.rgb[kept]
     look[:, 3] = np.clip(points.heat[kept] * 255.0, 0.0, 255.0)
@@ -147,7 +143,13 @@ def map_message(number: int, points: MapPoints, spacing_m: float, max_points: in
     }
     text = json.dumps(header, separators=(",", ":")).encode("ascii")
     text += b" " * (-len(text) % 4)
-    parts = (len(text).to_bytes(4, "little"), text, look.tobytes(), steps.tobytes(), points.label[kept].astype("<u2"))
+    parts = (
+        len(text).to_bytes(4, "little"),
+        text,
+        look.tobytes(),
+        steps.astype("<u2").tobytes(),
+        points.label[kept].astype("<u2"),
+    )
     return b"".join(bytes(part) for part in parts)
 
 
@@ -174,7 +176,7 @@ def _camera(
     intrinsics = intrinsics if view.camera is None else view.camera.intrinsics
     return {
         "name": "" if view.camera is None else view.camera.name,
-        "lens": camera_document(intrinsics),
+        "lens": asdict(intrinsics),
         "pose": rounded_list(view.T_world_camera[:3].ravel(), TURN_DIGITS),
         "path": packed(view.path.astype("<f4")),
         "picture": base64.b64encode(_picture(view, objects, intrinsics, measured)).decode("ascii"),

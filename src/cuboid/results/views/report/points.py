@@ -85,11 +85,7 @@ def pack_points(points: MapPoints) -> PackedPoints:
     They are selected evenly in the order of the map, points of objects more densely.
     """
     kept = thinned(points.label, MAX_POINTS)
-    xyz = points.xyz[kept].astype(np.float64)
-    low = xyz.min(axis=0) if len(xyz) else np.zeros(3)
-    extent_m = float((xyz - low).max()) if len(xyz) else 0.0
-    step_m = max(STEP_M, extent_m / LARGEST)
-    cells = np.round((xyz - low) / step_m).astype(np.uint16)
+    low, step_m, cells = stepped(points.xyz[kept])
     order = np.argsort(morton(cells), kind="stable")
     level = np.round(255.0 * np.clip(points.heat[kept], 0.0, 1.0)).astype(np.uint8)
     label = points.label[kept].astype(np.uint16)
@@ -97,6 +93,14 @@ def pack_points(points: MapPoints) -> PackedPoints:
     columns += [_differences(level[order]), *_bytes_of(_differences(label[order])[:, None])]
     content = zlib.compress(b"".join(column.tobytes() for column in columns), EFFORT)
     return PackedPoints(len(kept), len(points.xyz), low, step_m, spacing(points.xyz[kept]), content)
+
+
+def stepped(xyz: Float32Array) -> tuple[Float64Array, float, npt.NDArray[np.uint16]]:
+    """Return points (N, 3) in whole steps (N, 3) from their lowest coordinates (3,), and the step, metres."""
+    low = xyz.min(axis=0).astype(np.float64) if len(xyz) else np.zeros(3)
+    extent_m = float((xyz - low).max()) if len(xyz) else 0.0
+    step_m = max(STEP_M, extent_m / LARGEST)
+    return low, step_m, np.round((xyz - low) / step_m).astype(np.uint16)
 
 
 def thinned(label: npt.NDArray[np.int32], max_points: int) -> npt.NDArray[np.int64]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.palette import color_of, hex_of, ink_on
 from cuboid.ground.core.results import SceneChange, TrackedObject
 from cuboid.results.files import ObjectsFile, PoseRow, Results, RunReport, TrackRow
@@ -86,7 +86,7 @@ class Summary:
             "run": self.report.to_dict(),
             "skipped": [[kind.frame, kind.count, kind.reason] for kind in self.report.skipped_kinds()],
             "up": None if self.found.up is None else rounded_list(self.found.up, TURN_DIGITS),
-            "camera": camera_document(self.found.intrinsics),
+            "camera": asdict(self.found.intrinsics),
             "planes": [surface_to_json(plane) for plane in self.found.planes],
             "objects": [self._object(item, seen.get(item.label, [])) for item in self.found.objects],
             "gone": [
@@ -306,11 +306,6 @@ def event_document(event: EventRow) -> dict[str, Any]:
         "event": event.event,
         "metres": metres,
     }
-
-
-def camera_document(K: Intrinsics) -> dict[str, float]:
-    """Return the pinhole in the form that the page reads."""
-    return {"fx": K.fx, "fy": K.fy, "cx": K.cx, "cy": K.cy, "width": K.width, "height": K.height}
 
 
 def label_colors(label: int) -> dict[str, str]:

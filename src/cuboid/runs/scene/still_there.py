@@ -20,7 +20,7 @@ AROUND = np.array(sorted(np.ndindex(3, 3, 3), key=lambda k: (np.abs(np.array(k) 
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class StillThere:
     """The result of looking for an old object's points at a later visit.
 
     Attributes
@@ -35,7 +35,7 @@ class Standing:
     owners: npt.NDArray[np.int32]
 
 
-def standing(voxels: VoxelMap, old: OldObject, first_frame: int) -> Standing:
+def still_there(voxels: VoxelMap, old: OldObject, first_frame: int) -> StillThere:
     """Return whether an object is still there, and the present owners of its points.
 
     Parameters
@@ -52,7 +52,7 @@ def standing(voxels: VoxelMap, old: OldObject, first_frame: int) -> Standing:
     first = np.argmax(owner > 0, axis=0)
     carved = float((rows[0] < 0).mean())
     still = float(again.any(0).mean()) >= SAME_PLACE and carved < CHANGED
-    return Standing(still, owner[first, np.arange(owner.shape[1])])
+    return StillThere(still, owner[first, np.arange(owner.shape[1])])
 
 
 def fraction_near(points: Float32Array, others: Float32Array, within_m: float) -> float:

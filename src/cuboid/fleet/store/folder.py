@@ -27,7 +27,7 @@ RESULTS = "results"
 DICTIONARY_ROWS = 10_000
 
 
-class Place:
+class StoreFolder:
     """A folder of files, local or in an object store.
 
     Parameters

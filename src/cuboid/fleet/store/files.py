@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 import msgspec
 import pyarrow as pa
 
-from cuboid.fleet.store.place import Place
+from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.schema import DONE, RUNS, TABLES
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.formats.json_validation import checked
@@ -62,7 +62,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class StoreFiles:
     """The valid files of a store at one moment.
 
     Attributes
@@ -105,12 +105,12 @@ def key_of(run: str, state: str) -> str:
     return f"{'part' if state == DONE else 'fail'}-{run}"
 
 
-def snapshot(place: Place, *, every_key: bool = False) -> Snapshot:
+def store_files(place: StoreFolder, *, every_key: bool = False) -> StoreFiles:
     """Return the valid files of a store; none if there is no store yet.
 
     Parameters
     ----------
-    place : Place
+    place : StoreFolder
     every_key : bool
         Whether to fill `keys`, which requires reading the gathered files.
 
@@ -121,13 +121,13 @@ def snapshot(place: Place, *, every_key: bool = False) -> Snapshot:
     """
     for _ in range(ATTEMPTS):
         try:
-            return _snapshot(place, every_key)
+            return _files_now(place, every_key)
         except FileNotFoundError as error:  # gathered into another file meanwhile
             missing = error
     raise InputError(f"{place.url}: is damaged: {missing}") from None
 
 
-def _snapshot(place: Place, every_key: bool) -> Snapshot:
+def _files_now(place: StoreFolder, every_key: bool) -> StoreFiles:
     found = [match for name in place.names(RUNS) if (match := _PART.fullmatch(name))]  # before the manifest is read
     parts = sorted((Part(match["key"], match["day"]) for match in found), key=lambda part: (part.day, part.key))
     number, manifest = _newest(place)
@@ -138,7 +138,7 @@ def _snapshot(place: Place, every_key: bool) -> Snapshot:
         gathered.update(key_of(run, state) for run, state in pairs)
     fresh = tuple(part for part in parts if part.key not in gathered)
     left = tuple(part for part in parts if part.key in gathered)
-    return Snapshot(number, manifest.files, fresh, left, frozenset(gathered | {part.key for part in fresh}))
+    return StoreFiles(number, manifest.files, fresh, left, frozenset(gathered | {part.key for part in fresh}))
 
 
 def manifest_name(number: int) -> str:
@@ -146,13 +146,13 @@ def manifest_name(number: int) -> str:
     return f"{MANIFESTS}/{number:09d}.json"
 
 
-def manifests(place: Place) -> list[int]:
+def manifests(place: StoreFolder) -> list[int]:
     """Return the numbers of all manifests, ascending."""
     stems = (PurePosixPath(name).stem for name in place.names(MANIFESTS))
     return sorted(int(stem) for stem in stems if stem.isdecimal())
 
 
-def _newest(place: Place) -> tuple[int, Manifest]:
+def _newest(place: StoreFolder) -> tuple[int, Manifest]:
     """Return the newest manifest and its number; raise FileNotFoundError if it was replaced meanwhile."""
     numbers = manifests(place)
     if not numbers:
