@@ -23,8 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.ground.core.errors import CuboidError, InputError
+from place_figures import FIGURES
 from place_list import DATA, FURTHER
-from place_tables import places_table, real, reliability_table, stills, summary_table, worst
+from place_tables import made, places_table, real, reliability_table, stills, summary_table, worst
 from scoring import mean, total
 from tables import cell, markdown
 
@@ -138,7 +139,7 @@ def tables_of(document: Document) -> dict[str, Callable[[], str]]:
         "scene 01 beside peers": lambda: scene_01(rows, document["peers"]),
         "summary": lambda: summary_table(rows),
         "real places": lambda: places_table([row for row in rows if not row["made"]]),
-        "made kinds": lambda: places_table([row for row in rows if row["made"]]),
+        "made kinds": lambda: made_kinds(rows),
         "reliability": lambda: reliability_table([*real(rows), *stills(rows)]),
         "speed": lambda: speed(document["bench"]),
         "stages": lambda: stages(document["bench"]),
@@ -157,6 +158,15 @@ def short_places(rows: Sequence[Document]) -> str:
         value, place = worst(places, name).rstrip(")").split(" (")
         lines.append([heading, _percent(mean(places, name)), f"{_percent(float(value))}: {ABOUT.get(place, place)}"])
     return markdown([f"{len(places)} real places", "mean", "worst"], lines)
+
+
+def made_kinds(rows: Sequence[Document]) -> str:
+    """Return the main figures of made kinds."""
+    names = ("recall", "precision", "f1", "one_label", "idf1", "hota")
+    lines = [
+        [row["name"].removeprefix("made "), str(row["wanted"]), *(row[name] for name in names)] for row in made(rows)
+    ]
+    return markdown(["kind", "to find", *(FIGURES[name] for name in names)], lines)
 
 
 def _percent(value: float | None) -> str:
@@ -183,7 +193,7 @@ def _found(row: Document) -> int:
 
 
 def peers(found: Mapping[str, Sequence[Document]]) -> str:
-    """Return the figures of all systems over all cases: means, and sums of counts."""
+    """Return the figures of all systems over all cases: means, and sums of counts; and the names of the cases."""
     header = ["system", *(heading for _, heading in PEER_COUNTS), *(heading for _, heading, _ in PEER_FIGURES)]
     lines = [
         [
@@ -193,7 +203,8 @@ def peers(found: Mapping[str, Sequence[Document]]) -> str:
         ]
         for name, rows in found.items()
     ]
-    return markdown(header, lines)
+    cases = ", ".join(row["scene"] for row in found[OURS])
+    return f"{markdown(header, lines)}\n\nMeans and sums over: {cases}."
 
 
 def speed(bench: Document) -> str:
