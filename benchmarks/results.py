@@ -25,7 +25,7 @@ from typing import Any
 from cuboid.ground.core.errors import CuboidError, InputError
 from place_figures import FIGURES
 from place_list import DATA, FURTHER
-from place_tables import made, places_table, real, reliability_table, stills, summary_table, worst
+from place_tables import made, real, reliability_table, stills, summary_table, worst
 from scoring import mean, total
 from tables import cell, markdown
 
@@ -33,10 +33,12 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 RESULTS = Path(__file__).with_name("results.json")
 PAGES = (REPOSITORY / "README.md", REPOSITORY / "BENCHMARK.md")
 FORMAT, VERSION = "cuboid-results", 1
-MARKED = re.compile(r"(<!-- figures: (.+?) -->\n\n).*?(\n\n<!-- end -->)", re.DOTALL)
+MARKED = re.compile(r"<!-- figures: (.+?) -->\n.*?<!-- end -->", re.DOTALL)
 SCENE_01 = "rgbd-scenes-v2"
 ABOUT = {place.name: place.about for place in (*DATA, *FURTHER)}
 OURS = "Cuboid"
+# The systems of the README's table.
+BESIDE = (OURS, "AB3DMOT on Cuboid's boxes", "Open3D pipeline")
 # Figures of all peers: name in the results, heading, digits.
 PEER_FIGURES = (
     ("recall_50", "recall", 3),
@@ -124,9 +126,9 @@ def with_tables(page: str, tables: Mapping[str, Callable[[], str]]) -> str:
     """Return a page with the tables of the results at its marks."""
 
     def table(found: re.Match[str]) -> str:
-        if found[2] not in tables:
-            raise InputError(f"no table is called '{found[2]}'; there are {', '.join(tables)}")
-        return found[1] + tables[found[2]]() + found[3]
+        if found[1] not in tables:
+            raise InputError(f"no table is called '{found[1]}'; there are {', '.join(tables)}")
+        return f"<!-- figures: {found[1]} -->\n\n{tables[found[1]]()}\n\n<!-- end -->"
 
     return MARKED.sub(table, page)
 
@@ -138,7 +140,7 @@ def tables_of(document: Document) -> dict[str, Callable[[], str]]:
         "places in short": lambda: short_places(rows),
         "scene 01 beside peers": lambda: scene_01(rows, document["peers"]),
         "summary": lambda: summary_table(rows),
-        "real places": lambda: places_table([row for row in rows if not row["made"]]),
+        "real places": lambda: real_places([*real(rows), *stills(rows)]),
         "made kinds": lambda: made_kinds(rows),
         "reliability": lambda: reliability_table([*real(rows), *stills(rows)]),
         "speed": lambda: speed(document["bench"]),
@@ -160,6 +162,16 @@ def short_places(rows: Sequence[Document]) -> str:
     return markdown([f"{len(places)} real places", "mean", "worst"], lines)
 
 
+def real_places(rows: Sequence[Document]) -> str:
+    """Return the figures of real places, without AP."""
+    names = [name for name in FIGURES if name != "ap"]
+    lines = [
+        [row["name"], row["kind"], f"{row['iou']:g}".lstrip("0"), str(row["wanted"]), *(row[name] for name in names)]
+        for row in rows
+    ]
+    return markdown(["place", "kind", "IoU", "to find", *(FIGURES[name] for name in names)], lines)
+
+
 def made_kinds(rows: Sequence[Document]) -> str:
     """Return the main figures of made kinds."""
     names = ("recall", "precision", "f1", "one_label", "idf1", "hota")
@@ -176,13 +188,13 @@ def _percent(value: float | None) -> str:
 def scene_01(rows: Sequence[Document], peers: Mapping[str, Sequence[Document]]) -> str:
     """Return the figures of the table objects of scene 01, beside those of peers."""
     ours = next(row for row in rows if row["name"] == SCENE_01)["boxes"]
-    columns = {name: next(row for row in found if row["scene"] == "scene 01") for name, found in peers.items()}
+    columns = {name: next(row for row in peers[name] if row["scene"] == "scene 01") for name in BESIDE}
     times = {name: row["ms_frame"] for name, row in columns.items()}
     columns[OURS] = ours
     lines = [["objects found at IoU 0.5", *(f"{_found(row)} of {row['objects']}" for row in columns.values())]]
     for name, heading in (("switches", "label switches"), ("proposals", "labels given in the whole room")):
         lines.append([heading, *(str(row[name]) for row in columns.values())])
-    for name, heading in (("mean_iou", "mean IoU of the boxes"), ("hota", "HOTA"), ("idf1_25", "IDF1")):
+    for name, heading in (("mean_iou", "mean IoU of the boxes"), ("hota", "HOTA")):
         lines.append([heading, *(cell(row[name], 2) for row in columns.values())])
     lines.append(["processor time of a frame, median", *(f"{ms:.0f} ms" for ms in times.values())])
     return markdown(["", *columns], lines)
@@ -213,15 +225,15 @@ def speed(bench: Document) -> str:
     lines = [[name, f"{tail[f'{key}_ms']:.1f} ms", f"{tail[f'{key}_decodes']:.1f}"] for key, name in TAIL]
     lines.append(["decoding", f"{tail['decode_ms']:.1f} ms", "1"])
     lines.append(["highest memory of the process", f"{bench['peak_memory_mb']:.0f} MB", ""])
-    lines.append(["map", f"{points['points']} points, {points['bytes_per_point']:.0f} bytes each", ""])
+    lines.append(["map, a point", f"{points['bytes_per_point']:.0f} bytes", ""])
     return markdown([f"{bench['machine']['cpu']}, one thread", "", "units of decoding"], lines)
 
 
 def stages(bench: Document) -> str:
-    """Return the time of each stage."""
-    times = {name: time for name, time in bench["milliseconds"].items() if name != "frame"}
-    lines = [[kind, *(f"{time[kind]:.1f}" for time in times.values())] for kind in ("median", "p95")]
-    return markdown(["ms", *times], lines)
+    """Return the time of each stage in one sentence."""
+    times = ((name, time) for name, time in bench["milliseconds"].items() if name != "frame")
+    parts = ", ".join(f"{name} {time['median']:.1f} ({time['p95']:.1f})" for name, time in times)
+    return f"Stages, median and 95th percentile in milliseconds: {parts}."
 
 
 def measures(rows: Sequence[Mapping[str, str]]) -> str:

@@ -25,7 +25,7 @@ def test_the_tables_of_a_page_are_those_of_the_results(page: Path) -> None:
 
 def test_each_table_of_the_results_is_on_one_page() -> None:
     texts = [page.read_text(encoding="utf-8") for page in PAGES]
-    shown = [found[2] for text in texts for found in MARKED.finditer(text)]
+    shown = [found[1] for text in texts for found in MARKED.finditer(text)]
     assert sorted(shown) == sorted(tables_of(load()))
     assert sum(text.count("<!-- figures: ") for text in texts) == len(shown)
 
@@ -99,6 +99,15 @@ def test_a_printed_table_is_read_by_its_headings() -> None:
     ]
     with pytest.raises(InputError, match="expected a table"):
         table_of("nothing\n")
+
+
+def test_empty_marks_are_filled_each_for_itself() -> None:
+    page = "".join(f"<!-- figures: {name} -->\n\n<!-- end -->\n\ntext\n" for name in "ab")
+    tables = {"a": lambda: "| 1 |", "b": lambda: "| 2 |"}
+    filled = with_tables(page, tables)
+    assert filled.count("text") == 2
+    assert "<!-- figures: a -->\n\n| 1 |\n\n<!-- end -->" in filled
+    assert with_tables(filled, tables) == filled
 
 
 def test_a_mark_without_a_table_is_an_error() -> None:
