@@ -196,7 +196,7 @@ def scene_01(rows: Sequence[Document], peers: Mapping[str, Sequence[Document]], 
         lines.append([heading, *(str(row[name]) for row in columns.values())])
     for name, heading in (("mean_iou", "mean IoU of the boxes"), ("hota", "HOTA")):
         lines.append([heading, *(cell(row[name], 2) for row in columns.values())])
-    lines.append(["time of a frame, median", *(f"{ms:.0f} ms" for ms in times.values())])
+    lines.append(["time of a frame, median (AB3DMOT: association alone)", *(f"{ms:.0f} ms" for ms in times.values())])
     return markdown(["", *columns], lines)
 
 
@@ -232,8 +232,8 @@ def speed(bench: Document) -> str:
 def stages(bench: Document) -> str:
     """Return the time of each stage in one sentence."""
     times = ((name, time) for name, time in bench["milliseconds"].items() if name != "frame")
-    parts = ", ".join(f"{name} {time['median']:.1f} ({time['p95']:.1f})" for name, time in times)
-    return f"Stages, median and 95th percentile in milliseconds: {parts}."
+    parts = (f"{name} {time['median']:.1f} ({time['p95']:.1f})" for name, time in times)
+    return ",\n".join(["Stages, median and 95th percentile in milliseconds", *parts]) + "."
 
 
 def measures(rows: Sequence[Mapping[str, str]]) -> str:
