@@ -14,6 +14,7 @@ import tomllib
 import venv
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy
 import pytest
@@ -28,10 +29,8 @@ assert "site" in cuboid.__file__, cuboid.__file__
 for name in {names!r}:
     getattr(cuboid, name)
 from cuboid.cli import main
-words = "synth --kind table --seed 3 --frames 12 --size 160x120 --output made".split()
-assert main(words) == 0
-assert main(["track", "made", "--output", "results"]) == 0
-assert cuboid.open_results("results").report.frames_used == 12
+assert main("demo --frames 12 --no-video".split()) == 0
+assert cuboid.open_results("cuboid-demo/results").report.frames_used == 12
 """
 
 
@@ -163,12 +162,36 @@ def test_the_files_of_the_release_name_its_version() -> None:
     assert f"cuboid-{cuboid.__version__}-py3-none-any.whl" in (REPOSITORY / "docs" / "index.md").read_text("utf-8")
 
 
-def test_the_workflow_runs_what_the_project_promises() -> None:
-    text = (REPOSITORY / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
-    assert "bash .ci/run" in text
+def pythons(project: dict[str, Any]) -> list[str]:
+    """Return the versions of Python that the classifiers name."""
+    named = (re.fullmatch(r"Programming Language :: Python :: (3\.\d+)", line) for line in project["classifiers"])
+    return [found[1] for found in named if found]
+
+
+def test_classifiers_and_citation_agree_with_the_project() -> None:
+    table = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
+    project, tools = table["project"], table["tool"]
+    assert project["requires-python"] == f">={pythons(project)[0]}"
+    assert tools["mypy"]["python_version"] == pythons(project)[0]
+    assert tools["ruff"]["target-version"] == "py" + pythons(project)[0].replace(".", "")
+    citation = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(rf"^license: {re.escape(project['license'])}$", citation, re.MULTILINE)
+    assert f"name: {project['authors'][0]['name']}" in citation
+
+
+@pytest.mark.parametrize("name", ["ci.yml", "release.yml"])
+def test_the_workflows_run_what_the_project_promises(name: str) -> None:
+    text = (REPOSITORY / ".github" / "workflows" / name).read_text(encoding="utf-8")
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    for line in project["classifiers"]:
-        if found := re.fullmatch(r"Programming Language :: Python :: (3\.\d+)", line):
-            assert f'"{found[1]}"' in text, line
-    for system in ("ubuntu", "macos", "windows"):
-        assert f"{system}-latest" in text
+    assert f"python: {json.dumps(pythons(project))}" in text
+    promised = {
+        "ci.yml": ("bash .ci/run", "windows-latest", "macos-latest", "ubuntu-latest"),
+        "release.yml": (
+            "run: python -m build\n",
+            "--no-isolation",
+            "ubuntu-24.04-arm",
+            "id-token: write",
+            "run: cuboid demo",
+        ),
+    }
+    assert [words for words in promised[name] if words not in text] == []
