@@ -12,10 +12,8 @@ from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.rooms import add_home, add_plain_room, count_neither_way
 from cuboid.lab.synthetic.scene import SceneObject, Surface
-from cuboid.lab.synthetic.shapes import turned
-from cuboid.lab.synthetic.shapes.model import Model, choice
-from cuboid.lab.synthetic.shapes.tableware import PLATE_FLAT, PLATE_FLOOR_M, TRAY_FLOOR_M, tray_of
-from cuboid.lab.synthetic.shapes.toys import TOYS
+from cuboid.lab.synthetic.shapes import FAMILIES, Model, build, choice, turned
+from cuboid.lab.synthetic.shapes.table import PLATE_FLAT, PLATE_FLOOR_M, TRAY_FLOOR_M
 from cuboid.lab.synthetic.solids import hollow, rounded_rectangle, swept
 
 # Walls and floor of a toy box, metres.
@@ -85,7 +83,7 @@ def build_toybox(draft: Draft) -> None:
     angle = rng.uniform(0, np.pi)
     draft.add(body, turn(angle))
     draft.objects = Arrangement((Surface("toy box", BOX_FLOOR_M, np.zeros(2), half, angle),), rng)
-    for number, model in enumerate(draft.models(14, tuple(TOYS))):
+    for number, model in enumerate(draft.models(14, tuple(FAMILIES["toys"]))):
         alone = [one for one in draft.objects.objects if not one.touches]
         if number % 4 != 3 or not alone:
             draft.objects.put(model, 0, rng.uniform(0.004, 0.015))
@@ -141,7 +139,7 @@ def _filled_tray(draft: Draft, place: tuple[float, float]) -> None:
     rng = draft.rng
     x, y = rng.uniform(0.34, 0.44), rng.uniform(0.25, 0.3)
     angle = rng.uniform(0, np.pi)
-    tray = draft.objects.put_near(turned(tray_of(rng, x, y), angle), 0, 0.03, place, (0.1, 0.1), 0.0)
+    tray = draft.objects.put_near(turned(build("tray", rng, x=x, y=y), angle), 0, 0.03, place, (0.1, 0.1), 0.0)
     if tray is None:
         return
     inner = (x / 2 - 0.02) * np.array([1.0, y / x])

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
+from functools import partial
 
-from cuboid.lab.synthetic.shapes.basic import MAKERS
-from cuboid.lab.synthetic.shapes.model import Maker, Model, turned
-from cuboid.lab.synthetic.shapes.office import OFFICE
-from cuboid.lab.synthetic.shapes.paper import PAPER
-from cuboid.lab.synthetic.shapes.soft import SOFT
-from cuboid.lab.synthetic.shapes.tableware import TABLEWARE
-from cuboid.lab.synthetic.shapes.toys import TOYS
-from cuboid.lab.synthetic.shapes.vessels import VESSELS
+from cuboid.lab.synthetic.shapes import procedural
+from cuboid.lab.synthetic.shapes.model import Maker, Model, choice, standing, turned
+from cuboid.lab.synthetic.shapes.table import build, families
 
+
+def _makers(names: list[str]) -> dict[str, Maker]:
+    return {name: getattr(procedural, name, None) or partial(build, name) for name in names}
+
+
+FAMILIES: Mapping[str, Mapping[str, Maker]] = {family: _makers(names) for family, names in families().items()}
 # All makers by name; the first kinds of scenes draw from `MAKERS` alone.
-CATALOGUE: Mapping[str, Maker] = MappingProxyType({**MAKERS, **VESSELS, **TABLEWARE, **OFFICE, **PAPER, **SOFT, **TOYS})
+MAKERS = FAMILIES["basic"]
+CATALOGUE: Mapping[str, Maker] = {name: maker for makers in FAMILIES.values() for name, maker in makers.items()}
 
-__all__ = ["CATALOGUE", "MAKERS", "Maker", "Model", "turned"]
+__all__ = ["CATALOGUE", "FAMILIES", "MAKERS", "Maker", "Model", "build", "choice", "standing", "turned"]
