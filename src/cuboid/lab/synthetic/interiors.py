@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.lab.synthetic import fittings
-from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.clutter import add_cables, add_clutter, add_papers
 from cuboid.lab.synthetic.draft import ROOM_HALF_M, Draft, on_floor
 from cuboid.lab.synthetic.mesh import shift, turn
@@ -67,7 +65,7 @@ def build_desk(draft: Draft) -> None:
     half = np.array([rng.uniform(0.72, 0.88), rng.uniform(0.36, 0.42)])
     middle = np.array([rng.uniform(-0.6, 0.6), ROOM_HALF_M - half[1] - 0.04])
     surface = Surface("desk", rng.uniform(0.7, 0.76), middle, half)
-    draft.add(made.table(rng, (*(2 * half), surface.height_m)), on_floor(surface))
+    draft.add(draft.make("table", x=2 * half[0], y=2 * half[1], height=surface.height_m), on_floor(surface))
     draft.objects = Arrangement((surface,), rng)
     _workplace(draft)
     for model in draft.models(int(rng.integers(7, 11)), ON_DESK):
@@ -77,7 +75,7 @@ def build_desk(draft: Draft) -> None:
     add_clutter(draft, 0, leaflets=int(rng.integers(0, 2)), cloths=int(rng.random() < 0.3))
     add_cables(draft, 0, int(rng.integers(2, 5)))
     beside = shift((middle[0] + choice(rng, (-1, 1)) * (half[0] + 0.4), middle[1] - 0.1, 0))
-    draft.add(made.office_chair(rng), beside @ turn(rng.uniform(0, 2 * np.pi)), doubtful=True)
+    draft.add(draft.make("office_chair"), beside @ turn(rng.uniform(0, 2 * np.pi)), doubtful=True)
     draft.waypoints = in_front(
         draft, (*middle, surface.height_m + 0.1), rng.uniform(1.0, 1.25), surface.height_m + rng.uniform(0.4, 0.6), 0.85
     )
@@ -143,14 +141,14 @@ def build_kitchen(draft: Draft) -> None:
     at_wall = np.array([rng.uniform(-0.5, 0.5), ROOM_HALF_M])
     wall = shift((*at_wall, 0))
     surface = Surface("counter", height, at_wall - (0, deep + 0.012), np.array([long, deep - 0.005]))
-    draft.add(fittings.base_cabinets(rng, 2 * long, 2 * deep, height), on_floor(surface))
-    draft.add(fittings.splashback(rng, 2 * long, height), wall)
-    draft.add(fittings.wall_cabinets(rng, 2 * long), wall)
+    draft.add(draft.make("base_cabinets", length=2 * long, depth=2 * deep, height=height), on_floor(surface))
+    draft.add(draft.make("splashback", length=2 * long, low=height), wall)
+    draft.add(draft.make("wall_cabinets", length=2 * long), wall)
     for x in rng.uniform(-0.8, 0.8, 2):
-        draft.add(fittings.socket(rng), wall @ shift((x * long, -0.008, height + 0.22)))
+        draft.add(draft.make("socket"), wall @ shift((x * long, -0.008, height + 0.22)))
     draft.objects = Arrangement((surface,), rng)
     hob = surface.at(rng.uniform(-0.6, 0.6), 0.05)
-    draft.add(fittings.hob(rng), shift((*hob, height - 0.003)))
+    draft.add(draft.make("hob"), shift((*hob, height - 0.003)))
     for model in draft.models(int(rng.integers(3, 5)), APPLIANCES):
         draft.objects.put_near(model, 0, 0.02, (rng.uniform(-0.9, 0.9), 0.45), (0.3, 0.4))
     _piles(draft)
@@ -180,7 +178,9 @@ def build_bookshelf(draft: Draft) -> None:
     steps = rng.uniform(0.33, 0.4, 4)
     boards = 0.3 + np.concatenate([[0.0], np.cumsum(steps)])[:4]
     x, y = rng.uniform(-0.6, 0.6), ROOM_HALF_M - deep / 2 - 0.02
-    draft.add(made.shelf(rng, (wide, deep, boards[-1] + steps[-1]), boards.tolist()), shift((x, y, 0)))
+    draft.add(
+        draft.make("shelf", x=wide, y=deep, height=boards[-1] + steps[-1], boards=boards.tolist()), shift((x, y, 0))
+    )
     surfaces = tuple(
         Surface(f"board {k + 1}", float(h), np.array([x, y]), np.array([wide / 2, deep / 2]))
         for k, h in enumerate(boards)

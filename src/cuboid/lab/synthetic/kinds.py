@@ -10,7 +10,6 @@ import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.containers import build_containers, build_sideboard
 from cuboid.lab.synthetic.draft import APART_M, SMALL, Draft, add_middle_table, add_room, circling, finish, on_floor
 from cuboid.lab.synthetic.interiors import build_bookshelf, build_desk, build_kitchen
@@ -54,11 +53,10 @@ def build_occluders(draft: Draft) -> None:
         at = float(np.interp(fraction + draft.rng.uniform(-0.05, 0.05), np.linspace(0, 1, len(angle)), angle))
         place = turn(at) @ shift((draft.rng.uniform(1.02, 1.1), 0, 0)) @ turn(-np.pi / 2)
         if low:
-            size = (draft.rng.uniform(0.3, 0.4), 0.3, draft.rng.uniform(1.0, 1.1))
-            draft.add(made.crate(draft.rng, size), place, doubtful=True)
+            crate = draft.make("crate", x=draft.rng.uniform(0.3, 0.4), y=0.3, z=draft.rng.uniform(1.0, 1.1))
+            draft.add(crate, place, doubtful=True)
         else:
-            width = draft.rng.uniform(0.36, 0.5)
-            draft.add(made.screen(draft.rng, width, 1.3), place, doubtful=True)
+            draft.add(draft.make("screen", width=draft.rng.uniform(0.36, 0.5), height=1.3), place, doubtful=True)
 
 
 def build_leave(draft: Draft) -> None:
@@ -100,9 +98,9 @@ def build_tables(draft: Draft) -> None:
     ]
     draft.objects = Arrangement(tuple(surfaces), rng)
     table, low = surfaces[0], surfaces[1]
-    draft.add(made.table(rng, (1.24, 0.8, table.height_m)), on_floor(table))
-    draft.add(made.round_table(rng, 0.5, low.height_m), on_floor(low))
-    draft.add(made.shelf(rng, (1.1, 0.34, boards[1] + 0.02), boards), on_floor(surfaces[2]))
+    draft.add(draft.make("table", x=1.24, y=0.8, height=table.height_m), on_floor(table))
+    draft.add(draft.make("round_table", radius=0.5, height=low.height_m), on_floor(low))
+    draft.add(draft.make("shelf", x=1.1, y=0.34, height=boards[1] + 0.02, boards=boards), on_floor(surfaces[2]))
     for surface, count, names in ((0, 5, tuple(MAKERS)), (1, 4, tuple(MAKERS)), (2, 2, SMALL), (3, 4, SMALL)):
         for model in draft.models(count, names):
             draft.objects.put(model, surface, APART_M, within=0.85)
@@ -151,10 +149,10 @@ def build_room(draft: Draft) -> None:
         Surface("floor", 0.0, np.array([0.75, -0.7]), np.array([0.55, 0.45])),
     )
     draft.objects = Arrangement(surfaces, rng)
-    draft.add(made.table(rng, (1.2, 0.76, surfaces[0].height_m)), on_floor(surfaces[0]))
-    draft.add(made.shelf(rng, (1.0, 0.34, board + 0.02), (0.35, board)), on_floor(surfaces[1]))
-    draft.add(made.sofa(rng), shift((-1.3, 0.9, 0)) @ turn(rng.uniform(-0.2, 0.2)), doubtful=True)
-    draft.add(made.chair(rng), shift((0.2, 1.45, 0)) @ turn(-np.pi / 2 + rng.uniform(-0.4, 0.4)), doubtful=True)
+    draft.add(draft.make("table", x=1.2, y=0.76, height=surfaces[0].height_m), on_floor(surfaces[0]))
+    draft.add(draft.make("shelf", x=1.0, y=0.34, height=board + 0.02, boards=(0.35, board)), on_floor(surfaces[1]))
+    draft.add(draft.make("sofa"), shift((-1.3, 0.9, 0)) @ turn(rng.uniform(-0.2, 0.2)), doubtful=True)
+    draft.add(draft.make("chair"), shift((0.2, 1.45, 0)) @ turn(-np.pi / 2 + rng.uniform(-0.4, 0.4)), doubtful=True)
     for surface, count, names in (
         (0, 5, tuple(MAKERS)),
         (1, 3, SMALL),

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.clutter import add_cables, add_clutter, add_papers
 from cuboid.lab.synthetic.draft import Draft, add_middle_table, circling
-from cuboid.lab.synthetic.material import Material
 from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.rooms import add_home, add_plain_room, count_neither_way
 from cuboid.lab.synthetic.scene import SceneObject, Surface
 from cuboid.lab.synthetic.shapes import FAMILIES, Model, build, choice, turned
 from cuboid.lab.synthetic.shapes.table import PLATE_FLAT, PLATE_FLOOR_M, TRAY_FLOOR_M
-from cuboid.lab.synthetic.solids import hollow, rounded_rectangle, swept
 
 # Walls and floor of a toy box, metres.
 BOX_WALL_M, BOX_FLOOR_M = 0.005, 0.006
@@ -76,10 +73,7 @@ def build_toybox(draft: Draft) -> None:
     color = add_plain_room(draft)
     half = np.array([rng.uniform(0.25, 0.34), rng.uniform(0.19, 0.25)])
     height = float(rng.uniform(0.14, 0.24))
-    outline = rounded_rectangle(2, 2 * half[1] / half[0], 0.12)
-    long = half[0] + BOX_WALL_M
-    walls = hollow([(long, 0), (long * 1.05, height - 0.01), (long * 1.05 + 0.012, height)], BOX_WALL_M, BOX_FLOOR_M)
-    body = Model("toy box", ((swept(outline, walls), Material(color, shine=0.2)),))
+    body = draft.make("toy_box", half=half, height=height, color=color, wall=BOX_WALL_M, floor=BOX_FLOOR_M)
     angle = rng.uniform(0, np.pi)
     draft.add(body, turn(angle))
     draft.objects = Arrangement((Surface("toy box", BOX_FLOOR_M, np.zeros(2), half, angle),), rng)
@@ -107,7 +101,7 @@ def build_floor(draft: Draft) -> None:
     add_clutter(draft, 0, cloths=int(rng.integers(0, 3)), leaflets=int(rng.integers(0, 2)))
     add_papers(draft, 0, int(rng.integers(0, 3)))
     add_cables(draft, 0, int(rng.integers(0, 3)))
-    seat = choice(rng, (made.stool, made.chair, made.office_chair))(rng)
+    seat = draft.make(choice(rng, ("stool", "chair", "office_chair")))
     draft.add(seat, shift((rng.uniform(-0.8, 0.8), 0.5 + half[1] + 0.4, 0)) @ turn(rng.uniform(0, 6)), doubtful=True)
     side = choice(rng, (-1, 1))
     along = side * np.linspace(-1.0, 1.0, 9)

@@ -17,7 +17,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.lab.synthetic import material as materials
 from cuboid.lab.synthetic import mesh as meshes
 from cuboid.lab.synthetic import solids
-from cuboid.lab.synthetic.material import Color, Material, Texture, paint, two_paints, wood
+from cuboid.lab.synthetic.material import Color, Material, Texture, paint, wood
 from cuboid.lab.synthetic.mesh import Mesh, merged, shift, turn
 from cuboid.lab.synthetic.shapes.model import Model, choice, standing
 
@@ -60,6 +60,11 @@ def leaf(length: float, width: float, bend: float) -> Float64Array:
     return surface(x, s[:, None] * half, z + 0.18 * np.abs(s[:, None]) * half)
 
 
+def handle(x: float, y: float, z: float) -> Float64Array:
+    """Return the path (4, 3) of an upright bar handle in front of a face at `y` that faces -y."""
+    return np.array([(x, y - 0.018, z), (x, y - 0.045, z), (x, y - 0.045, z + 0.14), (x, y - 0.018, z + 0.14)])
+
+
 def plate_profile(r: float) -> Float64Array:
     """Return the profile (K, 2) of a plate of radius `r`."""
     flat, floor = r * PLATE_FLAT, PLATE_FLOOR_M
@@ -97,20 +102,21 @@ _MESHES: Mapping[str, Callable[..., Mesh]] = {
 }
 _ARGUMENTS = ("n", "wall", "floor", "outline", "e", "r", "ratio", "height", "thick", "smooth", "wide", "taper")
 # Keys of an entry that are no sizes or choices.
-_RESERVED = ("name", "origin", "parts", "then", "either")
+_RESERVED = ("name", "origin", "parts", "either")
 
 
 @cache
 def _table() -> dict[str, Any]:
     table = tomllib.loads(files(__package__).joinpath("shapes.toml").read_text(encoding="utf-8"))
-    functions = (curve, surface, arc, leaf, shade, plate_profile, shift, turn, abs, range, zip)
-    functions += (solids.superellipse, solids.rounded_rectangle)
+    functions: list[Any] = [curve, surface, arc, leaf, handle, shade, plate_profile, shift, turn]
+    functions += [abs, int, range, round, zip, np.linalg.norm, solids.superellipse, solids.rounded_rectangle]
     table["names"] = {
         **{name: getattr(np, name) for name in table["names"]["numpy"]},
         **{name: getattr(materials, name) for name in table["names"]["colors"]},
         **{function.__name__: function for function in functions},
         **Texture.__members__,
         **table["looks"],
+        "CLOTH": table["names"]["CLOTH"],
         "span": np.linspace,
         "SIDES": (-1, 1),
         "CORNERS": tuple(product((-1, 1), repeat=2)),
@@ -131,7 +137,10 @@ class _Builder:
 
     def __init__(self, rng: np.random.Generator, given: Mapping[str, Any]) -> None:
         self._rng, self._given = rng, given
-        self._names: dict[str, Any] = {**_table()["names"], **given}
+        self._names: dict[str, Any] = {**_table()["names"], "waves": self._waves, **given}
+
+    def _waves(self, points: Float64Array, wave_m: float) -> Float64Array:
+        return solids.waves(points, self._rng, wave_m)
 
     def value(self, item: Any) -> Any:
         """Return a number, the value of a formula, or a list of these."""
@@ -144,27 +153,50 @@ class _Builder:
     def draw(self, entry: Mapping[str, Any]) -> None:
         """Draw the sizes and choices of an entry, but for those that are given."""
         for name, item in entry.items():
-            if name == "two_paints":
-                self._names["color"], self._names["second"] = two_paints(self._rng)
-            elif name not in _RESERVED and name not in self._given:
-                self._names[name] = self._drawn(item)
+            if name not in _RESERVED and name not in self._given:
+                self._names[name] = self.drawn(item)
 
-    def _drawn(self, item: Any) -> Any:
+    def drawn(self, item: Any) -> Any:
+        """Draw one size or choice."""
         if isinstance(item, dict):
             ((kind, of),) = item.items()
-            if kind == "one":
-                return self._named(choice(self._rng, self._named(of)))
-            if kind == "mesh":
-                return self.mesh(of)
-            return _DRAWS[kind](self._rng, of)
+            return getattr(self, f"_{kind}")(of)
         if isinstance(item, list) and len(item) == 2 and not isinstance(item[0], list | str):
             return self._rng.uniform(*item)
         return self._named(item)
 
+    def _one(self, options: Any) -> Any:
+        return self._named(choice(self._rng, self._named(options)))
+
+    def _two(self, options: Any) -> Any:
+        values = self._named(options)
+        return [values[int(k)] for k in self._rng.choice(len(values), 2, replace=False)]
+
+    def _list(self, items: list[Any]) -> list[Any]:
+        return [self.drawn(item) for item in items]
+
+    def _whole(self, ends: list[int]) -> int:
+        return int(self._rng.integers(*ends))
+
+    def _chance(self, fraction: float) -> bool:
+        return self._rng.random() < fraction
+
+    def _paint(self, shine: float) -> Material:
+        return Material(paint(self._rng), shine=shine)
+
+    def _wood(self, scale_m: float) -> Material:
+        return wood(self._rng, scale_m)
+
+    def _material(self, name: str) -> Material:
+        return material(self._rng, name)
+
+    def _mesh(self, entry: Mapping[str, Any]) -> Mesh:
+        return self.mesh(entry)
+
     def look(self, item: Any) -> Material:
-        """Return a material from its name or its list."""
-        while isinstance(item, str):
-            item = self._names[item]
+        """Return a material from a draw, a formula or its list."""
+        while isinstance(item, str | dict):
+            item = self.drawn(item)
         if isinstance(item, Material):
             return item
         values: list[Any] = [tuple(one) if isinstance(one, list) else one for one in self._listed(item)]
@@ -177,16 +209,37 @@ class _Builder:
             else:
                 yield self.value(item)
 
+    def parts(self, entry: Mapping[str, Any]) -> Iterator[tuple[Mesh, Material]]:
+        """Yield the parts of an entry of `parts`."""
+        self.draw(entry.get("first", {}))
+        if not self.value(entry.get("when", True)):
+            return
+        if "shape" in entry:
+            for _ in self._each(entry):
+                sizes = {name: self._names[name] for name in entry["sizes"]}
+                yield from (
+                    build(entry["shape"], self._rng, **sizes).moved(self.value(entry.get("place", "eye(4)"))).parts
+                )
+        elif entry.get("apart"):
+            for _ in self._each(entry):
+                yield self._once(entry), self.look(entry["look"])
+        else:
+            yield self.mesh(entry), self.look(entry["look"])
+
+    def _each(self, entry: Mapping[str, Any]) -> Iterator[None]:
+        """Bind each value of `each`, and draw before it."""
+        ((name, values),) = entry.get("each", {"": "(0,)"}).items()
+        for value in self.value(values):
+            self._names[name] = value
+            self.draw(entry.get("draw", {}))
+            yield
+
     def mesh(self, entry: Mapping[str, Any]) -> Mesh:
         """Return the mesh of a part, once for each value of `each`."""
-        if "each" not in entry:
-            return self._once(entry)
-        ((name, values),) = entry["each"].items()
-        return merged([self._once(entry, {name: value}) for value in self.value(values)])
+        made = [self._once(entry) for _ in self._each(entry)]
+        return made[0] if len(made) == 1 else merged(made)
 
-    def _once(self, entry: Mapping[str, Any], bound: Mapping[str, Any] = {}) -> Mesh:
-        self._names.update(bound)
-        self.draw(entry.get("draw", {}))
+    def _once(self, entry: Mapping[str, Any]) -> Mesh:
         values = {name: self.value(item) for name, item in entry.items() if name in _ARGUMENTS}
         at = self.value(entry["at"]) if "at" in entry else None
         if "all" in entry:
@@ -215,15 +268,6 @@ class _Builder:
         return np.column_stack([self._names[name] for name in "XYZ"])
 
 
-_DRAWS: Mapping[str, Callable[[np.random.Generator, Any], Any]] = {
-    "whole": lambda rng, ends: int(rng.integers(*ends)),
-    "chance": lambda rng, fraction: rng.random() < fraction,
-    "paint": lambda rng, shine: Material(paint(rng), shine=shine),
-    "wood": wood,
-    "material": lambda rng, name: material(rng, name),
-}
-
-
 def material(rng: np.random.Generator, name: str) -> Material:
     """Draw a material of the table `materials`."""
     builder = _Builder(rng, {})
@@ -231,7 +275,7 @@ def material(rng: np.random.Generator, name: str) -> Material:
     return builder.look("look")
 
 
-def build(name: str, rng: np.random.Generator, **sizes: float) -> Model:
+def build(name: str, rng: np.random.Generator, **sizes: Any) -> Model:
     """Return a model of the shape of this name; `sizes` are not drawn."""
     shapes, builder = _table()["shapes"], _Builder(rng, sizes)
     builder.draw(shapes[name])
@@ -240,11 +284,9 @@ def build(name: str, rng: np.random.Generator, **sizes: float) -> Model:
         name = first if rng.random() < chance else second
         builder.draw(shapes[name])
     entry = shapes[name]
-    parts = [(builder.mesh(part), part["look"]) for part in entry["parts"] if builder.value(part.get("when", True))]
-    builder.draw(entry.get("then", {}))
-    finished = tuple((mesh, builder.look(look)) for mesh, look in parts)
+    parts = [part for one in entry["parts"] for part in builder.parts(one)]
     title = entry.get("name", name.replace("_", " "))
-    return Model(title, finished) if entry.get("origin") else standing(title, *finished)
+    return Model(title, tuple(parts)) if entry.get("origin") else standing(title, *parts)
 
 
 def families() -> dict[str, list[str]]:
