@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.lab.synthetic.draft import SMALL, Draft, add_middle_table, add_room, circling, on_floor
+from cuboid.lab.synthetic.draft import Draft, add_middle_table, add_room, circling, on_floor
 from cuboid.lab.synthetic.material import CARD, two_paints
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.scene import SceneObject, Surface
@@ -17,8 +17,6 @@ WALL_M = 0.008
 GAP_M = 0.012
 # Positions of containers, as fractions of the table's half sides.
 PLACES = ((-0.5, -0.35), (0.5, -0.3), (0.0, 0.45))
-# Kinds of objects in a container.
-CONTENTS = ("can", "jar", "mug", "ball", "carton")
 
 
 def build_containers(draft: Draft) -> None:
@@ -31,8 +29,7 @@ def build_containers(draft: Draft) -> None:
     flat = draft.objects.put(draft.models(1, ("book",))[0], 0, 0.04, within=0.85)
     if flat is not None:
         draft.objects.put_on(draft.models(1, ("can", "jar"))[0], flat)
-    for model in draft.models(3, SMALL):
-        draft.objects.put(model, 0, 0.04, within=0.85)
+    draft.fill(0, 3, "small", 0.04, 0.85)
     table = draft.objects.surfaces[0]
     draft.waypoints = circling(
         draft, 0, radius=rng.uniform(0.85, 1.05), height=table.height_m + rng.uniform(0.75, 0.95)
@@ -50,7 +47,7 @@ def build_sideboard(draft: Draft) -> None:
     slots = rng.permutation(np.linspace(-0.8, 0.8, 6))
     _filled(draft, (float(slots[0]), -0.25), long_m=0.2)
     for number, slot in enumerate(slots[1:].tolist()):
-        (model,) = draft.models(1, SMALL)
+        (model,) = draft.models(1, "small")
         reach_m = float(np.ptp(model.mesh().vertices[:, 1])) / 2.0
         gap_m = rng.uniform(0.004, 0.02) if number % 2 == 0 else rng.uniform(0.15, 0.2)
         draft.objects.put_at(model, 0, (slot, 1.0 - (gap_m + reach_m) / deep))
@@ -70,7 +67,7 @@ def _filled(draft: Draft, place: tuple[float, float], long_m: float = 0.29) -> N
     box = draft.make("open_box", inner=(*inner, height), wall=WALL_M, colors=colors)
     container = draft.objects.put_at(turned(box, angle), 0, place)
     floor = _floor_of(container, draft.objects.surfaces[0].height_m, inner, angle)
-    for model in draft.models(int(rng.integers(1, 4)), CONTENTS):
+    for model in draft.models(int(rng.integers(1, 4)), "in_container"):
         draft.objects.put_in(model, container, floor, GAP_M)
 
 

@@ -13,14 +13,12 @@ from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.paths import CAMERAS, STEP_M, Style, around, fly
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.scene import Agent, Furniture, Scene, SceneEvent, Surface
-from cuboid.lab.synthetic.shapes import CATALOGUE, MAKERS, Model, build
+from cuboid.lab.synthetic.shapes import CATALOGUE, Model, build, sets
 
 # Default gap between objects, metres.
 APART_M = 0.06
 # Distance from the middle of a room to its walls, metres.
 ROOM_HALF_M = 2.6
-# Small objects for shelves and crowded tables.
-SMALL = ("can", "mug", "carton", "jar", "milk", "bowl", "bottle", "plant")
 
 
 @dataclass
@@ -70,13 +68,19 @@ class Draft:
         """Return a model of a shape of the table of shapes, with these sizes."""
         return build(name, self.rng, **sizes)
 
-    def models(self, count: int, names: Sequence[str] = tuple(MAKERS)) -> list[Model]:
-        """Draw random models of these names, the user's first; a name is repeated only after all are used."""
+    def models(self, count: int, of: str | Sequence[str] = "basic") -> list[Model]:
+        """Draw random models of a set or of these names, the user's first; a name is repeated after all are used."""
+        names = sets()[of] if isinstance(of, str) else of
         user_models = [self.meshes[int(k)] for k in self.rng.permutation(len(self.meshes))][:count]
         drawn: list[str] = []
         while len(drawn) < count - len(user_models):
             drawn += [names[int(k)] for k in self.rng.permutation(len(names))]
         return user_models + [CATALOGUE[name](self.rng) for name in drawn[: count - len(user_models)]]
+
+    def fill(self, surface: int, count: int, of: str, gap: float, within: float = 1.0) -> None:
+        """Put random models of a set on a surface; see `models` and `Arrangement.put`."""
+        for model in self.models(count, of):
+            self.objects.put(model, surface, gap, within)
 
 
 def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float) -> Scene:

@@ -14,46 +14,6 @@ from cuboid.lab.synthetic.shapes.model import choice
 
 # Direction from a wall at +y into the room: the front of most models is at +x.
 TO_ROOM = -np.pi / 2
-ON_DESK = (
-    *("mug", "table_lamp", "pen_cup", "telephone", "headphones", "paperback", "row_of_books", "tape_roll", "remote"),
-    *("calculator", "smartphone", "glasses_case", "stapler", "speaker", "leafy_plant", "tissue_box", "letter_trays"),
-    *("scissors", "can", "thermos", "standing_book", "pouch", "pile_of_books", "bottle"),
-)
-APPLIANCES = ("kettle", "toaster", "coffee_pot", "basket", "cutting_board", "saucepan", "frying_pan", "bread")
-ON_COUNTER = (
-    *("bottle", "jar", "can", "mug", "jug", "spray_bottle", "pepper_mill", "glass", "bowl", "apple", "banana", "pear"),
-    *("milk", "carton", "tissue_box", "knife", "plate", "teapot", "watering_can", "flowers", "shampoo", "plates"),
-)
-# Things with flat tops, which carry another one.
-PILED = ("can", "jar", "carton", "milk")
-IN_SHELF = (
-    *(
-        "row_of_books",
-        "row_of_books",
-        "row_of_books",
-        "standing_book",
-        "standing_book",
-        "pile_of_books",
-        "binder",
-        "basket",
-        "bear",
-        "car",
-        "speaker",
-    ),
-    *("leafy_plant", "flowers", "jug", "bowl", "teapot", "hat_box", "ball", "block_tower", "duck", "elephant", "jar"),
-    *(
-        "watering_can",
-        "tissue_box",
-        "open_carton",
-        "towel",
-        "woolly_hat",
-        "carton",
-        "can",
-        "plates",
-        "cap",
-        "headphones",
-    ),
-)
 # Clearance above an object in a shelf, metres.
 ABOVE_M = 0.03
 
@@ -68,8 +28,7 @@ def build_desk(draft: Draft) -> None:
     draft.add(draft.make("table", x=2 * half[0], y=2 * half[1], height=surface.height_m), on_floor(surface))
     draft.objects = Arrangement((surface,), rng)
     _workplace(draft)
-    for model in draft.models(int(rng.integers(7, 11)), ON_DESK):
-        draft.objects.put(model, 0, 0.025)
+    draft.fill(0, int(rng.integers(7, 11)), "on_desk", 0.025)
     count_neither_way(draft)
     add_papers(draft, 0, int(rng.integers(2, 5)))
     add_clutter(draft, 0, leaflets=int(rng.integers(0, 2)), cloths=int(rng.random() < 0.3))
@@ -83,54 +42,28 @@ def build_desk(draft: Draft) -> None:
 
 def _workplace(draft: Draft) -> None:
     """Put one or two monitors at the back of a desk, or a laptop, a keyboard in front and a mouse beside it."""
-    rng, put = draft.rng, draft.objects.put_near
+    rng = draft.rng
+
+    def put(
+        name: str, gap: float, place: tuple[float, float], spread: tuple[float, float], angle: float, turns: float = 0.0
+    ) -> None:
+        """Put a thing near a place, at this angle with a random difference of up to `turns`."""
+        (model,) = draft.models(1, (name,))
+        angle += rng.uniform(-turns, turns) if turns else 0.0
+        draft.objects.put_near(model, 0, gap, place, spread, angle)
+
     aside = rng.uniform(-0.35, 0.35)
     screens = [aside] if rng.random() < 0.6 else [-0.42, 0.42]
     if rng.random() < 0.75:
         for x in screens:
-            put(
-                draft.models(1, ("monitor",))[0],
-                0,
-                0.01,
-                (x, 0.5),
-                (0.05, 0.1),
-                TO_ROOM - 0.35 * x + rng.uniform(-0.1, 0.1),
-            )
-        put(
-            draft.models(1, ("keyboard",))[0],
-            0,
-            0.01,
-            (screens[0], -0.5),
-            (0.05, 0.15),
-            TO_ROOM + rng.uniform(-0.15, 0.15),
-        )
-        put(
-            draft.models(1, ("mouse",))[0],
-            0,
-            0.01,
-            (screens[0] + 0.42, -0.5),
-            (0.08, 0.15),
-            -TO_ROOM + rng.uniform(-0.3, 0.3),
-        )
+            put("monitor", 0.01, (x, 0.5), (0.05, 0.1), TO_ROOM - 0.35 * x, 0.1)
+        put("keyboard", 0.01, (screens[0], -0.5), (0.05, 0.15), TO_ROOM, 0.15)
+        put("mouse", 0.01, (screens[0] + 0.42, -0.5), (0.08, 0.15), -TO_ROOM, 0.3)
         if rng.random() < 0.5:
-            put(
-                draft.models(1, ("laptop",))[0],
-                0,
-                0.02,
-                (-0.6 * np.sign(aside), -0.1),
-                (0.15, 0.2),
-                TO_ROOM + 0.4 * np.sign(aside),
-            )
+            put("laptop", 0.02, (-0.6 * np.sign(aside), -0.1), (0.15, 0.2), TO_ROOM + 0.4 * np.sign(aside))
     else:
-        put(draft.models(1, ("laptop",))[0], 0, 0.02, (aside, -0.1), (0.1, 0.15), TO_ROOM + rng.uniform(-0.3, 0.3))
-        put(
-            draft.models(1, ("mouse",))[0],
-            0,
-            0.01,
-            (aside + 0.4, -0.4),
-            (0.08, 0.15),
-            -TO_ROOM + rng.uniform(-0.3, 0.3),
-        )
+        put("laptop", 0.02, (aside, -0.1), (0.1, 0.15), TO_ROOM, 0.3)
+        put("mouse", 0.01, (aside + 0.4, -0.4), (0.08, 0.15), -TO_ROOM, 0.3)
 
 
 def build_kitchen(draft: Draft) -> None:
@@ -149,11 +82,10 @@ def build_kitchen(draft: Draft) -> None:
     draft.objects = Arrangement((surface,), rng)
     hob = surface.at(rng.uniform(-0.6, 0.6), 0.05)
     draft.add(draft.make("hob"), shift((*hob, height - 0.003)))
-    for model in draft.models(int(rng.integers(3, 5)), APPLIANCES):
+    for model in draft.models(int(rng.integers(3, 5)), "appliances"):
         draft.objects.put_near(model, 0, 0.02, (rng.uniform(-0.9, 0.9), 0.45), (0.3, 0.4))
     _piles(draft)
-    for model in draft.models(int(rng.integers(7, 11)), ON_COUNTER):
-        draft.objects.put(model, 0, 0.015)
+    draft.fill(0, int(rng.integers(7, 11)), "on_counter", 0.015)
     count_neither_way(draft)
     add_clutter(draft, 0, cloths=int(rng.random() < 0.6), leaflets=int(rng.random() < 0.3))
     draft.waypoints = in_front(
@@ -164,7 +96,7 @@ def build_kitchen(draft: Draft) -> None:
 def _piles(draft: Draft) -> None:
     """Put one or two piles of packages on the counter."""
     for _ in range(int(draft.rng.integers(1, 3))):
-        first, second = draft.models(2, PILED[:3])
+        first, second = draft.models(2, "piled")
         below = draft.objects.put(first, 0, 0.02, within=0.9)
         if below is not None:
             draft.objects.put_on(second, below)
@@ -187,7 +119,7 @@ def build_bookshelf(draft: Draft) -> None:
     )
     draft.objects = Arrangement(surfaces, rng)
     for board, step in enumerate(steps):
-        for model in draft.models(int(rng.integers(9, 14)), IN_SHELF):
+        for model in draft.models(int(rng.integers(9, 14)), "in_shelf"):
             if float(model.mesh().vertices[:, 2].max()) < step - 0.025 - ABOVE_M:
                 angle = TO_ROOM + rng.uniform(-0.12, 0.12) * (
                     1 if "book" in model.name or model.name == "binder" else 4

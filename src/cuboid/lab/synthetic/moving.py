@@ -215,7 +215,7 @@ class _Story:
 
     def bring(self) -> None:
         """Bring a new object into the scene."""
-        model = self._draft.models(1, ("can", "mug", "jar", "milk", "carton", "bottle"))[0]
+        model = self._draft.models(1, "brought")[0]
         body = self._draft.objects.put(model, 0, GAP_M, 0.85)
         if body is not None:
             T = body.T_room_model
@@ -321,8 +321,7 @@ def build_moving(draft: Draft) -> None:
     add_middle_table(draft)
     if rng.random() < 0.4:
         draft.objects.put(draft.make("open_card_box", size=OPEN_BOX_M, wall=WALL_M), 0, GAP_M, 0.6)
-    for model in draft.models(int(rng.integers(5, 8))):
-        draft.objects.put(model, 0, GAP_M, 0.85)
+    draft.fill(0, int(rng.integers(5, 8)), "basic", GAP_M, 0.85)
     bearing = _place_camera(draft)
     top = draft.objects.surfaces[0]
     aside = bearing + (1 if rng.random() < 0.5 else -1) * rng.uniform(1.2, 1.9)

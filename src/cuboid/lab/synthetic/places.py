@@ -6,15 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.lab.synthetic.draft import SMALL, Draft, add_middle_table, add_room, circling, on_floor
+from cuboid.lab.synthetic.draft import Draft, add_middle_table, add_room, circling, on_floor
 from cuboid.lab.synthetic.mesh import shift
 from cuboid.lab.synthetic.paths import STILL
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.scene import SceneObject, Surface
 from cuboid.lab.synthetic.shapes import Model
-
-# Upright objects on a counter.
-UPRIGHT = ("bottle", "milk", "carton", "can", "jar", "mug")
 
 
 def build_overhead(draft: Draft) -> None:
@@ -22,8 +19,7 @@ def build_overhead(draft: Draft) -> None:
     rng = draft.rng
     add_room(draft)
     add_middle_table(draft)
-    for model in draft.models(int(rng.integers(5, 9)), SMALL):
-        draft.objects.put(model, 0, 0.04, within=0.6)
+    draft.fill(0, int(rng.integers(5, 9)), "small", 0.04, 0.6)
     top = draft.objects.surfaces[0]
     aim = np.array([*top.at(*rng.uniform(-0.35, 0.35, 2)), top.height_m])
     eye = aim + np.array([*rng.uniform(-0.12, 0.12, 2), rng.uniform(0.75, 1.05)])
@@ -40,10 +36,9 @@ def build_bin(draft: Draft) -> None:
     draft.add(draft.make("crate", x=0.9, y=0.7, z=floor_m - 0.01), np.eye(4), doubtful=True)
     draft.add(draft.make("tote", half=half, height=height), shift((0, 0, floor_m - 0.01)))
     draft.objects = Arrangement((Surface("tote", floor_m, np.zeros(2), half),), rng)
-    names = ("can", "mug", "jar", "ball", "bowl", "carton", "parcel")
-    first = draft.objects.put(draft.models(1, names)[0], 0, 0.02, within=0.3)
+    first = draft.objects.put(draft.models(1, "in_tote")[0], 0, 0.02, within=0.3)
     assert first is not None, "an empty tote has room"
-    for number, model in enumerate(draft.models(7, names)):
+    for number, model in enumerate(draft.models(7, "in_tote")):
         for k in rng.permutation(len(draft.objects.objects)):
             if draft.objects.put_beside(model, draft.objects.objects[int(k)], 0.0 if number % 2 else 0.01, 0.004):
                 break
@@ -59,8 +54,7 @@ def build_counter(draft: Draft) -> None:
     surface = Surface("counter", height, np.array([0.0, half_m - deep - 0.01]), np.array([long, deep]))
     draft.add(draft.make("crate", x=2 * long, y=2 * deep, z=height), on_floor(surface))
     draft.objects = Arrangement((surface,), rng)
-    for model in draft.models(int(rng.integers(6, 10)), UPRIGHT):
-        draft.objects.put(model, 0, 0.05, within=0.95)
+    draft.fill(0, int(rng.integers(6, 10)), "upright", 0.05, 0.95)
     far = rng.uniform(2.0, 3.2)
     middle = np.array([*surface.center, height + 0.1])
     along = np.linspace(-0.8, 0.8, 9) * (1 if rng.random() < 0.5 else -1)
@@ -84,8 +78,7 @@ def build_shelf(draft: Draft) -> None:
     )
     draft.objects = Arrangement(surfaces, rng)
     for surface in range(len(surfaces)):
-        for model in draft.models(int(rng.integers(2, 4)), (*SMALL, "book", "parcel")):
-            draft.objects.put(model, surface, 0.02, within=0.9)
+        draft.fill(surface, int(rng.integers(2, 4)), "small_and_flat", 0.02, 0.9)
     middle = np.array([0.0, y, low + high / 2])
     along = np.linspace(-0.4, 0.4, 9) * (1 if rng.random() < 0.5 else -1)
     eyes = middle + np.column_stack([along, np.full(9, -rng.uniform(0.8, 1.0)), rng.uniform(0.1, 0.35, 9)])

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.lab.synthetic.material import Material, paint
+from cuboid.lab.synthetic.material import Material
 from cuboid.lab.synthetic.mesh import Mesh, merged, shift, turn
 
 
@@ -59,8 +59,3 @@ Option = TypeVar("Option")
 def choice(rng: np.random.Generator, options: Sequence[Option]) -> Option:
     """Return one of the options."""
     return options[int(rng.integers(len(options)))]
-
-
-def plain(rng: np.random.Generator) -> Material:
-    """Return a strong color with a little shine."""
-    return Material(paint(rng), shine=0.3)

@@ -96,11 +96,11 @@ _MESHES: Mapping[str, Callable[..., Mesh]] = {
     "grid": meshes.grid,
     "loft": solids.loft,
     "keys": lambda values: solids.keys(*values),
-    "blend": lambda balls, smooth: solids.blended(balls, smooth, CELL),
+    "blend": lambda balls, smooth, cell=CELL: solids.blended(balls, smooth, cell),
     "mesh": lambda made: made,
     "extruded": lambda side, wide, taper=0.92: solids.extruded(side, wide, taper),
 }
-_ARGUMENTS = ("n", "wall", "floor", "outline", "e", "r", "ratio", "height", "thick", "smooth", "wide", "taper")
+_ARGUMENTS = ("n", "wall", "floor", "outline", "e", "r", "ratio", "height", "thick", "smooth", "cell", "wide", "taper")
 # Keys of an entry that are no sizes or choices.
 _RESERVED = ("name", "origin", "parts", "either")
 
@@ -122,6 +122,8 @@ def _table() -> dict[str, Any]:
         "CORNERS": tuple(product((-1, 1), repeat=2)),
         "TRAY_WALL_M": TRAY_WALL_M,
         "TRAY_FLOOR_M": TRAY_FLOOR_M,
+        "PLATE_FLAT": PLATE_FLAT,
+        "PLATE_FLOOR_M": PLATE_FLOOR_M,
         "__builtins__": {},
     }
     return table
@@ -175,7 +177,11 @@ class _Builder:
     def _list(self, items: list[Any]) -> list[Any]:
         return [self.drawn(item) for item in items]
 
-    def _whole(self, ends: list[int]) -> int:
+    def _rows(self, of: list[Any]) -> Float64Array:
+        low, high = np.array(of[1:], np.float64).T
+        return self._rng.uniform(low, high, (self.value(of[0]), len(low)))
+
+    def _whole(self, ends: tuple[int, int]) -> int:
         return int(self._rng.integers(*ends))
 
     def _chance(self, fraction: float) -> bool:
@@ -292,4 +298,10 @@ def build(name: str, rng: np.random.Generator, **sizes: Any) -> Model:
 def families() -> dict[str, list[str]]:
     """Return the names of the shapes of each family."""
     names: dict[str, list[str]] = _table()["families"]
+    return names
+
+
+def sets() -> dict[str, list[str]]:
+    """Return the names of the shapes of each set that kinds of scenes draw from."""
+    names: dict[str, list[str]] = families() | _table()["sets"]
     return names
