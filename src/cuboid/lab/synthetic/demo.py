@@ -6,14 +6,12 @@ import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
-from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.draft import Draft, finish
-from cuboid.lab.synthetic.material import Material, Texture
-from cuboid.lab.synthetic.mesh import box, shift, turn
+from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.paths import around
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.scene import Scene, Surface
-from cuboid.lab.synthetic.shapes import MAKERS, Model, turned
+from cuboid.lab.synthetic.shapes import MAKERS, turned
 
 DEMO_FRAMES = 150
 # The objects: kind, seed, position on the table (-1..1), yaw in degrees.
@@ -51,14 +49,12 @@ def demo_scene(frames: int = DEMO_FRAMES) -> Scene:
 
 def _furnish(draft: Draft) -> None:
     half = 2.4
-    draft.add(made.floor(draft.rng, half + 0.1), np.eye(4))
-    draft.add(made.ceiling(half + 0.1), np.eye(4))
+    draft.add(draft.make("floor", half=half + 0.1), np.eye(4))
+    draft.add(draft.make("ceiling", half=half + 0.1), np.eye(4))
     for k in range(4):
-        draft.add(made.wall(draft.rng, 2 * half), turn(k * np.pi / 2) @ shift((0, half, 0)))
-    draft.add(made.table(draft.rng, (1.24, 0.84, 0.72)), np.eye(4))
-    pillar = Material((0.32, 0.36, 0.42), (0.42, 0.46, 0.52), Texture.STRIPES, 0.1)
-    post = Model("screen", ((box((0.2, 0.03, 1.16)), pillar),))
-    draft.add(post, turn(np.radians(-79)) @ shift((0.72, 0, 0)) @ turn(np.pi / 2), doubtful=True)
+        draft.add(draft.make("wall", length=2 * half, pictures=True), turn(k * np.pi / 2) @ shift((0, half, 0)))
+    draft.add(draft.make("table", x=1.24, y=0.84, height=0.72), np.eye(4))
+    draft.add(draft.make("post"), turn(np.radians(-79)) @ shift((0.72, 0, 0)) @ turn(np.pi / 2), doubtful=True)
 
 
 def _path() -> Float64Array:
