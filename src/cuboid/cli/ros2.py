@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.live import add_foxglove, say_foxglove
-from cuboid.cli.recording import add_method, config_from, pose_offset
+from cuboid.cli.parser import pose_offset, positive
+from cuboid.cli.recording import add_method, config_from
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.workers import add_threads, positive
+from cuboid.cli.workers import add_threads
 from cuboid.ground.core.limits import FRAMES_WAITING
 from cuboid.ground.core.tolerances import DETECT_EVERY
 

@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cuboid.cli.parser import positive
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.workers import positive
-from cuboid.ground.core.threads import cores, limit_threads
+from cuboid.cli.tables import console
+from cuboid.ground.core.errors import InputError, counted
+from cuboid.ground.core.threads import cores
 
 if TYPE_CHECKING:
     from cuboid.lab.synthetic.shapes import Model
@@ -92,10 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the scene, render it, and print its contents."""
-    limit_threads(1)
     from cuboid.cli.progress import counting
-    from cuboid.cli.tables import console
-    from cuboid.ground.core.errors import InputError, counted
     from cuboid.lab.synthetic import make_rig, make_scene, render_recording
     from cuboid.lab.synthetic.user_meshes import load_meshes
 
@@ -123,7 +122,6 @@ def run(args: argparse.Namespace) -> int:
 def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
     """Make several recordings of one place, and print the changes between them."""
     from cuboid.cli.progress import counting
-    from cuboid.cli.tables import console
     from cuboid.lab.synthetic import make_visits, render_visits
 
     scenes = make_visits(args.kind, args.seed, args.visits, meshes=meshes, **_made_as(args))
