@@ -21,7 +21,7 @@ import numpy.typing as npt
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.inputs.readers.depth_camera import DepthCamera
-from cuboid.inputs.readers.images import decode_bytes
+from cuboid.inputs.readers.images import COLOR_FLAGS, decode_bytes
 from cuboid.inputs.readers.matroska import MAGIC, Block, Matroska, Track, list_matroska, read_span
 from cuboid.inputs.readers.posetext import pose_from_matrix
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
@@ -106,8 +106,7 @@ def _color(path: Path, block: Block, track: Track) -> UInt8Array:
     data, what = _data(path, block, "color")
     code = _code(track)
     if code not in RAW_COLOR:
-        image = decode_bytes(data, what, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+        return np.asarray(decode_bytes(data, what, COLOR_FLAGS), np.uint8)
     each, conversion = RAW_COLOR[code]
     if len(data) < each * track.width * track.height:
         raise FrameError(f"{what} is cut short ({len(data)} bytes)")
