@@ -152,10 +152,7 @@ def _run(words: list[str]) -> int:
     for name in COMMANDS if completing else (str(chosen),):
         module = modules[name] = import_module(f"cuboid.cli.{name.replace(' ', '_')}")
         command = commands.add_parser(
-            name,
-            description=description(name),
-            epilog=f"example: {module.EXAMPLE}",
-            allow_abbrev=False,
+            name, description=description(name), epilog=f"example: {module.EXAMPLE}", allow_abbrev=False
         )
         command.example = module.EXAMPLE
         module.add_arguments(command)

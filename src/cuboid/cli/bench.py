@@ -48,16 +48,7 @@ def measurements(outcome: RunOutcome) -> dict[str, Any]:
     """Return all measurements, ready for JSON."""
     report = outcome.report
     document = report.to_dict()
-    names = (
-        "version",
-        "recording",
-        "format",
-        "threads",
-        "config",
-        "frames",
-        "milliseconds",
-        "peak_memory_mb",
-    )
+    names = ("version", "recording", "format", "threads", "config", "frames", "milliseconds", "peak_memory_mb")
     return {
         **{name: document[name] for name in names},
         "frames_per_second": round(outcome.frames_per_second, 2),

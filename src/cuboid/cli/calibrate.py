@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.recording import add_reading, open_from
+from cuboid.cli.recording import add_reading, open_from, refuse_with_rig
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.tables import console, new_table
 from cuboid.ground.core.errors import InputError, OutputError
@@ -217,9 +217,7 @@ def _check_rig_options(args: argparse.Namespace) -> None:
     """Raise InputError for an option of one camera."""
     if args.recording is not None:
         raise InputError(f"with --rig, name all recordings after it; got {args.recording} too")
-    for name in ("format", "intrinsics", "depth_scale", "pose_convention", "topics", "limit", "poses"):
-        if getattr(args, name) is not None:
-            raise InputError(f"--{name.replace('_', '-')} is for one camera; leave it out with --rig")
+    refuse_with_rig(args, "format", "intrinsics", "depth_scale", "pose_convention", "topics", "limit", "poses")
     if args.every != 1:
         raise InputError("--every is for one camera; leave it out with --rig")
 

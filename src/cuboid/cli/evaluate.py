@@ -44,10 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or, if RESULT is a scene, the folder of made visits",
     )
     parser.add_argument(
-        "--cloud",
-        type=Path,
-        metavar="PLY",
-        help="a labelled point cloud to compare the heat of the map with",
+        "--cloud", type=Path, metavar="PLY", help="a labelled point cloud to compare the heat of the map with"
     )
     parser.add_argument(
         "--trajectory",

@@ -179,6 +179,13 @@ def add_reading_options(
     return reading
 
 
+def refuse_with_rig(args: argparse.Namespace, *options: str) -> None:
+    """Raise InputError if one of these options, which are for one camera, was given."""
+    for name in options:
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name.replace('_', '-')} is for one camera; leave it out with --rig")
+
+
 def open_from(args: argparse.Namespace, *, rigs: bool = False) -> Recording:
     """Open the recording that the arguments name; a rig of several cameras only with `rigs`."""
     from cuboid.inputs.recordings.rig import RigRecording

@@ -60,9 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     node = parser.add_argument_group("node")
     node.add_argument("--node", default="cuboid", metavar="NAME", help="its name (default: %(default)s)")
     node.add_argument(
-        "--transport",
-        choices=("dds", "rclpy"),
-        help="dds needs no ROS (default: rclpy if a ROS is sourced, else dds)",
+        "--transport", choices=("dds", "rclpy"), help="dds needs no ROS (default: rclpy if a ROS is sourced, else dds)"
     )
     node.add_argument("--domain", metavar="N", help="ROS_DOMAIN_ID of dds (default: that of the environment, or 0)")
     node.add_argument("--sim-time", action="store_true", help="take the time from /clock")

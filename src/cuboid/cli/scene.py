@@ -160,18 +160,10 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
     visits: list[dict[str, Any]] = []
     for number in sorted({past.recording for past in history}):
         visit = [past for past in history if past.recording == number]
-        first, last = visit[0].frame, visit[-1].frame
-        center = [round(float(value), 6) for value in visit[-1].box.center]
-        visits.append(
-            {
-                "recording": number,
-                "first_frame": first,
-                "last_frame": last,
-                "sightings": len(visit),
-                "center": center,
-            }
-        )
-        place = "{:.3f}, {:.3f}, {:.3f}".format(*visit[-1].box.center)
+        first, last, box = visit[0].frame, visit[-1].frame, visit[-1].box
+        frames = {"recording": number, "first_frame": first, "last_frame": last, "sightings": len(visit)}
+        visits.append({**frames, "center": [round(float(value), 6) for value in box.center]})
+        place = "{:.3f}, {:.3f}, {:.3f}".format(*box.center)
         lines.append(f"  recording {number}: frames {first} to {last}, {len(visit)} of them, at {place} m")
     events = scene.events(args.label)
     lines += [f"  recording {one.recording}, frame {one.frame}: {one.event}" for one in events]

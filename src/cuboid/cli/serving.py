@@ -7,7 +7,6 @@ import os
 import secrets
 import socket
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from cuboid.cli.parser import port
@@ -98,9 +97,7 @@ class Address:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.listening.close()
 
 

@@ -71,10 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     faulty = parser.add_argument_group("faults")
     faulty.add_argument(
-        "--pose-noise",
-        choices=POSE_NOISES,
-        default="none",
-        help="noise of the written poses (default: none)",
+        "--pose-noise", choices=POSE_NOISES, default="none", help="noise of the written poses (default: none)"
     )
     faulty.add_argument(
         "--faults",

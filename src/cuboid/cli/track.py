@@ -13,7 +13,7 @@ from cuboid.cli.interrupt import Interruption, interruptible
 from cuboid.cli.live import add_live, add_serve, watching
 from cuboid.cli.names import camera_names
 from cuboid.cli.parser import megabytes, seconds, takes_names
-from cuboid.cli.recording import add_furniture, add_recording, add_relations, open_from, tracking_from
+from cuboid.cli.recording import add_furniture, add_recording, add_relations, open_from, refuse_with_rig, tracking_from
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.text_model import add_embedding, embedding_model
 from cuboid.ground.core.errors import InputError, counted
@@ -115,9 +115,7 @@ def recording_of(args: argparse.Namespace) -> Recording:
             raise InputError(f"{len(recordings)} recordings need --rig rig.json; 'cuboid calibrate --rig' makes it")
         one = argparse.Namespace(**{**vars(args), "recording": recordings[0]})
         return open_from(one, rigs=True)
-    for name in ("format", "intrinsics", "depth_scale", "pose_convention", "topics"):
-        if getattr(args, name) is not None:
-            raise InputError(f"--{name.replace('_', '-')} is for one camera; leave it out with --rig")
+    refuse_with_rig(args, "format", "intrinsics", "depth_scale", "pose_convention", "topics")
     from cuboid.inputs.recordings.opening import open_rig
 
     return open_rig(args.rig, recordings, register=args.register)

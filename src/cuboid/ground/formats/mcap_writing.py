@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -42,10 +41,8 @@ class McapWriter:
         self._bag.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bag.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self._bag.__exit__(*error)
 
     def add(self, frame: Frame) -> None:
         """Write the messages of a frame."""

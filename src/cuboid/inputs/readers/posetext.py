@@ -164,10 +164,7 @@ class Trajectory(PoseStream):
     """
 
     def __init__(
-        self,
-        path: Path,
-        read_line: Callable[[str], TimedPose] = tum_line,
-        largest_gap_s: float = LARGEST_GAP_S,
+        self, path: Path, read_line: Callable[[str], TimedPose] = tum_line, largest_gap_s: float = LARGEST_GAP_S
     ) -> None:
         def read(line: str) -> TimedPose:
             parse_time(line.split()[0])
