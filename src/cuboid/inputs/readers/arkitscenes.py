@@ -104,10 +104,7 @@ def _by_time(folder: Path) -> list[tuple[float, Path]]:
 def _line(line: str) -> TimedPose:
     """Read a line of the trajectory, world to camera."""
     time_s, rx, ry, rz, *translation = parse_numbers(line, 7, "timestamp rx ry rz tx ty tz")
-    T_camera_world = np.eye(4)
-    T_camera_world[:3, :3] = cv2.Rodrigues(np.array((rx, ry, rz)))[0]
-    T_camera_world[:3, 3] = translation
-    T = se3.inverse(T_camera_world)
+    T = se3.inverse(se3.assembled(cv2.Rodrigues(np.array((rx, ry, rz)))[0], translation))
     return time_s, (*se3.quat_wxyz_from_rotation(T[:3, :3]).tolist(), *T[:3, 3].tolist())
 
 

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.geometry import se3
 from cuboid.inputs.readers.depth_camera import DepthCamera
 from cuboid.inputs.readers.images import COLOR_FLAGS, decode_bytes
 from cuboid.inputs.readers.matroska import MAGIC, Block, Matroska, Track, list_matroska, read_span
@@ -166,9 +167,7 @@ def _camera(
         raise ValueError("a camera has no 14 finite parameters")
     cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1 = parameters  # fractions of the whole sensor
     K = (fx * width, fy * height, cx * width - left - 0.5, cy * height - top - 0.5)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.reshape(camera["Rt"]["Rotation"], (3, 3))
-    matrix[:3, 3] = camera["Rt"]["Translation"]
+    matrix = se3.assembled(np.reshape(camera["Rt"]["Rotation"], (3, 3)), camera["Rt"]["Translation"])
     return K, (k1, k2, p1, p2, k3, k4, k5, k6), pose_from_matrix(matrix, CALIBRATION)
 
 
