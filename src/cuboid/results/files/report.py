@@ -24,8 +24,6 @@ IntArray = npt.NDArray[np.int64]
 
 # Digits after the point of times in milliseconds: the resolution of the clocks.
 MILLISECOND = 3
-
-
 # Fields of the report that the file has under the same names, in its order.
 SAME = ("version", "complete", "recording", "format", "poses", "threads", "config")
 
