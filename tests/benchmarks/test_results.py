@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import pytest
 
 import results
 from cuboid.ground.core.errors import InputError
-from results import MARKED, PAGES, SCENE_01, load, table_of, tables_of, take, with_tables
+from results import MARKED, PAGES, load, table_of, tables_of, take, with_tables
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -36,14 +35,6 @@ def test_the_results_are_of_all_places_and_none_failed() -> None:
     assert len(results.real(rows)) == 13
     assert len(results.stills(rows)) == 2
     assert len(results.made(rows)) > 15
-
-
-def test_the_boxes_of_scene_01_have_one_mean_iou() -> None:
-    (boxes,) = (row["boxes"] for row in load()["places"]["places"] if row["name"] == SCENE_01)
-    poses = (REPOSITORY / "docs" / "poses.md").read_text(encoding="utf-8")
-    found = re.search(r"given poses: ([\d.]+)", poses)
-    assert found is not None
-    assert found[1] == f"{boxes['mean_iou']:.2f}"
 
 
 def place(name: str, recall: float, kind: str = "desk", made: bool = False) -> dict[str, Any]:
