@@ -305,7 +305,7 @@ class SceneSource(Source):
 
     def objects(self) -> list[tuple[TrackedObject, ObjectStatus]]:
         """Return all objects that ever had a label, sorted by label."""
-        return [(item, item.state) for item in self.map.all_objects]  # type: ignore[misc]  # a literal in the file
+        return [(item, item.state) for item in self.map.all_objects]
 
     def first_seen(self, item: TrackedObject) -> Seen:
         """Return the first frame that saw an object, and its recording."""
