@@ -61,11 +61,11 @@ def test_a_scene_tells_when_an_object_was_moved_and_from_where(
     assert rescue(path, rescued) == []
     with Scene.open(rescued) as scene:
         assert [(one.event, one.frame) for one in scene.events(item.label)] == [("moved", event.frame)]
+    assert cli.main(["scene", "show", str(path), str(item.label), "--json"]) == 0
+    (shown,) = json.loads(capsys.readouterr().out)["events"]
+    assert (shown["event"], shown["recording"], shown["frame"]) == ("moved", 1, event.frame)
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("DELETE FROM frames WHERE frame = ?", (event.frame,))
     rescue(path, tmp_path / "again.cuboid")
     with Scene.open(tmp_path / "again.cuboid") as scene:
         assert scene.events() == []  # its frame is lost
-    assert cli.main(["scene", "show", str(path), str(item.label), "--json"]) == 0
-    (shown,) = json.loads(capsys.readouterr().out)["events"]
-    assert (shown["event"], shown["recording"], shown["frame"]) == ("moved", 1, event.frame)
