@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
-from cuboid.lab.synthetic.draft import Draft, finish
+from cuboid.lab.synthetic.draft import Draft, add_shell, finish
 from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.paths import around
 from cuboid.lab.synthetic.placement import Arrangement
@@ -41,18 +43,12 @@ def demo_scene(frames: int = DEMO_FRAMES) -> Scene:
         draft.objects.put_at(model, 0, (x, y))
     draft.waypoints = _path()
     scene = finish(draft, "synthetic demo", "demo", 11, np.eye(4), 540.0)
-    return Scene(
-        **{name: getattr(scene, name) for name in Scene.__slots__ if name != "T_world_room"},
-        T_world_room=se3.inverse(scene.T_room_camera[0]),
-    )
+    return replace(scene, T_world_room=se3.inverse(scene.T_room_camera[0]))
 
 
 def _furnish(draft: Draft) -> None:
     half = 2.4
-    draft.add(draft.make("floor", half=half + 0.1), np.eye(4))
-    draft.add(draft.make("ceiling", half=half + 0.1), np.eye(4))
-    for k in range(4):
-        draft.add(draft.make("wall", length=2 * half, pictures=True), turn(k * np.pi / 2) @ shift((0, half, 0)))
+    add_shell(draft, draft.make("floor", half=half + 0.1), half)
     draft.add(draft.make("table", x=1.24, y=0.84, height=0.72), np.eye(4))
     draft.add(draft.make("post"), turn(np.radians(-79)) @ shift((0.72, 0, 0)) @ turn(np.pi / 2), doubtful=True)
 

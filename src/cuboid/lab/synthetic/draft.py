@@ -107,12 +107,18 @@ def on_floor(surface: Surface) -> Float64Array:
     return shift((*surface.center, 0)) @ turn(surface.angle_rad)
 
 
-def add_room(draft: Draft, half: float = ROOM_HALF_M) -> None:
-    """Add floor, ceiling, walls, and a curtain at -y."""
-    draft.add(draft.make("floor", half=half + 0.1), np.eye(4))
+def add_shell(draft: Draft, floor: Model, half: float, *, pictures: bool = True) -> None:
+    """Add floor, ceiling and walls; `pictures` tells whether the wall at +y has any."""
+    draft.add(floor, np.eye(4))
     draft.add(draft.make("ceiling", half=half + 0.1), np.eye(4))
     for k in range(4):
-        draft.add(draft.make("wall", length=2 * half, pictures=True), turn(k * np.pi / 2) @ shift((0, half, 0)))
+        wall = draft.make("wall", length=2 * half, pictures=pictures or k > 0)
+        draft.add(wall, turn(k * np.pi / 2) @ shift((0, half, 0)))
+
+
+def add_room(draft: Draft, half: float = ROOM_HALF_M) -> None:
+    """Add floor, ceiling, walls, and a curtain at -y."""
+    add_shell(draft, draft.make("floor", half=half + 0.1), half)
     draft.add(draft.make("curtain", length=2 * half), turn(np.pi) @ shift((0, half - 0.2, 0)))
 
 

@@ -179,11 +179,20 @@ class _Story:
 
     def lift(self) -> None:
         """Lift an object and put it elsewhere."""
+        self._move(0.0)
+
+    def push(self) -> None:
+        """Push an object over the table without lifting it."""
+        self._move(0.25)
+
+    def _move(self, near_m: float) -> None:
+        """Move an object: over the table to a place within `near_m`, or lifted to any place if that is 0."""
         body = self._free_thing()
-        T = None if body is None else self._spot(body)
+        T = None if body is None else self._spot(body, near_m)
         if body is not None and T is not None:
             start = self._now[body.id]
-            self._happened("moved", body, self._carry(body, T, self._clearance(body, T[:2, 3])), start, T)
+            height_m = 0.0 if near_m else self._clearance(body, T[:2, 3])
+            self._happened("moved", body, self._carry(body, T, height_m), start, T)
 
     def put_back(self) -> None:
         """Lift an object and put it back in its place, which is no event."""
@@ -191,14 +200,6 @@ class _Story:
         if body is not None:
             off = shift((*self._rng.uniform(-SAME_PLACE_M, SAME_PLACE_M, 2) / 2, 0.0))
             self._carry(body, off @ self._now[body.id], self._rng.uniform(0.1, 0.2))
-
-    def push(self) -> None:
-        """Push an object over the table without lifting it."""
-        body = self._free_thing()
-        T = None if body is None else self._spot(body, near_m=0.25)
-        if body is not None and T is not None:
-            start = self._now[body.id]
-            self._happened("moved", body, self._carry(body, T, 0.0), start, T)
 
     def take_and_bring_back(self) -> None:
         """Take an object out of the scene, and bring it back to another place."""

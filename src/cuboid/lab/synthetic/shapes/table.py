@@ -138,66 +138,37 @@ class _Builder:
     """The sizes and choices of a model by name, and the meshes and materials that follow from them."""
 
     def __init__(self, rng: np.random.Generator, given: Mapping[str, Any]) -> None:
-        self._rng, self._given = rng, given
+        self.rng, self._given = rng, given
         self._names: dict[str, Any] = {**_table()["names"], "waves": self._waves, **given}
 
     def _waves(self, points: Float64Array, wave_m: float) -> Float64Array:
-        return solids.waves(points, self._rng, wave_m)
+        return solids.waves(points, self.rng, wave_m)
 
     def value(self, item: Any) -> Any:
         """Return a number, the value of a formula, or a list of these."""
-        item = self._named(item)
+        item = self.named(item)
         return [self.value(one) for one in item] if isinstance(item, list) else item
 
-    def _named(self, item: Any) -> Any:
+    def named(self, item: Any) -> Any:
+        """Return the value of a formula; anything else as it is."""
         return eval(_formula(item), self._names) if isinstance(item, str) else item
 
     def draw(self, entry: Mapping[str, Any]) -> None:
         """Draw the sizes and choices of an entry, but for those that are given."""
         for name, item in entry.items():
-            if name not in _RESERVED and name not in self._given:
+            if name == "ranges":
+                self.draw(item)
+            elif name not in _RESERVED and name not in self._given:
                 self._names[name] = self.drawn(item)
 
     def drawn(self, item: Any) -> Any:
         """Draw one size or choice."""
         if isinstance(item, dict):
             ((kind, of),) = item.items()
-            return getattr(self, f"_{kind}")(of)
+            return _DRAWS[kind](self, of)
         if isinstance(item, list) and len(item) == 2 and not isinstance(item[0], list | str):
-            return self._rng.uniform(*item)
-        return self._named(item)
-
-    def _one(self, options: Any) -> Any:
-        return self._named(choice(self._rng, self._named(options)))
-
-    def _two(self, options: Any) -> Any:
-        values = self._named(options)
-        return [values[int(k)] for k in self._rng.choice(len(values), 2, replace=False)]
-
-    def _list(self, items: list[Any]) -> list[Any]:
-        return [self.drawn(item) for item in items]
-
-    def _rows(self, of: list[Any]) -> Float64Array:
-        low, high = np.array(of[1:], np.float64).T
-        return self._rng.uniform(low, high, (self.value(of[0]), len(low)))
-
-    def _whole(self, ends: tuple[int, int]) -> int:
-        return int(self._rng.integers(*ends))
-
-    def _chance(self, fraction: float) -> bool:
-        return self._rng.random() < fraction
-
-    def _paint(self, shine: float) -> Material:
-        return Material(paint(self._rng), shine=shine)
-
-    def _wood(self, scale_m: float) -> Material:
-        return wood(self._rng, scale_m)
-
-    def _material(self, name: str) -> Material:
-        return material(self._rng, name)
-
-    def _mesh(self, entry: Mapping[str, Any]) -> Mesh:
-        return self.mesh(entry)
+            return self.rng.uniform(*item)
+        return self.named(item)
 
     def look(self, item: Any) -> Material:
         """Return a material from a draw, a formula or its list."""
@@ -224,7 +195,7 @@ class _Builder:
             for _ in self._each(entry):
                 sizes = {name: self._names[name] for name in entry["sizes"]}
                 yield from (
-                    build(entry["shape"], self._rng, **sizes).moved(self.value(entry.get("place", "eye(4)"))).parts
+                    build(entry["shape"], self.rng, **sizes).moved(self.value(entry.get("place", "eye(4)"))).parts
                 )
         elif entry.get("apart"):
             for _ in self._each(entry):
@@ -260,7 +231,7 @@ class _Builder:
         if "warp" in entry:
             mesh = Mesh(self._warped(entry["warp"], mesh.vertices), mesh.faces)
         if "noise" in entry:
-            mesh = solids.displaced(mesh, self._rng, *entry["noise"])
+            mesh = solids.displaced(mesh, self.rng, *entry["noise"])
         if "flat" in entry:
             mesh = solids.flattened(mesh, self.value(entry["flat"]))
         if at is not None:
@@ -272,6 +243,31 @@ class _Builder:
         for name, formula in formulas.items():
             self._names[name] = self.value(formula)
         return np.column_stack([self._names[name] for name in "XYZ"])
+
+
+def _rows(builder: _Builder, of: Any) -> Float64Array:
+    low, high = np.array(of[1:], np.float64).T
+    return builder.rng.uniform(low, high, (builder.value(of[0]), len(low)))
+
+
+def _two(builder: _Builder, of: Any) -> list[Any]:
+    options = builder.named(of)
+    return [options[int(k)] for k in builder.rng.choice(len(options), 2, replace=False)]
+
+
+# The kinds of draws: functions of the value of the kind.
+_DRAWS: Mapping[str, Callable[[_Builder, Any], Any]] = {
+    "one": lambda builder, of: builder.named(choice(builder.rng, builder.named(of))),
+    "two": _two,
+    "list": lambda builder, of: [builder.drawn(item) for item in of],
+    "rows": _rows,
+    "whole": lambda builder, ends: int(builder.rng.integers(*ends)),
+    "chance": lambda builder, fraction: builder.rng.random() < fraction,
+    "paint": lambda builder, shine: Material(paint(builder.rng), shine=shine),
+    "wood": lambda builder, scale_m: wood(builder.rng, scale_m),
+    "material": lambda builder, name: material(builder.rng, name),
+    "mesh": lambda builder, entry: builder.mesh(entry),
+}
 
 
 def material(rng: np.random.Generator, name: str) -> Material:
