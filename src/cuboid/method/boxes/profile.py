@@ -94,7 +94,7 @@ def profile_of(box: Box, points: Float32Array | Float64Array, voxel_m: float) ->
         heights, ends_m = np.vstack([heights, np.full(5, -half_m)]), np.vstack([ends_m, [np.nan] * 4 + [foot]])
     columns = [_of_two(heights[:, k : k + 2], ends_m[:, k : k + 2], voxel_m) for k in (0, 2)]
     columns.append((heights[:, 4], ends_m[:, 4].max() - ends_m[:, 4]))
-    beyond_m = np.nanmax(ends_m[:, [0, 2, 1, 3]], axis=0) - np.tile(box.size[:2], 2) / 2.0
+    beyond_m = np.fmax.reduce(ends_m[:, [0, 2, 1, 3]]) - np.tile(box.size[:2], 2) / 2.0
     height_m, inset_m = (np.column_stack([one[k] for one in columns]) for k in (0, 1))
     return Profile(height_m, inset_m, beyond_m)
 
@@ -132,10 +132,10 @@ def _of_two(height_m: Float64Array, end_m: Float64Array, voxel_m: float) -> tupl
     The side that was seen farther down counts, or both if both were: the far side of a rounded body ends where rays of
     the camera touch it.
     """
-    lowest_m = np.nanmin(np.where(np.isnan(end_m), np.nan, height_m), axis=0)
+    lowest_m = np.fmin.reduce(np.where(np.isnan(end_m), np.nan, height_m))
     lowest_m[np.isnan(lowest_m)] = np.inf
     counts = lowest_m <= lowest_m.min() + voxel_m
-    inset_m = (np.nanmax(end_m, axis=0) - end_m)[:, counts]
+    inset_m = (np.fmax.reduce(end_m) - end_m)[:, counts]
     seen = ~np.isnan(inset_m)
     number = np.maximum(seen.sum(1), 1)
     mean_m = np.where(seen, inset_m, 0.0).sum(1) / number
