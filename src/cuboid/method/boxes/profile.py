@@ -57,10 +57,8 @@ class Profile:
 
     def is_rounded(self, rim_m: float, voxel_m: float) -> bool:
         """Return whether a body is wider below its top; `rim_m` is the drop of its rim, see `rims.rim_drop_m`."""
-        narrow = bool(
-            self.inset_m[0, :AXIS].max(initial=0.0, where=np.isfinite(self.inset_m[0, :AXIS]))
-            > ROUNDED_VOXELS * voxel_m
-        )
+        level_m = self.inset_m[0, :AXIS]
+        narrow = bool(level_m[np.isfinite(level_m)].max(initial=0.0) > ROUNDED_VOXELS * voxel_m)
         return narrow and rim_m > MIN_DROP_VOXELS * voxel_m
 
 
