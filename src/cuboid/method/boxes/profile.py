@@ -93,8 +93,8 @@ def profile_of(box: Box, points: Float32Array | Float64Array, voxel_m: float) ->
     columns = [_of_two(heights[:, k : k + 2], ends_m[:, k : k + 2], voxel_m) for k in (0, 2)]
     columns.append((heights[:, 4], ends_m[:, 4].max() - ends_m[:, 4]))
     beyond_m = np.fmax.reduce(ends_m[:, [0, 2, 1, 3]]) - np.tile(box.size[:2], 2) / 2.0
-    height_m, inset_m = (np.column_stack([one[k] for one in columns]) for k in (0, 1))
-    return Profile(height_m, inset_m, beyond_m)
+    heights_m, insets_m = (np.column_stack([one[k] for one in columns]) for k in (0, 1))
+    return Profile(heights_m, insets_m, beyond_m)
 
 
 def outline(
