@@ -73,6 +73,15 @@ def test_depth_that_is_the_same_in_all_pixels_is_named() -> None:
     assert "same depth in all their pixels (1.5 m)" in tracker.warnings[0]
 
 
+def test_frames_without_a_reading_of_depth_are_named() -> None:
+    tracker = cuboid.Tracker(CAMERA, poses="given")
+    color = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+    for k in range(20):  # one negative value marks pixels without a reading
+        tracker.update(Frame(k, k / 30, color, np.full(color.shape[:2], -1.5, np.float32), np.eye(4)))
+    (warning,) = tracker.warnings
+    assert warning.startswith("20 of 20 frames have no reading of depth and were not used")
+
+
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 def test_a_depth_scale_off_by_ten_is_named_with_the_right_one(good: Path, tmp_path: Path, factor: float) -> None:
     units = open_recording(good).depth_units_per_metre

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cuboid.ground.geometry.box import Box
-from cuboid.method.boxes.rims import is_hollow, outline_depth_m, rim_drop_m, side_drops, steps_m
+from cuboid.method.boxes.rims import is_hollow, rim_drop_m, side_drops, steps_m
 
 BOX = Box(np.array([0.3, 0.2, 0.04]), np.array([0.16, 0.12, 0.08]), np.eye(3))
 VOXEL_M = 0.01
@@ -41,15 +41,6 @@ def test_a_lower_part_at_one_side_is_a_step_and_mixed_readings_are_none() -> Non
 
 def test_a_top_without_a_middle_tells_nothing() -> None:
     assert rim_drop_m(side_drops(BOX, np.zeros((0, 3)), VOXEL_M)) == 0.0
-
-
-@pytest.mark.parametrize("radius_m", [0.02, 0.03, 0.04])
-def test_the_outline_of_a_rounded_body_lies_where_it_is_widest(radius_m: float) -> None:
-    inside = np.minimum(0.08 - np.abs(PLAN[:, 0]), 0.06 - np.abs(PLAN[:, 1]))
-    away = np.maximum(0.0, radius_m - inside)
-    drops = side_drops(BOX, top(radius_m - np.sqrt(np.maximum(0.0, radius_m**2 - away**2))), VOXEL_M)
-    assert outline_depth_m(rim_drop_m(drops), np.zeros(2)) == pytest.approx(radius_m, rel=0.35)
-    assert outline_depth_m(0.0, np.zeros(2)) == 0.0
 
 
 def test_a_cup_is_hollow_and_a_flat_or_rounded_top_is_not() -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,6 +94,24 @@ def test_the_quick_check_names_both_where_both_are_off(recording: Recording, pos
     assert verdict.wrong
     assert verdict.focal == pytest.approx(recording.intrinsics.fx, rel=0.01)
     assert verdict.depth_scale == pytest.approx(1 / 1.08, rel=0.01)
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.7, 1.5])
+def test_a_wrong_focal_length_is_named_after_a_second_of_estimated_poses(
+    factor: float, recording: Recording, tmp_path: Path
+) -> None:
+    """The camera turns by a few degrees only, which is too little for the check of longer runs."""
+    K = scaled(recording.intrinsics, factor)
+    words = ["--limit", "20", "--poses", "estimated", "--intrinsics", f"{K.fx},{K.fy},{K.cx},{K.cy}", "--threads", "1"]
+    output = tmp_path / "out"
+    assert main(["track", str(recording.path), *words, "--output", str(output)]) == 0
+    warnings = [line for line in read_run(output / "run.json").warnings if "focal length" in line]
+    if factor == 1.0:
+        assert not warnings
+    else:
+        found = re.search(r"the frames fit together clearly better with (\d+) ± \d+ px", *warnings)
+        assert found
+        assert float(found[1]) == pytest.approx(recording.intrinsics.fx, rel=0.02)
 
 
 @pytest.mark.parametrize(("factor", "poses"), [(0.92, "given"), (1.1, "corrected")])

@@ -77,7 +77,7 @@ def test_of_the_objects_of_a_frame_the_most_probable_one_has_the_first_label(mon
 def test_few_objects_of_a_frame_are_measured_those_with_the_fewest_views_first(monkeypatch: pytest.MonkeyPatch) -> None:
     config, measured = TrackerConfig(), []
 
-    def nothing_clear(box: Box, picture: Picture, rim_m: float, steps_m: np.ndarray, *, hollow: bool) -> np.ndarray:
+    def nothing_clear(box: Box, picture: Picture, *_: object, **__: object) -> np.ndarray:
         assert picture.color.flags.c_contiguous
         measured.append(round(float(box.center[0])))
         return np.full(4, np.nan)

@@ -14,6 +14,9 @@ from cuboid.inputs.calibration.views import View
 # A wrong pinhole shows in pairs with motion in the image, but pose errors grow with the camera's motion. Each view gets
 # one partner near each of these motions, radians of the median pixel (5, 11 and 20 degrees).
 MOTIONS_RAD = (0.09, 0.19, 0.35)
+# Motions of a short run (2 and 3 degrees more): a second of a hand-held camera has hardly larger ones, and too long a
+# focal length makes them smaller.
+SHORT_MOTIONS_RAD = (0.03, 0.05, *MOTIONS_RAD)
 # Maximum factor between a pair's motion and one of these.
 MAX_MOTION_FACTOR = 1.6
 # Minimum fraction of a view's points that lie in its partner's image.
@@ -22,15 +25,17 @@ MIN_OVERLAP = 0.45
 PROBES = 80
 
 
-def choose_pairs(views: Sequence[View], pinhole: Pinhole) -> list[tuple[int, int]]:
-    """Return pairs (from, to) of indices of views, in their order."""
+def choose_pairs(
+    views: Sequence[View], pinhole: Pinhole, motions_rad: Sequence[float] = MOTIONS_RAD
+) -> list[tuple[int, int]]:
+    """Return pairs (from, to) of indices of views, in their order, that moved by about one of some motions."""
     pairs = set()
     for i, view in enumerate(views):
         points = _probes(view, pinhole)
         if not len(points):
             continue
         seen = [_overlap_motion(points, view, other, pinhole) for other in views]
-        for target in MOTIONS_RAD:
+        for target in motions_rad:
             off = [
                 abs(np.log(motion / target)) if overlap >= MIN_OVERLAP and motion > 0 else np.inf
                 for overlap, motion in seen

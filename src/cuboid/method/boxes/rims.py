@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,10 +12,6 @@ from cuboid.ground.geometry.box import Box
 # The outline of a rounded object is this many times as far below the top as the outermost voxels, and a length between
 # two such outlines is known about as badly: chosen on made bags, cylinders and boxes; see BENCHMARK.md, "Measures".
 LOWER_RIM = 5.0
-# A rim that is lower by less than this, metres, is that of a flat top: noise and mixed readings lower it.
-MIN_DROP_M = 0.0015
-# Distance of the outermost columns of voxels from the outline, metres: half of a voxel, which is filled by half.
-OUTERMOST_M = 0.004
 # The rim of a hollow top is higher than its middle by this, voxels.
 HOLLOW_VOXELS = 1.5
 # Error of the outline of a hollow object, metres: either side of its wall may be found.
@@ -54,26 +49,6 @@ def steps_m(drops: Sequence[Float64Array], voxel_m: float) -> Float64Array:
             low, middle, high = np.quantile(side, (0.25, 0.5, 0.75))
             found[k] = middle if middle > voxel_m and high - low < FLAT_VOXELS * voxel_m else 0.0
     return np.asarray(found.reshape(2, 2).max(1))
-
-
-def outline_depth_m(rim_m: float, steps_m: Float64Array) -> float:
-    """Return how far below its top an object is widest, metres: there its outline is, seen from above.
-
-    The side of a rounded body gets steeper towards its outline, and the outermost columns of voxels end before it: on a
-    quarter circle of radius r, a drop of d at a distance s from the outline means r = d + s + sqrt(2 d s).
-
-    Parameters
-    ----------
-    rim_m : float
-        From `rim_drop_m`.
-    steps_m : (2,) float64
-        From `steps_m`: a lower part with a flat top, such as a shoulder, is widest between its top and that depth.
-    """
-    if rim_m < MIN_DROP_M:
-        return 0.0
-    curved_m = rim_m + OUTERMOST_M + math.sqrt(2.0 * rim_m * OUTERMOST_M)
-    step_m = float(steps_m.max())
-    return (curved_m + step_m) / 2.0 if step_m > 0.0 else curved_m
 
 
 def is_hollow(drops: Sequence[Float64Array], voxel_m: float) -> bool:

@@ -9,7 +9,7 @@ distance of opposite edges is taken: an error of the registration of color to de
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,9 @@ from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.tolerances import BIAS_M, SIGMAS
 from cuboid.ground.geometry.box import Box
-from cuboid.method.boxes.edges import FROM_ABOVE
 from cuboid.method.boxes.kernels.top_edges import color_steps, sums_along
-from cuboid.method.boxes.rims import LOWER_RIM, MIN_DROP_M, WALL_M, outline_depth_m
+from cuboid.method.boxes.profile import Profile, outline
+from cuboid.method.boxes.rims import LOWER_RIM, WALL_M
 
 # An edge lies within this many pixels of where depth has it, and within this fraction of the shorter side; a smaller
 # reach than the minimum cannot tell edges apart. Its ends are turned by at most TURN_PX.
@@ -30,11 +30,11 @@ REACH_PX, REACH_FRACTION, MIN_REACH_PX, TURN_PX = 8.0, 0.45, 4.0, 4.0
 # move both edges of a length by one more. Outside, the whole reach counts: time of flight loses pixels.
 MAX_WIDENED_PX, MAX_MOVED_PX = 2.0, 1.0
 # Distance of the points of a line across an edge, pixels, and of two points whose colors are compared, points.
-STEP_PX, LAG = 0.5, 2
+STEP_PX, LAG = 0.5, 1
 # Steps of a channel larger than this are no stronger evidence, levels: a print is no edge.
 MAX_STEP_LEVELS = 40.0
-# Number of lines across an edge, or a round rim; fraction of the side that they span: corners may be worn.
-LINES, SPAN = 40, 0.9
+# Number of lines across an edge, or a round rim; fraction of the side that they span: corners may be worn, or round.
+LINES, SPAN, ROUNDED_SPAN = 40, 0.9, 0.4
 # Number of neighbouring lines that cross an edge between the same two colors.
 GROUP = 5
 # Turns of a rectangle that are tried, radians: its direction is one of every two degrees.
@@ -47,6 +47,16 @@ MOVES_PX = np.arange(-4.0, 4.01, 1.0)
 MIN_STEP_LEVELS, MAX_OTHER = 5.0, 0.7
 # An edge of a rim outside of the strongest one is its outline if it stands out by this fraction of that one.
 OUTER_FRACTION = 0.4
+# Half of the width of a step at half of its height, points: the outer flank of a step is so far outside of its edge.
+HALF_WIDTH = 2.0
+# Sides that face the camera at this cosine are seen: depth tells where they are, and the edge below them is that of a
+# shadow as well.
+SEEN_FACING = 0.35
+# The box of a body of revolution has equal sides, but for rounding; see `revolved`.
+EQUAL_SIDES_M = 1e-4
+# Edges of the outline of a rounded body that is not round are within this many times the reach: depth ends long before
+# its far side does.
+OUTLINE_REACH = 1.5
 # Pixels between two different edges.
 APART_PX = 2.5
 # An edge counts if this fraction of its lines shows the top inside of it.
@@ -54,9 +64,8 @@ MIN_SHOWN_FRACTION = 0.5
 # Standard deviation of a length between two edges, pixels: chosen on made parcels, where the 95 % interval then holds
 # 93 % of the lengths; see BENCHMARK.md, "Measures".
 SIDE_PX = 1.0
-# Standard deviation of a length between two outlines of a rounded object, pixels; error of the height of the outline,
-# as a fraction of its depth below the top.
-OUTLINE_PX, OUTLINE_ERROR = 2.5, 0.3
+# The same between two outlines of a rounded object, and of the diameter of a round one.
+OUTLINE_PX, ROUND_OUTLINE_PX = 2.5, 1.3
 # A side that is known no better than this, pixels, is left to depth.
 MAX_SIGMA_PX = 5.0
 # Smallest cosine between up and the direction to the camera: below 30 degrees a top is too foreshortened.
@@ -104,7 +113,13 @@ class Picture:
 
 
 def top_sides(
-    box: Box, picture: Picture, rim_m: float, steps_m: Float64Array | None = None, *, hollow: bool = False
+    box: Box,
+    picture: Picture,
+    rim_m: float,
+    steps_m: Float64Array | None = None,
+    *,
+    hollow: bool = False,
+    profile: Profile | None = None,
 ) -> Float64Array:
     """Return the length and the width of a box from the edges of its top, and their standard deviations, (4,) metres.
 
@@ -121,41 +136,39 @@ def top_sides(
         Height of its top above lower parts at the ends of its length and width, metres; see `rims.steps_m`.
     hollow : bool
         Whether the top is a rim around a hollow.
+    profile : Profile, optional
+        That of a body that does not end where its top does: its outline is measured, not the edges of its top.
     """
     unknown = np.full(4, np.nan)
-    top = box.center + box.size[2] / 2.0 * box.up
+    middle = box.center if profile is not None else box.center + box.size[2] / 2.0 * box.up
     T = picture.T_camera_map
-    ray = picture.eye - top
+    ray = picture.eye - middle
     above_m, away_m = float(ray @ box.up), math.sqrt(ray @ ray)
     if above_m < MIN_FACING * away_m:
         return unknown
-    steps_m = np.zeros(2) if steps_m is None else steps_m
-    outline_m = 0.0
-    if above_m >= FROM_ABOVE * away_m:  # the outline is where the object is widest
-        outline_m = min(outline_depth_m(rim_m, steps_m), box.size[2])
-        top, above_m = top - outline_m * box.up, above_m + outline_m
-    elif rim_m >= MIN_DROP_M:  # from the side, the outline of a rounded body is not where its sides end
-        return unknown
-    pixel_m = float((T[:3, :3] @ top + T[:3, 3])[2]) / math.sqrt(picture.camera.fx * picture.camera.fy)
+    pixel_m = float((T[:3, :3] @ middle + T[:3, 3])[2]) / math.sqrt(picture.camera.fx * picture.camera.fy)
     if pixel_m <= 0.0:
         return unknown
     # Opposite edges are farther apart than an edge may be off.
     reach = math.floor(min(REACH_PX, REACH_FRACTION * float(box.size[:2].min()) / pixel_m) / STEP_PX)
     if reach < MIN_REACH_PX / STEP_PX:
         return unknown
-    view = _View(picture, box, top, pixel_m, reach, outline_m, box.size[2] if hollow else 0.0)
-    found, stands_out = _rectangle(view)
+    view = _View(picture, box, middle, pixel_m, reach, hollow, profile)
+    longer = view if profile is None else replace(view, reach=round(OUTLINE_REACH * reach))
+    found, stands_out, is_disc = *_rectangle(longer), False
     if abs(box.size[0] - box.size[1]) < REACH_PX * pixel_m:
         disc, rim = _disc(view)
-        if rim > stands_out:
-            found = disc
-    # An edge that lies lower than the top appears displaced, the more the farther the camera is aside.
-    aside = (np.abs(ray @ box.rotation[:, :2]) + box.size[:2] / 2.0) / above_m
-    if outline_m > 0.0:
-        sigma_m = np.hypot(OUTLINE_PX * pixel_m, OUTLINE_ERROR * outline_m * 2.0 * aside)
-    else:
+        of_revolution = profile is not None and box.size[0] - box.size[1] < EQUAL_SIDES_M
+        if of_revolution or rim > stands_out:
+            found, is_disc = disc, True
+    if profile is None:
+        # An edge that lies lower than the top appears displaced, the more the farther the camera is aside.
+        aside = (np.abs(ray @ box.rotation[:, :2]) + box.size[:2] / 2.0) / above_m
         sigma_m = np.hypot(SIDE_PX * pixel_m, LOWER_RIM * rim_m * (1.0 + aside))
-        sigma_m = np.hypot(sigma_m, steps_m * aside)
+        if steps_m is not None:
+            sigma_m = np.hypot(sigma_m, steps_m * aside)
+    else:
+        sigma_m = np.full(2, (ROUND_OUTLINE_PX if is_disc else OUTLINE_PX) * pixel_m)
     if hollow:
         sigma_m = np.hypot(sigma_m, WALL_M)
     clear = ~np.isnan(found) & (sigma_m <= MAX_SIGMA_PX * pixel_m)
@@ -166,7 +179,7 @@ def top_sides(
 class _View:
     """A box in a picture: the middle (3,) of its top, the width of a pixel there, and the reach of edges, points.
 
-    The surface inside of the edges may be nearer to the camera by `front_m`, and farther by `behind_m`, metres.
+    With a profile the middle is that of the box, and edges are those of the outline.
     """
 
     picture: Picture
@@ -174,27 +187,50 @@ class _View:
     top: Float64Array
     pixel_m: float
     reach: int
-    front_m: float = 0.0
-    behind_m: float = 0.0
+    hollow: bool = False
+    profile: Profile | None = None
+
+    @property
+    def front_m(self) -> float:
+        """How much nearer to the camera than an edge the surface inside of it may be, metres."""
+        return 0.0 if self.profile is None else float(self.box.size[2])
+
+    @property
+    def behind_m(self) -> float:
+        """How much farther away the surface inside of an edge may be, metres."""
+        return float(self.box.size[2]) if self.hollow or self.profile is not None else 0.0
+
+    def outline(
+        self, axis: int, places: Float64Array, outward: Float64Array
+    ) -> tuple[Float64Array, npt.NDArray[np.bool_]]:
+        """Return the places of the outline for places (S, 3) on the sides of the box; see `profile.outline`."""
+        if self.profile is None:
+            return places, np.ones(len(places), bool)
+        return outline(self.profile, axis, self.box, places, outward, self.picture.eye)
 
 
 def _rectangle(view: _View) -> tuple[Float64Array, float]:
     """Return the sides (2,) of a rectangular top, NaN where not clear, and how far its edges stand out, levels."""
     box, top, pixel_m = view.box, view.top, view.pixel_m
-    along = np.linspace(-SPAN, SPAN, LINES)
+    span = SPAN if view.profile is None else ROUNDED_SPAN
+    along = np.linspace(-span, span, LINES)
     edges = []
     for side in range(4):
         sign, axis = 1.0 if side < 2 else -1.0, side % 2
         outward = sign * box.rotation[:, axis]
         half_m = box.size[1 - axis] / 2.0
         line = np.outer(along * half_m, np.cross(box.up, outward))
-        places = top + outward * box.size[axis] / 2.0 + line
+        directions = np.tile(outward, (LINES, 1))
+        places, wide = view.outline(axis, top + outward * box.size[axis] / 2.0 + line, directions)
         # All edges of a rectangle turn alike.
         turned = np.rint(-np.outer(TURNS, along * half_m) / (pixel_m * STEP_PX))
-        edges.append(_Edge(view, places, np.tile(outward, (LINES, 1)), turned))
+        edges.append(_Edge(view, places[wide], directions[wide], turned[:, wide]))
     stands_out = np.array([edge.stands_out for edge in edges])
     best = int(np.argmax(stands_out.sum(0)))
     offsets = np.array([edge.offset_m(best) for edge in edges])
+    if view.profile is not None:
+        facing = np.array([edge.facing for edge in edges])
+        offsets = np.where(facing > SEEN_FACING, view.profile.beyond_m, offsets)
     longer_m = offsets[:2] + offsets[2:]
     widened_m = np.array([edge.max_widened_m for edge in edges])
     longer_m[longer_m < -(widened_m[:2] + widened_m[2:])] = np.nan
@@ -209,10 +245,11 @@ def _disc(view: _View) -> tuple[Float64Array, float]:
     diameter_m = float(view.box.size[:2].mean())
     moves = np.stack(np.meshgrid(MOVES_PX, MOVES_PX), axis=-1).reshape(-1, 2)
     moved = np.rint(moves @ directions.T / STEP_PX)
-    rim = _Edge(view, view.top + outward * diameter_m / 2.0, outward, moved)
+    places, wide = view.outline(2, view.top + outward * diameter_m / 2.0, outward)
+    rim = _Edge(view, places[wide], outward[wide], moved[:, wide])
     best = int(np.argmax(rim.stands_out))
-    # An inner circle may stand out most around a wrong centre: all centres count.
-    offset_m = rim.outermost_m(rim.means.max(0))
+    # An inner circle of a top may stand out most around a wrong centre: all centres count.
+    offset_m = rim.outermost_m(rim.means.max(0) if view.profile is None else rim.means[best])
     found_m = diameter_m + 2.0 * offset_m if offset_m >= -rim.max_widened_m else math.nan
     return np.full(2, found_m), float(rim.stands_out[best])
 
@@ -235,6 +272,8 @@ class _Edge:
     ----------
     means : (M, O) float64
         Mean step, levels, from the innermost offset on; zero if too few lines show the top.
+    facing : float
+        Cosine between the directions across the edge and to the camera.
     max_widened_m : float
         Largest distance of a true edge inside of the expected one, metres, but for noise.
     """
@@ -242,8 +281,12 @@ class _Edge:
     def __init__(self, view: _View, places: Float64Array, outward: Float64Array, shifts: Float64Array) -> None:
         self._view, picture, box, pixel_m = view, view.picture, view.box, view.pixel_m
         rays = picture.eye - places
+        if not len(places):
+            self.means, self.max_widened_m, self._inward, self.facing = np.zeros((len(shifts), 1)), 0.0, 0, 0.0
+            return
         # Of a length along the rays, fewer pixels are seen.
         seen_fraction = float(np.sqrt(1.0 - (rays * outward).sum(1) ** 2 / (rays**2).sum(1)).mean())
+        self.facing = float(((rays * outward).sum(1) / np.sqrt((rays**2).sum(1))).mean())
         self.max_widened_m = MAX_WIDENED_PX * pixel_m / seen_fraction
         self._inward = min(view.reach, round((MAX_WIDENED_PX + MAX_MOVED_PX) / (STEP_PX * seen_fraction)))
         means = np.zeros((len(shifts), 2 * view.reach + 1))
@@ -254,7 +297,7 @@ class _Edge:
             return
         beyond_m, above_m = (rays * outward).sum(1), rays @ box.up
         strip_m = beyond_m * box.size[2] / (above_m + box.size[2])
-        narrow = shown & (strip_m > 0.0) & (strip_m < 2.0 * REACH_PX * pixel_m)
+        narrow = shown & (strip_m > 0.0) & (strip_m < 2.0 * REACH_PX * pixel_m) & (view.profile is None)
         means += self._means_of(self._steps_of(places[shown], outward[shown]), shifts[:, shown])
         if narrow.any():
             foot = self._steps_of(places[narrow] - box.size[2] * box.up, outward[narrow])
@@ -276,7 +319,21 @@ class _Edge:
         least = max(MIN_STEP_LEVELS, OUTER_FRACTION * (float(means.max()) - usual))
         peaks = [k for k in range(1, len(means) - 1) if means[k - 1] <= means[k] > means[k + 1]]
         high = [k for k in peaks if means[k] - usual >= least]
-        return self._peak_m(means, high[-1]) if high else math.nan
+        if not high:
+            return math.nan
+        return self._outer_m(means, high[-1]) if self._view.hollow else self._peak_m(means, high[-1])
+
+    def _outer_m(self, means: Float64Array, best: int) -> float:
+        """Return the offset of the outer one of two edges that are one step, as of a thin wall; NaN if unknown."""
+        usual = float(np.median(means))
+        half = usual + (means[best] - usual) / 2.0
+        k = best
+        while k + 1 < len(means) and means[k + 1] > half:
+            k += 1
+        if k + 1 == len(means):
+            return math.nan
+        at = k + (means[k] - half) / (means[k] - means[k + 1]) - HALF_WIDTH
+        return float((at - self._inward) * STEP_PX * self._view.pixel_m)
 
     def _peak_m(self, means: Float64Array, best: int) -> float:
         """Return the offset of the vertex of the parabola through a peak and its neighbours, metres."""
@@ -288,7 +345,7 @@ class _Edge:
     def offset_m(self, form: int) -> float:
         """Return the offset of the edge in a form, metres; NaN if it is not clear."""
         means = self.means[form]
-        if self._view.front_m > 0.0:
+        if self._view.profile is not None:
             return self.outermost_m(means)
         best, usual = int(means.argmax()), float(np.median(means))
         if not 0 < best < len(means) - 1 or means[best] - usual < MIN_STEP_LEVELS:

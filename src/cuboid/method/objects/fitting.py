@@ -16,6 +16,7 @@ from cuboid.ground.geometry.overlap import iou_matrix
 from cuboid.method.boxes.fit import fit_box
 from cuboid.method.boxes.hidden import with_hidden_foot
 from cuboid.method.boxes.measured_sides import along_axes, still_valid, with_sides, with_view
+from cuboid.method.boxes.profile import profile_of
 from cuboid.method.boxes.rims import is_hollow, rim_drop_m, side_drops, steps_m
 from cuboid.method.boxes.top_edges import Picture, top_sides
 from cuboid.method.heatmap.stored_points import Rows
@@ -109,14 +110,17 @@ class Fitting:
     def measure(self, entries: Sequence[MapObject], picture: Picture) -> None:
         """Find the sides of objects in a frame that shows them, by the edges of their tops."""
         for entry in entries:
-            drops = side_drops(entry.box, entry.points, self._voxels.voxel_m)
-            rim_m, lower_m = rim_drop_m(drops), steps_m(drops, self._voxels.voxel_m)
-            hollow = is_hollow(drops, self._voxels.voxel_m)
-            view_m = top_sides(entry.box, picture, rim_m, lower_m, hollow=hollow)
+            voxel_m = self._voxels.voxel_m
+            drops = side_drops(entry.box, entry.points, voxel_m)
+            rim_m, hollow = rim_drop_m(drops), is_hollow(drops, voxel_m)
+            profile = profile_of(entry.box, entry.points, voxel_m)
+            if profile is not None and not profile.is_rounded(rim_m, voxel_m):
+                profile = None
+            view_m = top_sides(entry.box, picture, rim_m, steps_m(drops, voxel_m), hollow=hollow, profile=profile)
             sides_m = with_view(entry.sides_m, view_m)
             self._store.count_measured(entry)
             if sides_m is not entry.sides_m:
-                box = with_sides(entry.box, sides_m, self._voxels.voxel_m)
+                box = with_sides(entry.box, sides_m, voxel_m)
                 self._store.set_box(entry, box, along_axes(sides_m, entry.box, box))
 
     def fit(self, entry: MapObject, eye: Float64Array | None = None) -> None:

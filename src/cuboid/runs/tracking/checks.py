@@ -16,7 +16,7 @@ from cuboid.inputs.readers import Recording
 from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.sources import ESTIMATED, GIVEN, LOST, NO_POSE
 from cuboid.runs.tracking.diagnosis import RunFacts, diagnose, explains, median_or_none
-from cuboid.runs.tracking.running import RunningTracker
+from cuboid.runs.tracking.running import NO_DEPTH, RunningTracker
 from cuboid.runs.tracking.types import RecordingLike, RigLike
 
 
@@ -121,6 +121,7 @@ def run_facts(tracker: RunningTracker, recording: RecordingLike | None = None, e
         frames_used=len(tracker.T_world_camera),
         frames_lost=reasons.count(LOST),
         frames_without_pose=_without_pose(tracker, recording),
+        frames_without_depth=reasons.count(NO_DEPTH),
         every=every,
         depth_fraction=median_or_none(tracker.counts.depth_fraction.values()),
         depth_median_m=median_or_none(tracker.counts.depth_median_m.values()),

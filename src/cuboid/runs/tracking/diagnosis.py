@@ -86,6 +86,8 @@ class RunFacts:
         Number of frames in which the camera was lost while poses were estimated.
     frames_without_pose : int
         Number of frames that lack a given pose.
+    frames_without_depth : int
+        Number of frames without any reading of depth.
     depth_constant : bool
         Whether most used frames have one depth in all pixels.
     every : int
@@ -122,6 +124,7 @@ class RunFacts:
     planes: int
     proposals: int
     objects: int
+    frames_without_depth: int = 0
     depth_constant: bool = False
     farthest_m: float = 0.0
     untimely: tuple[int, ...] = ()
@@ -149,6 +152,7 @@ def diagnose(facts: RunFacts) -> tuple[str, ...]:
         _constant_depth(facts),
         mismatch,
         facts.registration,
+        _without_depth(facts),
         _few_readings(facts),
         _lost(facts),
         _without_pose(facts),
@@ -184,6 +188,15 @@ def _without_pose(facts: RunFacts) -> str | None:
     return (
         f"{facts.frames_without_pose} of {facts.frames_read} frames have no camera pose and were not used; "
         "--bridge estimates these poses"
+    )
+
+
+def _without_depth(facts: RunFacts) -> str | None:
+    if facts.frames_without_depth < max(MIN_LOST, MANY_LOST * facts.frames_read):
+        return None
+    return (
+        f"{facts.frames_without_depth} of {facts.frames_read} frames have no reading of depth and were not used: every "
+        "pixel is 0, negative or not a number; check the source of the depth images"
     )
 
 
