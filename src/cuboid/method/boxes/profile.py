@@ -25,7 +25,7 @@ FARTHEST, END, NEAR_VOXELS = 0.95, 0.9, 0.3
 # Smallest number of points that tell where one side of a layer ends, and of layers that tell how a wall leans.
 MIN_SIDE_POINTS = 3
 # A wall that was seen down to this height above the foot, voxels, and that leans by less than this, reaches the foot.
-FOOT_VOXELS, MAX_FOOT_SLOPE = 2.5, 0.4
+FOOT_VOXELS, MAX_FOOT_SLOPE = 2.5, 0.3
 # Parts narrower than this fraction of the body do not tell how wide it is: the neck of a bottle.
 WIDE_FRACTION = 0.65
 # A top whose upper voxel ends this far inside of the body, voxels, is rounded or smaller than the body, unless its rim
@@ -156,7 +156,7 @@ def _end_of(across_m: Float64Array, height_m: Float64Array, voxel_m: float) -> t
 def _foot(height_m: Float64Array, end_m: Float64Array, half_m: float, voxel_m: float) -> float | None:
     """Return where a round wall that was seen nearly down to its foot ends there, metres; None for other bodies."""
     above_m = height_m + half_m
-    wall = above_m < above_m[-1] + 2.0 * voxel_m
+    wall = above_m < above_m[-1] + 1.05 * voxel_m  # three layers
     if np.count_nonzero(wall) < MIN_SIDE_POINTS or above_m[-1] > FOOT_VOXELS * voxel_m:
         return None
     slope, _ = np.polyfit(above_m[wall], end_m[wall], 1)
