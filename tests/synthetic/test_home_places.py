@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
+from placed import scene_of
 from scipy.spatial import Delaunay
 
 from cuboid.lab.synthetic import Scene, make_scene
@@ -20,11 +19,6 @@ NAMES_ROOM = ["can", "mug", "jar", "cap", "parcel", "can", "mug", "plant", "ball
 LAST_TABLE = (1.268816241089598, -0.4897510535419899, 0.03934485192868431)
 LAST_ROOM = (-0.9933045039909091, 0.24600715719773802, 0.8837729736025276)
 CLUTTER = ("cable", "paper", "leaflet", "cloth")
-
-
-@cache
-def scene_of(kind: str, seed: int) -> Scene:
-    return make_scene(kind, seed, frames=3)
 
 
 def names(scene: Scene) -> list[str]:

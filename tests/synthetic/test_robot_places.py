@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from placed import scene_of
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.frame import Intrinsics
@@ -41,7 +42,7 @@ def test_overhead_cameras_are_held_in_any_roll() -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_things_in_a_tote_touch_and_stay_within_its_walls(seed: int) -> None:
-    scene = make_scene("bin", seed, frames=10)
+    scene = scene_of("bin", seed)
     (surface,) = scene.surfaces
     assert len(scene.objects) >= 4
     assert any(o.touches for o in scene.objects)
@@ -65,7 +66,7 @@ def test_a_counter_is_seen_from_across_the_room(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_stacked_blocks_are_flush_and_books_lie_on_books(seed: int) -> None:
-    scene = make_scene("stacks", seed, frames=10)
+    scene = scene_of("stacks", seed)
     blocks = [o for o in scene.objects if o.model.name == "block"]
     assert len(blocks) == 4
     for below, above in ((blocks[0], blocks[1]), (blocks[2], blocks[3])):

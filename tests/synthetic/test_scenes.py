@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from placed import scene_of
 
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.geometry import se3
@@ -24,7 +25,7 @@ def outlines(scene):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_objects_stand_on_their_surface_without_overlap(kind, seed):
-    scene = make_scene(kind, seed, frames=30)
+    scene = scene_of(kind, seed)
     assert len(scene.objects) >= (1 if kind == "alone" else 4)
     plan = outlines(scene)
     heights = {o.id: o.mesh().vertices[:, 2] for o in scene.objects}
