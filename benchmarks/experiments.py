@@ -51,7 +51,7 @@ def main() -> int:
     parser.add_argument("name", choices=NAMES)
     parser.add_argument("--work", type=Path, required=True, metavar="DIR")
     parser.add_argument("--data", type=Path, default=None, metavar="DATA")
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=["table", "leave", "clutter"])
+    parser.add_argument("--kinds", nargs="*", choices=KINDS, default=["table", "leave", "clutter"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[2], metavar="N")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="use each n-th frame")
     parser.add_argument("--limit", type=int, default=None, metavar="N", help="use at most so many frames")

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry.box import Box
-from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.draft import Draft, add_room, finish
 from cuboid.lab.synthetic.material import Material, Texture
 from cuboid.lab.synthetic.mesh import box, lathe
@@ -147,7 +146,7 @@ def _scene(view: str, distance_m: float, seed: int, shapes: str) -> Scene:
     add_room(draft)
     half = np.array([0.8, 0.6])
     draft.objects = Arrangement((Surface("table", TABLE_M, np.zeros(2), half),), rng)
-    draft.add(made.table(rng, (1.6, 1.2, TABLE_M)), np.eye(4))
+    draft.add(draft.make("table", x=1.6, y=1.2, height=TABLE_M), np.eye(4))
     longest = min(SIDES_M[1], SIDE_FRACTION * distance_m)
     within = 0.22 * distance_m / half
     touching = shapes == PARCELS and seed % 2 == 1

@@ -12,7 +12,7 @@ import numpy as np
 from cuboid.ground.core.errors import CuboidError
 from cuboid.lab.evaluation import evaluate, evaluate_keyframes
 from cuboid.lab.evaluation.average_precision import average_precision
-from cuboid.lab.evaluation.figures import harmonic
+from cuboid.lab.evaluation.figures import figures, harmonic
 from cuboid.lab.evaluation.keyframe_scores import ranking
 from cuboid.lab.evaluation.keyframes import is_keyframes
 from cuboid.lab.evaluation.matching import ratio
@@ -47,6 +47,8 @@ class Judgement:
         Probability and rightness of the judged sightings; None for boxes.
     ap : float or None
     reliability : Reliability or None
+    boxes : dict or None
+        All figures of the final boxes; None for rectangles.
     """
 
     wanted: int
@@ -58,6 +60,7 @@ class Judgement:
     ranking: tuple[np.ndarray, np.ndarray] | None
     ap: float | None
     reliability: Reliability | None
+    boxes: dict[str, Any] | None = None
 
 
 def place_row(place: Place, checkout: Checkout, failure: str | None) -> dict[str, Any]:
@@ -74,7 +77,8 @@ def place_row(place: Place, checkout: Checkout, failure: str | None) -> dict[str
         ]
     except CuboidError as error:
         return {**row, "failed": str(error)}
-    return {**row, **pool(found)}
+    boxes = [one.boxes for one in found if one.boxes is not None]
+    return {**row, **pool(found), "boxes": boxes[0] if len(boxes) == 1 else None}
 
 
 def _judge(result: Path, truth: Path, iou: float, recording: Path) -> Judgement:
@@ -96,9 +100,9 @@ def _of_boxes(result: Path, truth: Path, iou: float) -> Judgement:
     identity = found.identity
     counts = at.found + at.missed, at.found, at.wrong
     if identity is None:
-        return Judgement(*counts, None, None, None, None, at.ap, None)
+        return Judgement(*counts, None, None, None, None, at.ap, None, figures(found))
     labels = identity.label_consistency, identity.at[k].idf1, identity.hota.hota
-    return Judgement(*counts, *labels, None, at.ap, identity.reliability[k])
+    return Judgement(*counts, *labels, None, at.ap, identity.reliability[k], figures(found))
 
 
 def pool(found: Sequence[Judgement]) -> dict[str, Any]:

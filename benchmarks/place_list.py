@@ -19,6 +19,8 @@ DRAWN = Path(__file__).resolve().parent / "truth"
 # Images of made recordings, and their frames at most: a made place takes about as long as a short real one.
 MADE_SIZE, MADE_FRAMES = "480x360", 90
 MADE_SENSORS = ("structured-light", "time-of-flight")
+# The kind of place of sets of single pictures.
+STILLS = "stills"
 # The kind of place of each kind of made scene; another kind of scene is a kind of place of its own.
 KIND_OF_MADE = {
     **dict.fromkeys(("table", "occluders", "leave", "tables", "clutter", "counter", "stacks", "containers"), "table"),
@@ -80,6 +82,8 @@ class RealPlace:
     name : str
         Name of its folder, and beginning of the names of its truth files.
     kind : str
+    about : str
+        What it shows, for readers of the tables.
     iou : float
         0.25 where the truth is loose.
     recording : str
@@ -90,27 +94,34 @@ class RealPlace:
 
     name: str
     kind: str
+    about: str
     iou: float = 0.5
     recording: str = ""
     truths: tuple[str, ...] = ()
 
 
 DATA = (
-    RealPlace("rgbd-scenes-v2", "table", 0.5, "imgs/scene_01", ("ground_truth/01.json",)),
-    RealPlace("rgbd_dataset_freiburg1_xyz", "desk"),
-    RealPlace("desk-realsense", "desk", 0.5, "", ("keyframes.json",)),
-    RealPlace("office-scan", "room", 0.5, "", ("truth.json",)),
-    RealPlace("dish-from-above", "overhead"),
-    RealPlace("overhead-hands", "moving", 0.25),
-    RealPlace("bin-robot-hand", "bin", 0.25, "", ("keyframes.json",)),
+    RealPlace(
+        "rgbd-scenes-v2",
+        "table",
+        "a coffee table (scene 01)",
+        recording="imgs/scene_01",
+        truths=("ground_truth/01.json",),
+    ),
+    RealPlace("rgbd_dataset_freiburg1_xyz", "desk", "a cluttered desk, first half of TUM fr1/xyz"),
+    RealPlace("desk-realsense", "desk", "an office desk, RealSense at 5 Hz", truths=("keyframes.json",)),
+    RealPlace("office-scan", "room", "a scanned office", truths=("truth.json",)),
+    RealPlace("dish-from-above", "overhead", "a dish from straight above"),
+    RealPlace("overhead-hands", "moving", "hands above a table, depth 20 px beside color", 0.25),
+    RealPlace("bin-robot-hand", "bin", "a bin, seen from a robot's hand", 0.25, truths=("keyframes.json",)),
 )
 FURTHER = (
-    RealPlace("cafe", "table"),
-    RealPlace("redkitchen", "room"),
-    RealPlace("rgbd_dataset_freiburg1_xyz_b", "desk"),
-    RealPlace("mini_shelf", "shelf"),
-    RealPlace("toys_moving", "moving", 0.25),
-    RealPlace("hands", "moving", 0.25),
+    RealPlace("cafe", "table", "the counter of a cafe"),
+    RealPlace("redkitchen", "room", "a cluttered kitchen, color and depth not registered"),
+    RealPlace("rgbd_dataset_freiburg1_xyz_b", "desk", "the same desk, second half of TUM fr1/xyz"),
+    RealPlace("mini_shelf", "shelf", "groceries in a carton on its side"),
+    RealPlace("toys_moving", "moving", "toys in a bin; the camera and the toys move", 0.25),
+    RealPlace("hands", "moving", "the hands above a table, four times as long", 0.25),
 )
 _NAMES = [place.name for place in (*DATA, *FURTHER)]
 
@@ -175,7 +186,7 @@ def drawn_truth(name: str) -> list[Path]:
 
 def _still_place(stills: StillSet, root: Path, work: Path, every: int) -> Place:
     parts = [Part(name, folder, (truth,)) for name, folder, truth in still_parts(stills, root, work)]
-    return Place(stills.name, "stills", 0.5, made=False, parts=tuple(parts[::every]))
+    return Place(stills.name, STILLS, 0.5, made=False, parts=tuple(parts[::every]))
 
 
 def made_places(seeds: Sequence[int], work: Path) -> list[Place]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from cuboid.lab.evaluation.reliability import Reliability, ReliabilityBin, pooled
 from place_figures import FIGURES
+from place_list import STILLS
 from tables import cell, markdown
 
 Row = dict[str, Any]
@@ -31,6 +32,32 @@ def mean_and_error(values: Sequence[float]) -> tuple[float, float] | None:
 
 def _values(rows: Sequence[Row], name: str) -> list[float]:
     return [row[name] for row in rows if row.get(name) is not None]
+
+
+def summary_table(rows: Sequence[Row]) -> str:
+    """Return mean and worst figures of real places and of made kinds, and the means of the stills."""
+    lines = []
+    for name, part in (("real places", real(rows)), ("sets of stills", stills(rows)), ("made kinds", made(rows))):
+        if part:
+            lines.append([f"{name}, mean", str(len(part)), *_means(part, _mean_text)])
+        if len(part) > 2:
+            lines.append(["... the worst", "", *(worst(part, figure) for figure in FIGURES)])
+    return markdown(["places", "number", *FIGURES.values()], lines)
+
+
+def real(rows: Sequence[Row]) -> list[Row]:
+    """Return the judged recordings of real places."""
+    return [row for row in judged(rows) if not row["made"] and row["kind"] != STILLS]
+
+
+def stills(rows: Sequence[Row]) -> list[Row]:
+    """Return the judged sets of stills."""
+    return [row for row in judged(rows) if row["kind"] == STILLS]
+
+
+def made(rows: Sequence[Row]) -> list[Row]:
+    """Return the judged kinds of made places."""
+    return [row for row in judged(rows) if row["made"]]
 
 
 def places_table(rows: Sequence[Row]) -> str:
@@ -63,8 +90,8 @@ def means_table(rows: Sequence[Row]) -> str:
     """Return the means by kind, of real, made and all places with the standard error over places, and the worst."""
     rows = judged(rows)
     lines = [[name, str(len(part)), *_means(part, _mean_text)] for name, part in groups(rows)]
-    worst = [_worst(rows, name) for name in FIGURES]
-    return markdown(["places", "number", *FIGURES.values()], [*lines, ["worst place", "", *worst]])
+    lines.append(["worst place", "", *(worst(rows, name) for name in FIGURES)])
+    return markdown(["places", "number", *FIGURES.values()], lines)
 
 
 def _means(rows: Sequence[Row], text: Callable[[Sequence[float]], str]) -> list[str]:
@@ -79,7 +106,8 @@ def _mean_text(values: Sequence[float], sign: str = "") -> str:
     return f"{mean:{sign}.3f}" + ("" if np.isnan(error) else f" ± {error:.3f}")
 
 
-def _worst(rows: Sequence[Row], name: str) -> str:
+def worst(rows: Sequence[Row], name: str) -> str:
+    """Return the worst value of a figure, and the place that has it."""
     have = [row for row in rows if row.get(name) is not None]
     if not have:
         return "-"

@@ -10,7 +10,7 @@ are drawn and printed. `docs/evaluation.md` defines the figures.
 Each recording is tracked by `cuboid track RECORDING --threads 1` without further options. `--work` keeps the results by
 the digest of the program's source, and made recordings by that of the generator: a second call is quick.
 `--against` compares with another checkout, whose results the same judge judges, or with a file of `--save`. `--quick`
-takes one seed and one still in four.
+takes one seed and one still in four. `results.py` writes the tables of README.md and BENCHMARK.md from such a file.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from place_tables import (
     means_table,
     places_table,
     reliability_table,
+    summary_table,
     verdict,
 )
 from place_tracking import Checkout, track
@@ -89,7 +90,8 @@ def _run(args: argparse.Namespace) -> int:
     with ThreadPoolExecutor(args.jobs) as executor:
         unmade = render_all(places, executor)
         rows = tracked_rows(Checkout.of(SOURCE.parent, args.work), places, unmade, executor)
-        print(f"\n{places_table(rows)}\n\n{means_table(rows)}\n\n{reliability_table(rows)}", flush=True)
+        tables = (table(rows) for table in (summary_table, places_table, means_table, reliability_table))
+        print("", *tables, sep="\n\n", flush=True)
         other = None if earlier is None else earlier["places"]
         if args.against is not None and other is None:
             other = tracked_rows(Checkout.of(args.against / "src", args.work), places, unmade, executor)

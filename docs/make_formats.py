@@ -1,10 +1,8 @@
-"""Make docs/formats.md and docs/schemas from the program's own descriptions: ``python docs/make_formats.py``."""
+"""The page of file formats and the JSON Schemas, made from the program's own descriptions for `make_reference.py`."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -19,7 +17,6 @@ from cuboid.ground.formats.table_validation import Row, header_of
 from cuboid.ground.formats.truth_file import TruthDocument
 from cuboid.ground.formats.visits_file import VisitsDocument
 
-HERE = Path(__file__).resolve().parent
 # By the name under which people know the file.
 DOCUMENTS: dict[str, type[msgspec.Struct]] = {
     "objects.json": ObjectsDocument,
@@ -69,11 +66,10 @@ def markdown() -> str:
 
 HEAD = """# File formats
 
-The program validates files by the descriptions on this page; `python docs/make_formats.py` makes the page from the
-code. The same descriptions as JSON Schemas: [camera](schemas/camera.schema.json),
-[objects](schemas/objects.schema.json), [run](schemas/run.schema.json), [truth](schemas/truth.schema.json),
-[keyframes](schemas/keyframes.schema.json), [visits](schemas/visits.schema.json), [rig](schemas/rig.schema.json). A file
-that does not match is refused with a message of one line that names the field.
+The program validates files by the descriptions on this page. The same descriptions as JSON Schemas:
+[camera](schemas/camera.schema.json), [objects](schemas/objects.schema.json), [run](schemas/run.schema.json),
+[truth](schemas/truth.schema.json), [keyframes](schemas/keyframes.schema.json), [visits](schemas/visits.schema.json),
+[rig](schemas/rig.schema.json). A file that does not match is refused with a message of one line that names the field.
 
 Numbers are finite. JSON documents have at most 64 MB. Fields that are not listed here are ignored, except in
 `camera.json` and `rig.json`, where they are refused. Text files are UTF-8, with lines of at most 10,000 characters.
@@ -157,19 +153,3 @@ def _title(name: str) -> str:
     """Return the name of a part as people write it: PlaneEntry, BoxOfTruth are a plane, a box."""
     stem = name.removesuffix("Entry").removesuffix("OfTruth")
     return stem[:1] + "".join(f" {char.lower()}" if char.isupper() else char for char in stem[1:])
-
-
-def files() -> dict[Path, str]:
-    """Return the content of each file that is made."""
-    schemas = {
-        HERE / "schemas" / name.replace(".json", ".schema.json"): json.dumps(schema_of(kind), indent=1) + "\n"
-        for name, kind in DOCUMENTS.items()
-    }
-    return {HERE / "formats.md": markdown(), **schemas}
-
-
-if __name__ == "__main__":
-    for path, text in files().items():
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-        print(path)

@@ -4,7 +4,7 @@
     python docs/make_gallery.py --data DATA
 
 Each RESULTS is a folder of `cuboid track` whose recording still lies where it was. Without one, recordings with known
-truth are made and tracked, which takes some minutes; two of them are spoiled, for the pictures of docs/faq.md. With
+truth are made and tracked, which takes some minutes; two of them are spoiled, for the pictures of symptoms. With
 --data, the real recordings in DATA are tracked. Pictures of those whose licence allows it go to docs/gallery, others to
 docs/gallery/real, which is no part of the repository; `docs/real_pictures.py` shows them in the pages.
 """
@@ -110,7 +110,7 @@ def draw_real(data: Path, folder: Path) -> None:
         if name == TROUBLED:
             troubles(results, GALLERY / "real")
         if real.free:
-            continue  # docs/gallery.md shows it
+            continue  # docs/results.md shows it
         sheets.append({"name": name, "title": real.title, "source": f"Recording: {real.source}."})
     (GALLERY / "real" / "index.json").write_text(json.dumps(sheets, indent=1), encoding="utf-8")
 

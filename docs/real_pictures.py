@@ -18,7 +18,7 @@ PLACE = "<!-- real recordings -->"
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Return the text of a page, with the pictures that are there (called by MkDocs)."""
-    if page.file.src_uri == "gallery.md":
+    if page.file.src_uri == "results.md":
         return markdown.replace(PLACE, "\n\n".join(map(section, drawn())))
     if page.file.src_uri == "finds-nothing.md":
         return re.sub(r"gallery/(look-at-\w+\.jpg)", in_real, markdown)
@@ -34,7 +34,7 @@ def drawn() -> list[dict[str, str]]:
 def section(sheet: dict[str, str]) -> str:
     """Return the section of a sheet."""
     picture = f"![Labels, heat, own boxes, planes](gallery/real/{sheet['name']}.jpg)"
-    return f"## {sheet['title']}\n\n{picture}\n\n{sheet['source']}"
+    return f"### {sheet['title']}\n\n{picture}\n\n{sheet['source']}"
 
 
 def in_real(match: re.Match[str]) -> str:

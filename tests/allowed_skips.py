@@ -8,6 +8,7 @@ ALLOWED_SKIPS = {
     "tests/cameras/test_record3d.py": "the library has no wheel",
     "tests/readers/test_phones.py": "pyliblzfse has no wheel",
     "tests/fuzz/test_fuzz.py": "pyliblzfse has no wheel",
+    "tests/readers/test_formats.py": "pyliblzfse has no wheel",
     "tests/readers/test_same_objects.py": "pyliblzfse has no wheel",
     "tests/benchmarks/test_made_pictures.py": "its packages of meshes are large, and only a fit needs them",
     "tests/parity/test_parity.py": "the evaluators of others need an environment of their own",

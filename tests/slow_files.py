@@ -74,7 +74,7 @@ SLOW_FILES = frozenset(
         "proposals/test_make_source.py",
         "proposals/test_matlab.py",
         "queries/test_twelve_questions.py",
-        "readers/test_azure_kinect.py",
+        "readers/test_formats.py",
         "readers/test_phones.py",
         "readers/test_ros_bag.py",
         "readers/test_same_objects.py",

@@ -16,7 +16,7 @@ from cuboid.ground.core.extras import how_to_install, need_cluster, require
 REPOSITORY = Path(__file__).resolve().parents[1]
 SOURCE = REPOSITORY / "src" / "cuboid"
 EXTRAS = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
-INSTALL = REPOSITORY / "docs" / "install.md"
+INSTALL = REPOSITORY / "docs" / "index.md"
 # Functions that word the message, and where in their call the extra stands.
 WORDED_BY = {"require": 2, "library": 2, "missing": 2, "how_to_install": 0}
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,8 +18,6 @@ from cuboid.ground.formats.rows_files import ProposalEntry, TrackEntry
 from cuboid.results.exports import csv_table
 from cuboid.results.files.object_table import COLUMNS
 from cuboid.runs.scene import schema
-
-DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
 @dataclass(frozen=True)
@@ -65,13 +61,3 @@ def test_each_field_of_a_sighting_or_proposal_is_in_its_line(record: type, line:
     assert names[:3] == ("frame", "timestamp", "label")
     of_rigs = ("camera",)
     assert tuple(name for name in names[13:] if name not in of_rigs) == names_in(columns_of(record))[1:]
-
-
-def test_the_pages_have_the_tables_as_they_are() -> None:
-    spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    for path, text in module.files().items():
-        assert path.read_text(encoding="utf-8") == text, f"{path} is old: run docs/make_tables.py"

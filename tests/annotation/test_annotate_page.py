@@ -42,8 +42,6 @@ class Desk:
         """Where a place of the picture is on the screen."""
         drawing = self.page.locator("#drawing")
         place, view = drawing.bounding_box(), drawing.get_attribute("data-view")
-        assert place is not None
-        assert view is not None
         zoom, left, top = map(float, view.split())
         return place["x"] + left + zoom * x, place["y"] + top + zoom * y
 
@@ -244,7 +242,6 @@ def test_zoomed_in_a_rectangle_is_drawn_to_the_pixel(desk: Desk) -> None:
     for _ in range(4):
         desk.page.mouse.wheel(0, -400)
     view = desk.page.locator("#drawing").get_attribute("data-view")
-    assert view is not None
     assert float(view.split()[0]) > 10
     desk.drag((75, 55), (84, 63))
     assert desk.boxes(0) == {1: [75, 55, 84, 63]}
@@ -252,7 +249,6 @@ def test_zoomed_in_a_rectangle_is_drawn_to_the_pixel(desk: Desk) -> None:
     assert (np.abs(shown.astype(int) - (0, 100, 200)).max(axis=2) < 8).mean() > 0.3  # the picture fills the board
     desk.press("Enter", "f")
     view = desk.page.locator("#drawing").get_attribute("data-view")
-    assert view is not None
     assert float(view.split()[0]) < 5
 
 
@@ -270,7 +266,6 @@ def test_what_is_not_saved_is_said_and_saved_later(desk: Desk) -> None:
 
 def test_a_page_that_is_outdated_overwrites_nothing(desk: Desk) -> None:
     launched = desk.page.context.browser
-    assert launched is not None
     other = launched.new_page()
     other.goto(desk.address)
     other.wait_for_selector("body[data-ready]")
@@ -298,12 +293,10 @@ def test_on_a_phone_the_picture_has_the_width_and_no_button_is_clipped(desk: Des
     desk.page.set_viewport_size({"width": 390, "height": 780})
     try:
         board = desk.page.locator("#board").bounding_box()
-        assert board is not None
         assert (board["x"], board["width"]) == (0, 390)
         assert board["height"] > 780 / 3
         for button in desk.page.locator("button:visible").all():
             place = button.bounding_box()
-            assert place is not None
             assert place["x"] >= 0
             assert place["x"] + place["width"] <= 390
     finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from played import CALIBRATION, SIZE, PlayedDriver, color_image, depth_image, pose
 
 import cuboid
-from cuboid.ground.core.errors import InputError, OutputError
+from cuboid.ground.core.errors import InputError, MissingExtraError, OutputError
 from cuboid.inputs.cameras import CAMERAS, LiveCamera, Shot
 from cuboid.inputs.cameras.latest import LatestQueue
 from cuboid.inputs.readers import Calibration, DepthCamera, open_recording
@@ -156,6 +157,20 @@ def test_wrong_calls_are_refused_with_what_was_expected(tmp_path: Path) -> None:
         cuboid.open_camera("realsense:831612070538,640x480")
     with pytest.raises(InputError, match=r"unknown option 'speed'; there are: serial, size, rate, file"):
         cuboid.open_camera("realsense:speed=3")
+
+
+@pytest.mark.parametrize(
+    ("camera", "module", "part"),
+    [
+        ("orbbec", "pyorbbecsdk", "pip install --no-deps pyorbbecsdk2"),
+        ("oak", "depthai", r"needs depthai, which is not installed: .* '\.\[oak\]'"),
+        ("record3d", "record3d", "needs record3d, which is not installed: pip install record3d"),
+    ],
+)
+def test_what_a_camera_needs_is_said(camera: str, module: str, part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingExtraError, match=part):
+        cuboid.open_camera(camera)
 
 
 def test_a_camera_of_another_package_is_opened_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import pytest
 from played import color_image, depth_image, install, lacking
 
 import cuboid
-from cuboid.ground.core.errors import InputError, MissingExtraError
+from cuboid.ground.core.errors import InputError
 from cuboid.inputs.cameras.oak import COLOR, DEPTH, WAITING, calibration_of, shot_of
 
 K = [[64.0, 0.0, 32.0], [0.0, 64.0, 24.0], [0.0, 0.0, 1.0]]
@@ -199,12 +199,6 @@ def test_no_device_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     install(monkeypatch, "depthai", MEMBERS)
     with pytest.raises(InputError, match="--camera oak: 99 cannot be opened: Cannot find any device"):
         cuboid.open_camera("oak:id=99")
-
-
-def test_what_it_needs_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "depthai", None)
-    with pytest.raises(MissingExtraError, match=r"needs depthai, which is not installed: .* '\.\[oak\]'"):
-        cuboid.open_camera("oak")
 
 
 def test_the_fake_has_no_more_than_the_library() -> None:

@@ -10,7 +10,7 @@ import pytest
 from played import color_image, depth_image, install, lacking
 
 import cuboid
-from cuboid.ground.core.errors import FrameError, InputError, MissingExtraError
+from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.inputs.cameras.orbbec import CONVERSIONS, rgb_of
 
 
@@ -190,12 +190,6 @@ def test_no_device_is_one_line(monkeypatch: pytest.MonkeyPatch, spec: str, count
         InputError, match=r"--camera orbbec: (no camera is there|the camera cannot be opened: Device not)"
     ):
         cuboid.open_camera(spec)
-
-
-def test_what_it_needs_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "pyorbbecsdk", None)
-    with pytest.raises(MissingExtraError, match="pip install --no-deps pyorbbecsdk2"):
-        cuboid.open_camera("orbbec")
 
 
 @pytest.mark.parametrize("kind", ["RGB", "BGR", "YUYV", "UYVY", "MJPG"])

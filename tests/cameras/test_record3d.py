@@ -12,7 +12,7 @@ import pytest
 from played import install, lacking
 
 import cuboid
-from cuboid.ground.core.errors import InputError, MissingExtraError
+from cuboid.ground.core.errors import InputError
 
 
 class DeviceInfo:
@@ -94,12 +94,6 @@ def test_another_device_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     install(monkeypatch, "record3d", {"Record3DStream": Record3DStream})
     with pytest.raises(InputError, match="no device 'mine' is there; connect it by USB"):
         cuboid.open_camera("record3d:id=mine")
-
-
-def test_what_it_needs_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "record3d", None)
-    with pytest.raises(MissingExtraError, match="needs record3d, which is not installed: pip install record3d"):
-        cuboid.open_camera("record3d")
 
 
 def test_the_fake_has_no_more_than_the_library() -> None:

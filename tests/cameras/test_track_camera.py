@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,42 +13,21 @@ from cuboid.ground.core.errors import InputError
 from cuboid.inputs.cameras.live import LiveCamera
 from cuboid.inputs.readers import open_recording
 from cuboid.results.files import read_run
+from slowed import SAID, slowed, started
 
-HERE = Path(__file__).resolve().parent
-
-SCRIPT = """
-import sys
-sys.path[:0] = [{here!r}, {tests!r}]
-import cuboid.runs.pipeline.run
+PLAYED = """
 from cuboid.inputs.cameras import CAMERAS
-from cuboid.cli import main
-from fakes import FakeTracker
 from played import PlayedDriver
-
-class Telling(FakeTracker):
-    def update(self, frame, anchor=0):
-        print("frame", frame.index, file=sys.stderr, flush=True)
-        return super().update(frame, anchor)
-
-cuboid.runs.pipeline.run._tracker = Telling
-then = {then}
-CAMERAS.register("toy")(lambda options: PlayedDriver({frames}, paced=False, every_s=0.01, then=then))
-sys.exit(main(sys.argv[1:]))
+CAMERAS.register("toy")(lambda options: PlayedDriver({frames}, paced=False, every_s=0.01, then={then}))
 """
 
 
 @pytest.mark.parametrize("silent", [False, True], ids=["while frames come", "while none comes"])
 def test_ctrl_c_ends_with_a_whole_result(tmp_path: Path, silent: bool) -> None:
     then = "lambda: __import__('time').sleep(0.05)" if silent else "None"
-    script = SCRIPT.format(here=str(HERE), tests=str(HERE.parent), then=then, frames=6 if silent else 10**9)
-    words = ["track", "--camera", "toy", "--output", str(tmp_path / "out"), "--record", str(tmp_path / "kept")]
-    process = subprocess.Popen(
-        [sys.executable, "-c", script, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stderr is not None
-    for line in process.stderr:
-        if line.startswith("frame 5"):
-            break
+    before = PLAYED.format(then=then, frames=6 if silent else 10**9)
+    words = ["track", "--camera", "toy", "--output", tmp_path / "out", "--record", tmp_path / "kept"]
+    process = started(slowed(SAID, *words, before=before, folder=Path(__file__).resolve().parent), 5)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 0, err

@@ -11,38 +11,12 @@ import pytest
 
 from cuboid.results.files import read_run, read_tracks
 from fakes import write_recording
-
-TESTS = Path(__file__).resolve().parents[1]
-
-# The real command with a tracker that takes its time.
-SCRIPT = """
-import sys, time
-sys.path.insert(0, {tests!r})
-import cuboid.runs.pipeline.run
-from cuboid.cli import main
-from fakes import FakeTracker
-
-class Slow(FakeTracker):
-    def update(self, frame, anchor=0):
-        print("frame", frame.index, file=sys.stderr, flush=True)
-        time.sleep(1.0 if frame.index == 4 else 0.01)
-        return super().update(frame, anchor)
-
-cuboid.runs.pipeline.run._tracker = Slow
-sys.exit(main(sys.argv[1:]))
-"""
+from slowed import SAID, slowed, started
 
 
 def start(recording: Path, output: Path) -> subprocess.Popen[str]:
-    words = [sys.executable, "-c", SCRIPT.format(tests=str(TESTS)), "track", str(recording)]
-    process = subprocess.Popen(
-        [*words, "--output", str(output)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stderr is not None
-    for line in process.stderr:
-        if line.startswith("frame 4"):
-            break
-    return process
+    step = f"{SAID}; time.sleep(1.0 if frame.index == 4 else 0.01)"
+    return started(slowed(step, "track", recording, "--output", output), 4)
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

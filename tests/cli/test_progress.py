@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from cuboid.cli import progress as module
-from cuboid.cli.progress import COMPILING, CompileCount, LineProgress, TerminalProgress, about_left
+from cuboid.cli.progress import COMPILING, CompileCount, about_left, progress
 from cuboid.ground.compiling import compiled, compiletime
 from cuboid.ground.core.results import FrameResult
 from cuboid.runs.pipeline import ahead
@@ -39,7 +39,7 @@ def results(count: int) -> list[FrameResult]:
 
 def test_the_bar_shows_frames_rate_and_objects() -> None:
     screen = io.StringIO()
-    with TerminalProgress(Console(file=screen, force_terminal=True, width=120)) as bar:
+    with progress(Console(file=screen, force_terminal=True, width=120)) as bar:
         bar.start(4)
         for result in results(3):
             bar.frame(result)
@@ -56,9 +56,9 @@ def test_compiling_is_counted_on_the_terminal_and_in_lines(
     kernels = [FakeKernel(str(k)) for k in range(4)]
     listed(monkeypatch, kernels)
     screen = io.StringIO()
-    for bar in (TerminalProgress(Console(file=screen, force_terminal=True, width=120)), LineProgress()):
-        with bar:
-            bar.start(4)
+    for bar in (progress(Console(file=screen, force_terminal=True, width=120)), progress()):
+        with bar as shown:
+            shown.start(4)
             kernels[0].cached = False
             compiletime.begin()
             kernels[0].cached = True  # by this process or another
@@ -86,7 +86,7 @@ def test_a_first_run_tells_at_once_what_it_compiles_how_long_and_how_to_avoid_it
 ) -> None:
     kernels = [FakeKernel(str(k)) for k in range(4)]
     listed(monkeypatch, kernels)
-    with LineProgress():
+    with progress():
         compiletime.begin()
         compiletime.end()
     first = capsys.readouterr().err.splitlines()[0]
@@ -94,7 +94,7 @@ def test_a_first_run_tells_at_once_what_it_compiles_how_long_and_how_to_avoid_it
     assert "pip install --no-deps --no-build-isolation ." in first
     for kernel in kernels[:3]:  # most are there: a few seconds
         kernel.cached = True
-    with LineProgress():
+    with progress():
         compiletime.begin()
         compiletime.end()
     assert "first run" not in capsys.readouterr().err
@@ -118,7 +118,7 @@ def test_without_a_terminal_a_line_now_and_then(
 ) -> None:
     clock = iter(np.arange(0.0, 1000.0, 1.5))
     monkeypatch.setattr(module.time, "perf_counter", lambda: next(clock))
-    with LineProgress() as lines:
+    with progress() as lines:
         lines.start(30)
         for result in results(30):
             lines.frame(result)

@@ -20,29 +20,7 @@ from made_text_models import made_text_model
 # Length and size of all that is made here, and of what `cuboid synth` and `cuboid demo` make when a page runs them.
 FRAMES, SIZE = "24", "160x120"
 # Recordings that the pages name; all are the same plain one.
-RECORDINGS = (
-    "RECORDING",
-    "EXPORT",
-    "FOLDER",
-    "my-recording",
-    "monday",
-    "tuesday",
-    "wednesday",
-    "000001",
-    "0958220d-e2c2-2de1-9710-c37018da1883",
-    "41048190",
-    "Replica/office0",
-    "chess/seq-01",
-    "hotel_umd/maryland_hotel3",
-    "living_room_traj2_frei_png",
-    "rgbd-scenes-v2/imgs/scene_01",
-    "rgbd_bonn_static",
-    "rgbd_dataset_freiburg1_xyz",
-    "rgbd_dataset_freiburg3_long_office_household",
-    "scene",
-    "scene0000_00",
-    "teddy",
-)
+RECORDINGS = ("RECORDING", "my-recording", "monday", "tuesday", "wednesday", "rgbd_dataset_freiburg1_xyz")
 
 
 def call(*words: object) -> None:
@@ -75,7 +53,6 @@ class Given:
             "PARCELS": self._parcels,
             "RIG": self._rig,
             "STORE": self._store,
-            "walk.mcap": self._bag,
             "scans.zip": self._zip,
             "scans.tar": self._tar,
             "packed.tar.gz": self._packed_tar,
@@ -86,7 +63,7 @@ class Given:
     def always(self, text: str) -> list[str]:
         """Return what a page has without asking: what its code names in capitals, and recordings."""
         names = [name for name in self._makers if name.isupper() or self._makers[name] == self._recording]
-        names += ["walk.mcap", "scans.zip", "scans.tar"]
+        names += ["scans.zip", "scans.tar"]
         return [name for name in names if re.search(rf"(?<![\w/.-]){re.escape(name)}(?![\w.-])", text)]
 
     def put(self, name: str, where: Path) -> None:
@@ -149,9 +126,6 @@ class Given:
 
     def _store(self, path: Path) -> None:
         call("batch", self.made("RECORDINGS"), "--output", path, "--workers", 1)
-
-    def _bag(self, path: Path) -> None:
-        call("convert", self.made("RECORDING"), "--to", "mcap", "--output", path)
 
     def _zip(self, path: Path) -> None:
         shutil.make_archive(str(path.with_suffix("")), "zip", self.made("RECORDING"))

@@ -62,13 +62,19 @@ def test_no_link_within_it_is_dead(site: Path) -> None:
     assert not dead, "\n".join(dead)
 
 
+def test_the_reference_is_part_of_it(site: Path) -> None:
+    for name, words in (("commands", "--pose-offset"), ("files", "size_sigma_m"), ("http", "/api/last-seen")):
+        assert words in (site / "reference" / name / "index.html").read_text(encoding="utf-8")
+    assert (site / "reference" / "schemas" / "objects.schema.json").is_file()
+
+
 def test_a_page_asks_nobody_else(site: Path) -> None:
     text = (site / "index.html").read_text(encoding="utf-8")
     assert not re.search(r'(?:src|href)="https?://(?!(?:squidfunk|www\.mkdocs))[^"]*\.(?:js|css|woff2?)"', text)
 
 
 def test_each_page_links_to_the_repository(site: Path) -> None:
-    for name in ("index.html", "faq/index.html"):
+    for name in ("index.html", "results/index.html"):
         assert ADDRESS in Links((site / name).read_text(encoding="utf-8")).links
 
 

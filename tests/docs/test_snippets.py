@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
-from blocks import BLOCKS, PAGES, REPOSITORY, SHELL, Block, commands_of, is_synopsis
+from blocks import BLOCKS, REPOSITORY, SHELL, Block, commands_of, is_synopsis
 from given import FRAMES, RECORDINGS, SIZE, Given
 
 from cuboid.cli import COMMANDS, main
@@ -179,20 +179,6 @@ def test_the_types_of_all_python_blocks_hold(tmp_path: Path) -> None:
     environment = {**os.environ, "MYPYPATH": "src"}  # as the repository's own check has it, whose cache is used
     done = subprocess.run(words, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_option_is_documented(name: str) -> None:
-    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
-    options = {option for action in parser_of(name)._actions for option in action.option_strings}
-    assert [one for one in sorted(options) if one.startswith("--") and not re.search(rf"{one}(?![\w-])", text)] == []
-
-
-def test_the_synopsis_of_track_has_all_its_options() -> None:
-    page = (REPOSITORY / "docs" / "commands.md").read_text(encoding="utf-8")
-    synopsis = page[page.index("    cuboid track RECORDING -o DIR") :].split("\n\n")[0]
-    options = {option for action in parser_of("track")._actions for option in action.option_strings}
-    assert [one for one in sorted(options - {"--help"}) if one.startswith("--") and one not in synopsis] == []
 
 
 def test_enough_is_run() -> None:

@@ -235,7 +235,6 @@ def made_desk_run(recording: Recording, rects: dict[int, dict[int, list[float]]]
     with ResultWriter(folder) as writer:
         for frame in range(len(recording)):
             T = recording.pose(frame)
-            assert T is not None
             here = rects.get(frame, {}) if frame in FOUND_FRAMES else {}
             boxes = {number: plate(rect, T, recording.intrinsics) for number, rect in here.items()}
             seen = [Sighting(n, boxes[n], None, 1.0, np.array(here[n]) + 5.0) for n in FOUND_IDS if n in here]
@@ -243,7 +242,6 @@ def made_desk_run(recording: Recording, rects: dict[int, dict[int, list[float]]]
             time_s = recording.timestamp_s(frame)
             writer.add(FrameResult(frame, time_s, T, tuple(seen), tuple(own), 2, np.zeros((4, 4), np.float32), {}))
         T = recording.pose(184)
-        assert T is not None
         box = plate(rects[184][9], T, recording.intrinsics)
         thing = TrackedObject(9, box, 1.0, 1.0, 184, 209, 2, 10, np.zeros(3), None, ())
         config, count = {"every": 1, "limit": None, "scale": 2, "proposals": "depth:160"}, len(recording)
@@ -280,7 +278,6 @@ def test_the_funnel_of_a_real_desk(desk: tuple[Path, Path]) -> None:
     assert [stage for stage in ("map",) if found.frames[5].stages[stage][0]] == ["map"]
     assert mapped.at[0].found >= 1
     # The proposals come from the recording, at the scale of the run, in pixels of the full size.
-    assert two.per_frame is not None
     assert two.per_frame > 10
     assert two.at[1].found >= two.at[0].found > 4
 

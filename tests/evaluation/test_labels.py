@@ -21,41 +21,31 @@ def lines(*objects: str, first: int = 0, every: int = 1) -> Timelines:
     return Timelines(first + every * np.arange(len(must)), must, label)
 
 
-def test_an_object_that_comes_back_with_its_old_label_is_reidentified() -> None:
-    (one,) = reidentification(lines("333....333"), (1,))
-    assert (one.reappearances, one.found, one.same_label, one.rate) == (1, 1, 1, 1.0)
+@pytest.mark.parametrize(
+    ("rows", "reappearances", "found", "same"),
+    [
+        (["333....333"], 1, 1, 1),
+        (["33...-44", "33...---", "33...333"], 3, 2, 1),  # a new label and none at all are failures
+        (["3344...433"], 1, 1, 1),  # the first label after the absence decides, against the last one before
+        (["3344...344"], 1, 1, 0),
+        (["---...111"], 0, 0, 0),  # without a label before it is no reappearance
+        (["...111"], 0, 0, 0),
+        (["111...--"], 0, 0, 0),  # neither is one that flits past
+        (["111...--...-11"], 1, 1, 1),
+    ],
+)
+def test_an_object_that_comes_back_is_reidentified(rows: list[str], reappearances: int, found: int, same: int) -> None:
+    (at,) = reidentification(lines(*rows), (1,))
+    assert (at.reappearances, at.found, at.same_label) == (reappearances, found, same)
+    assert at.rate == (pytest.approx(same / reappearances) if reappearances else None)
 
 
-def test_a_new_label_and_none_at_all_are_failures() -> None:
-    (at,) = reidentification(lines("33...-44", "33...---", "33...333"), (1,))
-    assert (at.reappearances, at.found, at.same_label) == (3, 2, 1)
-    assert at.rate == pytest.approx(1 / 3)
-
-
-def test_the_first_label_after_the_absence_decides_against_the_last_before() -> None:
-    (at,) = reidentification(lines("3344...433"), (1,))
-    assert at.same_label == 1
-    (at,) = reidentification(lines("3344...344"), (1,))
-    assert at.same_label == 0
-
-
-def test_the_curve_counts_absences_of_at_least_so_many_frames() -> None:
+def test_the_curve_counts_absences_of_at_least_so_many_frames_of_the_recording() -> None:
     # Absent for 2 frames with the label kept, then for 5 with another.
     curve = reidentification(lines("111..111.....222"), (1, 2, 3, 5, 6))
     assert [at.reappearances for at in curve] == [2, 2, 1, 1, 0]
     assert [at.rate for at in curve] == [0.5, 0.5, 0.0, 0.0, None]
-
-
-def test_absences_are_in_frames_of_the_recording() -> None:
-    curve = reidentification(lines("111..111", every=10), (20, 21))
-    assert [at.reappearances for at in curve] == [1, 0]
-
-
-def test_what_had_no_label_or_flits_past_is_no_reappearance() -> None:
-    assert reidentification(lines("---...111"), (1,))[0].reappearances == 0
-    assert reidentification(lines("...111"), (1,))[0].reappearances == 0
-    assert reidentification(lines("111...--"), (1,))[0].reappearances == 0
-    assert reidentification(lines("111...--...-11"), (1,))[0].reappearances == 1
+    assert [at.reappearances for at in reidentification(lines("111..111", every=10), (20, 21))] == [1, 0]
 
 
 def test_the_labels_of_an_object() -> None:
@@ -66,9 +56,6 @@ def test_the_labels_of_an_object() -> None:
     assert had.switches == 1
     assert (had.frames_to_find, had.frames_found) == (10, 6)
     assert had.frames_to_first_label == 3
-
-
-def test_an_object_never_found_has_no_label() -> None:
     (had,) = object_labels(lines("..---"))
     assert (had.labels, had.main_label, had.main_share, had.frames_to_first_label) == ((), None, None, None)
 

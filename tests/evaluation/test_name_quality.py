@@ -56,7 +56,6 @@ def test_accuracy_top_three_and_confusion(tmp_path: Path) -> None:
     folder = named_results(tmp_path / "out", [*COCO])
     truth = [(10, "mug, red", 1), (11, "cup", 2), (12, "monitor", 3), (13, "bowl", None), (14, "lamp", 1)]
     found = name_quality(folder, truth)
-    assert found is not None
     assert (found.judged, found.named, found.right, found.in_top) == (3, 2, 1, 3)
     assert found.accuracy == pytest.approx(1 / 3)
     assert found.top3 == 1.0

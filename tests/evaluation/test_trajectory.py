@@ -60,9 +60,7 @@ def test_a_square_with_lifted_corners() -> None:
     # every side of 1 m is off by 6 cm, and takes one second
     for drift in (found.per_second, found.per_metre):
         assert drift.stretches == 3
-        assert drift.translation_cm is not None
         assert drift.translation_cm.median == pytest.approx(6.0)
-        assert drift.rotation_deg is not None
         assert drift.rotation_deg.max == pytest.approx(0.0, abs=1e-6)
 
 
@@ -77,7 +75,6 @@ def test_one_wrong_corner_has_known_figures() -> None:
     assert found.ate_cm.median == pytest.approx(1.0)
     assert found.ate_cm.max == pytest.approx(4.0)
     assert found.ate_cm.rmse == pytest.approx(2.0)
-    assert found.per_second.translation_cm is not None
     assert found.per_second.translation_cm.mean == pytest.approx(5 / 4)
 
 
@@ -88,9 +85,7 @@ def test_a_camera_that_turns_too_far_drifts_by_known_degrees() -> None:
     turns = np.radians(np.stack([0 * times, 0 * times, times], 1))
     found = evaluate_trajectory(path_of(xyz, times, turns), path_of(xyz, times))
     assert found.ate_cm.rmse == pytest.approx(0.0, abs=1e-6)
-    assert found.per_second.rotation_deg is not None
     assert found.per_second.rotation_deg.mean == pytest.approx(1.0)
-    assert found.per_metre.rotation_deg is not None
     assert found.per_metre.rotation_deg.mean == pytest.approx(0.5)
 
 
@@ -105,11 +100,7 @@ def test_rigid_motions_of_either_world_change_nothing(seed: int) -> None:
     after = evaluate_trajectory(moved(estimate, A), moved(truth, B))
     assert after.ate_cm.rmse == pytest.approx(before.ate_cm.rmse)
     for one, other in ((before.per_second, after.per_second), (before.per_metre, after.per_metre)):
-        assert one.translation_cm is not None
-        assert other.translation_cm is not None
         assert other.translation_cm.rmse == pytest.approx(one.translation_cm.rmse)
-        assert one.rotation_deg is not None
-        assert other.rotation_deg is not None
         assert other.rotation_deg.rmse == pytest.approx(one.rotation_deg.rmse, abs=1e-6)
 
 
@@ -151,12 +142,9 @@ def test_every_form_of_poses_reads_alike(tmp_path: Path) -> None:
     for found in map(read_poses, (recording, tmp_path / "01.pose", tmp_path / "result")):
         np.testing.assert_allclose(found.times_s, frames.times_s, atol=1e-6)
         np.testing.assert_allclose(found.T_world_camera, frames.T_world_camera, atol=1e-6)
-
-
-def test_a_frame_without_a_pose_keeps_the_times_of_the_others(tmp_path: Path) -> None:
-    file = tmp_path / "01.pose"
-    file.write_text("1 0 0 0 0 0 0\nnan 0 0 0 0 0 0\n1 0 0 0 1 0 0\n")
-    assert read_poses(file).times_s.tolist() == [0.0, 2 / 30]
+    # A frame without a pose keeps the times of the others.
+    (tmp_path / "01.pose").write_text("1 0 0 0 0 0 0\nnan 0 0 0 0 0 0\n1 0 0 0 1 0 0\n")
+    assert read_poses(tmp_path / "01.pose").times_s.tolist() == [0.0, 2 / 30]
 
 
 @pytest.mark.parametrize(
@@ -205,7 +193,6 @@ def test_the_command_prints_writes_and_draws(tmp_path: Path, capsys: pytest.Capt
     assert "100.0 % of the truth estimated" in out
     assert json.loads(files["e.json"].read_text()) == document
     picture = cv2.imread(str(files["p.png"]))
-    assert picture is not None
     assert (picture != 255).any(axis=2).mean() > 0.01
     assert ElementTree.parse(files["p.svg"]).getroot().tag.endswith("svg")
 
@@ -225,13 +212,12 @@ def test_a_camera_that_stands_still_can_be_drawn(tmp_path: Path) -> None:
 
 
 def test_a_plot_is_the_same_bytes_again_and_shows_every_pose(tmp_path: Path) -> None:
-    truth = wandering(4)
-    found = evaluate_trajectory(truth, truth)
+    found = evaluate_trajectory(wandering(4), wandering(4))
     for name in ("a.svg", "b.svg"):
         plot(found, tmp_path / name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
     strokes = [path.get("d") or "" for path in ElementTree.parse(tmp_path / "a.svg").getroot().iterfind(".//{*}path")]
-    assert max(len(re.findall("[ML]", stroke)) for stroke in strokes) > len(truth) / 4
+    assert max(len(re.findall("[ML]", stroke)) for stroke in strokes) > 60 / 4
 
 
 def test_a_plot_without_matplotlib_names_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,10 +21,8 @@ def test_the_truth_of_a_real_scene_is_read(data_dir: Path) -> None:
         "mug, yellow",
     ]
     assert truth.frames == 888
-    assert truth.visibility is not None
     assert truth.visibility.shape == (888, 5)
     assert truth.visibility[:4, 0].tolist() == [0.75, 0.75, 0.75, 0.8]
-    assert truth.region is not None
     centers = np.array([item.box.center for item in truth.objects])
     assert truth.region.contains(centers).all()
     assert not truth.region.contains(centers + 2.0 * truth.region.normal).any()
@@ -34,7 +32,6 @@ def test_the_truth_of_a_real_scene_is_read(data_dir: Path) -> None:
 def test_run_lengths_unroll_into_frames(tmp_path: Path) -> None:
     shown = {1: [[0.0, 2], [0.5, 3], [0.05, 5]]}
     truth = read_truth(write_truth(tmp_path, truth_document([cube(0), cube(1)], shown=shown)))
-    assert truth.visibility is not None
     assert truth.visibility[:, 0].tolist() == [0, 0, 0.5, 0.5, 0.5, 0.05, 0.05, 0.05, 0.05, 0.05]
     assert truth.visibility[:, 1].tolist() == [1.0] * 10
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import socket
 from pathlib import Path
@@ -19,8 +18,6 @@ from cuboid.ground.formats.reading import UnreadableError, opened, read_bytes, t
 from cuboid.ground.formats.rows_files import TrackEntry
 from cuboid.ground.formats.table_validation import read_table
 from cuboid.results.files.rows import TRACKS_HEADER
-
-REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 def test_only_regular_files_are_opened_and_none_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,13 +148,3 @@ def test_a_pose_that_is_not_rigid_stops_at_the_frame() -> None:
     assert made is not None
     assert np.linalg.det(made[:3, :3]) == pytest.approx(1.0, abs=1e-12)
     assert Frame(3, 0.0, color, depth, np.eye(4)).T_world_camera is not None
-
-
-def test_the_documentation_is_of_what_is_read() -> None:
-    spec = importlib.util.spec_from_file_location("make_formats", REPOSITORY / "docs" / "make_formats.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    for path, text in module.files().items():
-        assert path.read_text(encoding="utf-8") == text, f"{path} is old: run docs/make_formats.py"

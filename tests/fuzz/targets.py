@@ -8,7 +8,6 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
@@ -16,13 +15,15 @@ for _folder in (HERE.parent, HERE.parent / "readers", HERE.parent / "exports"):
     if str(_folder) not in sys.path:
         sys.path.append(str(_folder))
 
+import made_containers  # noqa: E402
 from engine import Target  # noqa: E402
+from made_recordings import CAMERA, color_image, depth_image  # noqa: E402
 from made_run import finished  # noqa: E402
 
 from cuboid.ground.core.errors import CuboidError  # noqa: E402
+from cuboid.ground.core.frame import Intrinsics  # noqa: E402
 from cuboid.inputs.readers import open_recording  # noqa: E402
 from cuboid.lab.evaluation import evaluate  # noqa: E402
-from cuboid.lab.evaluation.timed_poses import read_poses  # noqa: E402
 from cuboid.lab.synthetic.user_meshes import load_mesh  # noqa: E402
 from cuboid.method.proposals.files import LOADERS  # noqa: E402
 from cuboid.results.exports import EXPORTS, export  # noqa: E402
@@ -32,68 +33,19 @@ from cuboid.results.views.replay import Replay  # noqa: E402
 from cuboid.results.views.report import page_of, summarise  # noqa: E402
 
 SHAPE = (48, 64)
-CAMERA = {"fx": 60.0, "fy": 61.0, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
-FRAMES = 4
+
+
+def frames_of(count: int) -> made_containers.Frames:
+    camera = Intrinsics(**CAMERA)  # type: ignore[arg-type]
+    color, depth_mm = [color_image(k) for k in range(count)], [depth_image(k, 1000) for k in range(count)]
+    return made_containers.Frames(camera, color, depth_mm, [np.eye(4)] * count)
+
+
+FRAMES = frames_of(4)
 
 
 def files_of(folder: Path) -> list[str]:
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
-
-
-def image(path: Path, kind: str, k: int, units: float = 1000.0) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if kind == "depth":
-        pixels = np.full(SHAPE, (1.0 + 0.01 * k) * units, np.uint16)
-        pixels[:, 32:] = 2 * units
-    else:
-        pixels = np.zeros((*SHAPE, 3), np.uint8)
-        pixels[:24] = (200, 10 + k, 30)
-    path.write_bytes(cv2.imencode(path.suffix, pixels)[1].tobytes())
-
-
-# --- recordings -------------------------------------------------------------------------------------------------------
-
-
-def make_plain(folder: Path) -> None:
-    for k in range(FRAMES):
-        image(folder / "color" / f"{k:06d}.{'jpg' if k % 2 else 'png'}", "color", k)
-        image(folder / "depth" / f"{k:06d}.png", "depth", k)
-    camera = {**CAMERA, "depth_units_per_metre": 1000, "distortion": [0.01, 0.001, 0.0, 0.0]}
-    (folder / "camera.json").write_text(json.dumps(camera))
-    (folder / "poses.txt").write_text("# comment\n" + "".join(f"{k} {0.1 * k} 0 0 0 0 0 1\n" for k in range(FRAMES)))
-    (folder / "timestamps.txt").write_text("".join(f"{k} {k / 30:.6f}\n" for k in range(FRAMES)))
-
-
-def make_tum(folder: Path) -> None:
-    for k in range(FRAMES):
-        image(folder / "rgb" / f"{k}.png", "color", k)
-        image(folder / "depth" / f"{k}.png", "depth", k, 5000.0)
-    for kind in ("rgb", "depth"):
-        lines = "".join(f"{k / 30:.6f} {kind}/{k}.png\n" for k in range(FRAMES))
-        (folder / f"{kind}.txt").write_text(f"# timestamp filename\n{lines}")
-    poses = "".join(f"{k / 30:.6f} {0.1 * k} 0 0 0 0 0 1\n" for k in range(FRAMES))
-    (folder / "groundtruth.txt").write_text(f"# comment\n{poses}")
-    (folder / "camera.json").write_text(json.dumps(CAMERA))
-
-
-def make_seven_scenes(folder: Path) -> None:
-    for k in range(FRAMES):
-        image(folder / f"frame-{k:06d}.color.png", "color", k)
-        image(folder / f"frame-{k:06d}.depth.png", "depth", k)
-        T = np.eye(4)
-        T[0, 3] = 0.1 * k
-        np.savetxt(folder / f"frame-{k:06d}.pose.txt", T)
-    (folder / "camera-intrinsics.txt").write_text("60 0 31.5\n0 61 23.5\n0 0 1\n")
-
-
-def make_uw(folder: Path) -> None:
-    scene = folder / "imgs" / "scene_01"
-    for k in range(FRAMES):
-        image(scene / f"{k:05d}-color.png", "color", k)
-        image(scene / f"{k:05d}-depth.png", "depth", k, 10000.0)
-    (scene / "camera.json").write_text(json.dumps(CAMERA))
-    (folder / "pc").mkdir()
-    (folder / "pc" / "01.pose").write_text("".join(f"1 0 0 0 {0.1 * k} 0 0\n" for k in range(FRAMES)))
 
 
 def read_all(folder: Path) -> None:
@@ -108,20 +60,13 @@ def read_all(folder: Path) -> None:
     assert all(line.isprintable() and len(line) < 300 for line in lines), lines
 
 
-def recordings(make: Callable[[Path], None]) -> Target:
-    return Target(make, files_of, {"read": read_all, "poses": read_poses})
-
-
 # --- results and truth ------------------------------------------------------------------------------------------------
 
 
 def make_results(folder: Path) -> None:
-    make_plain(folder / "recording")
-    image(folder / "recording" / "color" / "000004.png", "color", 4)
-    image(folder / "recording" / "depth" / "000004.png", "depth", 4)
+    camera = {"fx": 64, "fy": 64, "cx": 32, "cy": 24}
+    made_containers.plain(frames_of(5), folder / "recording", **camera)
     (folder / "recording" / "timestamps.txt").unlink()
-    camera = {"fx": 64, "fy": 64, "cx": 32, "cy": 24, "width": 64, "height": 48, "depth_units_per_metre": 1000}
-    (folder / "recording" / "camera.json").write_text(json.dumps(camera))
     finished(folder / "results", folder / "recording", 30.0)
     boxes = json.loads((folder / "results" / "objects.json").read_text())["objects"]
     truth = {
@@ -271,10 +216,6 @@ def load_named(folder: Path, name: str) -> None:
 
 
 TARGETS: dict[str, Target] = {
-    "plain": recordings(make_plain),
-    "tum": recordings(make_tum),
-    "seven-scenes": recordings(make_seven_scenes),
-    "uw": recordings(make_uw),
     "results": Target(make_results, result_files, RESULT_CALLS),
     "truth": Target(make_results, truth_files, TRUTH_CALLS),
     "proposals": Target(
@@ -282,4 +223,3 @@ TARGETS: dict[str, Target] = {
     ),
     "meshes": Target(make_meshes, files_of, {f"load {name}": partial(load_named, name=name) for name in MESHES}),
 }
-READERS = ("plain", "tum", "seven-scenes", "uw")

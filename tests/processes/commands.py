@@ -18,24 +18,7 @@ import pytest
 
 from cuboid.cli import main
 from fakes import FakeTracker
-
-TESTS = Path(__file__).resolve().parents[1]
-
-SCRIPT = """
-import sys, time
-sys.path.insert(0, {tests!r})
-import cuboid.runs.pipeline.run
-from cuboid.cli import main
-from fakes import FakeTracker
-
-class Quick(FakeTracker):
-    def update(self, frame, anchor=0):
-        time.sleep({frame_s})
-        return super().update(frame, anchor)
-
-cuboid.runs.pipeline.run._tracker = Quick
-sys.exit(main(sys.argv[1:]))
-"""
+from slowed import slowed
 
 # What a process may take, seconds: of the processor, and, since others may have that, much more by the clock.
 MAX_PROCESSOR_S, MAX_S = 120, 900
@@ -46,7 +29,7 @@ BOUND = ("setpriv", "--bounding-set=-dac_override,-dac_read_search,-fowner", "--
 
 def command(*words: object, frame_s: float = 0.0) -> list[str]:
     """Return the call of a cuboid command."""
-    return [sys.executable, "-c", SCRIPT.format(tests=str(TESTS), frame_s=frame_s), *map(str, words)]
+    return slowed(f"time.sleep({frame_s})", *words)
 
 
 def bound(words: Sequence[str]) -> list[str]:
@@ -100,11 +83,13 @@ def run_here(*words: object, tracker: type | None = FakeTracker) -> subprocess.C
 def at_most(limit_bytes: int) -> Iterator[None]:
     """Stand in for a full disk: no file of this process may grow beyond this."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(sys, "dont_write_bytecode", True)  # Python itself would cut the cached code of a module short
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def refused(done: subprocess.CompletedProcess[str]) -> str:

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from commands import TESTS, at_most, bound, command, contents, refused, run, run_here
+from commands import at_most, bound, command, contents, refused, run, run_here
 
 from fakes import write_recording
 
-SOURCE = TESTS.parent / "src"
+SOURCE = Path(__file__).resolve().parents[2] / "src"
 
 
 @pytest.fixture(scope="module")

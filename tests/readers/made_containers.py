@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 import struct
 import tarfile
 import zipfile
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from made_bags import START_NS, encoded, time_of, writing
 
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry import se3
+from cuboid.inputs.readers.bonn import SCALE, T_MARKERS_CAMERA, T_ROS
 
 # Camera's axes of ARKit and OpenGL.
 TURN = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -73,9 +75,10 @@ def images(frames: Frames, color: Callable[[int], Path], depth: Callable[[int], 
         put(depth(k), encoded(".png", np.rint(frames.depth_mm[k] * scale).astype(np.uint16)))
 
 
-def plain(frames: Frames, root: Path) -> Path:
+def plain(frames: Frames, root: Path, **camera: object) -> Path:
     images(frames, lambda k: root / "color" / f"{k:06d}.png", lambda k: root / "depth" / f"{k:06d}.png")
-    put(root / "camera.json", json.dumps(frames.named | {"depth_units_per_metre": 1000}))
+    put(root / "camera.json", json.dumps(frames.named | {"depth_units_per_metre": 1000} | camera))
+    put(root / "timestamps.txt", "".join(f"{k} {k / 30:.6f}\n" for k in range(len(frames.poses))))
     put(root / "poses.txt", "".join(line_of(k, *T[:3, 3], *xyzw(T)) for k, T in enumerate(frames.poses)))
     return root
 
@@ -88,6 +91,15 @@ def tum(frames: Frames, root: Path) -> Path:
     put(root / "groundtruth.txt", "".join(truth))
     put(root / "camera.json", json.dumps(frames.named))
     return root
+
+
+def bonn(frames: Frames, root: Path) -> Path:
+    """The poses are those of the markers on the camera, in the axes of the motion capture."""
+    to_markers = np.linalg.inv(T_MARKERS_CAMERA) @ T_ROS
+    depth_mm = [np.rint(depth / SCALE).astype(np.uint16) for depth in frames.depth_mm]
+    tum(replace(frames, depth_mm=depth_mm, poses=[T_ROS @ T @ to_markers for T in frames.poses]), root)
+    (root / "camera.json").unlink()  # its camera is known
+    return root.rename(root.with_name("rgbd_bonn_made"))
 
 
 def icl_nuim(frames: Frames, root: Path) -> Path:
@@ -166,11 +178,11 @@ def sens(frames: Frames, root: Path) -> Path:
 
 
 def bop(frames: Frames, root: Path) -> Path:
-    images(frames, lambda k: root / "rgb" / f"{k:06d}.png", lambda k: root / "depth" / f"{k:06d}.png")
+    images(frames, lambda k: root / "rgb" / f"{k:06d}.png", lambda k: root / "depth" / f"{k:06d}.png", 10)
     cameras = {}
     for k, T in enumerate(np.linalg.inv(np.array(frames.poses))):
         pose = {"cam_R_w2c": T[:3, :3].ravel().tolist(), "cam_t_w2c": (1000 * T[:3, 3]).tolist()}
-        cameras[str(k)] = {"cam_K": frames.matrix.ravel().tolist(), "depth_scale": 1.0} | pose
+        cameras[str(k)] = {"cam_K": frames.matrix.ravel().tolist(), "depth_scale": 0.1} | pose
     put(root / "scene_camera.json", json.dumps(cameras))
     return root
 
@@ -183,7 +195,8 @@ def nerfstudio(frames: Frames, root: Path) -> Path:
         {"file_path": f"images/{k}.png", "depth_file_path": f"depth/{k}.png", "transform_matrix": (T @ TURN).tolist()}
         for k, T in enumerate(frames.poses)
     ]
-    put(root / "transforms.json", json.dumps(camera | {"h": frames.camera.height, "frames": listed}))
+    document = camera | {"h": frames.camera.height, "frames": listed[::-1]}  # in any order
+    put(root / "transforms.json", json.dumps(document))
     return root
 
 
@@ -320,29 +333,31 @@ def ros(kind: str) -> Callable[[Frames, Path], Path]:
     return write
 
 
-def realsense(frames: Frames, root: Path) -> Path:
+def realsense(frames: Frames, root: Path, *, colored: bool = True) -> Path:
     root.mkdir(parents=True)
     with writing(root / "a.bag", "bag") as (make, publish):
-        units = make("std_msgs/msg/Float32", data=0.001)
+        units = make("std_msgs/msg/Float32", data=0.0005)
         publish("/device_0/sensor_0/option/Depth Units/value", units, START_NS)
         for stem in ("/device_0/sensor_0/Depth_0", "/device_0/sensor_1/Color_0"):
             publish(f"{stem}/info/camera_info", make.info(frames.named, "", START_NS), START_NS)
         for k, color in enumerate(frames.color):
             t = time_of(k)
-            publish("/device_0/sensor_1/Color_0/image/data", make.image(color, "rgb8", "", t), t)
-            publish("/device_0/sensor_0/Depth_0/image/data", make.image(frames.depth_mm[k], "mono16", "", t), t)
+            if colored:
+                publish("/device_0/sensor_1/Color_0/image/data", make.image(color[..., ::-1], "bgr8", "", t), t)
+            depth = make.image(2 * frames.depth_mm[k], "mono16", "", t)
+            publish("/device_0/sensor_0/Depth_0/image/data", depth, t)
     return root / "a.bag"
 
 
-def azure_kinect(frames: Frames, root: Path) -> Path:
-    """In a corner of the images of two modes, with three times as many pixels a side."""
+def azure_kinect(frames: Frames, root: Path, *, calibration: str | None = None, lost_depth: int | None = None) -> Path:
     root.mkdir(parents=True)
     c, K = frames.camera, tuple(3 * value if k < 2 else 3 * (value + 0.5) - 0.5 for k, value in enumerate(frames.K))
     cameras = [
         kinect_camera("PhotoVideo", K, (1280, 960), (0, 120)),
         kinect_camera("Depth", K, (1024, 1024), (0, 0)),
     ]
-    document = {"CalibrationInformation": {"Cameras": cameras}}
+    if calibration is None:
+        calibration = json.dumps({"CalibrationInformation": {"Cameras": cameras}})
     step_us = 33_333
     with av.open(str(root / "a.mkv"), "w", "matroska", options={"allow_raw_vfw": "1"}) as file:
         color = file.add_stream("mjpeg", rate=30, width=1280, height=720, pix_fmt="yuvj444p")
@@ -351,13 +366,14 @@ def azure_kinect(frames: Frames, root: Path) -> Path:
         for stream, name in ((color, "COLOR"), (depth, "DEPTH")):
             stream.metadata["title"] = name
             stream.time_base = stream.codec_context.time_base = Fraction(1, 1_000_000)
-        file.add_attachment("calibration.json", "application/json", json.dumps(document).encode())
+        if calibration:
+            file.add_attachment("calibration.json", "application/json", calibration.encode())
         for k, picture in enumerate(frames.color):
             large = np.zeros((720, 1280, 3), np.uint8)
             large[: 3 * c.height, : 3 * c.width] = np.kron(picture, np.ones((3, 3, 1), np.uint8))
             wide = np.zeros((1024, 1024), np.uint16)
             wide[: 3 * c.height, : 3 * c.width] = np.kron(frames.depth_mm[k], np.ones((3, 3), np.uint16))
-            for stream, array, form in ((color, large, "rgb24"), (depth, wide, "gray16le")):
+            for stream, array, form in ((color, large, "rgb24"), (depth, wide, "gray16le"))[: 2 - (k == lost_depth)]:
                 frame = av.VideoFrame.from_ndarray(array, format=form)
                 frame.pts, frame.time_base = k * step_us, Fraction(1, 1_000_000)
                 file.mux(stream.encode(frame))
@@ -381,6 +397,7 @@ def zipped(frames: Frames, root: Path) -> Path:
     with zipfile.ZipFile(root / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted(folder.rglob("*.*")):
             archive.write(file, file.relative_to(root))
+    shutil.rmtree(folder)
     return root / "a.zip"
 
 
@@ -388,6 +405,7 @@ def tarred(frames: Frames, root: Path) -> Path:
     folder = plain(frames, root / "scan")
     with tarfile.open(root / "a.tar", "w") as archive:
         archive.add(folder, "scan")
+    shutil.rmtree(folder)
     return root / "a.tar"
 
 

@@ -10,7 +10,6 @@ from made_recordings import color_image, depth_image, write_image
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import SkippedFrame
 from cuboid.inputs.readers import open_recording
-from cuboid.inputs.readers.images import decode_color
 
 
 def cut(path, fraction):
@@ -145,8 +144,3 @@ def test_padding_behind_a_jpeg_is_no_fault(plain):
     file = as_jpeg(plain, 1)
     file.write_bytes(file.read_bytes() + bytes(64))
     open_recording(plain.path).read(1)
-
-
-def test_without_the_rgb_decoder_of_newer_opencv(plain, monkeypatch):
-    monkeypatch.setattr("cuboid.inputs.readers.images._COLOR_RGB_FLAGS", None)
-    np.testing.assert_array_equal(decode_color(plain.color(1), "1"), color_image(1))

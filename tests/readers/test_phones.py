@@ -13,7 +13,6 @@ import av
 import cv2
 import numpy as np
 import pytest
-from made_recordings import write_image
 
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.geometry import se3
@@ -51,32 +50,6 @@ class TestRecord3D:
         assert frame.depth_m.max() == pytest.approx(1.221, abs=1e-3)
         assert (frame.depth_m > 0).mean() > 0.95  # whole, though color has 6 times the pixels
         assert gap_m(recording, 0, 19) < 0.004  # poses and axes fit: with others it is twice that and more
-
-    def test_broken_frames_are_skipped_and_broken_metadata_refused(self, data_dir, tmp_path):
-        copy = tmp_path / "export"
-        shutil.copytree(data_dir / "containers" / "record3d-exr", copy, copy_function=shutil.copyfile)
-        for folder in (copy, copy / "rgb", copy / "depth"):
-            folder.chmod(0o755)
-        damaged = copy / "depth" / "3.exr"
-        damaged.write_bytes(damaged.read_bytes()[:9000])
-        (copy / "depth" / "4.exr").unlink()
-        metadata = json.loads((copy / "metadata.json").read_text())
-        metadata["poses"] = metadata["poses"][:10]
-        metadata["poses"][5] = [0, 0, 0, 0, 0, 0, 0]
-        (copy / "metadata.json").write_text(json.dumps(metadata))
-        recording = open_recording(copy)
-        for number, reason in (
-            (3, r"depth image depth/3\.exr cannot be decoded"),
-            (4, "color without depth"),
-            (5, "frame 5 of metadata.json: .*quaternion has length 0"),
-            (12, "metadata.json has no pose of frame 12"),
-        ):
-            with pytest.raises(FrameError, match=reason):
-                recording.read(number)
-        recording.read(6)
-        (copy / "metadata.json").write_text(json.dumps(metadata | {"K": [1]}))
-        with pytest.raises(InputError, match="expected 'K' with 9 numbers, column by column"):
-            open_recording(copy)
 
     def test_without_openexr_the_extra_is_named(self, data_dir, monkeypatch):
         monkeypatch.setitem(sys.modules, "OpenEXR", None)
@@ -214,22 +187,6 @@ def make_video(path, frames, size):
         file.mux(stream.encode())
 
 
-def make_stray(folder, frames=12):
-    folder.mkdir(parents=True, exist_ok=True)
-    make_video(folder / "rgb.mp4", frames, (1280, 960))
-    lines = ["timestamp, frame, x, y, z, qx, qy, qz, qw"]
-    for k in range(frames):
-        write_image(folder / "depth" / f"{k:06d}.png", np.full((192, 256), 1000 + 10 * k, np.uint16))
-        sure = np.full((192, 256), 2, np.uint8)
-        sure[:, :128] = 1
-        sure[:40] = 0
-        write_image(folder / "confidence" / f"{k:06d}.png", sure)
-        lines.append(f"{100 + k / 30:.6f}, {k:06d}, {0.1 * k}, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0")
-    (folder / "odometry.csv").write_text("\n".join(lines) + "\n")
-    (folder / "camera_matrix.csv").write_text("900.0, 0.0, 640.0\n0.0, 900.0, 480.0\n0.0, 0.0, 1.0\n")
-    return folder
-
-
 def test_stray_scanner_without_its_video_is_refused(data_dir):
     with pytest.raises(InputError, match=r"rgb\.mp4 is missing: without it a recording of Stray Scanner has no color$"):
         open_recording(data_dir / "containers" / "stray-scanner")
@@ -253,91 +210,3 @@ def test_a_real_recording_of_stray_scanner_with_a_video_in_the_place_of_its_own(
     frame = recording.read(9)
     assert frame.depth_m.max() == pytest.approx(depth_mm[confidence > 0].max() / 1000, abs=2e-3)
     assert gap_m(recording, 0, 29) < 0.02  # poses and axes fit: 26 mm with others, 39 mm without poses
-
-
-def test_stray_scanner_in_any_order(tmp_path):
-    recording = open_recording(make_stray(tmp_path / "8653a2142b"))
-    assert (recording.format, len(recording)) == ("stray-scanner", 12)
-    K = recording.intrinsics
-    assert (K.width, K.height, K.fx) == (640, 480, 450)
-    for k in (7, 8, 9, 2, 11, 0):
-        frame = recording.read(k)
-        assert frame.color[240, 320].astype(int) == pytest.approx((20 * k, 100, 200 - 10 * k), abs=6)
-        assert frame.depth_m[300, 500] == pytest.approx(1 + 0.01 * k)
-        assert frame.depth_m[300, 100] == pytest.approx(1 + 0.01 * k)
-        assert (frame.depth_m[:90] == 0).all()  # of low confidence
-        assert frame.timestamp_s == pytest.approx(100 + k / 30, abs=1e-5)
-        assert frame.T_world_camera[0, 3] == pytest.approx(0.1 * k)
-
-
-def test_faults_of_stray_scanner(tmp_path):
-    folder = make_stray(tmp_path / "a")
-    whole = (folder / "rgb.mp4").read_bytes()
-    (folder / "rgb.mp4").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"rgb\.mp4: cannot be read as a video"):
-        open_recording(folder)
-    (folder / "rgb.mp4").write_bytes(whole)
-    write_image(folder / "depth" / "000012.png", np.full((192, 256), 1000, np.uint16))
-    recording = open_recording(folder)
-    with pytest.raises(FrameError, match=r"odometry\.csv has no line for frame 12"):
-        recording.read(12)
-    with pytest.raises(FrameError, match=r"rgb\.mp4 has 12 pictures, none for frame 12"):
-        recording.without_poses().read(12)
-    (folder / "camera_matrix.csv").write_text("900.0, 0.0\n")
-    with pytest.raises(InputError, match=r"camera_matrix\.csv line 1: expected three numbers a row"):
-        open_recording(folder)
-
-
-def make_polycam(scan, frames=3, corrected=False):
-    folder, prefix = scan / "keyframes", "corrected_" if corrected else ""
-    for k in range(frames):
-        name = str(99_999_990 + 7 * k)  # the last has a digit more
-        write_image(
-            folder / f"{prefix}images" / f"{name}.jpg", np.full((768, 1024, 3), (50 + 40 * k, 100, 30), np.uint8)
-        )
-        write_image(folder / "depth" / f"{name}.png", np.full((192, 256), 1000 + 10 * k, np.uint16))
-        sure = np.full((192, 256), 255, np.uint8)
-        sure[:40] = 0
-        write_image(folder / "confidence" / f"{name}.png", sure)
-        T = np.eye(4) @ np.diag([1.0, -1, -1, 1])
-        T[0, 3] = 0.1 * k
-        camera = {"fx": 800.0 + k, "fy": 800.0 + k, "cx": 511.5, "cy": 383.5, "width": 1024, "height": 768}
-        camera |= {f"t_{r}{c}": T[r, c] for r in range(3) for c in range(4)} | {"timestamp": 5.0 + k}
-        for place in ("cameras", f"{prefix}cameras"):
-            (folder / place).mkdir(exist_ok=True)
-            (folder / place / f"{name}.json").write_text(json.dumps(camera))
-    (folder / "images").mkdir(exist_ok=True)
-    return scan
-
-
-@pytest.mark.parametrize("corrected", [False, True])
-def test_polycam(tmp_path, corrected):
-    recording = open_recording(make_polycam(tmp_path / "scan", corrected=corrected))
-    assert (recording.format, len(recording)) == ("polycam", 3)
-    K = recording.intrinsics
-    assert (K.width, K.height, K.fx, K.cx) == (1024, 768, 801, 511.5)
-    for k in (2, 0):
-        frame = recording.read(k)
-        assert frame.color[400, 500].astype(int) == pytest.approx((50 + 40 * k, 100, 30), abs=6)
-        assert frame.depth_m[600, 500] == pytest.approx(1 + 0.01 * k)
-        assert (frame.depth_m[:150] == 0).all()
-        assert frame.timestamp_s == 5.0 + k
-        np.testing.assert_allclose(frame.T_world_camera[:3, 3], [0.1 * k, 0, 0])
-        np.testing.assert_allclose(frame.T_world_camera[:3, :3], np.eye(3))
-
-
-def test_faults_of_polycam(tmp_path):
-    scan = make_polycam(tmp_path / "scan", frames=5)
-    cameras = sorted((scan / "keyframes" / "cameras").iterdir(), key=lambda file: (len(file.name), file.name))
-    document = json.loads(cameras[0].read_text())
-    cameras[0].write_text(json.dumps(document | {"fx": 1600.0}))
-    cameras[1].write_text("{")
-    recording = open_recording(scan)
-    with pytest.raises(FrameError, match="differs from the others: fx 1600"):
-        recording.read(0)
-    with pytest.raises(FrameError, match="not valid JSON"):
-        recording.read(1)
-    for file in cameras:
-        file.unlink()
-    with pytest.raises(InputError, match="no camera of a frame can be read"):
-        open_recording(scan)

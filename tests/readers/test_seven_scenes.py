@@ -1,13 +1,10 @@
 from __future__ import annotations
 
-import json
-
 import cv2
 import numpy as np
 import pytest
-from made_recordings import CAMERA, Made, depth_image, write_frames, write_image
+from made_recordings import Made, depth_image, write_frames, write_image
 
-from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.inputs.readers import open_recording
 
@@ -92,32 +89,6 @@ def test_0_and_65535_are_no_reading(tmp_path):
     assert depth_m.max() == 2
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("inf inf inf inf\n" * 4, r"frame-000001\.pose\.txt: the pose has NaN or infinite numbers"),
-        ("nan 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", "the pose has NaN or infinite numbers"),
-        ("2 0 0 0\n0 2 0 0\n0 0 2 0\n0 0 0 1\n", r"frame-000001\.pose\.txt: the pose is not rigid"),
-        ("-1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", "the pose is not rigid"),
-        ("1 0 0 0\n0 1 0 0\n0 0 1 0\n", "expected the 16 numbers of a 4x4 matrix"),
-        ("", "expected the 16 numbers of a 4x4 matrix"),
-        (None, r"the camera pose is missing: frame-000001\.pose\.txt"),
-    ],
-)
-def test_a_lost_frame_is_a_bad_frame(tmp_path, text, reason):
-    made = make_sequence(tmp_path)
-    (tmp_path / "camera-intrinsics.txt").write_text(MATRIX)
-    if text is None:
-        pose_file(made, 1).unlink()
-    else:
-        pose_file(made, 1).write_text(text)
-    recording = open_recording(tmp_path)
-    with pytest.raises(FrameError, match=reason):
-        recording.read(1)
-    recording.read(2)
-    recording.without_poses().read(1)
-
-
 def test_rounding_of_a_matrix_is_mended(tmp_path):
     made = make_sequence(tmp_path)
     (tmp_path / "camera-intrinsics.txt").write_text(MATRIX)
@@ -134,29 +105,3 @@ def test_no_pose_files_are_a_recording_without_poses(tmp_path):
     recording = open_recording(tmp_path, intrinsics=(60, 60, 32, 24))
     assert not recording.has_poses
     assert recording.read(0).T_world_camera is None
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("60 0 31.5\n0 61 23.5\n", "expected a 3x3 camera matrix, got 2 rows"),
-        ("60 0\n0 61\n", r"camera-intrinsics\.txt:1: expected first second third, got 2 values"),
-        ("60 5 31.5\n0 61 23.5\n0 0 1\n", "expected the matrix fx 0 cx, 0 fy cy, 0 0 1"),
-        (
-            "600 0 320\n0 600 240\n0 0 1\n",
-            r"principal point \(320, 240\), from camera-intrinsics\.txt, lies out",
-        ),
-    ],
-)
-def test_faulty_matrix_files_are_named(tmp_path, text, reason):
-    make_sequence(tmp_path)
-    (tmp_path / "camera-intrinsics.txt").write_text(text)
-    with pytest.raises(InputError, match=reason):
-        open_recording(tmp_path)
-
-
-def test_camera_json_of_another_size(tmp_path):
-    make_sequence(tmp_path)
-    (tmp_path / "camera.json").write_text(json.dumps(CAMERA | {"width": 640, "height": 480}))
-    with pytest.raises(InputError, match=r"images are 64x48, but the intrinsics \(camera\.json\) are for 640x480"):
-        open_recording(tmp_path)

@@ -104,34 +104,6 @@ def test_color_at_twice_the_rate_gives_no_bad_frames(tmp_path):
     assert [item.color[0, 0, 1] for item in items] == [10, 12, 14, 16]
 
 
-@pytest.mark.parametrize(
-    ("file", "text", "reason"),
-    [
-        ("rgb.txt", "0.0\n", r"rgb\.txt line 1: expected 'timestamp filename', got '0\.0'"),
-        ("depth.txt", "# t\nnow depth/0.png\n", r"depth\.txt line 2: expected seconds, got 'now' and a file's name"),
-        (
-            "depth.txt",
-            "",
-            r"no color image of rgb\.txt \(5\) has a depth image of depth\.txt \(0\) within 20 ms",
-        ),
-        ("groundtruth.txt", "0 0 0 0 0 0 1\n", r"groundtruth\.txt line 1: expected timestamp tx ty tz qx"),
-        ("groundtruth.txt", "# none\n", r"groundtruth\.txt holds no pose"),
-    ],
-)
-def test_faulty_lists_are_named(tmp_path, file, text, reason):
-    made = make_tum(tmp_path)
-    (made.path / file).write_text(text)
-    with pytest.raises(InputError, match=reason):
-        open_recording(made.path)
-
-
-def test_a_listed_image_that_is_not_there(tmp_path):
-    made = make_tum(tmp_path)
-    made.depth(1).unlink()
-    with pytest.raises(FrameError, match=r"depth image depth/1\.png is missing"):
-        open_recording(made.path).read(1)
-
-
 def test_intrinsics_of_another_camera_must_be_given(tmp_path):
     made = make_tum(tmp_path)
     (made.path / "camera.json").unlink()

@@ -112,23 +112,6 @@ def test_poses_by_number_in_a_part_of_a_scene(tmp_path):
         recording.read(3)
 
 
-@pytest.mark.parametrize(
-    ("line", "reason"),
-    [
-        ("1 0 0", r"01\.pose line 2: expected qw qx qy qz tx ty tz, got '1 0 0'"),
-        ("nan 0 0 0 1 1 1", r"01\.pose line 2: the pose has NaN"),
-        ("0 0 0 0 1 1 1", r"01\.pose line 2: the quaternion has length 0"),
-    ],
-)
-def test_a_bad_pose_line_costs_its_frame_only(tmp_path, line, reason):
-    made = make_scene(tmp_path)
-    write_poses(made, f"1 0 0 0 0 0 0\n{line}\n1 0 0 0 0 0 0\n1 0 0 0 0 0 0\n")
-    recording = open_recording(made.path)
-    with pytest.raises(FrameError, match=reason):
-        recording.read(1)
-    recording.read(2)
-
-
 def test_without_pose_file_and_with_an_empty_one(tmp_path):
     made = make_scene(tmp_path)
     recording = open_recording(made.path)
@@ -137,13 +120,6 @@ def test_without_pose_file_and_with_an_empty_one(tmp_path):
     write_poses(made, "\n")
     with pytest.raises(InputError, match=r"01\.pose is empty"):
         open_recording(made.path)
-
-
-def test_pose_file_inside_a_scene_that_lies_alone(tmp_path):
-    made = make_scene(tmp_path)
-    (made.path / "01.pose").write_text("1 0 0 0 5 0 0\n" * 4)
-    alone = made.path.rename(tmp_path / "scene_01")
-    assert open_recording(alone).read(0).T_world_camera[0, 3] == 5
 
 
 def test_jpg_counts_and_png_goes_before_it(tmp_path):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import runpy
-from pathlib import Path
 from typing import Any, get_type_hints
 
 import pytest
@@ -17,8 +15,6 @@ from cuboid.runs.scene.codec import Encoder, decode, layout_of, take
 from cuboid.runs.scene.localisation import SAME_WORLD, ScenePoses
 from cuboid.runs.scene.saving import SceneState
 from cuboid.runs.tracking.posed_tracker import PosedTracker
-
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def scene() -> tuple[PosedTracker, ScenePoses]:
@@ -107,11 +103,6 @@ def test_records_are_saved_whole() -> None:
         } - {"_snapshot"}
         for one in fields:
             assert one.metadata != TRANSIENT or one.default is not dataclasses.MISSING, one.name
-
-
-def test_the_page_of_the_state_is_that_of_the_classes() -> None:
-    page = runpy.run_path(str(DOCS / "make_scene_state.py"))
-    assert page["markdown"]() == (DOCS / "scene-state.md").read_text(encoding="utf-8"), "run docs/make_scene_state.py"
 
 
 def test_what_is_saved_is_what_is_loaded() -> None:

@@ -13,7 +13,9 @@ import tarfile
 import tomllib
 import venv
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy
 import pytest
@@ -28,10 +30,8 @@ assert "site" in cuboid.__file__, cuboid.__file__
 for name in {names!r}:
     getattr(cuboid, name)
 from cuboid.cli import main
-words = "synth --kind table --seed 3 --frames 12 --size 160x120 --output made".split()
-assert main(words) == 0
-assert main(["track", "made", "--output", "results"]) == 0
-assert cuboid.open_results("results").report.frames_used == 12
+assert main("demo --frames 12 --no-video".split()) == 0
+assert cuboid.open_results("cuboid-demo/results").report.frames_used == 12
 """
 
 
@@ -54,13 +54,22 @@ print(json.dumps([KERNELS["cuboid.ground.core.kernels.pixels.drop_mixed"].cache.
 """
 
 
+def said(words: Sequence[object], timeout_s: float, cwd: Path | None = None, **surroundings: object) -> str:
+    """Return what a call says that succeeds without this checkout in its path."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment |= {name: str(value) for name, value in surroundings.items()}
+    call = [*map(str, words)]
+    done = subprocess.run(
+        call, cwd=cwd, env=environment, capture_output=True, text=True, check=False, timeout=timeout_s
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    return done.stdout
+
+
 def build(source: Path, folder: Path, *words: str, hooks: bool) -> None:
     """Build a checkout in this environment, with the compilation of its kernels or without."""
-    words = (sys.executable, "-m", "build", "--no-isolation", *words, "--outdir", str(folder), str(source))
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    environment["HATCH_BUILD_NO_HOOKS"] = str(not hooks).lower()
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    call = (sys.executable, "-m", "build", "--no-isolation", *words, "--outdir", folder, source)
+    said(call, 300, HATCH_BUILD_NO_HOOKS=str(not hooks).lower())
 
 
 @pytest.fixture(scope="module")
@@ -96,17 +105,7 @@ def test_the_wheel_runs_in_an_empty_environment(built: Path, tmp_path: Path) -> 
     # The packages that it needs are those of this environment; a line in a .pth file brings no other .pth file.
     (site / "needs.pth").write_text(str(Path(numpy.__file__).parents[1]) + "\n")
     names = sorted(cuboid._PLACES)
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run(
-        [python, "-c", SMOKE.format(names=names)],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
+    said([python, "-c", SMOKE.format(names=names)], 600, tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -128,16 +127,19 @@ def with_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "unpacked"
 
 
+def used_kernels(unpacked: Path, cache: Path, *, older: bool) -> list[bool]:
+    """Return whether the kernel came with the wheel, and whether it was compiled for its types, and for others."""
+    words = [sys.executable, "-c", USE_KERNELS.format(older=older)]
+    found: list[bool] = json.loads(said(words, 100, PYTHONPATH=unpacked, NUMBA_CACHE_DIR=cache))
+    return found
+
+
 @pytest.mark.parametrize("older", [False, True])
 def test_kernels_that_came_with_the_wheel_are_used_where_the_processor_can_run_them(
     with_kernels: Path, tmp_path: Path, older: bool
 ) -> None:
-    environment = {**os.environ, "PYTHONPATH": str(with_kernels), "NUMBA_CACHE_DIR": str(tmp_path)}
-    words = [sys.executable, "-c", USE_KERNELS.format(older=older)]
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, timeout=100)
-    assert done.returncode == 0, done.stderr[-2000:]
     can_run = not older or platform.machine() not in ("x86_64", "AMD64")
-    assert json.loads(done.stdout) == [can_run, not can_run, True]
+    assert used_kernels(with_kernels, tmp_path, older=older) == [can_run, not can_run, True]
 
 
 def test_damaged_kernels_of_a_wheel_are_compiled_again(with_kernels: Path, tmp_path: Path) -> None:
@@ -145,11 +147,7 @@ def test_damaged_kernels_of_a_wheel_are_compiled_again(with_kernels: Path, tmp_p
     shutil.copytree(with_kernels, damaged)
     for file in damaged.rglob("*.nb[ic]"):
         file.write_bytes(file.read_bytes()[:-40])
-    environment = {**os.environ, "PYTHONPATH": str(damaged), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    words = [sys.executable, "-c", USE_KERNELS.format(older=False)]
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, timeout=100)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert json.loads(done.stdout)[1:] == [True, True]
+    assert used_kernels(damaged, tmp_path / "cache", older=False)[1:] == [True, True]
 
 
 def test_the_files_of_the_release_name_its_version() -> None:
@@ -160,15 +158,39 @@ def test_the_files_of_the_release_name_its_version() -> None:
     citation = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
     assert re.search(rf"^version: {version}$", citation, re.MULTILINE)
     assert re.search(r"^cff-version: 1\.2\.0$", citation, re.MULTILINE)
-    assert f"cuboid-{cuboid.__version__}-py3-none-any.whl" in (REPOSITORY / "docs" / "install.md").read_text("utf-8")
+    assert f"cuboid-{cuboid.__version__}-py3-none-any.whl" in (REPOSITORY / "docs" / "index.md").read_text("utf-8")
 
 
-def test_the_workflow_runs_what_the_project_promises() -> None:
-    text = (REPOSITORY / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
-    assert "bash .ci/run" in text
+def pythons(project: dict[str, Any]) -> list[str]:
+    """Return the versions of Python that the classifiers name."""
+    named = (re.fullmatch(r"Programming Language :: Python :: (3\.\d+)", line) for line in project["classifiers"])
+    return [found[1] for found in named if found]
+
+
+def test_classifiers_and_citation_agree_with_the_project() -> None:
+    table = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
+    project, tools = table["project"], table["tool"]
+    assert project["requires-python"] == f">={pythons(project)[0]}"
+    assert tools["mypy"]["python_version"] == pythons(project)[0]
+    assert tools["ruff"]["target-version"] == "py" + pythons(project)[0].replace(".", "")
+    citation = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(rf"^license: {re.escape(project['license'])}$", citation, re.MULTILINE)
+    assert f"name: {project['authors'][0]['name']}" in citation
+
+
+@pytest.mark.parametrize("name", ["ci.yml", "release.yml"])
+def test_the_workflows_run_what_the_project_promises(name: str) -> None:
+    text = (REPOSITORY / ".github" / "workflows" / name).read_text(encoding="utf-8")
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    for line in project["classifiers"]:
-        if found := re.fullmatch(r"Programming Language :: Python :: (3\.\d+)", line):
-            assert f'"{found[1]}"' in text, line
-    for system in ("ubuntu", "macos", "windows"):
-        assert f"{system}-latest" in text
+    assert f"python: {json.dumps(pythons(project))}" in text
+    promised = {
+        "ci.yml": ("bash .ci/run", "windows-latest", "macos-latest", "ubuntu-latest"),
+        "release.yml": (
+            "run: python -m build\n",
+            "--no-isolation",
+            "ubuntu-24.04-arm",
+            "id-token: write",
+            "run: cuboid demo",
+        ),
+    }
+    assert [words for words in promised[name] if words not in text] == []

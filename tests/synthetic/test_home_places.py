@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from cuboid.lab.synthetic import Scene, make_scene, render_recording
+from cuboid.lab.synthetic import Scene, make_scene
 from cuboid.lab.synthetic.footprint import hull
 from cuboid.lab.synthetic.raycast import RayCaster
 
@@ -31,17 +29,6 @@ def scene_of(kind: str, seed: int) -> Scene:
 
 def names(scene: Scene) -> list[str]:
     return [one.model.name for one in scene.objects]
-
-
-@pytest.mark.parametrize("kind", NEW)
-def test_a_recording_has_its_truth(kind: str, tmp_path: Path) -> None:
-    scene = scene_of(kind, 1)
-    render_recording(scene, tmp_path / "made", sensor="clean", size=(96, 72))
-    truth = json.loads((tmp_path / "made" / "truth.json").read_text())
-    assert [row["name"] for row in truth["objects"]] == names(scene)
-    assert any(row["judged"] and row["frames_present"] == 3 for row in truth["objects"])
-    assert len(truth["planes"]) == len(scene.surfaces)
-    assert {row["name"] for row in truth["ignore"]} == {one.model.name for one in scene.furniture if one.doubtful}
 
 
 @pytest.mark.parametrize("kind", NEW)

@@ -54,15 +54,12 @@ def test_few_poses_leave_the_end_without(whole):
     assert skipped == {11, noted(whole)["empty-depth"]}
 
 
-def test_no_intrinsics(whole):
-    spoil(whole, ["no-intrinsics"], 12, np.random.default_rng(0))
-    with pytest.raises(InputError, match="intrinsics"):
-        cuboid.open_recording(whole)
-
-
-def test_wrong_depth_scale(whole):
-    spoil(whole, ["wrong-depth-scale"], 12, np.random.default_rng(0))
-    with pytest.raises(cuboid.CuboidError, match=r"nothing between 0\.1 and 20 m"):
+@pytest.mark.parametrize(
+    ("fault", "said"), [("no-intrinsics", "intrinsics"), ("wrong-depth-scale", r"nothing between 0\.1 and 20 m")]
+)
+def test_a_fault_of_the_whole_recording_is_told(fault, said, whole):
+    spoil(whole, [fault], 12, np.random.default_rng(0))
+    with pytest.raises(cuboid.CuboidError, match=said):
         cuboid.open_recording(whole).read(0)
 
 

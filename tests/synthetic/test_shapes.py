@@ -15,18 +15,6 @@ def model(name: str, seed: int) -> Model:
     return CATALOGUE[name](np.random.default_rng(seed))
 
 
-@pytest.mark.parametrize("name", MAKERS)
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_model_is_a_household_thing_that_stands_on_zero(name, seed):
-    mesh = model(name, seed).mesh()
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    assert abs(low[2]) < 1e-9
-    assert (high - low).min() > 0.03
-    assert (high - low).max() < 0.35
-    assert (np.linalg.norm(mesh.area_normals(), axis=1) > 0).all()
-    np.testing.assert_allclose(np.linalg.norm(corner_normals(mesh), axis=2), 1, rtol=1e-9)
-
-
 # Longest side of things that have about the same size everywhere, metres.
 LONGEST_M = {"monitor": (0.45, 0.65), "keyboard": (0.34, 0.47), "laptop": (0.27, 0.38), "mouse": (0.09, 0.13)}
 LONGEST_M |= {"smartphone": (0.13, 0.17), "banana": (0.12, 0.2), "apple": (0.06, 0.1), "plate": (0.15, 0.28)}
@@ -39,11 +27,11 @@ LONGEST_M |= {"shoe": (0.24, 0.32), "backpack": (0.34, 0.5), "bear": (0.15, 0.3)
 def test_a_thing_stands_on_zero_and_has_the_size_of_its_kind(name, seed):
     mesh = model(name, seed).mesh()
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    least, most = LONGEST_M.get(name, (0.035, 0.5))
+    least, most = LONGEST_M.get(name, (0.035, 0.35 if name in MAKERS else 0.5))
     assert abs(low[2]) < 1e-9
-    assert (high - low).min() > 0.008
+    assert (high - low).min() > (0.03 if name in MAKERS else 0.008)
     assert least <= (high - low).max() <= most
-    assert np.isfinite(corner_normals(mesh)).all()
+    np.testing.assert_allclose(np.linalg.norm(corner_normals(mesh), axis=2), 1, rtol=1e-9)
     assert (np.linalg.norm(mesh.area_normals(), axis=1) > 0).all()
 
 
@@ -94,12 +82,6 @@ def test_faces_look_outward(name):
     for mesh, _ in model(name, 2).parts:
         a, b, c = np.moveaxis(mesh.corners() - mesh.vertices.mean(axis=0), 1, 0)
         assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() > 0
-
-
-def test_same_seed_same_model():
-    for name, make in CATALOGUE.items():
-        again = make(np.random.default_rng(1))
-        np.testing.assert_array_equal(model(name, 1).mesh().vertices, again.mesh().vertices)
 
 
 def test_a_box_has_flat_sides_and_a_lathe_a_round_one():

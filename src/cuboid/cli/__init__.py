@@ -152,10 +152,7 @@ def _run(words: list[str]) -> int:
     for name in COMMANDS if completing else (str(chosen),):
         module = modules[name] = import_module(f"cuboid.cli.{name.replace(' ', '_')}")
         command = commands.add_parser(
-            name,
-            description=description(name),
-            epilog=f"example: {module.EXAMPLE}",
-            allow_abbrev=False,
+            name, description=description(name), epilog=f"example: {module.EXAMPLE}", allow_abbrev=False
         )
         command.example = module.EXAMPLE
         module.add_arguments(command)
@@ -170,10 +167,11 @@ def _run(words: list[str]) -> int:
         from cuboid.cli.results import refuse_existing_files
 
         refuse_existing_files(args)
-    if "threads" in args:
+    # `doctor` tells which library is missing, and shells call `completion` at their start: neither loads a library
+    if args.command not in ("doctor", "completion"):
         from cuboid.ground.core.threads import limit_threads
 
-        limit_threads(args.threads)
+        limit_threads(getattr(args, "threads", 1))
     status: int = modules[args.command].run(args)
     return status
 

@@ -6,10 +6,11 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cuboid.cli.parser import positive
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_output
 from cuboid.cli.serving import add_page, serve
-from cuboid.cli.workers import positive
+from cuboid.ground.core.errors import OutputError
 
 if TYPE_CHECKING:
     from cuboid.inputs.readers import Recording
@@ -41,10 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
-    from cuboid.ground.core.threads import limit_threads
     from cuboid.lab.annotation import Annotator, KeyframesFile, make_server
 
-    limit_threads(1)
     recording = open_from(args)
     file = KeyframesFile(_path(args.output, recording), recording)
     annotator = Annotator(recording, file, args.every or max(1, len(recording) // SUGGESTED))
@@ -54,8 +53,6 @@ def run(args: argparse.Namespace) -> int:
 def _path(output: Path | None, recording: Recording) -> Path:
     """Return the file of the keyframes; raises OutputError if it cannot be written."""
     import os
-
-    from cuboid.ground.core.errors import OutputError
 
     path = output or (recording.path / NAME if recording.path.is_dir() else recording.path.with_suffix(f".{NAME}"))
     if path.suffix != ".json":

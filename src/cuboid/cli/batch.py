@@ -6,7 +6,8 @@ import argparse
 import sys
 import time
 from collections import Counter
-from types import TracebackType
+from contextlib import nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -24,7 +25,8 @@ from cuboid.cli.recording import (
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.text_model import add_embedding, embedding_model
 from cuboid.cli.workers import add_workers, workers_from
-from cuboid.ground.core.errors import counted, one_line, printable
+from cuboid.ground.core.errors import InputError, counted, one_line, printable
+from cuboid.ground.core.extras import need_cluster
 from cuboid.ground.version import __version__
 
 if TYPE_CHECKING:
@@ -66,9 +68,7 @@ class BatchProgress:
         self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._bar.stop()
 
     def ended(self, one: Ended) -> None:
@@ -165,10 +165,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Track the recordings that are not done yet."""
-    from cuboid.ground.core.extras import need_cluster
-
     need_cluster("cuboid batch")
-    from contextlib import nullcontext
 
     from cuboid.fleet.batch.batch import Order, carry_out, plan
     from cuboid.fleet.batch.claim import claimed
@@ -212,10 +209,6 @@ def run(args: argparse.Namespace) -> int:
 
 def settings_from(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings of an `Order`."""
-    from pathlib import Path
-
-    from cuboid.ground.core.errors import InputError
-
     if isinstance(args.intrinsics, Path):
         raise InputError("--intrinsics: a batch takes FX,FY,CX,CY only; put a camera.json into each recording instead")
     return {

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.recording import add_recording, open_from, tracking_from
 from cuboid.cli.results import add_results, give
+from cuboid.cli.tables import console, skipped_lines, timings_table
 from cuboid.ground.core.threads import cores
 
 if TYPE_CHECKING:
@@ -47,16 +48,7 @@ def measurements(outcome: RunOutcome) -> dict[str, Any]:
     """Return all measurements, ready for JSON."""
     report = outcome.report
     document = report.to_dict()
-    names = (
-        "version",
-        "recording",
-        "format",
-        "threads",
-        "config",
-        "frames",
-        "milliseconds",
-        "peak_memory_mb",
-    )
+    names = ("version", "recording", "format", "threads", "config", "frames", "milliseconds", "peak_memory_mb")
     return {
         **{name: document[name] for name in names},
         "frames_per_second": round(outcome.frames_per_second, 2),
@@ -115,8 +107,6 @@ def machine() -> dict[str, Any]:
 
 
 def _print(measured: dict[str, Any], outcome: RunOutcome) -> None:
-    from cuboid.cli.tables import console, skipped_lines, timings_table
-
     out, host, frames = console(), measured["machine"], measured["frames"]
     threads = f"{measured['threads']} thread{'' if measured['threads'] == 1 else 's'}"
     scale = measured["config"]["scale"]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from dataclasses import asdict
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.recording import add_reading, open_from
+from cuboid.cli.recording import add_reading, open_from, refuse_with_rig
 from cuboid.cli.results import add_output, add_results, give
+from cuboid.cli.tables import console, new_table
 from cuboid.ground.core.errors import InputError, OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from cuboid.inputs.calibration import CalibrationResult
     from cuboid.inputs.calibration.board import Board
     from cuboid.inputs.calibration.board_fit import BoardFit
@@ -76,9 +78,6 @@ def board_size(text: str) -> Board:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate, write, and print the result with its errors."""
-    from cuboid.ground.core.threads import limit_threads
-
-    limit_threads(1)
     if args.print_board is not None:
         return _print_board(args)
     if args.board is not None and args.rig is None:
@@ -118,7 +117,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _print_board(args: argparse.Namespace) -> int:
     """Write the PDF of a board."""
-    from cuboid.cli.tables import console
     from cuboid.inputs.calibration.board import Board, board_pdf
     from cuboid.results.files.pending import new_file
 
@@ -219,17 +217,13 @@ def _check_rig_options(args: argparse.Namespace) -> None:
     """Raise InputError for an option of one camera."""
     if args.recording is not None:
         raise InputError(f"with --rig, name all recordings after it; got {args.recording} too")
-    for name in ("format", "intrinsics", "depth_scale", "pose_convention", "topics", "limit", "poses"):
-        if getattr(args, name) is not None:
-            raise InputError(f"--{name.replace('_', '-')} is for one camera; leave it out with --rig")
+    refuse_with_rig(args, "format", "intrinsics", "depth_scale", "pose_convention", "topics", "limit", "poses")
     if args.every != 1:
         raise InputError("--every is for one camera; leave it out with --rig")
 
 
 def _print_rig(rows: Sequence[dict[str, Any]], counted: str, line: str) -> None:
     """Print the errors of the cameras of a rig."""
-    from cuboid.cli.tables import console, new_table
-
     table = new_table("camera", "position +-, mm", "direction +-, degrees", counted.replace("_", " "))
     for row in rows:
         table.add_row(str(row["name"]), f"{row['error_mm']:.1f}", f"{row['error_degrees']:.2f}", str(row[counted]))
@@ -239,9 +233,6 @@ def _print_rig(rows: Sequence[dict[str, Any]], counted: str, line: str) -> None:
 
 def _document(found: CalibrationResult, units: float, output: Path) -> dict[str, Any]:
     """Return the result, ready for JSON; null for values that were not fitted."""
-    from dataclasses import asdict
-    from math import isfinite
-
     figures = asdict(found)
     before, after, center = figures.pop("start"), figures.pop("intrinsics"), figures.pop("center_error_px")
     return {
@@ -277,8 +268,6 @@ def _open(args: argparse.Namespace) -> Recording:
 
 def _print(found: CalibrationResult, recording: Recording, output: Path) -> None:
     import math
-
-    from cuboid.cli.tables import console, new_table
 
     out, begin, end = console(), found.start, found.intrinsics
     table = new_table("", "before", "after", "+-")

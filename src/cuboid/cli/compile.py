@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import time
 
+from cuboid.ground.core.errors import OutputError
+
 EXAMPLE = "cuboid compile"
 
 
@@ -25,12 +27,8 @@ def run(args: argparse.Namespace) -> int:
     """
     from cuboid.cli.progress import counting
     from cuboid.cli.results import give
-    from cuboid.ground.core.threads import limit_threads
-
-    limit_threads(1)
     from cuboid.ground.compiling.compiled import KERNELS
     from cuboid.ground.compiling.kernelcache import VARIABLE, cache_folder, is_writable
-    from cuboid.ground.core.errors import OutputError
     from cuboid.runs.pipeline.ahead import compile_all, listed_kernels
 
     begun_s = time.perf_counter()

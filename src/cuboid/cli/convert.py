@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from cuboid.cli.parser import positive
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.workers import positive
+from cuboid.cli.tables import console
+from cuboid.ground.core.errors import InputError, OutputError
 
 EXAMPLE = "cuboid convert RECORDING --to mcap --output DIR"
 FORMS = ("plain", "tum", "mcap")
@@ -31,12 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Convert, and print the omitted frames."""
     from cuboid.cli.progress import counting
-    from cuboid.ground.core.errors import InputError, OutputError
-    from cuboid.ground.core.threads import limit_threads
     from cuboid.ground.formats.reading import real_path
     from cuboid.inputs.recordings.converting import convert_recording
 
-    limit_threads(1)
     recording = open_from(args)
     if real_path(args.output) == recording.path.resolve():
         raise OutputError(f"{args.output}: is the recording itself; choose another output folder")
@@ -58,8 +57,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(skipped: dict[int, str], done: str) -> None:
-    from cuboid.cli.tables import console
-
     out = console()
     for index, reason in list(skipped.items())[:SHOWN]:
         out.print(f"  frame {index} left out: {reason}", markup=False)

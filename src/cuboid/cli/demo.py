@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
+from cuboid.cli.interrupt import interruptible
+from cuboid.cli.parser import positive
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.workers import add_threads, positive
+from cuboid.cli.workers import add_threads
+from cuboid.ground.core.errors import OutputError
 from cuboid.ground.core.threads import cores
 
 EXAMPLE = "cuboid demo"
@@ -33,7 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make, track, compare."""
     from cuboid.cli.evaluate import print_comparison
-    from cuboid.cli.interrupt import interruptible
     from cuboid.cli.progress import progress
     from cuboid.cli.track import outcome_document, print_outcome
     from cuboid.inputs.readers import open_recording
@@ -59,15 +60,11 @@ def run(args: argparse.Namespace) -> int:
         print_comparison(found)
 
     give(args, {**outcome_document(outcome, results), "evaluation": found.to_dict()}, show)
-    if not outcome.report.complete:
-        print("cuboid: interrupted; the results are marked as incomplete", file=sys.stderr)
-        return interruption.status
-    return 0
+    return interruption.status_of(outcome.report)
 
 
 def _make(path: Path, frames: int | None, threads: int) -> None:
     from cuboid.cli.progress import counting
-    from cuboid.ground.core.errors import OutputError
     from cuboid.lab.synthetic import demo_scene, render_recording
     from cuboid.lab.synthetic.truth import TRUTH
 

@@ -6,8 +6,11 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cuboid.cli.recording import add_furniture, add_method, add_relations, config_from, depth_scale, intrinsics
+from cuboid.cli.parser import depth_scale
+from cuboid.cli.recording import add_furniture, add_method, add_relations, config_from, intrinsics
 from cuboid.cli.results import add_output, add_results, give
+from cuboid.cli.tables import console
+from cuboid.ground.formats.folder import PICTURE
 
 if TYPE_CHECKING:
     from cuboid.ground.core.frame import Frame, Intrinsics
@@ -43,13 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Find the objects, write the results, and print the objects."""
     from cuboid.cli.track import outcome_document
-    from cuboid.ground.core.threads import limit_threads
-    from cuboid.ground.formats.folder import PICTURE
     from cuboid.inputs.recordings.picture import open_picture
     from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
     from cuboid.runs.pipeline.run import track_recording
 
-    limit_threads(1)
     recording = open_picture(args.color, args.depth, intrinsics=args.intrinsics, depth_scale=args.depth_scale)
     output = args.output or Path(f"{args.color.stem}-objects")
     options = TrackOptions(
@@ -81,9 +81,7 @@ def _draw(file: Path, frame: Frame, result: FrameResult, intrinsics: Intrinsics)
 
 
 def _print(outcome: RunOutcome, output: Path) -> None:
-    from cuboid.cli.tables import console
     from cuboid.cli.track import print_outcome
-    from cuboid.ground.formats.folder import PICTURE
 
     print_outcome(outcome, output)
     out = console()

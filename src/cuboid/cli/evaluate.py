@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.table import Table
+
 from cuboid.cli.results import add_results, give
+from cuboid.cli.tables import console, new_table, score
+from cuboid.ground.core.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from cuboid.lab.evaluation import Evaluation
     from cuboid.lab.evaluation.evaluate import Identity
     from cuboid.lab.evaluation.events import EventQuality
@@ -42,10 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or, if RESULT is a scene, the folder of made visits",
     )
     parser.add_argument(
-        "--cloud",
-        type=Path,
-        metavar="PLY",
-        help="a labelled point cloud to compare the heat of the map with",
+        "--cloud", type=Path, metavar="PLY", help="a labelled point cloud to compare the heat of the map with"
     )
     parser.add_argument(
         "--trajectory",
@@ -73,12 +72,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
-    from cuboid.ground.core.errors import InputError
-    from cuboid.ground.core.threads import limit_threads
     from cuboid.lab.evaluation import evaluate
     from cuboid.lab.evaluation.keyframes import is_keyframes
 
-    limit_threads(1)
     if args.store is not None or args.truths is not None:
         if args.store is None or args.truths is None or args.result is not None:
             raise InputError("to evaluate a store, give --store STORE --truth DIR, without RESULT and TRUTH")
@@ -108,7 +104,6 @@ def run(args: argparse.Namespace) -> int:
 def print_evaluation(found: Evaluation) -> None:
     """Print the evaluation as tables."""
     from cuboid.cli.keyframes import print_names, print_reliability
-    from cuboid.cli.tables import console
 
     out = console()
     skipped = f", {found.frames_skipped} skipped" if found.frames_skipped else ""
@@ -135,8 +130,6 @@ def print_evaluation(found: Evaluation) -> None:
 
 def print_visits(found: VisitsQuality) -> None:
     """Print the kept labels and the reported changes over visits."""
-    from cuboid.cli.tables import console
-
     out = console()
     out.print(f"labels kept of objects that did not move: {found.kept} of {found.unmoved}")
     out.print(f"moved objects recognised: {found.recognised} of {found.moved}")
@@ -146,8 +139,6 @@ def print_visits(found: VisitsQuality) -> None:
 
 def print_comparison(found: Evaluation) -> None:
     """Print a short comparison with the truth: each object, its label, its box."""
-    from cuboid.cli.tables import console
-
     out = console()
     out.print(_objects_table(found))
     at = found.map.at[-1]
@@ -161,27 +152,21 @@ def print_comparison(found: Evaluation) -> None:
     out.print(line, markup=False)
 
 
-def _score(value: float | None, digits: int = 3) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
 def _length(value_cm: float | None) -> str:
     return "-" if value_cm is None else f"{value_cm:.2f} cm"
 
 
 def _map_table(found: Evaluation) -> Table:
-    from cuboid.cli.tables import new_table
-
     table = new_table(
         "map, IoU", "precision", "recall", "F1", "AP", "found", "wrong", "mean IoU", "centre off", "size off"
     )
     for at in found.map.at:
         table.add_row(
             f"{at.threshold:.2f}",
-            *map(_score, (at.precision, at.recall, at.f1, at.ap)),
+            *map(score, (at.precision, at.recall, at.f1, at.ap)),
             f"{at.found} of {at.found + at.missed}",
             str(at.wrong),
-            _score(at.mean_iou),
+            score(at.mean_iou),
             *map(_length, (at.center_error_cm, at.size_error_cm)),
         )
     return table
@@ -196,45 +181,41 @@ def _map_line(found: Evaluation) -> str:
     if quality.wrong_labels:
         line += f" (labels without an object: {', '.join(map(str, quality.wrong_labels))})"
     if proposals is not None:
-        line += f"\n{_score(proposals.per_frame, 2)} boxes per frame before matching: " + "; ".join(
-            f"precision {_score(at.precision)}, recall {_score(at.recall)} at IoU {at.threshold:.2f}"
+        line += f"\n{score(proposals.per_frame, 2)} boxes per frame before matching: " + "; ".join(
+            f"precision {score(at.precision)}, recall {score(at.recall)} at IoU {at.threshold:.2f}"
             for at in proposals.at
         )
     return line
 
 
 def _identity_table(identity: Identity) -> Table:
-    from cuboid.cli.tables import new_table
-
     table = new_table("over time, IoU", "IDF1", "IDP", "IDR", "MOTA", "MOTP", "switches", "fragm.", "missed", "wrong")
     for at in identity.at:
         table.add_row(
             f"{at.threshold:.2f}",
-            *map(_score, (at.idf1, at.id_precision, at.id_recall, at.mota, at.motp)),
+            *map(score, (at.idf1, at.id_precision, at.id_recall, at.mota, at.motp)),
             *map(str, (at.switches, at.fragmentations, at.misses, at.false_positives)),
         )
     return table
 
 
 def _identity_lines(identity: Identity) -> str:
-    score = identity.hota
+    hota = identity.hota
     return (
-        f"HOTA {score.hota:.3f}, DetA {score.det_a:.3f}, AssA {score.ass_a:.3f}, LocA {score.loc_a:.3f}\n"
-        f"label purity {_score(identity.label_purity)}, consistency {_score(identity.label_consistency)}, "
-        f"{_score(identity.labels_per_object, 2)} labels per object, "
-        f"first label after {_score(identity.median_frames_to_first_label, 0)} frames (median)"
+        f"HOTA {hota.hota:.3f}, DetA {hota.det_a:.3f}, AssA {hota.ass_a:.3f}, LocA {hota.loc_a:.3f}\n"
+        f"label purity {score(identity.label_purity)}, consistency {score(identity.label_consistency)}, "
+        f"{score(identity.labels_per_object, 2)} labels per object, "
+        f"first label after {score(identity.median_frames_to_first_label, 0)} frames (median)"
     )
 
 
 def _reidentification_table(identity: Identity) -> Table:
-    from cuboid.cli.tables import new_table
-
     curve = [at for at in identity.reidentification if at.reappearances] or identity.reidentification[:1]
     table = new_table("absent before for", *(f">= {at.absence_frames} frames" for at in curve))
     table.add_row("reappearances", *(str(at.reappearances) for at in curve))
     table.add_row("found again", *(str(at.found) for at in curve))
     table.add_row("with the old label", *(str(at.same_label) for at in curve))
-    table.add_row("re-identification rate", *(_score(at.rate) for at in curve))
+    table.add_row("re-identification rate", *(score(at.rate) for at in curve))
     return table
 
 
@@ -243,7 +224,7 @@ def _event_lines(events: EventQuality) -> str:
     delay = "" if frames is None else f", reported {frames:.0f} frames later (median)"
     lines = [
         f"events: {events.events} true, {events.reported} reported, {events.right} of them right "
-        f"(precision {_score(events.precision)}, recall {_score(events.recall)}){delay}",
+        f"(precision {score(events.precision)}, recall {score(events.recall)}){delay}",
         f"labels given to people: {', '.join(map(str, events.agent_labels)) or 'none'}",
         *(f"not reported: {one}" for one in events.missed),
         *(f"not true: {one}" for one in events.wrong),
@@ -254,36 +235,30 @@ def _event_lines(events: EventQuality) -> str:
 def _heat_line(heat: HeatQuality) -> str:
     line = (
         f"heat against {heat.points} labelled points ({heat.object_points} on objects, "
-        f"{100 * (heat.mapped or 0.0):.1f} % of all near the map): AP {_score(heat.ap)}"
+        f"{100 * (heat.mapped or 0.0):.1f} % of all near the map): AP {score(heat.ap)}"
     )
     if heat.best is not None:
         at = heat.best
-        line += (
-            f", F {_score(at.f)} at heat {at.heat:.2f} (precision {_score(at.precision)}, recall {_score(at.recall)})"
-        )
+        line += f", F {score(at.f)} at heat {at.heat:.2f} (precision {score(at.precision)}, recall {score(at.recall)})"
     return line
 
 
 def _relations_table(relations: Sequence[RelationsAt]) -> Table:
-    from cuboid.cli.tables import new_table
-
     table = new_table("relation", "precision", "recall", "right", "found", "true", "objects not found")
     for at in relations:
         counts = map(str, (at.right, at.found, at.true, at.lost))
-        table.add_row(at.kind, _score(at.precision), _score(at.recall), *counts)
+        table.add_row(at.kind, score(at.precision), score(at.recall), *counts)
     return table
 
 
 def _objects_table(found: Evaluation) -> Table:
-    from cuboid.cli.tables import new_table
-
     table = new_table("object", "label", "IoU", "centre off", "labels", "switches", "found in frames", "first after")
     for item in found.objects:
         box, had = item.box, item.labels
         table.add_row(
             item.name,
             "-" if box is None else str(box.label),
-            _score(None if box is None else box.iou),
+            score(None if box is None else box.iou),
             _length(None if box is None else box.center_error_cm),
             "-" if had is None else ", ".join(map(str, had.labels)) or "none",
             "-" if had is None else str(had.switches),

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.results import give
+from cuboid.cli.tables import console, new_table, score
+from cuboid.ground.core.errors import counted, printable
+from cuboid.ground.core.extras import need_cluster
 
 if TYPE_CHECKING:
     from cuboid.fleet.store.judging import Judged
@@ -39,10 +43,6 @@ def add_store(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
-    from pathlib import Path
-
-    from cuboid.ground.core.extras import need_cluster
-
     need_cluster("cuboid evaluate --store")
     from cuboid.cli.workers import workers_from
     from cuboid.fleet.store.judging import judge_store
@@ -80,15 +80,12 @@ def _numbers(found: Judged) -> list[str]:
 
 
 def _print(found: Judged, means: dict[str, Interval]) -> None:
-    from cuboid.cli.tables import console, new_table
-    from cuboid.ground.core.errors import counted, printable
-
     out = console()
     table = new_table("scene", *SHOWN)
     for name, row in found.rows.items():
-        table.add_row(printable(name), *(_cell(row.get(figure), digits) for figure, digits in SHOWN.items()))
+        table.add_row(printable(name), *(score(row.get(figure), digits) for figure, digits in SHOWN.items()))
     for title, part in (("mean", "mean"), ("95 % from", "low"), ("to", "high")):
-        cells = (_cell(getattr(means[name], part), d) if name in means else "-" for name, d in SHOWN.items())
+        cells = (score(getattr(means[name], part), d) if name in means else "-" for name, d in SHOWN.items())
         table.add_row(title, *cells)
     out.print(table)
     for name, reason in (*found.refused.items(), *found.not_done.items()):
@@ -100,9 +97,6 @@ def _print(found: Judged, means: dict[str, Interval]) -> None:
 def _print_change(
     paired: dict[str, Paired], before: dict[str, dict[str, Any]], after: dict[str, dict[str, Any]]
 ) -> None:
-    from cuboid.cli.tables import console, new_table
-    from cuboid.ground.core.errors import printable
-
     out = console()
     table = new_table(
         "figure", "before", "after", "change", "95 % from", "to", "significant", "scenes up", "down", "same"
@@ -111,7 +105,7 @@ def _print_change(
         if name in paired:
             one = paired[name]
             moved = (f"{getattr(one.difference, part):+.{digits}f}" for part in ("mean", "low", "high"))
-            means = (_cell(side.mean, digits) for side in (one.before, one.after))
+            means = (score(side.mean, digits) for side in (one.before, one.after))
             table.add_row(name, *means, *moved, "yes" if one.sure else "no", *map(str, (one.up, one.down, one.same)))
     out.print(table)
     change = {scene: _hota(after[scene]) - _hota(before[scene]) for scene in before.keys() & after.keys()}
@@ -124,7 +118,3 @@ def _print_change(
 
 def _hota(row: dict[str, Any]) -> float:
     return float(row.get("hota") or 0.0)
-
-
-def _cell(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"

@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cuboid.cli.recording import seconds
+from cuboid.cli.parser import seconds
 from cuboid.cli.results import add_results, give
+from cuboid.cli.tables import console, new_table
 
 if TYPE_CHECKING:
     from cuboid.lab.evaluation.trajectory import Errors, TrajectoryErrors
@@ -36,10 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare, draw and print."""
-    from cuboid.cli.tables import console
-    from cuboid.ground.core.threads import limit_threads
-
-    limit_threads(1)
     from cuboid.lab.evaluation.trajectory import evaluate_trajectory
     from cuboid.lab.evaluation.trajectory_plot import plot, refuse_other_forms
 
@@ -59,8 +56,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(found: TrajectoryErrors) -> None:
-    from cuboid.cli.tables import console, new_table
-
     out = console()
     out.print(f"{found.estimate} against {found.truth}", markup=False)
     out.print(

@@ -8,6 +8,7 @@ from pathlib import Path
 from cuboid.cli.names import export_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.results import add_output, add_results, give
+from cuboid.cli.tables import console
 
 EXAMPLE = "cuboid export DIR --to coco --output labels.json"
 
@@ -29,10 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the export, and print its notes."""
-    from cuboid.cli.tables import console
-    from cuboid.ground.core.threads import limit_threads
-
-    limit_threads(1)
     from cuboid.results.exports import export, fitting_path
     from cuboid.results.files import Results
 

@@ -8,16 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from cuboid.cli.recording import probability
+from rich.table import Table
+
+from cuboid.cli.parser import positive, probability
 from cuboid.cli.results import add_results, give
+from cuboid.cli.tables import console, fits, new_table
 from cuboid.cli.text_model import add_text, ranking_model
-from cuboid.cli.workers import positive
-from cuboid.ground.core.errors import counted
+from cuboid.ground.core.errors import InputError, counted
+from cuboid.ground.core.extras import need_cluster
 from cuboid.services.queries.words import length, moment, place, sizes, thing
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from cuboid.method.text_search import TextModel
     from cuboid.services.queries.filters import Filters
 
@@ -52,16 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Find and print."""
-    from cuboid.cli.tables import console
-    from cuboid.ground.core.errors import InputError
-    from cuboid.ground.core.threads import limit_threads
     from cuboid.results.files.pending import write_whole
     from cuboid.services.queries.filters import Filters
     from cuboid.services.queries.opening import is_place
     from cuboid.services.queries.parameters import text_query
     from cuboid.services.queries.rows import plain
 
-    limit_threads(1)
     model = ranking_model(args)
     text = text_query(args.text, model)
     filters = Filters(**{field: getattr(args, field) for _, field, *_ in CONDITIONS}, text=text, limit=args.limit)
@@ -115,8 +112,6 @@ class Answered:
 
 
 def _in_store(args: argparse.Namespace, filters: Filters) -> Answered:
-    from cuboid.ground.core.extras import need_cluster
-
     need_cluster("cuboid find STORE")
     from cuboid.fleet.store.find import StoreObjects, ask, find, last_seen, picture_of
     from cuboid.fleet.store.query import Tables
@@ -160,7 +155,6 @@ def _in_place(args: argparse.Namespace, filters: Filters, model: TextModel | Non
 
 def _show(args: argparse.Namespace, answer: Answered) -> None:
     """Print the conditions that were understood, and the objects: as lines if the question is where they are."""
-    from cuboid.cli.tables import console
     from cuboid.services.queries.english import COUNT, WHERE
     from cuboid.services.queries.rows import last_seen_lines, tag
 
@@ -181,7 +175,6 @@ def _show(args: argparse.Namespace, answer: Answered) -> None:
 
 def _table(rows: list[dict[str, Any]]) -> Table:
     """Return the table; in a narrow terminal without the columns that matter least."""
-    from cuboid.cli.tables import console, fits, new_table
     from cuboid.results.files.object_table import SIZE_HEADING, SURE_SIZE_HEADING
     from cuboid.services.queries.rows import cells_of
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_results, give
+from cuboid.cli.tables import console
 from cuboid.ground.core.errors import counted
+from cuboid.ground.core.skipped import kind_lines
 
 if TYPE_CHECKING:
     from cuboid.inputs.recordings.inspecting import RecordingInfo
@@ -30,10 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Examine, and print."""
-    from cuboid.ground.core.threads import limit_threads
     from cuboid.inputs.recordings.inspecting import inspect_recording
 
-    limit_threads(1)
     recording = open_from(args)
     found = inspect_recording(recording, every_frame=args.all)
     document, clock = found.to_dict(), None
@@ -47,8 +47,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(found: RecordingInfo, clock: str | None) -> None:
-    from cuboid.cli.tables import console
-
     out = console()
     for name, text in [*rows(found), *([] if clock is None else [("pose times", clock)])]:
         out.print(f"{name:<{NAME_WIDTH}}{text}", markup=False, soft_wrap=True)
@@ -78,11 +76,7 @@ def skipped_lines(found: RecordingInfo) -> list[str]:
     examined = f"{found.looked_at} of {found.frames} frames examined"
     if not found.skipped:
         return [f"{examined}: all are usable"]
-    lines = [f"{examined}; these will be skipped:"]
-    for kind in found.skipped:
-        more = f" and {kind.count - 1} more like it" if kind.count > 1 else ""
-        lines.append(f"  frame {kind.frame}{more}: {kind.reason}")
-    return lines
+    return [f"{examined}; these will be skipped:", *kind_lines(found.skipped)]
 
 
 def _time(found: RecordingInfo) -> str:

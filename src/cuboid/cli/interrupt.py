@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cuboid.results.files import RunReport
 
 STDERR = 2
 NOTICE = b"\ncuboid: ending after this frame and writing the results so far; a second Ctrl-C discards them\n"
@@ -38,6 +43,13 @@ class Interruption:
         self.status = 128 + number
         self.on_signal()
         os.write(STDERR, NOTICE)  # the signal may have interrupted a print
+
+    def status_of(self, report: RunReport) -> int:
+        """Return the exit status of a run; if it is incomplete, say that it was interrupted."""
+        if report.complete:
+            return 0
+        print("cuboid: interrupted; the results are marked as incomplete", file=sys.stderr)
+        return self.status
 
 
 @contextmanager

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from rich.table import Table
+
 from cuboid.cli.results import give
+from cuboid.cli.tables import console, new_table, score
 from cuboid.ground.core.errors import InputError, counted
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from cuboid.lab.evaluation.evaluate_keyframes import KeyframeEvaluation
     from cuboid.lab.evaluation.names import NameQuality
     from cuboid.lab.evaluation.reliability import Reliability
@@ -21,7 +22,6 @@ NAMED = 8
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, draw and print."""
-    from cuboid.cli.tables import console
     from cuboid.lab.evaluation.evaluate_keyframes import evaluate_keyframes
 
     for name in ("cloud", "trajectory"):
@@ -70,8 +70,6 @@ def _draw(args: argparse.Namespace, found: KeyframeEvaluation) -> int:
 
 def print_evaluation(found: KeyframeEvaluation) -> None:
     """Print the evaluation as tables."""
-    from cuboid.cli.tables import console
-
     out = console()
     at = found.at[0]
     out.print(
@@ -97,13 +95,11 @@ def print_evaluation(found: KeyframeEvaluation) -> None:
 
 def print_names(names: NameQuality) -> None:
     """Print the accuracy of the names from a detector, and the confused classes."""
-    from cuboid.cli.tables import console, new_table
-
     out = console()
     out.print(
         f"names: {names.right} of {names.judged} objects of known classes named correctly "
-        f"(accuracy {_score(names.accuracy)}, top 3 {_score(names.top3)}), {names.named} named "
-        f"(precision {_score(names.precision)})",
+        f"(accuracy {score(names.accuracy)}, top 3 {score(names.top3)}), {names.named} named "
+        f"(precision {score(names.precision)})",
         markup=False,
     )
     if names.confusion:
@@ -115,17 +111,15 @@ def print_names(names: NameQuality) -> None:
 
 def print_reliability(found: Reliability) -> None:
     """Print how well the probability of labels agrees with the fraction of right ones; nothing without labels."""
-    from cuboid.cli.tables import console, new_table
-
     if found.labels == 0:
         return
     bins = [one for one in found.bins if one.labels]
     table = new_table("probability of labels", *(f"{one.low:.1f} to {one.high:.1f}" for one in bins))
     table.add_row("labels", *(str(one.labels) for one in bins))
-    table.add_row("mean probability", *(_score(one.mean_probability) for one in bins))
-    table.add_row("fraction right", *(_score(one.fraction_right) for one in bins))
+    table.add_row("mean probability", *(score(one.mean_probability) for one in bins))
+    table.add_row("fraction right", *(score(one.fraction_right) for one in bins))
     console().print(table)
-    console().print(f"expected calibration error {_score(found.expected_calibration_error)}")
+    console().print(f"expected calibration error {score(found.expected_calibration_error)}")
 
 
 def _frames(frames: tuple[int, ...]) -> str:
@@ -133,13 +127,7 @@ def _frames(frames: tuple[int, ...]) -> str:
     return f"{'frame' if len(frames) == 1 else 'frames'} {', '.join(map(str, frames[:NAMED]))}{more}"
 
 
-def _score(value: float | None, digits: int = 3) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
 def _scores_table(found: KeyframeEvaluation) -> Table:
-    from cuboid.cli.tables import new_table
-
     table = new_table(
         "labelled sightings",
         "recall",
@@ -155,34 +143,30 @@ def _scores_table(found: KeyframeEvaluation) -> Table:
     for at in found.at:
         table.add_row(
             f"IoU {at.threshold:.2f}",
-            _score(at.recall),
-            _score(at.precision),
+            score(at.recall),
+            score(at.precision),
             f"{at.found} of {at.rectangles}",
             str(at.false),
             str(sum(at.neither.values())),
             f"{at.objects_found} of {at.objects}",
-            _score(at.one_label),
-            _score(at.idf1),
-            _score(at.ap),
+            score(at.one_label),
+            score(at.idf1),
+            score(at.ap),
         )
     return table
 
 
 def _funnel_table(found: KeyframeEvaluation) -> Table:
-    from cuboid.cli.tables import new_table
-
     table = new_table(
         "stage where objects are lost", *(f"recall at {at.threshold:.2f}" for at in found.at), "per frame"
     )
     for stage in found.funnel:
-        cells = [f"{_score(at.recall)}  ({at.found})" for at in stage.at] or [""] * len(found.at)
+        cells = [f"{score(at.recall)}  ({at.found})" for at in stage.at] or [""] * len(found.at)
         table.add_row(stage.name, *cells, "" if stage.per_frame is None else f"{stage.per_frame:.1f}")
     return table
 
 
 def _objects_table(found: KeyframeEvaluation) -> Table:
-    from cuboid.cli.tables import new_table
-
     stages = [stage.short for stage in found.funnel]
     table = new_table("object", "id", "drawn", *stages, "labels")
     for item in found.objects:

@@ -10,7 +10,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cuboid.cli.names import OPTIONAL
-from cuboid.cli.serving import HOST, listen, port
+from cuboid.cli.parser import port
+from cuboid.cli.serving import HOST, listen
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.extras import need_serve
 
 if TYPE_CHECKING:
     from cuboid.ground.core.frame import Frame, Intrinsics
@@ -89,12 +92,9 @@ def served_run(args: argparse.Namespace, name: str) -> Iterator[ServedRun | None
     """Serve the run over HTTP if `--serve` is given, and print the address; yields the server, or None."""
     if args.serve is None:
         if args.serve_host is not None:
-            from cuboid.ground.core.errors import InputError
-
             raise InputError("--serve-host is an option of --serve; give --serve too")
         yield None
         return
-    from cuboid.ground.core.extras import need_serve
 
     need_serve("cuboid track --serve")
     from cuboid.services.service.process import ServedRun
@@ -151,8 +151,6 @@ def live_view(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> It
     """Serve the live page if `--live` is given, and print the address; yields the view, or None."""
     if not args.live:
         if args.live_host is not None:
-            from cuboid.ground.core.errors import InputError
-
             raise InputError("--live-host is an option of --live; give --live too")
         yield None
         return

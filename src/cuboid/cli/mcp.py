@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from cuboid.cli.serving import add_address, listen, serve_app
 from cuboid.cli.text_model import add_text_model, serving_model
+from cuboid.ground.core.extras import need_cluster, require
 
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
@@ -30,11 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until the assistant disconnects, or Ctrl-C."""
-    from cuboid.ground.core.extras import require
-    from cuboid.ground.core.threads import limit_threads
-
     require("mcp", "cuboid mcp", "mcp")
-    limit_threads(1)
     server = _server(args.place, serving_model(args))
     if not args.http:
         print(f"cuboid: {args.place} over standard input and output", file=sys.stderr, flush=True)
@@ -50,7 +47,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _server(path: str, model: TextModel | None) -> MCPServer:
     """Return the MCP server of a scene, of results, or of a store."""
-    from cuboid.ground.core.extras import need_cluster
     from cuboid.services.queries.opening import is_place, open_place
 
     if is_place(path):

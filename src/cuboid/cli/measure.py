@@ -7,8 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.recording import add_recording, seconds, tracking_from
+from cuboid.cli.interrupt import interruptible
+from cuboid.cli.parser import seconds
+from cuboid.cli.recording import add_recording, tracking_from
 from cuboid.cli.results import add_output, add_results, give, refuse_existing
+from cuboid.cli.tables import console
 from cuboid.cli.track import add_camera, add_rig, source_of
 from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.threads import cores
@@ -57,7 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, and print a line for each object."""
-    from cuboid.cli.interrupt import interruptible
     from cuboid.results.files.measures import scale_of
 
     _check_output(args)
@@ -146,8 +148,6 @@ def _document(found: Measured, scale: Scale | None) -> dict[str, Any]:
 
 
 def _print(args: argparse.Namespace, found: Measured, scale: Scale | None) -> None:
-    from cuboid.cli.tables import console
-
     out = console()
     for one in found.measures:
         out.print(one.text(args.units), markup=False, soft_wrap=True)

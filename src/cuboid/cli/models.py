@@ -6,6 +6,8 @@ import argparse
 from typing import Any
 
 from cuboid.cli.results import add_results, give
+from cuboid.cli.tables import console, new_table
+from cuboid.ground.core.errors import InputError
 
 EXAMPLE = "cuboid models fetch yolox-nano"
 LEGEND = (
@@ -30,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """List the models, or fetch some and list them."""
     from cuboid.cli.progress import counting
-    from cuboid.ground.core.errors import InputError
     from cuboid.method.detection.fetching import fetch
     from cuboid.method.detection.models import MODELS
 
@@ -66,8 +67,6 @@ def _row(name: str) -> dict[str, Any]:
 
 
 def _show(rows: list[dict[str, Any]]) -> None:
-    from cuboid.cli.tables import console, new_table
-
     out = console()
     table = new_table("model", "what", "license", "publisher", "MB", "ms", "kept", left=4)
     for row in rows:

@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.cli.results import add_results, give
+from cuboid.cli.tables import console
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.core.extras import need_cluster
 
 EXAMPLE = 'cuboid name RESULTS 1=bin 2="red cup"'
 _GIVEN = re.compile(r"(?:(?P<recording>.*)#)?(?P<label>\d{1,9})=(?P<name>.*)", re.DOTALL)
@@ -30,7 +33,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Name the objects, and print them with their new names."""
-    from cuboid.cli.tables import console
     from cuboid.ground.core.results import tag_of
 
     name = _namer(args.place)
@@ -49,7 +51,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _namer(path: str) -> Callable[[str, int, str], object]:
     """Return the function that names an object of a place: (recording, label, name)."""
-    from cuboid.ground.core.errors import InputError
     from cuboid.services.queries.opening import is_place
 
     if not is_place(path):
@@ -77,9 +78,6 @@ def _namer(path: str) -> Callable[[str, int, str], object]:
 
 def _in_store(url: str) -> Callable[[str, int, str], None]:
     """Return the function that names an object of a store."""
-    from cuboid.ground.core.errors import InputError
-    from cuboid.ground.core.extras import need_cluster
-
     need_cluster("cuboid name STORE")
     from cuboid.fleet.store.naming import name_in_store
 

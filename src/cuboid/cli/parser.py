@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NoReturn
+from contextlib import suppress
+from math import inf
+from typing import Any, NoReturn, TypeVar
 
 from cuboid.ground.core.errors import one_line
 
 MISTAKE = 2
 # An error message lists the choices if there are at most this many.
 LISTED = 8
+
+N = TypeVar("N", int, float)
 
 
 class Parser(argparse.ArgumentParser):
@@ -104,3 +108,30 @@ def takes_names(action: argparse.Action, names: Callable[[], Iterable[str]], *, 
     """
     action.names = names  # type: ignore[attr-defined]
     action.completer = lambda **_: [f"{name}{ending}" for name in names()]  # type: ignore[attr-defined]
+
+
+def number(kind: Callable[[str], N], holds: Callable[[N], bool], expected: str) -> Callable[[str], N]:
+    """Return a parser of the numbers for which a condition holds; the message about others says what is expected."""
+
+    def read(text: str) -> N:
+        with suppress(ValueError):
+            value = kind(text)
+            if holds(value):
+                return value
+        raise argparse.ArgumentTypeError(f"expected {expected}, got '{text}'")
+
+    return read
+
+
+positive = number(int, lambda value: value >= 1, "a whole number of at least 1")
+port = number(int, lambda value: 0 <= value <= 65535, "a port, 0 to 65535")
+probability = number(float, lambda value: 0 <= value <= 1, "a probability from 0 to 1")
+depth_scale = number(float, lambda value: 0 < value < inf, "depth units per metre, above 0")
+seconds = number(float, lambda value: 0 < value < inf, "seconds, above 0")
+megabytes = number(float, lambda value: 0 < value < inf, "megabytes, above 0")
+_milliseconds = number(float, lambda value: abs(value) <= 10_000, "auto, off, or milliseconds up to 10000")
+
+
+def pose_offset(text: str) -> str | float:
+    """Parse auto, off, or a number of milliseconds."""
+    return text if text in ("auto", "off") else _milliseconds(text)

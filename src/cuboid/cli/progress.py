@@ -6,9 +6,8 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from contextlib import ExitStack, contextmanager, nullcontext
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -147,158 +146,112 @@ def _helped() -> Iterator[None]:
 LINE_EVERY_S = 10.0
 
 
-class _Rate:
-    """Number of frames, and frames per second without the first frame, which loads the kernels."""
+class _Bar:
+    """A bar on the terminal."""
 
-    def __init__(self) -> None:
-        self.frames = 0
-        self._first_s = 0.0
+    def __init__(self, console: Console, what: str) -> None:
+        done, state = MofNCompleteColumn(), TextColumn("{task.fields[state]}")
+        columns = TextColumn("{task.description}"), BarColumn(), done, state, TimeRemainingColumn()
+        self.context = Bar(*columns, console=console, transient=True)
+        self._task, self._state = self.context.add_task(what, total=None, state=""), ""
 
-    def tick(self) -> float:
-        now_s = working_s()
-        if self.frames == 0:
-            self._first_s = now_s
-        self.frames += 1
-        return (self.frames - 1) / max(now_s - self._first_s, 1e-9)
+    def show(self, done: int, total: int | None, state: str = "") -> None:
+        """Show how much is done, and the state beside it."""
+        self._state = state
+        self.context.update(self._task, completed=done, total=total, state=state)
 
+    def compiling(self, text: str) -> None:
+        """Show what is compiled in place of the state."""
+        self.context.update(self._task, state=text or self._state, refresh=True)
 
-def _bar(console: Console) -> Bar:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[state]}"),
-        TimeRemainingColumn(),
-    )
-    return Bar(*columns, console=console, transient=True)
-
-
-class _Shown(Progress):
-    """Context manager: what it shows begins and ends with it."""
-
-    def __init__(self) -> None:
-        self._rate, self._shown = _Rate(), ExitStack()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._shown.close()
-
-
-class TerminalProgress(_Shown):
-    """Context manager: a bar with frames per second and the number of objects."""
-
-    def __init__(self, console: Console) -> None:
-        super().__init__()
-        self._bar = _bar(console)
-        self._task = self._bar.add_task("tracking", total=None, state="")
-        self._state = ""
-
-    def __enter__(self) -> Self:
-        self._shown.enter_context(self._bar)
-        self._shown.enter_context(showing_compilation(self._compiling))
-        return self
-
-    def start(self, frames: int | None) -> None:
-        """Show the empty bar."""
-        self._bar.update(self._task, total=frames)
-
-    def frame(self, result: FrameResult) -> None:
-        """Advance the bar."""
-        rate = self._rate.tick()
-        objects = counted(result.objects_known, "object")
-        self._state = f"{rate:.0f} frames/s, {objects}" if self._rate.frames > 1 else objects
-        self._bar.update(self._task, advance=1, state=self._state)
-
-    def skipped(self, index: int, reason: str) -> None:
-        """Advance the bar."""
-        self._bar.update(self._task, advance=1)
-
-    def warning(self, line: str) -> None:
-        """Print the line above the bar."""
-        self._bar.console.print(f"cuboid: warning: {line}", markup=False, soft_wrap=True)
-
-    def _compiling(self, text: str) -> None:
-        self._bar.update(self._task, state=text or self._state, refresh=True)
+    def print(self, line: str) -> None:
+        """Print a line above the bar."""
+        self.context.console.print(line, markup=False, soft_wrap=True)
 
 
 class _Lines:
     """Lines on standard error at intervals; a run that is shorter than the interval prints none."""
 
-    def __init__(self) -> None:
-        self._last_s = time.perf_counter()
-        self._printed = False
+    def __init__(self, what: str) -> None:
+        self.context = nullcontext()
+        self._what, self._last_s, self._printed = what, time.perf_counter(), False
 
-    def print(self, text: str) -> None:
-        """Print the text if the interval since the last line, or since the beginning, is over."""
-        if text and time.perf_counter() - self._last_s >= LINE_EVERY_S:
-            self._print(text)
+    def show(self, done: int, total: int | None, state: str = "") -> None:
+        """Print how much is done, if the interval since the last line, or since the beginning, is over."""
+        count = f"{done}" if total is None else f"{done} of {total}"
+        self._print_at_intervals(f"{count} frames, {state}" if state else f"{self._what}, {count}")
 
-    def print_soon(self, text: str) -> None:
-        """Print the text, also before the first interval is over."""
-        if text and not self._printed:
-            self._print(text)
-        self.print(text)
+    def compiling(self, text: str) -> None:
+        """Print what is compiled at intervals; the first time at once."""
+        if text:
+            self._print_at_intervals(text, at_once=not self._printed)
 
-    def _print(self, text: str) -> None:
-        self._last_s, self._printed = time.perf_counter(), True
-        print(f"cuboid: {text}", file=sys.stderr, flush=True)
+    def print(self, line: str) -> None:
+        """Print a line."""
+        print(line, file=sys.stderr, flush=True)
+
+    def _print_at_intervals(self, text: str, *, at_once: bool = False) -> None:
+        if at_once or time.perf_counter() - self._last_s >= LINE_EVERY_S:
+            self._last_s, self._printed = time.perf_counter(), True
+            self.print(f"cuboid: {text}")
 
 
-class LineProgress(_Shown):
-    """Context manager: a plain line every few seconds on standard error."""
+@contextmanager
+def _display(what: str, console: Console) -> Iterator[_Bar | _Lines]:
+    """Show a bar on a terminal, lines elsewhere; both tell when kernels are compiled."""
+    shown = _Bar(console, what) if console.is_terminal else _Lines(what)
+    with shown.context, showing_compilation(shown.compiling):
+        yield shown
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._done = 0
-        self._of = ""
-        self._lines = _Lines()
 
-    def __enter__(self) -> Self:
-        self._shown.enter_context(showing_compilation(self._lines.print_soon))
-        return self
+class _RunProgress(Progress):
+    """Frames, frames per second without the first one, which loads the kernels, and the number of objects."""
+
+    def __init__(self, shown: _Bar | _Lines) -> None:
+        self._shown = shown
+        self._total: int | None = None
+        self._done = self._used = 0
+        self._first_s, self._state = 0.0, ""
 
     def start(self, frames: int | None) -> None:
         """Store the number of frames."""
-        self._of = "" if frames is None else f" of {frames}"
+        self._total = frames
+        self._shown.show(0, frames)
 
     def frame(self, result: FrameResult) -> None:
-        """Count the frame; print a line if the interval is over."""
-        self._done += 1
-        rate = self._rate.tick()
-        self._lines.print(
-            f"{self._done}{self._of} frames, {rate:.0f} frames/s, {counted(result.objects_known, 'object')}"
-        )
+        """Count the frame."""
+        now_s, objects = working_s(), counted(result.objects_known, "object")
+        self._first_s = self._first_s if self._used else now_s
+        rate = self._used / max(now_s - self._first_s, 1e-9)
+        self._state = f"{rate:.0f} frames/s, {objects}" if self._used else objects
+        self._used += 1
+        self._advance()
 
     def skipped(self, index: int, reason: str) -> None:
         """Count the frame."""
+        self._advance()
+
+    def _advance(self) -> None:
         self._done += 1
+        self._shown.show(self._done, self._total, self._state)
 
     def warning(self, line: str) -> None:
         """Print the line."""
-        print(f"cuboid: warning: {line}", file=sys.stderr, flush=True)
+        self._shown.print(f"cuboid: warning: {line}")
 
 
-def progress() -> TerminalProgress | LineProgress:
-    """Return the progress display that suits standard error."""
-    console = Console(stderr=True)
-    return TerminalProgress(console) if console.is_terminal else LineProgress()
+@contextmanager
+def progress(console: Console | None = None) -> Iterator[Progress]:
+    """Show the progress of a run, on standard error by default."""
+    with _display("tracking", console or Console(stderr=True)) as shown:
+        yield _RunProgress(shown)
 
 
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[int, int], None]]:
     """Show the progress of other work; yields a function of the finished and the total number of parts."""
-    console = Console(stderr=True)
-    with ExitStack() as shown:
-        if not console.is_terminal:
-            lines = _Lines()
-            shown.enter_context(showing_compilation(lines.print_soon))
-            yield lambda done, total: lines.print(f"{what}, {done} of {total}")
-            return
-        bar = shown.enter_context(_bar(console))
-        task = bar.add_task(what, total=None, state="")
-        shown.enter_context(showing_compilation(lambda text: bar.update(task, state=text, refresh=True)))
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    with _display(what, Console(stderr=True)) as shown:
+        yield shown.show
 
 
 def load_kernels() -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.names import detector_names, format_names, proposal_names, setting_names
-from cuboid.cli.parser import takes_names
-from cuboid.cli.workers import add_threads, positive
+from cuboid.cli.parser import depth_scale, pose_offset, positive, probability, takes_names
+from cuboid.cli.workers import add_threads
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.limits import MEMORY_MB
 from cuboid.ground.core.tolerances import DETECT_EVERY
@@ -179,6 +179,13 @@ def add_reading_options(
     return reading
 
 
+def refuse_with_rig(args: argparse.Namespace, *options: str) -> None:
+    """Raise InputError if one of these options, which are for one camera, was given."""
+    for name in options:
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name.replace('_', '-')} is for one camera; leave it out with --rig")
+
+
 def open_from(args: argparse.Namespace, *, rigs: bool = False) -> Recording:
     """Open the recording that the arguments name; a rig of several cameras only with `rigs`."""
     from cuboid.inputs.recordings.rig import RigRecording
@@ -245,56 +252,6 @@ def intrinsics(text: str) -> tuple[float, float, float, float] | Path:
     if not (0 < fx < float("inf") and 0 < fy < float("inf") and abs(cx + cy) < float("inf")):
         raise argparse.ArgumentTypeError(f"expected finite numbers with FX, FY > 0, got '{text}'")
     return fx, fy, cx, cy
-
-
-def depth_scale(text: str) -> float:
-    """Parse the number of depth units per metre."""
-    return _above_zero(text, "depth units per metre")
-
-
-def pose_offset(text: str) -> str | float:
-    """Parse auto, off, or a number of milliseconds."""
-    if text in ("auto", "off"):
-        return text
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not abs(value) <= 10_000:
-        raise argparse.ArgumentTypeError(f"expected auto, off, or milliseconds up to 10000, got '{text}'")
-    return value
-
-
-def seconds(text: str) -> float:
-    """Parse a time in seconds, greater than 0."""
-    return _above_zero(text, "seconds")
-
-
-def megabytes(text: str) -> float:
-    """Parse an amount of memory in units of 2**20 bytes, greater than 0."""
-    return _above_zero(text, "megabytes")
-
-
-def probability(text: str) -> float:
-    """Parse a number from 0 to 1."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value <= 1:
-        raise argparse.ArgumentTypeError(f"expected a probability from 0 to 1, got '{text}'")
-    return value
-
-
-def _above_zero(text: str, what: str) -> float:
-    """Parse a finite number greater than 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected {what}, above 0, got '{text}'")
-    return value
 
 
 def setting(text: str) -> tuple[str, str]:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.console import Console
+
 from cuboid.cli.results import add_output, add_results, give, refuse_existing
+from cuboid.cli.tables import console
+from cuboid.ground.core.errors import InputError, counted
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
     from cuboid.ground.arrays import UInt8Array
     from cuboid.results.views.encoding import VideoWriter
     from cuboid.results.views.replay import Replay
@@ -39,19 +42,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Draw all frames and write the video."""
-    from rich.console import Console
     from rich.progress import track
 
-    from cuboid.cli.tables import console
-    from cuboid.ground.core.errors import InputError, counted
-    from cuboid.ground.core.threads import limit_threads
     from cuboid.inputs.recordings.rig import RigRecording
     from cuboid.results.views.mosaic import Mosaic
     from cuboid.results.views.redraw import drawer
     from cuboid.results.views.replay import Replay
     from cuboid.results.views.tags import SteadyNames
 
-    limit_threads(1)
     path = _path(args)
     replay = Replay(args.results, args.recording)
     recording = replay.recording
@@ -82,8 +80,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _path(args: argparse.Namespace) -> Path:
     """Return the output file; raises if its suffix is wrong, or if it exists and --force is not given."""
-    from cuboid.ground.core.errors import InputError
-
     suffix = ".gif" if args.gif else ".mp4"
     path: Path = args.output or args.results / f"{DEFAULT_NAMES[args.show]}{suffix}"
     if path.suffix.lower() != suffix:

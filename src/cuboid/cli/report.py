@@ -6,6 +6,9 @@ import argparse
 from pathlib import Path
 
 from cuboid.cli.results import add_output, add_results, give, refuse_existing
+from cuboid.cli.tables import console
+from cuboid.ground.core.errors import InputError, counted
+from cuboid.ground.formats.folder import REPORT
 
 EXAMPLE = "cuboid report DIR --force"
 
@@ -23,14 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the page."""
-    from cuboid.cli.tables import console
-    from cuboid.ground.core.errors import InputError, counted
-    from cuboid.ground.core.threads import limit_threads
-    from cuboid.ground.formats.folder import REPORT
     from cuboid.results.files import Results
     from cuboid.results.views.report import summarise, write_report
 
-    limit_threads(1)
     path: Path = args.output or args.results / REPORT
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: the page's name must end with .html")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.cli.names import OPTIONAL
+from cuboid.cli.tables import console
 from cuboid.ground.core.errors import OutputError
 
 PRINTED = OPTIONAL["--json"][0]
@@ -80,7 +81,6 @@ def give(args: argparse.Namespace, document: Mapping[str, Any], show: Callable[[
     """
     import json
 
-    from cuboid.cli.tables import console
     from cuboid.results.files.pending import write_whole
 
     if args.json is not None:

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.live import add_foxglove, say_foxglove
-from cuboid.cli.recording import add_method, config_from, pose_offset
+from cuboid.cli.parser import pose_offset, positive
+from cuboid.cli.recording import add_method, config_from
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.workers import add_threads, positive
+from cuboid.cli.workers import add_threads
 from cuboid.ground.core.limits import FRAMES_WAITING
 from cuboid.ground.core.tolerances import DETECT_EVERY
 
@@ -59,9 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     node = parser.add_argument_group("node")
     node.add_argument("--node", default="cuboid", metavar="NAME", help="its name (default: %(default)s)")
     node.add_argument(
-        "--transport",
-        choices=("dds", "rclpy"),
-        help="dds needs no ROS (default: rclpy if a ROS is sourced, else dds)",
+        "--transport", choices=("dds", "rclpy"), help="dds needs no ROS (default: rclpy if a ROS is sourced, else dds)"
     )
     node.add_argument("--domain", metavar="N", help="ROS_DOMAIN_ID of dds (default: that of the environment, or 0)")
     node.add_argument("--sim-time", action="store_true", help="take the time from /clock")

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import argparse
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.markup import escape
+from rich.table import Table
+
 from cuboid.cli.names import scene_export_names
-from cuboid.cli.parser import takes_names
+from cuboid.cli.parser import positive, takes_names
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.scene_documents import change_document, event_document, object_document, relation_document
+from cuboid.cli.tables import console, new_table, sized_table
 from cuboid.cli.text_model import add_text
-from cuboid.cli.workers import positive
+from cuboid.ground.core.errors import InputError, printable
+from cuboid.ground.formats.folder import REPORT
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from cuboid.runs.scene import Scene, SceneObject
 
 # The output of a verb: results ready for JSON, and lines to print.
@@ -77,10 +81,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    from cuboid.ground.core.errors import InputError
-    from cuboid.ground.core.threads import limit_threads
-
-    limit_threads(1)
     if args.verb == "check":
         return _check(args)
     if not args.scene.exists():
@@ -94,8 +94,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(lines: list[str | Table]) -> None:
-    from cuboid.cli.tables import console
-
     for line in lines:
         if isinstance(line, str):
             console().print(line, markup=False)
@@ -104,10 +102,6 @@ def _print(lines: list[str | Table]) -> None:
 
 
 def _list(scene: Scene, args: argparse.Namespace) -> Answer:
-    from rich.markup import escape
-
-    from cuboid.cli.tables import new_table, sized_table
-    from cuboid.ground.core.errors import printable
     from cuboid.results.files.object_table import size_cell
 
     found = [item for item in scene.all_objects if args.all or item.state == "present"]
@@ -131,18 +125,10 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _show(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.ground.core.errors import InputError
-
     if args.label is not None:
         return _show_object(scene, args)
     if args.picture is not None:
         raise InputError("--picture needs the label of an object")
-    from dataclasses import asdict
-
-    from rich.markup import escape
-
-    from cuboid.cli.tables import new_table
-    from cuboid.ground.core.errors import printable
 
     gone = len([item for item in scene.all_objects if item.state == "gone"])
     size_mb = scene.path.stat().st_size / 2**20
@@ -162,7 +148,6 @@ def _show(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.ground.core.errors import InputError
     from cuboid.ground.core.results import tag_of
     from cuboid.results.files.pending import write_whole
 
@@ -175,18 +160,10 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
     visits: list[dict[str, Any]] = []
     for number in sorted({past.recording for past in history}):
         visit = [past for past in history if past.recording == number]
-        first, last = visit[0].frame, visit[-1].frame
-        center = [round(float(value), 6) for value in visit[-1].box.center]
-        visits.append(
-            {
-                "recording": number,
-                "first_frame": first,
-                "last_frame": last,
-                "sightings": len(visit),
-                "center": center,
-            }
-        )
-        place = "{:.3f}, {:.3f}, {:.3f}".format(*visit[-1].box.center)
+        first, last, box = visit[0].frame, visit[-1].frame, visit[-1].box
+        frames = {"recording": number, "first_frame": first, "last_frame": last, "sightings": len(visit)}
+        visits.append({**frames, "center": [round(float(value), 6) for value in box.center]})
+        place = "{:.3f}, {:.3f}, {:.3f}".format(*box.center)
         lines.append(f"  recording {number}: frames {first} to {last}, {len(visit)} of them, at {place} m")
     events = scene.events(args.label)
     lines += [f"  recording {one.recording}, frame {one.frame}: {one.event}" for one in events]
@@ -207,10 +184,6 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _find(scene: Scene, args: argparse.Namespace) -> Answer:
-    from rich.markup import escape
-
-    from cuboid.cli.tables import new_table, sized_table
-    from cuboid.ground.core.errors import printable
     from cuboid.results.files.object_table import size_cell
     from cuboid.runs.scene import SceneObject
 
@@ -231,10 +204,6 @@ def _find(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
-    from rich.markup import escape
-
-    from cuboid.cli.tables import new_table
-    from cuboid.ground.core.errors import printable
     from cuboid.results.files.pending import new_folder
 
     found = [one for one in scene.changes(args.since) if args.all or one.change not in ("unchanged", "not looked at")]
@@ -259,8 +228,6 @@ def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _object(scene: Scene, label: int) -> SceneObject:
-    from cuboid.ground.core.errors import InputError
-
     for item in scene.all_objects:
         if item.label == label:
             return item
@@ -286,7 +253,6 @@ def _forget(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _export(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.ground.formats.folder import REPORT
     from cuboid.results.exports import export
     from cuboid.results.files import Results
 

@@ -24,49 +24,20 @@ def object_document(item: SceneObject) -> dict[str, Any]:
 
 def change_document(one: SceneChange) -> dict[str, Any]:
     """Return a change: old and new position in metres; null if the object was absent before or is absent now."""
-    from cuboid.results.files.text import LENGTH, rounded
-
-    return {
-        "recording": one.recording,
-        "label": one.label,
-        "name": one.name,
-        "change": one.change,
-        **_places(one),
-        "metres": None if one.metres is None else rounded(one.metres, LENGTH),
-        "sure": rounded(one.sure, LENGTH),
-    }
+    return _document(one, "recording", "label", "name", "change", "from_m", "to_m", "metres", "sure")
 
 
 def event_document(one: SceneEvent) -> dict[str, Any]:
-    """Return an event of an object: positions in metres; null where the object was or is not there."""
-    from cuboid.results.files.text import LENGTH, rounded
-
-    return {
-        "recording": one.recording,
-        "frame": one.frame,
-        "label": one.label,
-        "event": one.event,
-        **_places(one),
-        "score": rounded(one.score, LENGTH),
-    }
-
-
-def _places(one: SceneChange | SceneEvent) -> dict[str, Any]:
-    """Return the old and the new position in metres."""
-    from cuboid.results.files.text import LENGTH, rounded_list
-
-    places = {"from_m": one.from_m, "to_m": one.to_m}
-    return {name: None if place is None else rounded_list(place, LENGTH) for name, place in places.items()}
+    """Return an event: appeared, moved, gone or back, with positions in metres."""
+    return _document(one, "recording", "frame", "label", "event", "from_m", "to_m", "score")
 
 
 def relation_document(one: PastRelation) -> dict[str, Any]:
-    """Return a relation, and the first and last recording at whose end it held."""
-    from cuboid.results.files.text import LENGTH, rounded
+    """Return a relation, as in `objects.json`, and the recordings over which it held."""
+    return {"is": one.kind, **_document(one, "to", "first_recording", "last_recording", "score")}
 
-    return {
-        "is": one.kind,
-        "to": one.to,
-        "first_recording": one.first_recording,
-        "last_recording": one.last_recording,
-        "score": rounded(one.score, LENGTH),
-    }
+
+def _document(one: SceneChange | SceneEvent | PastRelation, *fields: str) -> dict[str, Any]:
+    from cuboid.results.files.text import plain
+
+    return {name: plain(getattr(one, name)) for name in fields}

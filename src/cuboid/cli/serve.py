@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cuboid.cli.serving import add_address, listen, serve_app
 from cuboid.cli.text_model import add_text_model, serving_model
+from cuboid.ground.core.extras import need_cluster, need_serve
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -27,13 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    from cuboid.ground.core.extras import need_cluster, need_serve
-    from cuboid.ground.core.threads import limit_threads
     from cuboid.services.queries.opening import is_place
 
     of_one = is_place(args.place)
     (need_serve if of_one else need_cluster)("cuboid serve")
-    limit_threads(1)
     with listen(args.host, args.port, args.token) as address:
         app = _app(args.place, address, serving_model(args), of_one=of_one)
         return serve_app(app, address, f"{args.place} at {address.url}")

@@ -7,8 +7,11 @@ import os
 import secrets
 import socket
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
+
+from cuboid.cli.parser import port
+from cuboid.cli.tables import console
+from cuboid.ground.core.errors import OutputError
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp
@@ -31,8 +34,6 @@ def add_page(parser: argparse.ArgumentParser) -> None:
 def serve(args: argparse.Namespace, what: str, page: PageServer) -> int:
     """Serve a page until Ctrl-C, and print its address; return the exit status."""
     import webbrowser
-
-    from cuboid.cli.tables import console
 
     with page as server:
         address = f"http://localhost:{server.server_port}/"
@@ -57,17 +58,6 @@ def serve_app(app: ASGIApp, address: Address, said: str) -> int:
     except KeyboardInterrupt:
         print("ended")
     return 0
-
-
-def port(text: str) -> int:
-    """Parse the number of a port."""
-    try:
-        number = int(text)
-    except ValueError:
-        number = -1
-    if not 0 <= number <= 65535:
-        raise argparse.ArgumentTypeError(f"expected a port, 0 to 65535, got '{text}'")
-    return number
 
 
 def add_address(parser: argparse.ArgumentParser, default_port: int) -> None:
@@ -107,9 +97,7 @@ class Address:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.listening.close()
 
 
@@ -121,7 +109,6 @@ def listen(host: str, number: int, token: str | None) -> Address:
     OutputError
         The address cannot be used.
     """
-    from cuboid.ground.core.errors import OutputError
     from cuboid.results.views.serving import LOCAL_NAMES
 
     alone = host in LOCAL_NAMES or host == "::1"

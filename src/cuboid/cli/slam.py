@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cuboid.cli.interrupt import interruptible
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_output, add_results, give
+from cuboid.cli.tables import console, skipped_lines
 from cuboid.cli.workers import add_threads
 from cuboid.ground.core.threads import cores
 
@@ -28,8 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Estimate, and print a summary."""
-    from cuboid.cli.interrupt import interruptible
-
     with interruptible() as interruption:
         from cuboid.cli.progress import counting
         from cuboid.runs.pipeline.slam import estimate_trajectory
@@ -53,16 +52,11 @@ def run(args: argparse.Namespace) -> int:
         "loops": outcome.loops,
     }
     give(args, document, lambda: print_outcome(outcome, args.output))
-    if not outcome.report.complete:
-        print("cuboid: interrupted; the results are marked as incomplete", file=sys.stderr)
-        return interruption.status
-    return 0
+    return interruption.status_of(outcome.report)
 
 
 def print_outcome(outcome: SlamOutcome, output: Path) -> None:
     """Print the summary of the run."""
-    from cuboid.cli.tables import console, skipped_lines
-
     out, report = console(), outcome.report
     for warning in report.warnings:
         out.print(f"warning: {warning}", markup=False, soft_wrap=not out.is_terminal)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from math import isfinite
 
+from cuboid.cli.parser import positive
 from cuboid.cli.results import add_results, give
-from cuboid.cli.workers import positive
+from cuboid.cli.tables import console, new_table
+from cuboid.ground.core.errors import InputError, shown
+from cuboid.ground.core.extras import need_cluster
 from cuboid.ground.core.threads import cores
 
 EXAMPLE = 'cuboid sql STORE "select count(*) from objects"'
@@ -28,12 +32,8 @@ def run(args: argparse.Namespace) -> int:
     """Query and print."""
     import sys
 
-    from cuboid.ground.core.extras import need_cluster
-
     need_cluster("cuboid sql")
-    from cuboid.cli.tables import console, new_table
     from cuboid.fleet.store.query import Tables
-    from cuboid.ground.core.errors import InputError
 
     answer = Tables(args.store, args.threads).ask(args.question)
     if args.csv:
@@ -60,7 +60,6 @@ def _plain(value: object) -> object:
     """Return a value ready for JSON: bytes as base64, times as ISO 8601, non-finite numbers as null."""
     from base64 import b64encode
     from datetime import date, time
-    from math import isfinite
 
     if isinstance(value, dict):
         return {str(name): _plain(item) for name, item in value.items()}
@@ -76,8 +75,6 @@ def _plain(value: object) -> object:
 
 
 def _cell(value: object) -> str:
-    from cuboid.ground.core.errors import shown
-
     if value is None:
         return ""
     if isinstance(value, float):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 
 from cuboid.cli.results import add_results, give
+from cuboid.ground.core.extras import need_cluster
 
 EXAMPLE = "cuboid store compact STORE"
 
@@ -17,10 +19,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Merge files, and remove the leftovers of killed tasks."""
-    from dataclasses import asdict
-
-    from cuboid.ground.core.extras import need_cluster
-
     need_cluster("cuboid store compact")
     from cuboid.fleet.store.compact import compact, tidy
     from cuboid.fleet.store.folder import StoreFolder

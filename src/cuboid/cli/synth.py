@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cuboid.cli.parser import positive
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.workers import positive
-from cuboid.ground.core.threads import cores, limit_threads
+from cuboid.cli.tables import console
+from cuboid.ground.core.errors import InputError, counted
+from cuboid.ground.core.threads import cores
 
 if TYPE_CHECKING:
     from cuboid.lab.synthetic.shapes import Model
@@ -69,10 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     faulty = parser.add_argument_group("faults")
     faulty.add_argument(
-        "--pose-noise",
-        choices=POSE_NOISES,
-        default="none",
-        help="noise of the written poses (default: none)",
+        "--pose-noise", choices=POSE_NOISES, default="none", help="noise of the written poses (default: none)"
     )
     faulty.add_argument(
         "--faults",
@@ -92,10 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the scene, render it, and print its contents."""
-    limit_threads(1)
     from cuboid.cli.progress import counting
-    from cuboid.cli.tables import console
-    from cuboid.ground.core.errors import InputError, counted
     from cuboid.lab.synthetic import make_rig, make_scene, render_recording
     from cuboid.lab.synthetic.user_meshes import load_meshes
 
@@ -123,7 +119,6 @@ def run(args: argparse.Namespace) -> int:
 def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
     """Make several recordings of one place, and print the changes between them."""
     from cuboid.cli.progress import counting
-    from cuboid.cli.tables import console
     from cuboid.lab.synthetic import make_visits, render_visits
 
     scenes = make_visits(args.kind, args.seed, args.visits, meshes=meshes, **_made_as(args))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console
@@ -12,12 +12,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from cuboid.ground.core.errors import counted, printable
-from cuboid.ground.core.results import TrackedObject
+from cuboid.ground.core.skipped import kind_lines
 from cuboid.ground.formats.folder import EVENTS
-from cuboid.results.files import RunReport, Timing
-from cuboid.results.files.object_table import SIZE_HEADING, SURE_SIZE_HEADING, cells_of
-from cuboid.results.files.rows import EventRow
-from cuboid.runs.tracking.measuring import DETECTOR_BUDGET, DetectorCost
+
+if TYPE_CHECKING:
+    from cuboid.ground.core.results import TrackedObject
+    from cuboid.results.files import RunReport, Timing
+    from cuboid.results.files.rows import EventRow
 
 # Width without a terminal: tables take the width they need, and no cell is cut.
 WIDE = 200
@@ -93,12 +94,16 @@ def sized_table(build: Callable[[str, bool], Table]) -> Table:
     build : callable
         Returns the table for the heading of the sizes, and whether half the interval is behind each.
     """
+    from cuboid.results.files.object_table import SIZE_HEADING, SURE_SIZE_HEADING
+
     table = build(SURE_SIZE_HEADING, True)
     return table if fits(table, console()) else build(SIZE_HEADING, False)
 
 
 def objects_table(objects: Iterable[TrackedObject]) -> Table:
     """Return the map of objects: label, size, position, frames seen, probability; in a narrow terminal without ±."""
+    from cuboid.results.files.object_table import cells_of
+
     found = list(objects)
     name = ("name",) if any(item.name for item in found) else ()
 
@@ -134,6 +139,11 @@ def furniture_lines(objects: Sequence[TrackedObject], furniture: Sequence[Tracke
     return lines
 
 
+def score(value: float | None, digits: int = 3) -> str:
+    """Return a number with so many digits; a dash if there is none."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
 def timings_table(milliseconds: Mapping[str, Timing]) -> Table:
     """Return median and 95th percentile of each stage."""
     table = new_table("stage", "median ms", "p95 ms")
@@ -147,10 +157,7 @@ def skipped_lines(report: RunReport) -> list[str]:
     if not report.skipped:
         return []
     kinds = report.skipped_kinds()
-    lines = [f"{len(report.skipped)} of {report.frames_read} frames skipped:"]
-    for kind in kinds[:KINDS_SHOWN]:
-        more = f" and {kind.count - 1} more like it" if kind.count > 1 else ""
-        lines.append(f"  frame {kind.frame}{more}: {kind.reason}")
+    lines = [f"{len(report.skipped)} of {report.frames_read} frames skipped:", *kind_lines(kinds[:KINDS_SHOWN])]
     if len(kinds) > KINDS_SHOWN:
         lines.append(f"  and {sum(kind.count for kind in kinds[KINDS_SHOWN:])} others")
     return lines
@@ -158,6 +165,8 @@ def skipped_lines(report: RunReport) -> list[str]:
 
 def detector_lines(milliseconds: Mapping[str, Sequence[float]]) -> list[str]:
     """Return the line about the time of the detector and its highest useful rate; no line without a detector."""
+    from cuboid.runs.tracking.measuring import DETECTOR_BUDGET, DetectorCost
+
     cost = DetectorCost.of(milliseconds["frame"], milliseconds.get("detector", ()))
     if cost is None:
         return []

@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cuboid.cli import tables
+from cuboid.cli.interrupt import Interruption, interruptible
 from cuboid.cli.live import add_live, add_serve, watching
 from cuboid.cli.names import camera_names
-from cuboid.cli.parser import takes_names
-from cuboid.cli.recording import (
-    add_furniture,
-    add_recording,
-    add_relations,
-    megabytes,
-    open_from,
-    seconds,
-    tracking_from,
-)
+from cuboid.cli.parser import megabytes, seconds, takes_names
+from cuboid.cli.recording import add_furniture, add_recording, add_relations, open_from, refuse_with_rig, tracking_from
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.text_model import add_embedding, embedding_model
 from cuboid.ground.core.errors import InputError, counted
 from cuboid.ground.core.limits import MEMORY_MB
 from cuboid.ground.core.threads import cores
+from cuboid.ground.formats.folder import REPORT, VIDEO
 
 if TYPE_CHECKING:
-    from cuboid.cli.interrupt import Interruption
     from cuboid.inputs.cameras import LiveCamera, LiveRig
     from cuboid.inputs.readers import Recording
     from cuboid.method.text_search import TextModel
@@ -122,9 +115,7 @@ def recording_of(args: argparse.Namespace) -> Recording:
             raise InputError(f"{len(recordings)} recordings need --rig rig.json; 'cuboid calibrate --rig' makes it")
         one = argparse.Namespace(**{**vars(args), "recording": recordings[0]})
         return open_from(one, rigs=True)
-    for name in ("format", "intrinsics", "depth_scale", "pose_convention", "topics"):
-        if getattr(args, name) is not None:
-            raise InputError(f"--{name.replace('_', '-')} is for one camera; leave it out with --rig")
+    refuse_with_rig(args, "format", "intrinsics", "depth_scale", "pose_convention", "topics")
     from cuboid.inputs.recordings.opening import open_rig
 
     return open_rig(args.rig, recordings, register=args.register)
@@ -190,8 +181,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Track, and print the objects."""
-    from cuboid.cli.interrupt import interruptible
-
     into, text_model = scene_from(args), embedding_model(args)
     if text_model is not None and args.camera is not None and not args.shapes:
         raise InputError("--text-model of a live camera needs --shapes, which keeps the views that it embeds")
@@ -229,10 +218,7 @@ def run(args: argparse.Namespace) -> int:
         if text_model is not None:
             embed(args.output, text_model, into)
     give(args, outcome_document(outcome, args.output), lambda: print_outcome(outcome, args.output))
-    if not outcome.report.complete:
-        print("cuboid: interrupted; the results are marked as incomplete", file=sys.stderr)
-        return interruption.status
-    return 0
+    return interruption.status_of(outcome.report)
 
 
 def embed(output: Path, model: TextModel, into: IntoScene | None) -> None:
@@ -262,29 +248,23 @@ def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:
 
 def print_outcome(outcome: RunOutcome, output: Path) -> None:
     """Print the table of objects and the summary of the run."""
-    from cuboid.cli.tables import (
-        console,
-        detector_lines,
-        event_lines,
-        furniture_lines,
-        limit_lines,
-        objects_table,
-        skipped_lines,
-    )
     from cuboid.ground.compiling.compiletime import compiling_s
-    from cuboid.ground.formats.folder import REPORT, VIDEO
     from cuboid.results.files import Results
 
-    out, report = console(), outcome.report
+    out, report = tables.console(), outcome.report
     if outcome.objects:
-        out.print(objects_table(outcome.objects))
+        out.print(tables.objects_table(outcome.objects))
     else:
         out.print("no object found")
-    for line in furniture_lines(outcome.objects, outcome.furniture) + event_lines(Results(output).events):
+    for line in tables.furniture_lines(outcome.objects, outcome.furniture) + tables.event_lines(Results(output).events):
         out.print(line, markup=False)
     for warning in report.warnings:
         out.print(f"warning: {warning}", markup=False, soft_wrap=not out.is_terminal)
-    for line in [*skipped_lines(report), *limit_lines(report), *detector_lines(outcome.milliseconds)]:
+    for line in [
+        *tables.skipped_lines(report),
+        *tables.limit_lines(report),
+        *tables.detector_lines(outcome.milliseconds),
+    ]:
         out.print(line, markup=False)
     if report.frames_dropped:
         out.print(f"{counted(report.frames_dropped, 'frame')} of the camera dropped: the tracker was too slow for them")

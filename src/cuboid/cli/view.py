@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from cuboid.cli.serving import add_page, serve
@@ -22,14 +23,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
     import tempfile
-    from functools import partial
 
-    from cuboid.ground.core.threads import limit_threads
     from cuboid.results.files import Results
     from cuboid.results.views.replay import Replay
     from cuboid.results.views.report.server import Viewer, make_server
 
-    limit_threads(1)
     model = serving_model(args)
     with tempfile.TemporaryDirectory(prefix="cuboid-view-") as work:
         if args.results.is_file():

@@ -5,6 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from cuboid.cli.parser import positive
+from cuboid.ground.core.errors import InputError
+
 if TYPE_CHECKING:
     from cuboid.fleet.batch.cluster import Workers
 
@@ -19,17 +22,6 @@ def add_threads(parser: argparse._ActionsContainer, default: int) -> None:
         help="number of threads: with 2, a second thread decodes and prepares the next frames; with 3, decoding has "
         "its own; the libraries use more (default: %(default)s)",
     )
-
-
-def positive(text: str) -> int:
-    """Parse a whole number of at least 1."""
-    try:
-        value = int(text)
-    except ValueError:
-        value = 0
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got '{text}'")
-    return value
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
@@ -54,7 +46,6 @@ def workers_from(args: argparse.Namespace) -> Workers:
     from dask.utils import parse_bytes
 
     from cuboid.fleet.batch.cluster import Workers
-    from cuboid.ground.core.errors import InputError
 
     try:
         parse_bytes(args.memory_limit)

@@ -1,4 +1,4 @@
-"""The tables of a store: each column with its type, unit and meaning; `docs/store.md` is made from them."""
+"""The tables of a store: each column with its type, unit and meaning; a reference page is made from them."""
 
 from __future__ import annotations
 

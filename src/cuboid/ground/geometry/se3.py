@@ -112,9 +112,13 @@ def compose(quat_wxyz: npt.ArrayLike, translation: npt.ArrayLike) -> Float64Arra
     ValueError
         If the quaternion has no direction.
     """
+    return assembled(rotation_from_quat_wxyz(quat_wxyz), translation)
+
+
+def assembled(rotation: npt.ArrayLike, translation: npt.ArrayLike) -> Float64Array:
+    """Return the (4, 4) matrix of a rotation (3, 3) and a translation (3,) in metres, unchecked."""
     T = np.eye(4)
-    T[:3, :3] = rotation_from_quat_wxyz(quat_wxyz)
-    T[:3, 3] = np.asarray(translation, np.float64)
+    T[:3, :3], T[:3, 3] = rotation, translation
     return T
 
 

@@ -19,8 +19,9 @@ from scipy.optimize import least_squares
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Frame, Intrinsics
-from cuboid.ground.geometry.se3 import exp, inverse, tidied, transform
+from cuboid.ground.geometry.se3 import assembled, exp, inverse, tidied, transform
 from cuboid.inputs.calibration.board import MIN_CORNERS, Board
+from cuboid.inputs.calibration.chain import chained
 
 # The board stands still between two frames if its corners move less than this, pixels (root mean square): a few times
 # the noise of a corner.
@@ -163,24 +164,12 @@ class _Problem:
         InputError
             A camera has no common position with the others.
         """
-        T_rig_camera = {0: np.eye(4)}
-        while len(T_rig_camera) < len(self._cameras):
-            found = [
-                (self._cost(a, b, T), a, b, T)
-                for a in T_rig_camera
-                for b in range(len(self._cameras))
-                if b not in T_rig_camera
-                for T in self._candidates(a, b)
-            ]
-            if not found:
-                missing = ", ".join(name for k, name in enumerate(names) if k not in T_rig_camera)
-                raise InputError(
-                    f"camera {missing}: no other camera sees the board at the same time while it stands still; hold it "
-                    "still for a second where two cameras see it"
-                )
-            _, a, b, T = min(found, key=lambda one: one[0])
-            T_rig_camera[b] = T_rig_camera[a] @ T
-        return np.array([T_rig_camera[k] for k in range(len(self._cameras))])
+        return chained(
+            names,
+            lambda a, b: [(-self._cost(a, b, T), T) for T in self._candidates(a, b)],
+            "no other camera sees the board at the same time while it stands still; hold it still for a second where "
+            "two cameras see it",
+        )
 
     def _shared(self, a: int, b: int) -> list[Position]:
         return [at for at in self._positions if a in at and b in at]
@@ -200,12 +189,9 @@ class _Problem:
         _, turns, shifts, _ = cv2.solvePnPGeneric(
             self._corners[numbers], pixels, _matrix(self._cameras[k]), None, flags=cv2.SOLVEPNP_IPPE
         )
-        poses = []
-        for turn, shift in zip(turns, shifts, strict=True):
-            T = np.eye(4)
-            T[:3, :3], T[:3, 3] = cv2.Rodrigues(turn)[0], shift.ravel()
-            poses.append(tidied(T))
-        return poses
+        return [
+            tidied(assembled(cv2.Rodrigues(turn)[0], shift.ravel())) for turn, shift in zip(turns, shifts, strict=True)
+        ]
 
     def _cost(self, a: int, b: int, T_a_b: Float64Array) -> float:
         """Return the median, over the common positions, of the distance of both cameras' corners from their places."""

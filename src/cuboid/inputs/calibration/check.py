@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.inputs.calibration.calibrate import (
     DEPTH_SCALE_OFF,
@@ -27,6 +25,7 @@ from cuboid.inputs.calibration.comparing import DEPTH, FOCAL
 from cuboid.inputs.calibration.pairs import choose_pairs
 from cuboid.inputs.calibration.solving import Problem, Solution
 from cuboid.inputs.calibration.views import ScaledPinhole, build_view, factors
+from cuboid.inputs.readers.usable import posed_frames
 
 # Number of examined frames of a run with given poses, and with estimated poses, which carry less information; minimum
 # number of frames for a check.
@@ -149,7 +148,7 @@ def intrinsics_warning(
         return None
     estimated = depth_units_per_metre is None
     frames = spread_out(T_world_camera, FRAMES_ESTIMATED if estimated else FRAMES)
-    verdict = quick_check(_posed(read, T_world_camera, frames), intrinsics, estimated=estimated)
+    verdict = quick_check(posed_frames(read, T_world_camera, frames), intrinsics, estimated=estimated)
     better = "the frames fit together clearly better with"
     if depth_units_per_metre is not None and verdict.depth_scale is not None:
         units = depth_units_per_metre / verdict.depth_scale
@@ -171,11 +170,3 @@ def intrinsics_warning(
         f"{max(1.0, verdict.focal_error * verdict.focal):.0f} px; objects may be doubled or of a wrong size; "
         "'cuboid calibrate' finds the intrinsics, --intrinsics takes them"
     )
-
-
-def _posed(
-    read: Callable[[int], Frame], T_world_camera: Mapping[int, Float64Array], frames: Iterable[int]
-) -> Iterator[Frame]:
-    for index in frames:
-        with suppress(FrameError):
-            yield replace(read(index), T_world_camera=T_world_camera[index])

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.core.frame import Frame
-from cuboid.inputs.calibration.registering import FRAMES, WORTH_A_WARNING, find_misregistration
+from cuboid.ground.core.errors import InputError
+from cuboid.ground.geometry.se3 import assembled
+from cuboid.inputs.calibration.registering import WORTH_A_WARNING, misregistration_of
 from cuboid.inputs.readers import Calibration, DepthCamera, Recording
 
 # A width times a height of this ratio is 16:9, of the other 4:3; sizes in use differ from them by less than 2 %.
@@ -68,10 +68,8 @@ def layouts(color: tuple[int, int], depth: tuple[int, int]) -> Iterator[tuple[Kn
         of_color, of_depth = _focal(camera.color, color), _focal(camera.depth, depth)
         if of_color is None or of_depth is None:
             continue
-        T_color_depth = np.eye(4)
-        T_color_depth[0, 3] = camera.apart_m
         K_depth = of_depth, of_depth, (depth[0] - 1) / 2, (depth[1] - 1) / 2
-        depth_camera = DepthCamera(*K_depth, depth, T_color_depth)
+        depth_camera = DepthCamera(*K_depth, depth, assembled(np.eye(3), (camera.apart_m, 0.0, 0.0)))
         center = (color[0] - 1) / 2, (color[1] - 1) / 2
         yield camera, Calibration(of_color, of_color, *center, color, camera.name, depth_camera=depth_camera)
 
@@ -107,7 +105,7 @@ def fitting_camera(
             recording = opened(calibration, camera.units).without_poses()
         except InputError:
             continue
-        found = find_misregistration(_frames(recording))
+        found = misregistration_of(recording.read, range(len(recording)))
         if found is None or found.off_px >= WORTH_A_WARNING * color[0]:
             continue
         if best is None or found.off_px < best[0]:
@@ -120,18 +118,11 @@ def _is_aligned(opened: Callable[[Calibration, float], Recording], size: tuple[i
     width, height = size
     plain = Calibration(float(width), float(width), (width - 1) / 2, (height - 1) / 2, size, "any")
     try:
-        found = find_misregistration(_frames(opened(plain, 1000.0).without_poses()))
+        recording = opened(plain, 1000.0).without_poses()
+        found = misregistration_of(recording.read, range(len(recording)))
     except InputError:
         return False
     return found is not None and not (found.clear and found.off_px >= WORTH_A_WARNING * width)
-
-
-def _frames(recording: Recording) -> Iterator[Frame]:
-    for index in np.linspace(0, len(recording) - 1, min(FRAMES, len(recording))).round().astype(int).tolist():
-        try:
-            yield recording.read(index)
-        except FrameError:
-            continue
 
 
 def camera_text(recording: Recording) -> str:

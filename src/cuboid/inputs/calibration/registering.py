@@ -10,14 +10,12 @@ second tile of the image must hold in the other tiles, and only a shift is found
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.geometry.se3 import assembled
 from cuboid.inputs.calibration.calibrate import MIN_PAIRS, spread_out
 from cuboid.inputs.calibration.edge_fit import (
     FINE_BLUR_PX,
@@ -35,6 +33,7 @@ from cuboid.inputs.calibration.solving import Problem
 from cuboid.inputs.calibration.views import ScaledPinhole, build_view, factors
 from cuboid.inputs.readers.depth_camera import DepthCamera
 from cuboid.inputs.readers.recording import Recording
+from cuboid.inputs.readers.usable import usable_frames, usable_poses
 
 # Number of examined frames.
 FRAMES = 12
@@ -152,6 +151,12 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
     return Misregistration(clear, factor * off, g, (factor * du, factor * dv), factor * p, views)
 
 
+def misregistration_of(read: Callable[[int], Frame], frames: Sequence[int]) -> Misregistration | None:
+    """Find the misalignment from some frames, evenly over all; see `find_misregistration`."""
+    chosen = np.linspace(0, len(frames) - 1, min(FRAMES, len(frames))).round().astype(int)
+    return find_misregistration(usable_frames(read, [frames[k] for k in chosen.tolist()]))
+
+
 def register_recording(recording: Recording) -> Registration:
     """Find the depth camera that aligns depth with color.
 
@@ -168,7 +173,7 @@ def register_recording(recording: Recording) -> Registration:
     start = recording.depth_camera or aligned
     unposed = recording.without_poses()
     frames = unposed.with_depth_camera(start)  # without the removal of color's lens distortion from depth
-    found = find_misregistration(_spread(frames.read, range(len(frames))))
+    found = misregistration_of(frames.read, range(len(frames)))
     if found is None or not found.clear:
         return Registration(found, recording)
     color = _color_camera(found, K)
@@ -176,7 +181,8 @@ def register_recording(recording: Recording) -> Registration:
         return Registration(found, recording, "no two cameras side by side are displaced like this")
     candidates = [recording.with_depth_camera(_moved(start, found, K))]
     if recording.depth_camera is None:
-        depth = DepthCamera(K.fx, K.fy, K.cx, K.cy, (K.width, K.height), _beside(found, color))
+        beside = assembled(np.eye(3), (found.apart_px_m / color.fx, 0.0, 0.0))
+        depth = DepthCamera(K.fx, K.fy, K.cx, K.cy, (K.width, K.height), beside)
         candidates.append(recording.with_intrinsics(color).with_depth_camera(depth))
     before = _fit(recording)
     if before is None:
@@ -231,14 +237,9 @@ def _fit(recording: Recording) -> _Fit | None:
     """Return how a recording's views agree under its poses; None if it has none, or too few views overlap."""
     if not recording.has_poses:
         return None
-    poses = {}
-    for index in range(len(recording)):
-        with suppress(FrameError):
-            pose = recording.pose(index)
-            if pose is not None:
-                poses[index] = pose
+    chosen = spread_out(usable_poses(recording, range(len(recording))), VIEWS)
     factor, _ = factors(recording.intrinsics.width)
-    views = [build_view(frame, factor) for frame in _read(recording.read, spread_out(poses, VIEWS))]
+    views = [build_view(frame, factor) for frame in usable_frames(recording.read, chosen)]
     pinhole = ScaledPinhole.of(recording.intrinsics)
     pairs = choose_pairs(views, pinhole.resized(factor))
     if len(pairs) < MIN_PAIRS:
@@ -252,13 +253,6 @@ def _color_camera(found: Misregistration, K: Intrinsics) -> Intrinsics:
     g, (du, dv), middle = found.magnification, found.shift_px, ((K.width - 1) / 2, (K.height - 1) / 2)
     cx, cy = middle[0] + g * (K.cx - middle[0]) + du, middle[1] + g * (K.cy - middle[1]) + dv
     return Intrinsics(g * K.fx, g * K.fy, cx, cy, K.width, K.height)
-
-
-def _beside(found: Misregistration, color: Intrinsics) -> Float64Array:
-    """Return T_color_depth (4, 4) of a depth camera with the same orientation as the color camera."""
-    T_color_depth = np.eye(4)
-    T_color_depth[0, 3] = found.apart_px_m / color.fx
-    return T_color_depth
 
 
 def _moved(start: DepthCamera, found: Misregistration, K: Intrinsics) -> DepthCamera:
@@ -290,7 +284,7 @@ def registration_warning(read: Callable[[int], Frame], intrinsics: Intrinsics, f
     """
     if len(frames) < MIN_FRAMES:
         return None
-    found = find_misregistration(_spread(read, frames))
+    found = misregistration_of(read, frames)
     if found is None or not is_off(found, intrinsics):
         return None
     return f"{displaced(found)}: it is not registered; use --register on, or describe the depth camera in camera.json"
@@ -304,16 +298,3 @@ def displaced(found: Misregistration) -> str:
 def is_off(found: Misregistration, intrinsics: Intrinsics) -> bool:
     """Tell whether depth is clearly misaligned, by more than the apparent offset of stereo cameras."""
     return found.clear and found.off_px >= WORTH_A_WARNING * intrinsics.width
-
-
-def _spread(read: Callable[[int], Frame], frames: Sequence[int]) -> Iterable[Frame]:
-    """Read some frames, evenly over all."""
-    chosen = np.linspace(0, len(frames) - 1, min(FRAMES, len(frames))).round().astype(int)
-    return _read(read, [frames[k] for k in chosen.tolist()])
-
-
-def _read(read: Callable[[int], Frame], frames: Iterable[int]) -> Iterable[Frame]:
-    """Read frames; bad ones are left out."""
-    for index in frames:
-        with suppress(FrameError):
-            yield read(index)

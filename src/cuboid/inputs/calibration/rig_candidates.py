@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.geometry.se3 import inverse, transform
+from cuboid.ground.geometry.se3 import assembled, inverse, transform
 from cuboid.inputs.calibration.rig_alignment import in_view
 from cuboid.inputs.calibration.still_view import StillView
 
@@ -74,10 +74,8 @@ def _frame_of(normal: Float64Array, center: Float64Array) -> Float64Array:
     """Return T_plane_camera (4, 4) of a plane: its origin is at the center."""
     across = np.cross(normal, (0.0, 1.0, 0.0) if abs(normal[1]) < 0.9 else (1.0, 0.0, 0.0))
     across /= np.linalg.norm(across)
-    T = np.eye(4)
-    T[:3, :3] = np.stack([across, np.cross(normal, across), normal])
-    T[:3, 3] = -T[:3, :3] @ center
-    return T
+    rotation = np.stack([across, np.cross(normal, across), normal])
+    return assembled(rotation, -rotation @ center)
 
 
 def _turns(

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.errors import InputError
 from cuboid.ground.geometry.se3 import angle, inverse
+from cuboid.inputs.calibration.chain import chained
 from cuboid.inputs.calibration.rig_alignment import FEW_POINTS, REACHES_M, align
 from cuboid.inputs.calibration.rig_candidates import agreement, candidates, score
 from cuboid.inputs.calibration.still_view import StillView
@@ -59,25 +59,11 @@ def fit_rig(views: Sequence[StillView], names: Sequence[str]) -> RigFit:
     InputError
         A camera sees nothing that another one sees as well.
     """
-    T_rig_camera: dict[int, Float64Array] = {0: np.eye(4)}
-    while len(T_rig_camera) < len(views):
-        found = [
-            (score, a, b, T)
-            for a in T_rig_camera
-            for b in range(len(views))
-            if b not in T_rig_camera
-            for score, T in (_place(views[a], views[b]),)
-            if T is not None
-        ]
-        if not found:
-            missing = ", ".join(names[k] for k in range(len(views)) if k not in T_rig_camera)
-            raise InputError(
-                f"camera {missing}: no other camera sees the same surfaces; "
-                "put some objects of different heights where two cameras see them"
-            )
-        _, a, b, T = max(found, key=lambda one: one[0])
-        T_rig_camera[b] = T_rig_camera[a] @ T
-    start = np.array([T_rig_camera[k] for k in range(len(views))])
+    start = chained(
+        names,
+        lambda a, b: _places(views[a], views[b]),
+        "no other camera sees the same surfaces; put some objects of different heights where two cameras see them",
+    )
     poses = align(views, start, REACHES_M, MANY_POINTS)
     halves = [align(views, poses, REACHES_M[-2:], MANY_POINTS, half) for half in (0, 1)]
     apart = [inverse(one) @ other for one, other in zip(*halves, strict=True)]
@@ -89,15 +75,13 @@ def fit_rig(views: Sequence[StillView], names: Sequence[str]) -> RigFit:
     )
 
 
-def _place(one: StillView, other: StillView) -> tuple[float, Float64Array | None]:
-    """Return T_one_other (4, 4) with its score; None if the views do not show the same."""
-    best: tuple[float, Float64Array | None] = (0.0, None)
+def _places(one: StillView, other: StillView) -> list[tuple[float, Float64Array]]:
+    """Return the likely T_one_other (4, 4) with their scores; none if the views do not show the same."""
+    found = []
     for start in candidates(one, other):
         T = align([one, other], np.array([np.eye(4), start]), REACHES_M[:2], FEW_POINTS)[1]
-        found = score(one, other, T)
-        if found > max(best[0], MIN_CONFIRMED):
-            best = found, T
-    return best
+        found.append((score(one, other, T), T))
+    return [(scored, T) for scored, T in found if scored > MIN_CONFIRMED]
 
 
 def _confirmations(views: Sequence[StillView], poses: Float64Array, k: int) -> int:

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from cuboid.ground.core.errors import CuboidError, FrameError, InputError, OutputError
@@ -96,9 +95,7 @@ class LiveCamera:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
         if self._thread is not None:
             self._thread.join(timeout=min(self._silence_s, SILENCE_S))

@@ -16,7 +16,7 @@ import numpy as np
 
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.geometry.se3 import rigid
+from cuboid.ground.geometry.se3 import assembled, rigid
 from cuboid.inputs.cameras.driver import CAMERAS, Shot, image_size, library, refuse_unknown, whole_number
 from cuboid.inputs.readers.depth_camera import DepthCamera
 from cuboid.inputs.readers.reader import Calibration
@@ -135,9 +135,8 @@ def depth_of(frame: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
 def calibration_of(param: Any) -> Calibration:
     """Return both cameras and the transform between them, which the SDK has in millimetres."""
     color, depth = param.rgb_intrinsic, param.depth_intrinsic
-    T_color_depth = np.eye(4)
-    T_color_depth[:3, :3] = np.asarray(param.transform.rot, np.float64).reshape(3, 3)
-    T_color_depth[:3, 3] = np.asarray(param.transform.transform, np.float64).reshape(3) / MILLIMETRES
+    rotation, shift_mm = (np.asarray(part, np.float64) for part in (param.transform.rot, param.transform.transform))
+    T_color_depth = assembled(rotation.reshape(3, 3), shift_mm.reshape(3) / MILLIMETRES)
     camera = DepthCamera(*_K(depth), (depth.width, depth.height), rigid(T_color_depth), _lens(param.depth_distortion))
     return Calibration(*_K(color), (color.width, color.height), "the device", _lens(param.rgb_distortion), camera)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.geometry.se3 import rigid
+from cuboid.ground.geometry.se3 import assembled, rigid
 from cuboid.inputs.cameras.driver import (
     CAMERAS,
     Shot,
@@ -142,9 +142,8 @@ def _calibration(rs: Any, profile: Any, name: str) -> Calibration:
     K, size, lens = _pinhole(color.get_intrinsics(), name)
     depth_K, depth_size, depth_lens = _pinhole(depth.get_intrinsics(), name)
     beside = depth.get_extrinsics_to(color)
-    T_color_depth = np.eye(4)
-    T_color_depth[:3, :3] = np.array(beside.rotation).reshape(3, 3).T  # column-major in the SDK
-    T_color_depth[:3, 3] = beside.translation
+    # The SDK's rotation is column-major.
+    T_color_depth = assembled(np.array(beside.rotation).reshape(3, 3).T, beside.translation)
     camera = DepthCamera(*depth_K, depth_size, rigid(T_color_depth), depth_lens)
     return Calibration(*K, size, "the device", lens, camera)
 

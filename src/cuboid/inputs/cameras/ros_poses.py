@@ -93,11 +93,7 @@ class RosPoses:
         start, frame = ("", frame_name(frame)) if self._topic else (frame_name(frame), "")
         try:
             found = camera_pose(
-                [self._moving],
-                self._fixed,
-                start,
-                time_s - self._added_s,
-                self._world if self._topic is None else None,
+                [self._moving], self._fixed, start, time_s - self._added_s, self._world if self._topic is None else None
             )
         except FrameError:
             return None

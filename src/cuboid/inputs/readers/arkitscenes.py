@@ -26,12 +26,11 @@ import numpy as np
 
 from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
-from cuboid.ground.formats.table_validation import data_lines
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers.image_folder import images_in
-from cuboid.inputs.readers.images import decode_color, image_dimensions
-from cuboid.inputs.readers.phone import SAME_FOCAL, confident_depth, phone_cameras, shrink_factor, shrunk
-from cuboid.inputs.readers.posetext import TimedPose, Trajectory, parse_numbers
+from cuboid.inputs.readers.images import decode_color
+from cuboid.inputs.readers.phone import SAME_FOCAL, confident_depth, depth_size_of, phone_cameras, shrink_factor, shrunk
+from cuboid.inputs.readers.posetext import TimedPose, Trajectory, parse_numbers, parsed_lines
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
 from cuboid.inputs.readers.tum import associate
 
@@ -48,6 +47,8 @@ WITHIN_S = 0.005
 CAMERAS_READ = 25
 # Poses come 0.1 s apart.
 LARGEST_GAP_S = 0.25
+# The line of a file with the camera of a frame.
+PINCAM = "width height fx fy cx cy"
 
 
 def recognises(path: Path) -> bool:
@@ -67,9 +68,7 @@ def read(path: Path) -> Listing:
     pairs = associate([time_s for time_s, _ in colors], [time_s for time_s, _ in depths], WITHIN_S)
     cameras = path / f"{folder}_intrinsics"
     K, size = _usual_camera(cameras, [file for _, file in colors])
-    depth_size = next((found for _, file in depths if (found := image_dimensions(file))), None)
-    if depth_size is None:
-        raise InputError(f"{path}: no image of {DEPTH}/ can be read")
+    depth_size = depth_size_of((file for _, file in depths), path, DEPTH)
     trajectory = None
     if (path / TRAJECTORY).is_file():
         trajectory = Trajectory(path / TRAJECTORY, _line, LARGEST_GAP_S)
@@ -105,10 +104,7 @@ def _by_time(folder: Path) -> list[tuple[float, Path]]:
 def _line(line: str) -> TimedPose:
     """Read a line of the trajectory, world to camera."""
     time_s, rx, ry, rz, *translation = parse_numbers(line, 7, "timestamp rx ry rz tx ty tz")
-    T_camera_world = np.eye(4)
-    T_camera_world[:3, :3] = cv2.Rodrigues(np.array((rx, ry, rz)))[0]
-    T_camera_world[:3, 3] = translation
-    T = se3.inverse(T_camera_world)
+    T = se3.inverse(se3.assembled(cv2.Rodrigues(np.array((rx, ry, rz)))[0], translation))
     return time_s, (*se3.quat_wxyz_from_rotation(T[:3, :3]).tolist(), *T[:3, 3].tolist())
 
 
@@ -127,16 +123,11 @@ def _usual_camera(folder: Path, colors: list[Path]) -> tuple[tuple[float, float,
 
 
 def _camera(path: Path) -> list[float]:
-    """Read width, height, fx, fy, cx and cy; raise InputError if the file has another format."""
-    for number, line in data_lines(path):
-        try:
-            camera = parse_numbers(line, 6, "width height fx fy cx cy")
-        except ValueError as error:
-            raise InputError(f"{path} line {number}: {error}") from None
+    for number, camera in parsed_lines(path, lambda line: parse_numbers(line, 6, PINCAM)):
         if not np.isfinite(camera).all() or min(camera[:4]) <= 0 or max(camera) > 1e6:
-            raise InputError(f"{path} line {number}: expected width height fx fy cx cy, above 0")
+            raise InputError(f"{path} line {number}: expected {PINCAM}, above 0")
         return camera
-    raise InputError(f"{path}: is empty, expected width height fx fy cx cy")
+    raise InputError(f"{path}: is empty, expected {PINCAM}")
 
 
 def _color(file: Path, cameras: Path, fx: float, factor: int) -> UInt8Array:

@@ -20,8 +20,9 @@ import numpy.typing as npt
 
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.geometry import se3
 from cuboid.inputs.readers.depth_camera import DepthCamera
-from cuboid.inputs.readers.images import decode_bytes
+from cuboid.inputs.readers.images import COLOR_FLAGS, decode_bytes
 from cuboid.inputs.readers.matroska import MAGIC, Block, Matroska, Track, list_matroska, read_span
 from cuboid.inputs.readers.posetext import pose_from_matrix
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
@@ -106,8 +107,7 @@ def _color(path: Path, block: Block, track: Track) -> UInt8Array:
     data, what = _data(path, block, "color")
     code = _code(track)
     if code not in RAW_COLOR:
-        image = decode_bytes(data, what, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+        return np.asarray(decode_bytes(data, what, COLOR_FLAGS), np.uint8)
     each, conversion = RAW_COLOR[code]
     if len(data) < each * track.width * track.height:
         raise FrameError(f"{what} is cut short ({len(data)} bytes)")
@@ -167,9 +167,7 @@ def _camera(
         raise ValueError("a camera has no 14 finite parameters")
     cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1 = parameters  # fractions of the whole sensor
     K = (fx * width, fy * height, cx * width - left - 0.5, cy * height - top - 0.5)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.reshape(camera["Rt"]["Rotation"], (3, 3))
-    matrix[:3, 3] = camera["Rt"]["Translation"]
+    matrix = se3.assembled(np.reshape(camera["Rt"]["Rotation"], (3, 3)), camera["Rt"]["Translation"])
     return K, (k1, k2, p1, p2, k3, k4, k5, k6), pose_from_matrix(matrix, CALIBRATION)
 
 

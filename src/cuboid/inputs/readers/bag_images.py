@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.inputs.readers.images import decode_bytes
+from cuboid.inputs.readers.images import COLOR_FLAGS, decode_bytes
 from cuboid.inputs.readers.undistortion import DepthArray
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -66,8 +66,7 @@ def color_of(message: Any, what: str) -> UInt8Array:
     """Return the color image (H, W, 3) of a message; raise FrameError if it is invalid."""
     _refuse_no_image(message, what)
     if message.__msgtype__ == COMPRESSED:
-        image = decode_bytes(_bytes(message), what, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+        return np.asarray(decode_bytes(_bytes(message), what, COLOR_FLAGS), np.uint8)
     if message.encoding not in COLOR_ENCODINGS:
         raise FrameError(f"{what} is encoded as '{message.encoding}', expected {', '.join(COLOR_ENCODINGS)}")
     channels, conversion = COLOR_ENCODINGS[message.encoding]

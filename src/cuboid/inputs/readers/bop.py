@@ -106,8 +106,7 @@ def _pose(camera: dict[str, Any], number: int) -> Float64Array:
     R, t = _numbers(camera.get("cam_R_w2c"), 9), _numbers(camera.get("cam_t_w2c"), 3)
     if R is None or t is None:
         raise FrameError(f"{CAMERAS} has no pose of image {number}")
-    T_camera_world = np.eye(4)
-    T_camera_world[:3, :3], T_camera_world[:3, 3] = R.reshape(3, 3), t / 1000.0
+    T_camera_world = se3.assembled(R.reshape(3, 3), t / 1000.0)
     return se3.inverse(pose_from_matrix(T_camera_world, f"image {number} of {CAMERAS}"))
 
 

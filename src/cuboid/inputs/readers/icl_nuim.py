@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.errors import FrameError, InputError, shown
+from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.formats.reading import names_in
 from cuboid.ground.formats.table_validation import data_lines
-from cuboid.inputs.readers.posetext import numbered_rows, pose_from_quaternion
+from cuboid.inputs.readers.posetext import PoseLine, numbered_rows, pose_of_frame
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
 DEPTH_UNITS_PER_METRE = 5000.0
@@ -34,9 +34,6 @@ LINE = re.compile(r"(\d+)\s+(depth/\S+)\s+\d+\s+(rgb/\S+)")
 CALIBRATION = Calibration(481.20, 480.00, 319.50, 239.50, (640, 480), "published for ICL-NUIM")
 # Flips y of a left-handed coordinate frame.
 TURN = np.diag([1.0, -1.0, 1.0, 1.0])
-
-# A line of the trajectory: its number in the file, and the seven numbers of the pose.
-PoseLine = tuple[int, list[float]]
 
 
 def recognises(path: Path) -> bool:
@@ -78,10 +75,7 @@ def _poses(path: Path) -> dict[int, PoseLine]:
 
 
 def _pose(poses: dict[int, PoseLine], frame: int, name: str) -> Float64Array:
-    if frame not in poses:
-        raise FrameError(f"{name} has no line for frame {frame} ({len(poses)} lines)")
-    line, (tx, ty, tz, qx, qy, qz, qw) = poses[frame]
-    return TURN @ pose_from_quaternion((qw, qx, qy, qz), (tx, ty, tz), f"{name} line {line}") @ TURN
+    return TURN @ pose_of_frame(poses, frame, name) @ TURN
 
 
 READERS.register("icl-nuim")(Reader("rgb/, depth/, associations.txt", recognises, read))

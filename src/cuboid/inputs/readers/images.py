@@ -69,8 +69,7 @@ PLAUSIBLE_M = (0.1, 20.0)
 FACTORS, USUAL_FAR = (1000, 100, 10, 0.1, 0.01, 0.001), 0.25
 
 # Pixels as stored: a rotation in EXIF would make color inconsistent with depth and intrinsics.
-_COLOR_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-_COLOR_RGB_FLAGS = getattr(cv2, "IMREAD_COLOR_RGB", None)  # absent from some builds of OpenCV 4
+COLOR_FLAGS = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 def image_dimensions(path: Path) -> tuple[int, int] | None:
@@ -96,14 +95,7 @@ def decode_color(source: ImageSource, name: str) -> UInt8Array:
     FrameError
         If the file is missing, empty, too large, truncated, damaged or no image.
     """
-    image: npt.NDArray[Any]
-    if not isinstance(source, Path):
-        image = source()
-    elif _COLOR_RGB_FLAGS is not None:
-        image = _decode(source, f"color image {name}", _COLOR_RGB_FLAGS | cv2.IMREAD_IGNORE_ORIENTATION)
-    else:
-        bgr = _decode(source, f"color image {name}", _COLOR_FLAGS)
-        image = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+    image = _decode(source, f"color image {name}", COLOR_FLAGS) if isinstance(source, Path) else source()
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise FrameError(f"color image {name} must be (H, W, 3) uint8, got {image.shape} {image.dtype}")
     return image.astype(np.uint8, copy=False)
@@ -167,11 +159,15 @@ def _refuse_implausible(raw: DepthArray, units_per_metre: float, low: float, hig
 
 
 def _decode(path: Path, what: str, flags: int) -> npt.NDArray[Any]:
+    return decode_bytes(image_bytes(path, what), what, flags)
+
+
+def image_bytes(path: Path, what: str) -> bytes:
+    """Return the bytes of an image file; raise FrameError if it is missing, too large or unreadable."""
     try:
-        data = read_bytes(path, MAX_IMAGE_BYTES)
+        return read_bytes(path, MAX_IMAGE_BYTES)
     except UnreadableError as error:
         raise FrameError(f"{what} {'is missing' if error.missing else error.reason}") from None
-    return decode_bytes(data, what, flags)
 
 
 def decode_bytes(data: bytes, what: str, flags: int) -> npt.NDArray[Any]:

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.formats.reading import UnreadableError, read_bytes
-from cuboid.inputs.readers.images import MAX_IMAGE_BYTES, MAX_PIXELS
+from cuboid.inputs.readers.images import MAX_PIXELS, image_bytes
 
 CHANNELS = {b"P5": 1, b"P6": 3}
 # Blanks and comments separate the words of the header; one blank follows the last word.
@@ -35,11 +34,7 @@ def read_netpbm(path: Path, name: str) -> npt.NDArray[Any]:
     FrameError
         If the file is missing, too large, no such image, or cut short.
     """
-    try:
-        data = read_bytes(path, MAX_IMAGE_BYTES)
-    except UnreadableError as error:
-        raise FrameError(f"{name} {'is missing' if error.missing else error.reason}") from None
-    return parse_netpbm(data, name)
+    return parse_netpbm(image_bytes(path, name), name)
 
 
 def parse_netpbm(data: bytes, name: str) -> npt.NDArray[Any]:

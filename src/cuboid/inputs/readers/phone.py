@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -9,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import UInt8Array
-from cuboid.ground.core.errors import FrameError
-from cuboid.ground.formats.reading import UnreadableError, read_bytes
+from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.inputs.readers.depth_camera import DepthCamera
-from cuboid.inputs.readers.images import MAX_IMAGE_BYTES, decode_bytes, decode_depth
+from cuboid.inputs.readers.images import decode_bytes, decode_depth, image_bytes, image_dimensions
 from cuboid.inputs.readers.reader import Calibration
 
 # Depth has 192x256 pixels: color is downsampled by an integer factor so that its longer side is about this. Finer color
@@ -61,6 +61,14 @@ def phone_cameras(
     return Calibration(*color, (size[0] // factor, size[1] // factor), source, depth_camera=camera)
 
 
+def depth_size_of(depths: Iterable[Path], path: Path, name: str = "depth") -> tuple[int, int]:
+    """Return width and height of the first readable depth image; raise InputError if none is."""
+    size = next((found for depth in depths if (found := image_dimensions(depth))), None)
+    if size is None:
+        raise InputError(f"{path}: no image of {name}/ can be read")
+    return size
+
+
 def confident_depth(file: Path, confidence: Path, least: int) -> npt.NDArray[np.uint16]:
     """Return a depth image (H, W) without readings of less confidence; all readings if there is no confidence.
 
@@ -73,10 +81,7 @@ def confident_depth(file: Path, confidence: Path, least: int) -> npt.NDArray[np.
     if not confidence.is_file():
         return raw
     name = f"image confidence/{confidence.name}"
-    try:
-        sure = decode_bytes(read_bytes(confidence, MAX_IMAGE_BYTES), name, cv2.IMREAD_UNCHANGED)
-    except UnreadableError as error:
-        raise FrameError(f"{name} {error.reason}") from None
+    sure = decode_bytes(image_bytes(confidence, name), name, cv2.IMREAD_UNCHANGED)
     if sure.shape != raw.shape:
         raise FrameError(f"{name} is {sure.shape[1::-1]}, depth {raw.shape[::-1]}")
     return np.where(sure >= least, raw, 0).astype(np.uint16)

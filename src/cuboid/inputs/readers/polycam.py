@@ -27,12 +27,13 @@ from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.inputs.readers.depth_camera import check_number
 from cuboid.inputs.readers.documents import read_object
 from cuboid.inputs.readers.image_folder import images_in
-from cuboid.inputs.readers.images import decode_color, image_dimensions
+from cuboid.inputs.readers.images import decode_color
 from cuboid.inputs.readers.phone import (
     SAME_FOCAL,
     T_OPENGL_OPENCV,
     UP_WORLD,
     confident_depth,
+    depth_size_of,
     phone_cameras,
     shrink_factor,
     shrunk,
@@ -67,9 +68,7 @@ def read(path: Path) -> Listing:
     for name, one in cameras.items():
         if abs(one["fx"] / K["fx"] - 1) > SAME_FOCAL or (one["width"], one["height"]) != size:
             faults[name] = f"the camera of {name} differs from the others: fx {one['fx']:.0f}, median {K['fx']:.0f}"
-    depth_size = next((found for name in sorted(depths) if (found := image_dimensions(depths[name]))), None)
-    if depth_size is None:
-        raise InputError(f"{folder}: no image of depth/ can be read")
+    depth_size = depth_size_of((depths[name] for name in sorted(depths)), folder)
     factor, numbers = shrink_factor(size), (K["fx"], K["fy"], K["cx"], K["cy"])
     frames = [
         FrameEntry(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,8 @@ from cuboid.ground.core.pose_stream import LARGEST_GAP_S, PoseStream
 from cuboid.ground.core.values import LATEST_S, refuse_no_quaternion
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.ground.geometry import se3
+
+T = TypeVar("T")
 
 
 def parse_numbers(text: str, count: int, expected: str) -> list[float]:
@@ -36,6 +39,24 @@ def parse_numbers(text: str, count: int, expected: str) -> list[float]:
     return values
 
 
+def parsed_lines(
+    path: Path, parse: Callable[[str], T], lines: Iterable[tuple[int, str]] | None = None
+) -> Iterator[tuple[int, T]]:
+    """Iterate over the numbers and the parsed contents of the lines of a file; default: all lines with data.
+
+    Raises
+    ------
+    InputError
+        `parse` raised ValueError.
+    """
+    for number, line in data_lines(path) if lines is None else lines:
+        try:
+            value = parse(line)
+        except ValueError as error:
+            raise InputError(f"{path} line {number}: {error}") from None
+        yield number, value
+
+
 def numbered_rows(path: Path, count: int | None, expected: str) -> list[tuple[int, list[float]]]:
     """Return line number and `count` numbers of each line of a file; any count if None.
 
@@ -44,13 +65,14 @@ def numbered_rows(path: Path, count: int | None, expected: str) -> list[tuple[in
     InputError
         A line has another format; `expected` describes it in the message.
     """
-    rows = []
-    for number, line in data_lines(path):
-        try:
-            rows.append((number, parse_numbers(line, len(line.split()) if count is None else count, expected)))
-        except ValueError as error:
-            raise InputError(f"{path} line {number}: {error}") from None
-    return rows
+    return list(parsed_lines(path, lambda line: parse_numbers(line, count or len(line.split()), expected)))
+
+
+def pinhole_of(rows: Sequence[Sequence[float]], path: Path) -> tuple[float, float, float, float]:
+    """Return fx, fy, cx, cy of the rows of a camera matrix; raise InputError if it is none."""
+    if len(rows) != 3 or not np.isfinite(rows).all() or min(rows[0][0], rows[1][1]) <= 0:
+        raise InputError(f"{path}: expected the matrix fx 0 cx, 0 fy cy, 0 0 1 with fx, fy > 0")
+    return rows[0][0], rows[1][1], rows[0][2], rows[1][2]
 
 
 def parse_time(word: str) -> float:
@@ -100,6 +122,18 @@ def pose_from_matrix(values: npt.ArrayLike, where: str) -> Float64Array:
         raise FrameError(f"{where}: {error}") from None
 
 
+# A line of a file with a pose for each frame: its number in the file, and x, y, z, qx, qy, qz, qw.
+PoseLine = tuple[int, list[float]]
+
+
+def pose_of_frame(lines: Mapping[int, PoseLine], frame: int, name: str) -> Float64Array:
+    """Return T_world_camera (4, 4) of a frame from the lines of a file; raise FrameError if it has none."""
+    if frame not in lines:
+        raise FrameError(f"{name} has no line for frame {frame} ({len(lines)} lines)")
+    number, (x, y, z, qx, qy, qz, qw) = lines[frame]
+    return pose_from_quaternion((qw, qx, qy, qz), (x, y, z), f"{name} line {number}")
+
+
 # The time of a line in seconds, and its pose as qw, qx, qy, qz, tx, ty, tz.
 TimedPose = tuple[float, tuple[float, ...]]
 
@@ -130,18 +164,14 @@ class Trajectory(PoseStream):
     """
 
     def __init__(
-        self,
-        path: Path,
-        read_line: Callable[[str], TimedPose] = tum_line,
-        largest_gap_s: float = LARGEST_GAP_S,
+        self, path: Path, read_line: Callable[[str], TimedPose] = tum_line, largest_gap_s: float = LARGEST_GAP_S
     ) -> None:
+        def read(line: str) -> TimedPose:
+            parse_time(line.split()[0])
+            return read_line(line)
+
         poses: list[tuple[float, Float64Array]] = []
-        for number, line in data_lines(path):
-            try:
-                time_s, row = read_line(line)
-                parse_time(line.split()[0])
-            except ValueError as error:
-                raise InputError(f"{path} line {number}: {error}") from None
+        for _, (time_s, row) in parsed_lines(path, read):
             with suppress(FrameError):
                 pose_from_quaternion(row[:4], row[4:], "")
                 poses.append((time_s, np.array(row)))

@@ -150,6 +150,4 @@ def _from_reference(bag: Bag, topic: str, path: Path) -> Float64Array:
     return T
 
 
-READERS.register("realsense-bag")(
-    Reader("a .bag file of the RealSense SDK", recognises, read, files=(".bag",)),
-)
+READERS.register("realsense-bag")(Reader("a .bag file of the RealSense SDK", recognises, read, files=(".bag",)))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -165,22 +166,21 @@ class Recording:
         poses = "with poses" if self.has_poses else "no poses"
         return f"Recording({self.format}: {len(self)} frames of {K.width} x {K.height}, {poses}; {self.path})"
 
-    def without_poses(self) -> Recording:
-        """Return the same recording without its camera poses and their faults."""
-        unposed = object.__new__(Recording)
-        unposed.__dict__.update(self.__dict__)
-        unposed.has_poses = False
-        unposed.up_world = None
-        return unposed
-
-    def with_intrinsics(self, intrinsics: Intrinsics) -> Recording:
-        """Return the same recording with other intrinsics; the images are unchanged."""
-        other = object.__new__(Recording)
-        other.__dict__.update(self.__dict__)
-        other.intrinsics = intrinsics
+    def _with(self, **changes: Any) -> Self:
+        """Return the same recording with some attributes changed."""
+        other = copy.copy(self)
+        other.__dict__.update(changes)
         return other
 
-    def with_depth_camera(self, depth_camera: DepthCamera) -> Recording:
+    def without_poses(self) -> Self:
+        """Return the same recording without its camera poses and their faults."""
+        return self._with(has_poses=False, up_world=None)
+
+    def with_intrinsics(self, intrinsics: Intrinsics) -> Self:
+        """Return the same recording with other intrinsics; the images are unchanged."""
+        return self._with(intrinsics=intrinsics)
+
+    def with_depth_camera(self, depth_camera: DepthCamera) -> Self:
         """Return the same recording with depth registered to color from this camera.
 
         Raises
@@ -188,31 +188,21 @@ class Recording:
         InputError
             The depth camera is invalid.
         """
-        other = object.__new__(Recording)
-        other.__dict__.update(self.__dict__)
+        other = self._with()
         other._set_camera(dataclasses.replace(self.calibration, depth_camera=depth_camera))
         return other
 
-    def with_pose_convention(self, names: tuple[str, ...]) -> Recording:
+    def with_pose_convention(self, names: tuple[str, ...]) -> Self:
         """Return the same recording with its poses in these conventions, see `pose_convention.CONVENTIONS`."""
-        other = object.__new__(Recording)
-        other.__dict__.update(self.__dict__)
-        other._pose_convention = names
-        return other
+        return self._with(_pose_convention=names)
 
-    def with_pose_clock(self, clock: PoseClock) -> Recording:
+    def with_pose_clock(self, clock: PoseClock) -> Self:
         """Return the same recording with poses whose times are corrected."""
-        other = object.__new__(Recording)
-        other.__dict__.update(self.__dict__)
-        other.pose_clock = clock
-        return other
+        return self._with(pose_clock=clock)
 
-    def with_warning(self, warning: str) -> Recording:
+    def with_warning(self, warning: str) -> Self:
         """Return the same recording with one more line in `warnings`."""
-        other = object.__new__(Recording)
-        other.__dict__.update(self.__dict__)
-        other.warnings = (*self.warnings, warning)
-        return other
+        return self._with(warnings=(*self.warnings, warning))
 
     def timestamp_s(self, index: int) -> float:
         """Return the time of a frame in seconds."""

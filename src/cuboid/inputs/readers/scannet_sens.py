@@ -15,14 +15,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.inputs.readers.depth_camera import DepthCamera
-from cuboid.inputs.readers.images import decode_bytes
+from cuboid.inputs.readers.images import COLOR_FLAGS, decode_bytes
 from cuboid.inputs.readers.matroska import read_span
 from cuboid.inputs.readers.posetext import pose_from_matrix
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
@@ -111,8 +110,7 @@ def _calibration(path: Path, matrices: Float64Array, size: tuple[int, int], dept
 
 def _color(path: Path, k: int, offset: int, length: int) -> UInt8Array:
     data = _data(path, k, offset, length)
-    image = decode_bytes(data, f"color image of frame {k}", cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+    return np.asarray(decode_bytes(data, f"color image of frame {k}", COLOR_FLAGS), np.uint8)
 
 
 def _depth(path: Path, k: int, offset: int, length: int, size: tuple[int, int], form: int) -> npt.NDArray[np.uint16]:

@@ -26,7 +26,7 @@ from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.formats.reading import names_in
 from cuboid.inputs.readers.image_folder import images_in
 from cuboid.inputs.readers.images import decode_depth
-from cuboid.inputs.readers.posetext import numbered_rows, pose_from_matrix
+from cuboid.inputs.readers.posetext import numbered_rows, pinhole_of, pose_from_matrix
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
 from cuboid.inputs.readers.tum import associate
 
@@ -63,7 +63,9 @@ def read(path: Path) -> Listing:
         )
     if not frames:
         raise InputError(f"{path}: image/ holds no images")
-    return Listing(frames, DEPTH_UNITS_PER_METRE, _calibration(path / INTRINSICS), camera_folders=(path,))
+    matrix = [row for _, row in numbered_rows(path / INTRINSICS, 3, "3 numbers a row")]
+    calibration = Calibration(*pinhole_of(matrix, path / INTRINSICS), None, INTRINSICS)
+    return Listing(frames, DEPTH_UNITS_PER_METRE, calibration, camera_folders=(path,))
 
 
 def _by_time(folder: Path) -> list[tuple[float, Path]]:
@@ -88,13 +90,6 @@ def _pose(rows: list[tuple[int, list[float]]], k: int, name: str) -> Float64Arra
     if len(pose_rows) < 3:
         raise FrameError(f"{name} has {len(rows)} rows, none for image {k + 1}")
     return pose_from_matrix([*(row for _, row in pose_rows), [0.0, 0.0, 0.0, 1.0]], f"{name} line {pose_rows[0][0]}")
-
-
-def _calibration(path: Path) -> Calibration:
-    rows = [row for _, row in numbered_rows(path, 3, "3 numbers a row")]
-    if len(rows) != 3 or not np.isfinite(rows).all() or min(rows[0][0], rows[1][1]) <= 0:
-        raise InputError(f"{path}: expected the matrix fx 0 cx, 0 fy cy, 0 0 1 with fx, fy > 0")
-    return Calibration(rows[0][0], rows[1][1], rows[0][2], rows[1][2], None, path.name)
 
 
 READERS.register("sun3d")(Reader("image/, depth/NNNNNNN-TIME.png, intrinsics.txt", recognises, read))

@@ -31,8 +31,7 @@ import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError, shown
-from cuboid.ground.formats.table_validation import data_lines
-from cuboid.inputs.readers.posetext import Trajectory, parse_time
+from cuboid.inputs.readers.posetext import Trajectory, parse_time, parsed_lines
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
 DEPTH_UNITS_PER_METRE = 5000.0
@@ -148,17 +147,18 @@ def _later(pose: Callable[[float], Float64Array], time_s: float, after_s: float)
 
 def _image_list(path: Path) -> list[tuple[float, str]]:
     """Read lines "timestamp filename", sorted by time."""
-    images = []
-    for number, line in data_lines(path):
-        word, _, name = line.replace("\t", " ").partition(" ")
-        try:
-            time_s = parse_time(word)
-        except ValueError as error:
-            raise InputError(f"{path} line {number}: {error} and a file's name") from None
-        if not name.strip():
-            raise InputError(f"{path} line {number}: expected 'timestamp filename', got {shown(line)}")
-        images.append((time_s, name.strip()))
-    return sorted(images)
+    return sorted(image for _, image in parsed_lines(path, _image))
+
+
+def _image(line: str) -> tuple[float, str]:
+    word, _, name = line.replace("\t", " ").partition(" ")
+    try:
+        time_s = parse_time(word)
+    except ValueError as error:
+        raise ValueError(f"{error} and a file's name") from None
+    if not name.strip():
+        raise ValueError(f"expected 'timestamp filename', got {shown(line)}")
+    return time_s, name.strip()
 
 
 def _published(path: Path) -> Calibration | None:

@@ -11,7 +11,6 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Protocol, Self
 
 import cv2
@@ -43,11 +42,6 @@ MARK = ".converted"
 class RecordingWriter(Protocol):
     """A writer of one format; `finish` is called after the last frame."""
 
-    def __init__(
-        self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
-    ) -> None:
-        """Begin in an empty folder."""
-
     def add(self, frame: Frame) -> None:
         """Write a frame."""
 
@@ -57,9 +51,7 @@ class RecordingWriter(Protocol):
     def __enter__(self) -> Self:
         """Return the writer."""
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close open files."""
 
 
@@ -78,9 +70,7 @@ class _Folder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         return None
 
     def _note(self, frame: Frame) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +10,8 @@ import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
-from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.plausible import field_of_view_warning, scale_warning
+from cuboid.ground.core.skipped import SkippedKind, skipped_kinds
 from cuboid.inputs.calibration.registering import Misregistration, find_misregistration
 from cuboid.inputs.readers import Recording
 
@@ -20,15 +19,6 @@ from cuboid.inputs.readers import Recording
 FRAMES, POSES = 24, 500
 # A time step longer than this multiple of the median step is a gap.
 GAP_STEPS = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class Skipped:
-    """Unusable frames of one kind: their number among the examined ones, the first one, and its reason."""
-
-    count: int
-    frame: int
-    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +61,7 @@ class RecordingInfo:
         Offset between depth and color, if it is clear.
     depth_views : int
         Number of different views in which depth edges were compared with color; 0 if too few edges were found.
-    skipped : tuple of Skipped
+    skipped : tuple of SkippedKind
         Kinds of frames that cannot be used, the most frequent first.
     warnings : tuple of str
         Warnings for the user, such as images that were left out, or a depth scale that is not plausible.
@@ -100,7 +90,7 @@ class RecordingInfo:
     up_measured: bool
     depth_off_px: float | None
     depth_views: int
-    skipped: tuple[Skipped, ...]
+    skipped: tuple[SkippedKind, ...]
     warnings: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -165,7 +155,7 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
         up_measured=recording.up_measured,
         depth_off_px=misregistration.off_px if misregistration is not None and misregistration.clear else None,
         depth_views=0 if misregistration is None else misregistration.views,
-        skipped=_kinds(reasons),
+        skipped=tuple(skipped_kinds(sorted(reasons.items()))),
         warnings=(*recording.warnings, *doubts),
     )
 
@@ -202,18 +192,4 @@ def _times(recording: Recording) -> tuple[float | None, float | None, int]:
 
 
 def _misregistration(recording: Recording, frames: Sequence[int]) -> Misregistration | None:
-    def some() -> Sequence[Frame]:
-        return [recording.read(index) for index in frames[:: max(1, len(frames) // 12)]]
-
-    return find_misregistration(some())
-
-
-def _kinds(reasons: dict[int, str]) -> tuple[Skipped, ...]:
-    """Return the kinds of reasons; reasons that differ only in numbers and file names are one kind."""
-    counts: Counter[str] = Counter()
-    first: dict[str, int] = {}
-    for index, reason in sorted(reasons.items()):
-        kind = " ".join(word for word in reason.split() if not any(letter.isdigit() for letter in word))
-        counts[kind] += 1
-        first.setdefault(kind, index)
-    return tuple(Skipped(count, first[kind], reasons[first[kind]]) for kind, count in counts.most_common())
+    return find_misregistration([recording.read(index) for index in frames[:: max(1, len(frames) // 12)]])

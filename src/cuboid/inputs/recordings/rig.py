@@ -176,13 +176,6 @@ class RigRecording(Recording):
         """Return the recording of the camera with a name."""
         return next(part.recording for part in self.parts if part.camera.name == name)
 
-    def without_poses(self) -> RigRecording:
-        """Return the same recording without its camera poses; the poses of the cameras in the rig remain known."""
-        unposed = object.__new__(RigRecording)
-        unposed.__dict__.update(self.__dict__)
-        unposed.has_poses = False
-        return unposed
-
     def timestamp_s(self, index: int) -> float:
         """Return the time of a frame in seconds."""
         return self._order[index][0]

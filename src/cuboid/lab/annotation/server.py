@@ -14,6 +14,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.palette import COLORS
 from cuboid.inputs.readers.recording import Recording
+from cuboid.inputs.readers.usable import usable_poses
 from cuboid.lab.annotation.propagate import propagated
 from cuboid.lab.annotation.store import KeyframesFile, Outdated
 from cuboid.results.views.pixels import encode_jpeg
@@ -133,13 +134,8 @@ class Annotator:
 
     def _poseless(self) -> list[int]:
         """Return the frames without a usable pose, which a run with the recording's poses cannot use."""
-        found = []
-        for index in range(len(self._posed)) if self._posed.has_poses else ():
-            try:
-                self._posed.pose(index)
-            except FrameError:
-                found.append(index)
-        return found
+        frames = range(len(self._posed)) if self._posed.has_poses else range(0)
+        return sorted({*frames} - usable_poses(self._posed, frames).keys())
 
 
 def _source(name: str) -> str:

@@ -142,13 +142,8 @@ class Evaluation:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON: numbers have six decimals, undefined values are None."""
-        document = asdict(self)
-        if self.names is None:
-            del document["names"]
-        if self.events is None:
-            del document["events"]
-        if self.relations is None:
-            del document["relations"]
+        optional = ("names", "events", "relations")
+        document = {name: value for name, value in asdict(self).items() if value is not None or name not in optional}
         return {"format": FORMAT, "version": VERSION, **plain(document)}
 
 
@@ -184,6 +179,7 @@ def evaluate(
     frames = _judged_frames(result, truth)
     scope = Scope(truth, frames)
     quality, boxes = map_quality(scope, result.objects)
+    label_of = {item.id: box.label for item, box in zip(scope.objects, boxes, strict=True) if box is not None}
     labels: list[ObjectLabels | None] = [None] * len(boxes)
     identity, proposals, events = None, None, None
     if scope.shown is not None:
@@ -205,19 +201,9 @@ def evaluate(
             for item, box, item_labels in zip(scope.objects, boxes, labels, strict=True)
         ),
         heat=None if cloud is None else _heat(result, cloud, truth),
-        names=name_quality(
-            result.path,
-            [
-                (item.id, item.name, None if box is None else box.label)
-                for item, box in zip(scope.objects, boxes, strict=True)
-            ],
-        ),
+        names=name_quality(result.path, [(item.id, item.name, label_of.get(item.id)) for item in scope.objects]),
         events=events,
-        relations=_relations(
-            result,
-            truth,
-            {item.id: box.label for item, box in zip(scope.objects, boxes, strict=True) if box is not None},
-        ),
+        relations=_relations(result, truth, label_of),
     )
 
 

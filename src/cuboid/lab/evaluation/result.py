@@ -129,7 +129,7 @@ class Result:
 
 
 def read_result(path: PathLike) -> Result:
-    """Read a result folder (``docs/commands.md``), a CSV with at least the columns of `BoxEntry`, or Boxer's table.
+    """Read a result folder (``docs/results.md``), a CSV with at least the columns of `BoxEntry`, or Boxer's table.
 
     The map of a plain CSV contains each label's last box, with the number of the label's frames as score. Boxer's table
     has a map alone.

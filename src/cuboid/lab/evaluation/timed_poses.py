@@ -15,6 +15,7 @@ from cuboid.ground.formats.table_validation import data_lines
 from cuboid.inputs.readers import open_recording
 from cuboid.inputs.readers.posetext import Trajectory, parse_numbers, pose_from_quaternion
 from cuboid.inputs.readers.recording import DEFAULT_RATE_HZ
+from cuboid.inputs.readers.usable import usable_poses
 
 # Suffix of pose files of RGB-D Scenes v2: one line per frame, without times.
 POSE_SUFFIX = ".pose"
@@ -103,16 +104,8 @@ def _recording(path: Path) -> TimedPoses:
         recording = open_recording(path)
     except CuboidError as error:
         raise InputError(f"{path}: is neither a result with {TRAJECTORY} nor a recording: {error}") from None
-    times, poses = [], []
-    for index in range(len(recording)):
-        try:
-            pose = recording.pose(index)
-        except FrameError:
-            continue
-        if pose is not None:
-            times.append(recording.timestamp_s(index))
-            poses.append(pose)
-    return _of(path, times, poses)
+    poses = usable_poses(recording, range(len(recording)))
+    return _of(path, [recording.timestamp_s(index) for index in poses], list(poses.values()))
 
 
 def _of(path: Path, times_s: list[float], poses: list[Float64Array]) -> TimedPoses:

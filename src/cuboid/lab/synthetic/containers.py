@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.lab.synthetic import furniture as made
-from cuboid.lab.synthetic.draft import SMALL, Draft, add_middle_table, add_room, circling, on_floor
-from cuboid.lab.synthetic.material import CARD, Material, Texture, two_paints
-from cuboid.lab.synthetic.mesh import Mesh, box, merged
+from cuboid.lab.synthetic.draft import Draft, add_middle_table, add_room, circling, on_floor
+from cuboid.lab.synthetic.material import CARD, two_paints
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.scene import SceneObject, Surface
-from cuboid.lab.synthetic.shapes import Model, turned
+from cuboid.lab.synthetic.shapes import turned
 
 # Thickness of the walls and the floor of a container, metres.
-WALL_M, FLOOR_M = 0.008, 0.008
+WALL_M = 0.008
 # Gap between objects in a container, and to its walls, metres.
 GAP_M = 0.012
 # Positions of containers, as fractions of the table's half sides.
 PLACES = ((-0.5, -0.35), (0.5, -0.3), (0.0, 0.45))
-# Kinds of objects in a container.
-CONTENTS = ("can", "jar", "mug", "ball", "carton")
 
 
 def build_containers(draft: Draft) -> None:
@@ -35,8 +29,7 @@ def build_containers(draft: Draft) -> None:
     flat = draft.objects.put(draft.models(1, ("book",))[0], 0, 0.04, within=0.85)
     if flat is not None:
         draft.objects.put_on(draft.models(1, ("can", "jar"))[0], flat)
-    for model in draft.models(3, SMALL):
-        draft.objects.put(model, 0, 0.04, within=0.85)
+    draft.fill(0, 3, "small", 0.04, 0.85)
     table = draft.objects.surfaces[0]
     draft.waypoints = circling(
         draft, 0, radius=rng.uniform(0.85, 1.05), height=table.height_m + rng.uniform(0.75, 0.95)
@@ -49,12 +42,12 @@ def build_sideboard(draft: Draft) -> None:
     add_room(draft, half=half_m)
     height, deep, long = rng.uniform(0.7, 0.9), rng.uniform(0.22, 0.28), rng.uniform(0.75, 0.9)
     surface = Surface("sideboard", height, np.array([0.0, half_m - deep]), np.array([long, deep]))
-    draft.add(made.crate(rng, (2 * long, 2 * deep, height)), on_floor(surface))
+    draft.add(draft.make("crate", x=2 * long, y=2 * deep, z=height), on_floor(surface))
     draft.objects = Arrangement((surface,), rng)
     slots = rng.permutation(np.linspace(-0.8, 0.8, 6))
     _filled(draft, (float(slots[0]), -0.25), long_m=0.2)
     for number, slot in enumerate(slots[1:].tolist()):
-        (model,) = draft.models(1, SMALL)
+        (model,) = draft.models(1, "small")
         reach_m = float(np.ptp(model.mesh().vertices[:, 1])) / 2.0
         gap_m = rng.uniform(0.004, 0.02) if number % 2 == 0 else rng.uniform(0.15, 0.2)
         draft.objects.put_at(model, 0, (slot, 1.0 - (gap_m + reach_m) / deep))
@@ -70,28 +63,13 @@ def _filled(draft: Draft, place: tuple[float, float], long_m: float = 0.29) -> N
     rng = draft.rng
     inner = np.array([long_m + rng.uniform(-0.05, 0.05), 0.72 * long_m + rng.uniform(-0.03, 0.03)])
     height, angle = float(rng.uniform(0.04, 0.14)), float(rng.uniform(0, np.pi))
-    container = draft.objects.put_at(turned(open_box(rng, (*inner, height)), angle), 0, place)
+    colors = two_paints(rng) if rng.random() < 0.5 else CARD
+    box = draft.make("open_box", inner=(*inner, height), wall=WALL_M, colors=colors)
+    container = draft.objects.put_at(turned(box, angle), 0, place)
     floor = _floor_of(container, draft.objects.surfaces[0].height_m, inner, angle)
-    for model in draft.models(int(rng.integers(1, 4)), CONTENTS):
+    for model in draft.models(int(rng.integers(1, 4)), "in_container"):
         draft.objects.put_in(model, container, floor, GAP_M)
 
 
 def _floor_of(container: SceneObject, table_m: float, inner: Float64Array, angle_rad: float) -> Surface:
-    return Surface("container", table_m + FLOOR_M, container.T_room_model[:2, 3], inner / 2.0, angle_rad)
-
-
-def open_walls(inner: Sequence[float], wall_m: float, floor_m: float) -> list[Mesh]:
-    """Return floor and four walls around an inner space `inner`: length, width and height, metres."""
-    x, y, z = inner
-    walls = [box((x + 2 * wall_m, y + 2 * wall_m, floor_m))]
-    for sign in (-1, 1):
-        walls.append(box((wall_m, y + 2 * wall_m, z + floor_m), (sign * (x + wall_m) / 2, 0, 0)))
-        walls.append(box((x, wall_m, z + floor_m), (0, sign * (y + wall_m) / 2, 0)))
-    return walls
-
-
-def open_box(rng: np.random.Generator, inner: Sequence[float]) -> Model:
-    """Return an open box, cardboard or painted; `inner` is the inner length, width and height, metres."""
-    walls = open_walls(inner, WALL_M, FLOOR_M)
-    color, second = two_paints(rng) if rng.random() < 0.5 else CARD
-    return Model("open box", ((merged(walls), Material(color, second, Texture.MARBLE, 0.05)),))
+    return Surface("container", table_m + WALL_M, container.T_room_model[:2, 3], inner / 2.0, angle_rad)

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
-from cuboid.lab.synthetic import furniture as made
-from cuboid.lab.synthetic.draft import Draft, finish
-from cuboid.lab.synthetic.material import Material, Texture
-from cuboid.lab.synthetic.mesh import box, shift, turn
+from cuboid.lab.synthetic.draft import Draft, add_shell, finish
+from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.paths import around
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.scene import Scene, Surface
-from cuboid.lab.synthetic.shapes import MAKERS, Model, turned
+from cuboid.lab.synthetic.shapes import MAKERS, turned
 
 DEMO_FRAMES = 150
 # The objects: kind, seed, position on the table (-1..1), yaw in degrees.
@@ -43,22 +43,14 @@ def demo_scene(frames: int = DEMO_FRAMES) -> Scene:
         draft.objects.put_at(model, 0, (x, y))
     draft.waypoints = _path()
     scene = finish(draft, "synthetic demo", "demo", 11, np.eye(4), 540.0)
-    return Scene(
-        **{name: getattr(scene, name) for name in Scene.__slots__ if name != "T_world_room"},
-        T_world_room=se3.inverse(scene.T_room_camera[0]),
-    )
+    return replace(scene, T_world_room=se3.inverse(scene.T_room_camera[0]))
 
 
 def _furnish(draft: Draft) -> None:
     half = 2.4
-    draft.add(made.floor(draft.rng, half + 0.1), np.eye(4))
-    draft.add(made.ceiling(half + 0.1), np.eye(4))
-    for k in range(4):
-        draft.add(made.wall(draft.rng, 2 * half), turn(k * np.pi / 2) @ shift((0, half, 0)))
-    draft.add(made.table(draft.rng, (1.24, 0.84, 0.72)), np.eye(4))
-    pillar = Material((0.32, 0.36, 0.42), (0.42, 0.46, 0.52), Texture.STRIPES, 0.1)
-    post = Model("screen", ((box((0.2, 0.03, 1.16)), pillar),))
-    draft.add(post, turn(np.radians(-79)) @ shift((0.72, 0, 0)) @ turn(np.pi / 2), doubtful=True)
+    add_shell(draft, draft.make("floor", half=half + 0.1), half)
+    draft.add(draft.make("table", x=1.24, y=0.84, height=0.72), np.eye(4))
+    draft.add(draft.make("post"), turn(np.radians(-79)) @ shift((0.72, 0, 0)) @ turn(np.pi / 2), doubtful=True)
 
 
 def _path() -> Float64Array:

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.paths import CAMERAS, STEP_M, Style, around, fly
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.scene import Agent, Furniture, Scene, SceneEvent, Surface
-from cuboid.lab.synthetic.shapes import CATALOGUE, MAKERS, Model
+from cuboid.lab.synthetic.shapes import CATALOGUE, Model, build, sets
 
 # Default gap between objects, metres.
 APART_M = 0.06
 # Distance from the middle of a room to its walls, metres.
 ROOM_HALF_M = 2.6
-# Small objects for shelves and crowded tables.
-SMALL = ("can", "mug", "carton", "jar", "milk", "bowl", "bottle", "plant")
 
 
 @dataclass
@@ -66,13 +64,23 @@ class Draft:
         """Add furniture."""
         self.furniture.append(Furniture(model, T_room_model, doubtful))
 
-    def models(self, count: int, names: Sequence[str] = tuple(MAKERS)) -> list[Model]:
-        """Draw random models of these names, the user's first; a name is repeated only after all are used."""
+    def make(self, name: str, **sizes: Any) -> Model:
+        """Return a model of a shape of the table of shapes, with these sizes."""
+        return build(name, self.rng, **sizes)
+
+    def models(self, count: int, of: str | Sequence[str] = "basic") -> list[Model]:
+        """Draw random models of a set or of these names, the user's first; a name is repeated after all are used."""
+        names = sets()[of] if isinstance(of, str) else of
         user_models = [self.meshes[int(k)] for k in self.rng.permutation(len(self.meshes))][:count]
         drawn: list[str] = []
         while len(drawn) < count - len(user_models):
             drawn += [names[int(k)] for k in self.rng.permutation(len(names))]
         return user_models + [CATALOGUE[name](self.rng) for name in drawn[: count - len(user_models)]]
+
+    def fill(self, surface: int, count: int, of: str, gap: float, within: float = 1.0) -> None:
+        """Put random models of a set on a surface; see `models` and `Arrangement.put`."""
+        for model in self.models(count, of):
+            self.objects.put(model, surface, gap, within)
 
 
 def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float) -> Scene:
@@ -99,13 +107,19 @@ def on_floor(surface: Surface) -> Float64Array:
     return shift((*surface.center, 0)) @ turn(surface.angle_rad)
 
 
+def add_shell(draft: Draft, floor: Model, half: float, *, pictures: bool = True) -> None:
+    """Add floor, ceiling and walls; `pictures` tells whether the wall at +y has any."""
+    draft.add(floor, np.eye(4))
+    draft.add(draft.make("ceiling", half=half + 0.1), np.eye(4))
+    for k in range(4):
+        wall = draft.make("wall", length=2 * half, pictures=pictures or k > 0)
+        draft.add(wall, turn(k * np.pi / 2) @ shift((0, half, 0)))
+
+
 def add_room(draft: Draft, half: float = ROOM_HALF_M) -> None:
     """Add floor, ceiling, walls, and a curtain at -y."""
-    draft.add(made.floor(draft.rng, half + 0.1), np.eye(4))
-    draft.add(made.ceiling(half + 0.1), np.eye(4))
-    for k in range(4):
-        draft.add(made.wall(draft.rng, 2 * half), turn(k * np.pi / 2) @ shift((0, half, 0)))
-    draft.add(made.curtain(draft.rng, 2 * half), turn(np.pi) @ shift((0, half - 0.2, 0)))
+    add_shell(draft, draft.make("floor", half=half + 0.1), half)
+    draft.add(draft.make("curtain", length=2 * half), turn(np.pi) @ shift((0, half - 0.2, 0)))
 
 
 def add_middle_table(draft: Draft) -> None:
@@ -115,11 +129,11 @@ def add_middle_table(draft: Draft) -> None:
     if rng.random() < 0.3:
         radius = rng.uniform(0.5, 0.62)
         surface = Surface("round table", height, np.zeros(2), np.full(2, radius), 0.0, round=True)
-        draft.add(made.round_table(rng, radius, height), np.eye(4))
+        draft.add(draft.make("round_table", radius=radius, height=height), np.eye(4))
     else:
         half = np.array([rng.uniform(0.55, 0.75), rng.uniform(0.4, 0.5)])
         surface = Surface("table", height, np.zeros(2), half, angle)
-        draft.add(made.table(rng, (*(2 * half), height)), on_floor(surface))
+        draft.add(draft.make("table", x=2 * half[0], y=2 * half[1], height=height), on_floor(surface))
     draft.objects = Arrangement((surface,), rng)
 
 

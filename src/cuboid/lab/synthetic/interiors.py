@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.lab.synthetic import fittings
-from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.clutter import add_cables, add_clutter, add_papers
 from cuboid.lab.synthetic.draft import ROOM_HALF_M, Draft, on_floor
 from cuboid.lab.synthetic.mesh import shift, turn
@@ -16,46 +14,6 @@ from cuboid.lab.synthetic.shapes.model import choice
 
 # Direction from a wall at +y into the room: the front of most models is at +x.
 TO_ROOM = -np.pi / 2
-ON_DESK = (
-    *("mug", "table_lamp", "pen_cup", "telephone", "headphones", "paperback", "row_of_books", "tape_roll", "remote"),
-    *("calculator", "smartphone", "glasses_case", "stapler", "speaker", "leafy_plant", "tissue_box", "letter_trays"),
-    *("scissors", "can", "thermos", "standing_book", "pouch", "pile_of_books", "bottle"),
-)
-APPLIANCES = ("kettle", "toaster", "coffee_pot", "basket", "cutting_board", "saucepan", "frying_pan", "bread")
-ON_COUNTER = (
-    *("bottle", "jar", "can", "mug", "jug", "spray_bottle", "pepper_mill", "glass", "bowl", "apple", "banana", "pear"),
-    *("milk", "carton", "tissue_box", "knife", "plate", "teapot", "watering_can", "flowers", "shampoo", "plates"),
-)
-# Things with flat tops, which carry another one.
-PILED = ("can", "jar", "carton", "milk")
-IN_SHELF = (
-    *(
-        "row_of_books",
-        "row_of_books",
-        "row_of_books",
-        "standing_book",
-        "standing_book",
-        "pile_of_books",
-        "binder",
-        "basket",
-        "bear",
-        "car",
-        "speaker",
-    ),
-    *("leafy_plant", "flowers", "jug", "bowl", "teapot", "hat_box", "ball", "block_tower", "duck", "elephant", "jar"),
-    *(
-        "watering_can",
-        "tissue_box",
-        "open_carton",
-        "towel",
-        "woolly_hat",
-        "carton",
-        "can",
-        "plates",
-        "cap",
-        "headphones",
-    ),
-)
 # Clearance above an object in a shelf, metres.
 ABOVE_M = 0.03
 
@@ -67,17 +25,16 @@ def build_desk(draft: Draft) -> None:
     half = np.array([rng.uniform(0.72, 0.88), rng.uniform(0.36, 0.42)])
     middle = np.array([rng.uniform(-0.6, 0.6), ROOM_HALF_M - half[1] - 0.04])
     surface = Surface("desk", rng.uniform(0.7, 0.76), middle, half)
-    draft.add(made.table(rng, (*(2 * half), surface.height_m)), on_floor(surface))
+    draft.add(draft.make("table", x=2 * half[0], y=2 * half[1], height=surface.height_m), on_floor(surface))
     draft.objects = Arrangement((surface,), rng)
     _workplace(draft)
-    for model in draft.models(int(rng.integers(7, 11)), ON_DESK):
-        draft.objects.put(model, 0, 0.025)
+    draft.fill(0, int(rng.integers(7, 11)), "on_desk", 0.025)
     count_neither_way(draft)
     add_papers(draft, 0, int(rng.integers(2, 5)))
     add_clutter(draft, 0, leaflets=int(rng.integers(0, 2)), cloths=int(rng.random() < 0.3))
     add_cables(draft, 0, int(rng.integers(2, 5)))
     beside = shift((middle[0] + choice(rng, (-1, 1)) * (half[0] + 0.4), middle[1] - 0.1, 0))
-    draft.add(made.office_chair(rng), beside @ turn(rng.uniform(0, 2 * np.pi)), doubtful=True)
+    draft.add(draft.make("office_chair"), beside @ turn(rng.uniform(0, 2 * np.pi)), doubtful=True)
     draft.waypoints = in_front(
         draft, (*middle, surface.height_m + 0.1), rng.uniform(1.0, 1.25), surface.height_m + rng.uniform(0.4, 0.6), 0.85
     )
@@ -85,54 +42,28 @@ def build_desk(draft: Draft) -> None:
 
 def _workplace(draft: Draft) -> None:
     """Put one or two monitors at the back of a desk, or a laptop, a keyboard in front and a mouse beside it."""
-    rng, put = draft.rng, draft.objects.put_near
+    rng = draft.rng
+
+    def put(
+        name: str, gap: float, place: tuple[float, float], spread: tuple[float, float], angle: float, turns: float = 0.0
+    ) -> None:
+        """Put a thing near a place, at this angle with a random difference of up to `turns`."""
+        (model,) = draft.models(1, (name,))
+        angle += rng.uniform(-turns, turns) if turns else 0.0
+        draft.objects.put_near(model, 0, gap, place, spread, angle)
+
     aside = rng.uniform(-0.35, 0.35)
     screens = [aside] if rng.random() < 0.6 else [-0.42, 0.42]
     if rng.random() < 0.75:
         for x in screens:
-            put(
-                draft.models(1, ("monitor",))[0],
-                0,
-                0.01,
-                (x, 0.5),
-                (0.05, 0.1),
-                TO_ROOM - 0.35 * x + rng.uniform(-0.1, 0.1),
-            )
-        put(
-            draft.models(1, ("keyboard",))[0],
-            0,
-            0.01,
-            (screens[0], -0.5),
-            (0.05, 0.15),
-            TO_ROOM + rng.uniform(-0.15, 0.15),
-        )
-        put(
-            draft.models(1, ("mouse",))[0],
-            0,
-            0.01,
-            (screens[0] + 0.42, -0.5),
-            (0.08, 0.15),
-            -TO_ROOM + rng.uniform(-0.3, 0.3),
-        )
+            put("monitor", 0.01, (x, 0.5), (0.05, 0.1), TO_ROOM - 0.35 * x, 0.1)
+        put("keyboard", 0.01, (screens[0], -0.5), (0.05, 0.15), TO_ROOM, 0.15)
+        put("mouse", 0.01, (screens[0] + 0.42, -0.5), (0.08, 0.15), -TO_ROOM, 0.3)
         if rng.random() < 0.5:
-            put(
-                draft.models(1, ("laptop",))[0],
-                0,
-                0.02,
-                (-0.6 * np.sign(aside), -0.1),
-                (0.15, 0.2),
-                TO_ROOM + 0.4 * np.sign(aside),
-            )
+            put("laptop", 0.02, (-0.6 * np.sign(aside), -0.1), (0.15, 0.2), TO_ROOM + 0.4 * np.sign(aside))
     else:
-        put(draft.models(1, ("laptop",))[0], 0, 0.02, (aside, -0.1), (0.1, 0.15), TO_ROOM + rng.uniform(-0.3, 0.3))
-        put(
-            draft.models(1, ("mouse",))[0],
-            0,
-            0.01,
-            (aside + 0.4, -0.4),
-            (0.08, 0.15),
-            -TO_ROOM + rng.uniform(-0.3, 0.3),
-        )
+        put("laptop", 0.02, (aside, -0.1), (0.1, 0.15), TO_ROOM, 0.3)
+        put("mouse", 0.01, (aside + 0.4, -0.4), (0.08, 0.15), -TO_ROOM, 0.3)
 
 
 def build_kitchen(draft: Draft) -> None:
@@ -143,19 +74,18 @@ def build_kitchen(draft: Draft) -> None:
     at_wall = np.array([rng.uniform(-0.5, 0.5), ROOM_HALF_M])
     wall = shift((*at_wall, 0))
     surface = Surface("counter", height, at_wall - (0, deep + 0.012), np.array([long, deep - 0.005]))
-    draft.add(fittings.base_cabinets(rng, 2 * long, 2 * deep, height), on_floor(surface))
-    draft.add(fittings.splashback(rng, 2 * long, height), wall)
-    draft.add(fittings.wall_cabinets(rng, 2 * long), wall)
+    draft.add(draft.make("base_cabinets", length=2 * long, depth=2 * deep, height=height), on_floor(surface))
+    draft.add(draft.make("splashback", length=2 * long, low=height), wall)
+    draft.add(draft.make("wall_cabinets", length=2 * long), wall)
     for x in rng.uniform(-0.8, 0.8, 2):
-        draft.add(fittings.socket(rng), wall @ shift((x * long, -0.008, height + 0.22)))
+        draft.add(draft.make("socket"), wall @ shift((x * long, -0.008, height + 0.22)))
     draft.objects = Arrangement((surface,), rng)
     hob = surface.at(rng.uniform(-0.6, 0.6), 0.05)
-    draft.add(fittings.hob(rng), shift((*hob, height - 0.003)))
-    for model in draft.models(int(rng.integers(3, 5)), APPLIANCES):
+    draft.add(draft.make("hob"), shift((*hob, height - 0.003)))
+    for model in draft.models(int(rng.integers(3, 5)), "appliances"):
         draft.objects.put_near(model, 0, 0.02, (rng.uniform(-0.9, 0.9), 0.45), (0.3, 0.4))
     _piles(draft)
-    for model in draft.models(int(rng.integers(7, 11)), ON_COUNTER):
-        draft.objects.put(model, 0, 0.015)
+    draft.fill(0, int(rng.integers(7, 11)), "on_counter", 0.015)
     count_neither_way(draft)
     add_clutter(draft, 0, cloths=int(rng.random() < 0.6), leaflets=int(rng.random() < 0.3))
     draft.waypoints = in_front(
@@ -166,7 +96,7 @@ def build_kitchen(draft: Draft) -> None:
 def _piles(draft: Draft) -> None:
     """Put one or two piles of packages on the counter."""
     for _ in range(int(draft.rng.integers(1, 3))):
-        first, second = draft.models(2, PILED[:3])
+        first, second = draft.models(2, "piled")
         below = draft.objects.put(first, 0, 0.02, within=0.9)
         if below is not None:
             draft.objects.put_on(second, below)
@@ -180,14 +110,16 @@ def build_bookshelf(draft: Draft) -> None:
     steps = rng.uniform(0.33, 0.4, 4)
     boards = 0.3 + np.concatenate([[0.0], np.cumsum(steps)])[:4]
     x, y = rng.uniform(-0.6, 0.6), ROOM_HALF_M - deep / 2 - 0.02
-    draft.add(made.shelf(rng, (wide, deep, boards[-1] + steps[-1]), boards.tolist()), shift((x, y, 0)))
+    draft.add(
+        draft.make("shelf", x=wide, y=deep, height=boards[-1] + steps[-1], boards=boards.tolist()), shift((x, y, 0))
+    )
     surfaces = tuple(
         Surface(f"board {k + 1}", float(h), np.array([x, y]), np.array([wide / 2, deep / 2]))
         for k, h in enumerate(boards)
     )
     draft.objects = Arrangement(surfaces, rng)
     for board, step in enumerate(steps):
-        for model in draft.models(int(rng.integers(9, 14)), IN_SHELF):
+        for model in draft.models(int(rng.integers(9, 14)), "in_shelf"):
             if float(model.mesh().vertices[:, 2].max()) < step - 0.025 - ABOVE_M:
                 angle = TO_ROOM + rng.uniform(-0.12, 0.12) * (
                     1 if "book" in model.name or model.name == "binder" else 4

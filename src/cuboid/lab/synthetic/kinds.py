@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TypedDict
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
-from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.containers import build_containers, build_sideboard
-from cuboid.lab.synthetic.draft import APART_M, SMALL, Draft, add_middle_table, add_room, circling, finish, on_floor
+from cuboid.lab.synthetic.draft import APART_M, Draft, add_middle_table, add_room, circling, finish, on_floor
 from cuboid.lab.synthetic.interiors import build_bookshelf, build_desk, build_kitchen
 from cuboid.lab.synthetic.looks import STYLES, dressed, materials_of
 from cuboid.lab.synthetic.mesh import shift, turn
@@ -31,8 +30,7 @@ def build_table(draft: Draft) -> None:
     """Build one table in the middle of a room; the camera moves around it."""
     add_room(draft)
     add_middle_table(draft)
-    for model in draft.models(int(draft.rng.integers(6, 10))):
-        draft.objects.put(model, 0, APART_M, within=0.9)
+    draft.fill(0, int(draft.rng.integers(6, 10)), "basic", APART_M, 0.9)
     path_table(draft)
 
 
@@ -45,8 +43,7 @@ def build_occluders(draft: Draft) -> None:
     """Build a table behind screens and large boxes, which the camera passes."""
     add_room(draft)
     add_middle_table(draft)
-    for model in draft.models(int(draft.rng.integers(6, 9))):
-        draft.objects.put(model, 0, APART_M, within=0.8)
+    draft.fill(0, int(draft.rng.integers(6, 9)), "basic", APART_M, 0.8)
     waypoints = circling(draft, 0, radius=2.0, height=draft.rng.uniform(1.25, 1.4), steady=True)
     draft.waypoints = waypoints
     angle = np.unwrap(np.arctan2(waypoints[:, 1], waypoints[:, 0]))
@@ -54,19 +51,17 @@ def build_occluders(draft: Draft) -> None:
         at = float(np.interp(fraction + draft.rng.uniform(-0.05, 0.05), np.linspace(0, 1, len(angle)), angle))
         place = turn(at) @ shift((draft.rng.uniform(1.02, 1.1), 0, 0)) @ turn(-np.pi / 2)
         if low:
-            size = (draft.rng.uniform(0.3, 0.4), 0.3, draft.rng.uniform(1.0, 1.1))
-            draft.add(made.crate(draft.rng, size), place, doubtful=True)
+            crate = draft.make("crate", x=draft.rng.uniform(0.3, 0.4), y=0.3, z=draft.rng.uniform(1.0, 1.1))
+            draft.add(crate, place, doubtful=True)
         else:
-            width = draft.rng.uniform(0.36, 0.5)
-            draft.add(made.screen(draft.rng, width, 1.3), place, doubtful=True)
+            draft.add(draft.make("screen", width=draft.rng.uniform(0.36, 0.5), height=1.3), place, doubtful=True)
 
 
 def build_leave(draft: Draft) -> None:
     """Build a table; the camera turns away from it for a second or more, and comes back."""
     add_room(draft)
     add_middle_table(draft)
-    for model in draft.models(int(draft.rng.integers(5, 9))):
-        draft.objects.put(model, 0, APART_M, within=0.85)
+    draft.fill(0, int(draft.rng.integers(5, 9)), "basic", APART_M, 0.85)
     path_leave(draft)
 
 
@@ -100,12 +95,11 @@ def build_tables(draft: Draft) -> None:
     ]
     draft.objects = Arrangement(tuple(surfaces), rng)
     table, low = surfaces[0], surfaces[1]
-    draft.add(made.table(rng, (1.24, 0.8, table.height_m)), on_floor(table))
-    draft.add(made.round_table(rng, 0.5, low.height_m), on_floor(low))
-    draft.add(made.shelf(rng, (1.1, 0.34, boards[1] + 0.02), boards), on_floor(surfaces[2]))
-    for surface, count, names in ((0, 5, tuple(MAKERS)), (1, 4, tuple(MAKERS)), (2, 2, SMALL), (3, 4, SMALL)):
-        for model in draft.models(count, names):
-            draft.objects.put(model, surface, APART_M, within=0.85)
+    draft.add(draft.make("table", x=1.24, y=0.8, height=table.height_m), on_floor(table))
+    draft.add(draft.make("round_table", radius=0.5, height=low.height_m), on_floor(low))
+    draft.add(draft.make("shelf", x=1.1, y=0.34, height=boards[1] + 0.02, boards=boards), on_floor(surfaces[2]))
+    for surface, count, names in ((0, 5, "basic"), (1, 4, "basic"), (2, 2, "small"), (3, 4, "small")):
+        draft.fill(surface, count, names, APART_M, 0.85)
     path_tables(draft)
 
 
@@ -151,17 +145,12 @@ def build_room(draft: Draft) -> None:
         Surface("floor", 0.0, np.array([0.75, -0.7]), np.array([0.55, 0.45])),
     )
     draft.objects = Arrangement(surfaces, rng)
-    draft.add(made.table(rng, (1.2, 0.76, surfaces[0].height_m)), on_floor(surfaces[0]))
-    draft.add(made.shelf(rng, (1.0, 0.34, board + 0.02), (0.35, board)), on_floor(surfaces[1]))
-    draft.add(made.sofa(rng), shift((-1.3, 0.9, 0)) @ turn(rng.uniform(-0.2, 0.2)), doubtful=True)
-    draft.add(made.chair(rng), shift((0.2, 1.45, 0)) @ turn(-np.pi / 2 + rng.uniform(-0.4, 0.4)), doubtful=True)
-    for surface, count, names in (
-        (0, 5, tuple(MAKERS)),
-        (1, 3, SMALL),
-        (2, 3, ("parcel", "ball", "hat_box", "plant")),
-    ):
-        for model in draft.models(count, names):
-            draft.objects.put(model, surface, APART_M, within=0.85)
+    draft.add(draft.make("table", x=1.2, y=0.76, height=surfaces[0].height_m), on_floor(surfaces[0]))
+    draft.add(draft.make("shelf", x=1.0, y=0.34, height=board + 0.02, boards=(0.35, board)), on_floor(surfaces[1]))
+    draft.add(draft.make("sofa"), shift((-1.3, 0.9, 0)) @ turn(rng.uniform(-0.2, 0.2)), doubtful=True)
+    draft.add(draft.make("chair"), shift((0.2, 1.45, 0)) @ turn(-np.pi / 2 + rng.uniform(-0.4, 0.4)), doubtful=True)
+    for surface, count, names in ((0, 5, "basic"), (1, 3, "small"), (2, 3, "on_floor_of_room")):
+        draft.fill(surface, count, names, APART_M, 0.85)
     path_room(draft)
 
 
@@ -171,57 +160,42 @@ def path_room(draft: Draft) -> None:
     draft.waypoints = np.concatenate([_curtain_first(tour[0]), tour])
 
 
+class Kind(NamedTuple):
+    """A kind of scene: its builder, the duration of its camera path, and the path of repeated visits."""
+
+    build: Builder
+    frames: int
+    way: Builder | None = None
+
+
 # The seed of a scene includes the position of its kind: append new kinds.
-KINDS: Mapping[str, Builder] = MappingProxyType(
+KINDS: Mapping[str, Kind] = MappingProxyType(
     {
-        "table": build_table,
-        "occluders": build_occluders,
-        "leave": build_leave,
-        "tables": build_tables,
-        "clutter": build_clutter,
-        "room": build_room,
-        "overhead": build_overhead,
-        "bin": build_bin,
-        "counter": build_counter,
-        "stacks": build_stacks,
-        "shelf": build_shelf,
-        "moving": build_moving,
-        "containers": build_containers,
-        "sideboard": build_sideboard,
-        "desk": build_desk,
-        "kitchen": build_kitchen,
-        "bookshelf": build_bookshelf,
-        "toybox": build_toybox,
-        "floor": build_floor,
-        "tray": build_tray,
-        "alone": build_alone,
+        "table": Kind(build_table, 160, path_table),
+        "occluders": Kind(build_occluders, 200),
+        "leave": Kind(build_leave, 220, path_leave),
+        "tables": Kind(build_tables, 360, path_tables),
+        "clutter": Kind(build_clutter, 160, path_table),
+        "room": Kind(build_room, 460, path_room),
+        "overhead": Kind(build_overhead, 90),
+        "bin": Kind(build_bin, 120),
+        "counter": Kind(build_counter, 120),
+        "stacks": Kind(build_stacks, 160),
+        "shelf": Kind(build_shelf, 120),
+        "moving": Kind(build_moving, 420),
+        "containers": Kind(build_containers, 160),
+        "sideboard": Kind(build_sideboard, 120),
+        "desk": Kind(build_desk, 160),
+        "kitchen": Kind(build_kitchen, 160),
+        "bookshelf": Kind(build_bookshelf, 140),
+        "toybox": Kind(build_toybox, 120),
+        "floor": Kind(build_floor, 160),
+        "tray": Kind(build_tray, 160),
+        "alone": Kind(build_alone, 140),
     }
 )
-# Camera paths for repeated visits of a place.
-WAYS: Mapping[str, Builder] = MappingProxyType(
-    {"table": path_table, "leave": path_leave, "tables": path_tables, "clutter": path_table, "room": path_room}
-)
-# Default number of frames: the duration of the kind's camera path.
-FRAMES: Mapping[str, int] = MappingProxyType(
-    {"table": 160, "occluders": 200, "leave": 220, "tables": 360, "clutter": 160, "room": 460}
-    | {
-        "overhead": 90,
-        "bin": 120,
-        "counter": 120,
-        "stacks": 160,
-        "shelf": 120,
-        "moving": 420,
-        "containers": 160,
-        "sideboard": 120,
-        "desk": 160,
-        "kitchen": 160,
-        "bookshelf": 140,
-        "toybox": 120,
-        "floor": 160,
-        "tray": 160,
-        "alone": 140,
-    }
-)
+WAYS: Mapping[str, Builder] = MappingProxyType({name: kind.way for name, kind in KINDS.items() if kind.way})
+FRAMES: Mapping[str, int] = MappingProxyType({name: kind.frames for name, kind in KINDS.items()})
 
 
 class SceneOptions(TypedDict, total=False):
@@ -274,7 +248,7 @@ def make_scene(
     drawn = tuple(CAMERAS)[int(rng.integers(len(CAMERAS)))]
     T_world_room, focal = random_motion(rng), float(rng.uniform(525, 600))
     draft = Draft(rng, frames or FRAMES[kind], camera or drawn, meshes, [], Arrangement((), rng), np.empty((0, 6)))
-    KINDS[kind](draft)
+    KINDS[kind].build(draft)
     scene = finish(draft, f"synthetic {kind} {seed}", kind, seed, T_world_room, focal)
     return scene if style == "plain" else dressed(scene, seed, materials_of(meshes))
 

@@ -10,14 +10,11 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry.se3 import inverse
 from cuboid.lab.synthetic.agents import hand, hand_agents, walker
-from cuboid.lab.synthetic.containers import open_walls
 from cuboid.lab.synthetic.draft import Draft, add_middle_table, add_room, circling
 from cuboid.lab.synthetic.footprint import hull, smallest_rectangle
-from cuboid.lab.synthetic.material import CARD, Material, Texture
-from cuboid.lab.synthetic.mesh import box, shift, turn
+from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.paths import STILL, around, smooth_noise
 from cuboid.lab.synthetic.scene import FRAMES_PER_S, Agent, Furniture, SceneEvent, SceneObject
-from cuboid.lab.synthetic.shapes import Model
 
 # Gap between objects, wide enough for a finger, metres.
 GAP_M = 0.07
@@ -182,11 +179,20 @@ class _Story:
 
     def lift(self) -> None:
         """Lift an object and put it elsewhere."""
+        self._move(0.0)
+
+    def push(self) -> None:
+        """Push an object over the table without lifting it."""
+        self._move(0.25)
+
+    def _move(self, near_m: float) -> None:
+        """Move an object: over the table to a place within `near_m`, or lifted to any place if that is 0."""
         body = self._free_thing()
-        T = None if body is None else self._spot(body)
+        T = None if body is None else self._spot(body, near_m)
         if body is not None and T is not None:
             start = self._now[body.id]
-            self._happened("moved", body, self._carry(body, T, self._clearance(body, T[:2, 3])), start, T)
+            height_m = 0.0 if near_m else self._clearance(body, T[:2, 3])
+            self._happened("moved", body, self._carry(body, T, height_m), start, T)
 
     def put_back(self) -> None:
         """Lift an object and put it back in its place, which is no event."""
@@ -194,14 +200,6 @@ class _Story:
         if body is not None:
             off = shift((*self._rng.uniform(-SAME_PLACE_M, SAME_PLACE_M, 2) / 2, 0.0))
             self._carry(body, off @ self._now[body.id], self._rng.uniform(0.1, 0.2))
-
-    def push(self) -> None:
-        """Push an object over the table without lifting it."""
-        body = self._free_thing()
-        T = None if body is None else self._spot(body, near_m=0.25)
-        if body is not None and T is not None:
-            start = self._now[body.id]
-            self._happened("moved", body, self._carry(body, T, 0.0), start, T)
 
     def take_and_bring_back(self) -> None:
         """Take an object out of the scene, and bring it back to another place."""
@@ -218,7 +216,7 @@ class _Story:
 
     def bring(self) -> None:
         """Bring a new object into the scene."""
-        model = self._draft.models(1, ("can", "mug", "jar", "milk", "carton", "bottle"))[0]
+        model = self._draft.models(1, "brought")[0]
         body = self._draft.objects.put(model, 0, GAP_M, 0.85)
         if body is not None:
             T = body.T_room_model
@@ -317,23 +315,14 @@ def _hand_path(keys: Float64Array, frames: int, rng: np.random.Generator) -> tup
     return poses, values[:, 4]
 
 
-def open_box(rng: np.random.Generator) -> Model:
-    """Return a cardboard box without a lid."""
-    x, y, z = OPEN_BOX_M
-    look = Material(*CARD, Texture.MARBLE, 0.04)
-    walls = open_walls((x - 2 * WALL_M, y - 2 * WALL_M, z - WALL_M), WALL_M, WALL_M)
-    return Model(OPEN_BOX, tuple((wall, look) for wall in walls))
-
-
 def build_moving(draft: Draft) -> None:
     """Build a table at which a hand moves objects; the camera is carried or, for half of the seeds, fixed."""
     rng = draft.rng
     add_room(draft)
     add_middle_table(draft)
     if rng.random() < 0.4:
-        draft.objects.put(open_box(rng), 0, GAP_M, 0.6)
-    for model in draft.models(int(rng.integers(5, 8))):
-        draft.objects.put(model, 0, GAP_M, 0.85)
+        draft.objects.put(draft.make("open_card_box", size=OPEN_BOX_M, wall=WALL_M), 0, GAP_M, 0.6)
+    draft.fill(0, int(rng.integers(5, 8)), "basic", GAP_M, 0.85)
     bearing = _place_camera(draft)
     top = draft.objects.surfaces[0]
     aside = bearing + (1 if rng.random() < 0.5 else -1) * rng.uniform(1.2, 1.9)
@@ -390,7 +379,7 @@ def _add_door(draft: Draft, bearing: float) -> None:
     side = np.round((bearing + np.pi) / (np.pi / 2)) * np.pi / 2
     wall = max(float(np.abs(body.T_room_model[:2, 3]).max(initial=0.0)) for body in draft.furniture)
     hinge = turn(side) @ shift((wall - 0.08, rng.uniform(-0.9, 0.1), 0))
-    panel = Model("door", ((box((0.04, 0.85, 2.0), (0, 0.425, 0)), Material((0.62, 0.45, 0.3), shine=0.2)),))
+    panel = draft.make("panel")
     first = int(rng.uniform(0.2, 0.7) * frames)
     part = np.clip((np.arange(frames) - first) / OPENED_FRAMES, 0.0, 1.0)
     path = np.array([hinge @ turn(OPENED_RAD * (3 - 2 * p) * p * p) for p in part])

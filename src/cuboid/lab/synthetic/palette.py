@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
 from cuboid.lab.synthetic.material import CARD, WOODS, Color, Layer, Material, Texture, Zone
-
-_T = TypeVar("_T")
+from cuboid.lab.synthetic.shapes import choice
 
 # Minimum difference of two contrasting colors (mean over the channels).
 CONTRAST = 0.22
@@ -50,14 +48,14 @@ def tint(rng: np.random.Generator) -> Color:
     """Draw a color: white, dark, grey, brown, pastel or strong."""
     kind = rng.random()
     if kind < 0.24:
-        return _one(rng, WHITES)
+        return choice(rng, WHITES)
     if kind < 0.36:
-        return _one(rng, DARKS)
+        return choice(rng, DARKS)
     if kind < 0.43:
         grey = float(rng.uniform(0.3, 0.7))
         return grey, grey, grey * 1.02
     if kind < 0.53:
-        return near(rng, _one(rng, EARTHS), 0.06)
+        return near(rng, choice(rng, EARTHS), 0.06)
     strong = kind > 0.72
     value = rng.uniform(0.35, 0.9) if strong else rng.uniform(0.65, 0.95)
     saturation = rng.uniform(0.55, 0.95) if strong else rng.uniform(0.12, 0.45)
@@ -96,7 +94,7 @@ def object_material(rng: np.random.Generator, extent: Extent, color: Color | Non
         layers.append(_logo(rng, look.color, extent))
     if extent.round and rng.random() < 0.4:
         floor_m = extent.at(0.3)
-        inside = contrasting(rng, look.color) if rng.random() < 0.6 else _one(rng, WHITES)
+        inside = contrasting(rng, look.color) if rng.random() < 0.6 else choice(rng, WHITES)
         layers.append(Layer(inside, inside, zone=Zone.INSIDE, extent=(floor_m, 0, 0, 0)))
     if rng.random() < 0.25:
         layers.append(wear(rng, look.color, 0.03))
@@ -125,7 +123,7 @@ def _all_over(*textures: Texture, low_m: float, high_m: float) -> Recipe:
     """Return a recipe with one of several textures all over the body; `low_m` and `high_m` limit its scale."""
 
     def draw(rng: np.random.Generator, color: Color, extent: Extent) -> Material:
-        texture = textures[int(rng.integers(len(textures)))]
+        texture = choice(rng, textures)
         return Material(color, contrasting(rng, color), texture, float(rng.uniform(low_m, high_m)))
 
     return draw
@@ -137,7 +135,7 @@ def _zones(rng: np.random.Generator, color: Color, extent: Extent) -> Material:
     layers, above = [], color
     for end in ends:
         above = contrasting(rng, above)
-        texture = (Texture.PLAIN, Texture.PLAIN, Texture.DOTS, Texture.ZIGZAG)[int(rng.integers(4))]
+        texture = choice(rng, (Texture.PLAIN, Texture.PLAIN, Texture.DOTS, Texture.ZIGZAG))
         layers.append(_band(above, contrasting(rng, above), texture, rng.uniform(0.008, 0.02), extent.at(end), 1e3))
     return Material(color, color, layers=tuple(layers))
 
@@ -177,11 +175,11 @@ def _label(rng: np.random.Generator, color: Color, extent: Extent) -> Material:
 def _packaging(rng: np.random.Generator, color: Color, extent: Extent) -> Material:
     """A box printed all over, with a picture and a title on its sides and its top."""
     picture, ink = contrasting(rng, color), contrasting(rng, color)
-    texture = (Texture.FLOWERS, Texture.VEINS, Texture.DOTS, Texture.BLOTCHES)[int(rng.integers(4))]
+    texture = choice(rng, (Texture.FLOWERS, Texture.VEINS, Texture.DOTS, Texture.BLOTCHES))
     x, y = extent.half
     z = extent.high - extent.low
     wide, high = rng.uniform(0.4, 0.85) * x, rng.uniform(0.15, 0.3) * z
-    zone = (Zone.LABEL, Zone.ROUND_LABEL)[int(rng.integers(2))]
+    zone = choice(rng, (Zone.LABEL, Zone.ROUND_LABEL))
     place = (float(rng.uniform(-0.3, 0.3) * x), extent.at(rng.uniform(0.3, 0.7)), float(wide), float(high))
     layers = [
         Layer(picture, contrasting(rng, picture), texture, float(rng.uniform(0.01, 0.03)), zone, place),
@@ -194,7 +192,7 @@ def _packaging(rng: np.random.Generator, color: Color, extent: Extent) -> Materi
 
 def _cardboard(rng: np.random.Generator, color: Color, extent: Extent) -> Material:
     """Cardboard with a printed sticker."""
-    paper = _one(rng, WHITES)
+    paper = choice(rng, WHITES)
     place = (0.0, extent.at(0.55), 0.5 * extent.half[0], 0.25 * (extent.high - extent.low))
     sticker = Layer(paper, DARKS[0], Texture.PRINT, float(rng.uniform(0.004, 0.008)), Zone.LABEL, place)
     mark = Layer(DARKS[0], CARD[0], Texture.PRINT, 0.012, Zone.BAND, (extent.low, extent.at(0.2), 0, 0), 0.7)
@@ -203,24 +201,20 @@ def _cardboard(rng: np.random.Generator, color: Color, extent: Extent) -> Materi
 
 
 def _woody(rng: np.random.Generator, color: Color, extent: Extent) -> Material:
-    return Material(*_one(rng, WOODS), Texture.GRAIN, float(rng.uniform(0.012, 0.04)))
+    return Material(*choice(rng, WOODS), Texture.GRAIN, float(rng.uniform(0.012, 0.04)))
 
 
 def _logo(rng: np.random.Generator, color: Color, extent: Extent) -> Layer:
     ground = contrasting(rng, color)
     size = rng.uniform(0.25, 0.55) * min(max(extent.half), 0.5 * (extent.high - extent.low) + 1e-3)
-    texture = (Texture.PLAIN, Texture.PRINT, Texture.VEINS)[int(rng.integers(3))]
-    zone = (Zone.LABEL, Zone.ROUND_LABEL)[int(rng.integers(2))]
+    texture = choice(rng, (Texture.PLAIN, Texture.PRINT, Texture.VEINS))
+    zone = choice(rng, (Zone.LABEL, Zone.ROUND_LABEL))
     place = (float(rng.uniform(-0.05, 0.05)), extent.at(rng.uniform(0.35, 0.65)), float(size), float(size * 0.8))
     return Layer(ground, contrasting(rng, ground), texture, float(rng.uniform(0.005, 0.012)), zone, place)
 
 
 def _band(color: Color, second: Color, texture: Texture, scale_m: float, low_m: float, high_m: float) -> Layer:
     return Layer(color, second, texture, float(scale_m), Zone.BAND, (float(low_m), float(high_m), 0.0, 0.0))
-
-
-def _one(rng: np.random.Generator, of: Sequence[_T]) -> _T:
-    return of[int(rng.integers(len(of)))]
 
 
 _SPECKLED = _all_over(Texture.DOTS, Texture.SPECKLE, Texture.TERRAZZO, low_m=0.006, high_m=0.02)

@@ -48,13 +48,7 @@ class Arrangement:
         `within` is the fraction of the surface, around its middle, where the model's centre may lie; `number` is the
         object's id, by default the next one. Returns None if there is no room.
         """
-        model = turned(model, self._rng.uniform(0, 2 * np.pi))
-        outline = hull(model.mesh().vertices[:, :2])
-        for _ in range(TRIES):
-            place = self.surfaces[surface].at(*(within * self._rng.uniform(-1, 1, 2)))
-            if self._free(outline + place, surface, gap):
-                return self._add(model, place, surface, number=number)
-        return None
+        return self.put_near(model, surface, gap, (0.0, 0.0), (within, within), number=number)
 
     def take(self, number: int) -> SceneObject:
         """Remove an object and return it."""
@@ -85,6 +79,7 @@ class Arrangement:
         place: tuple[float, float],
         spread: tuple[float, float],
         angle_rad: float | None = None,
+        number: int | None = None,
     ) -> SceneObject | None:
         """Put a model near a place, at least `gap` metres from all others.
 
@@ -96,7 +91,7 @@ class Arrangement:
         for _ in range(TRIES):
             point = self.surfaces[surface].at(*(place + self._rng.uniform(-1, 1, 2) * spread))
             if self._free(outline + point, surface, gap):
-                return self._add(model, point, surface)
+                return self._add(model, point, surface, number=number)
         return None
 
     def outlines(self, surface: int) -> list[Float64Array]:

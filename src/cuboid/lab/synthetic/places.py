@@ -6,20 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.ground.arrays import Float64Array
-from cuboid.lab.synthetic import furniture as made
-from cuboid.lab.synthetic.draft import SMALL, Draft, add_middle_table, add_room, circling, on_floor
-from cuboid.lab.synthetic.material import Material, Texture, two_paints
-from cuboid.lab.synthetic.mesh import Mesh, box, shift
+from cuboid.lab.synthetic.draft import Draft, add_middle_table, add_room, circling, on_floor
+from cuboid.lab.synthetic.mesh import shift
 from cuboid.lab.synthetic.paths import STILL
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.scene import SceneObject, Surface
 from cuboid.lab.synthetic.shapes import Model
-
-# Thickness of the walls of a tote, metres.
-TOTE_WALL_M = 0.012
-# Upright objects on a counter.
-UPRIGHT = ("bottle", "milk", "carton", "can", "jar", "mug")
 
 
 def build_overhead(draft: Draft) -> None:
@@ -27,8 +19,7 @@ def build_overhead(draft: Draft) -> None:
     rng = draft.rng
     add_room(draft)
     add_middle_table(draft)
-    for model in draft.models(int(rng.integers(5, 9)), SMALL):
-        draft.objects.put(model, 0, 0.04, within=0.6)
+    draft.fill(0, int(rng.integers(5, 9)), "small", 0.04, 0.6)
     top = draft.objects.surfaces[0]
     aim = np.array([*top.at(*rng.uniform(-0.35, 0.35, 2)), top.height_m])
     eye = aim + np.array([*rng.uniform(-0.12, 0.12, 2), rng.uniform(0.75, 1.05)])
@@ -42,15 +33,12 @@ def build_bin(draft: Draft) -> None:
     add_room(draft)
     half, height = np.array([rng.uniform(0.24, 0.3), rng.uniform(0.17, 0.2)]), rng.uniform(0.14, 0.2)
     floor_m = 0.42
-    draft.add(made.crate(rng, (0.9, 0.7, floor_m - 0.01)), np.eye(4), doubtful=True)
-    draft.add(
-        Model("tote", tuple((part, _plastic(rng)) for part in _tote(half, height))), shift((0, 0, floor_m - 0.01))
-    )
+    draft.add(draft.make("crate", x=0.9, y=0.7, z=floor_m - 0.01), np.eye(4), doubtful=True)
+    draft.add(draft.make("tote", half=half, height=height), shift((0, 0, floor_m - 0.01)))
     draft.objects = Arrangement((Surface("tote", floor_m, np.zeros(2), half),), rng)
-    names = ("can", "mug", "jar", "ball", "bowl", "carton", "parcel")
-    first = draft.objects.put(draft.models(1, names)[0], 0, 0.02, within=0.3)
+    first = draft.objects.put(draft.models(1, "in_tote")[0], 0, 0.02, within=0.3)
     assert first is not None, "an empty tote has room"
-    for number, model in enumerate(draft.models(7, names)):
+    for number, model in enumerate(draft.models(7, "in_tote")):
         for k in rng.permutation(len(draft.objects.objects)):
             if draft.objects.put_beside(model, draft.objects.objects[int(k)], 0.0 if number % 2 else 0.01, 0.004):
                 break
@@ -64,10 +52,9 @@ def build_counter(draft: Draft) -> None:
     add_room(draft, half=half_m)
     height, deep, long = rng.uniform(0.86, 0.94), rng.uniform(0.26, 0.31), rng.uniform(0.9, 1.3)
     surface = Surface("counter", height, np.array([0.0, half_m - deep - 0.01]), np.array([long, deep]))
-    draft.add(made.crate(rng, (2 * long, 2 * deep, height)), on_floor(surface))
+    draft.add(draft.make("crate", x=2 * long, y=2 * deep, z=height), on_floor(surface))
     draft.objects = Arrangement((surface,), rng)
-    for model in draft.models(int(rng.integers(6, 10)), UPRIGHT):
-        draft.objects.put(model, 0, 0.05, within=0.95)
+    draft.fill(0, int(rng.integers(6, 10)), "upright", 0.05, 0.95)
     far = rng.uniform(2.0, 3.2)
     middle = np.array([*surface.center, height + 0.1])
     along = np.linspace(-0.8, 0.8, 9) * (1 if rng.random() < 0.5 else -1)
@@ -84,15 +71,14 @@ def build_shelf(draft: Draft) -> None:
     low, high = rng.uniform(0.7, 0.85), rng.uniform(0.36, 0.42)
     boards = (low, low + high)
     y = half_m - deep / 2 - 0.02
-    draft.add(made.bay(rng, (wide, deep, low + 2 * high), boards), shift((0, y, 0)))
+    draft.add(draft.make("bay", x=wide, y=deep, height=low + 2 * high, boards=boards), shift((0, y, 0)))
     surfaces = tuple(
         Surface(f"compartment {k + 1}", board, np.array([side * wide / 4, y]), np.array([wide / 4 - 0.02, deep / 2]))
         for k, (board, side) in enumerate((board, side) for board in boards for side in (-1, 1))
     )
     draft.objects = Arrangement(surfaces, rng)
     for surface in range(len(surfaces)):
-        for model in draft.models(int(rng.integers(2, 4)), (*SMALL, "book", "parcel")):
-            draft.objects.put(model, surface, 0.02, within=0.9)
+        draft.fill(surface, int(rng.integers(2, 4)), "small_and_flat", 0.02, 0.9)
     middle = np.array([0.0, y, low + high / 2])
     along = np.linspace(-0.4, 0.4, 9) * (1 if rng.random() < 0.5 else -1)
     eyes = middle + np.column_stack([along, np.full(9, -rng.uniform(0.8, 1.0)), rng.uniform(0.1, 0.35, 9)])
@@ -110,8 +96,9 @@ def build_stacks(draft: Draft) -> None:
         if number % 2 == 0:
             _pile(draft, place, [books[int(k)] for k in rng.permutation(3)[: int(rng.integers(2, 4))]])
         else:
-            size = rng.uniform(0.1, 0.18, 2)
-            _pile(draft, place, [_block(rng, (*size, rng.uniform(0.06, 0.12))) for _ in range(2)])
+            x, y = rng.uniform(0.1, 0.18, 2)
+            blocks = [draft.make("flush_block", x=x, y=y, z=rng.uniform(0.06, 0.12)) for _ in range(2)]
+            _pile(draft, place, blocks)
     draft.waypoints = circling(draft, 0, radius=rng.uniform(0.95, 1.2))
 
 
@@ -120,23 +107,3 @@ def _pile(draft: Draft, place: tuple[float, float], models: Sequence[Model]) -> 
     below: SceneObject = draft.objects.put_at(models[0], 0, place)
     for model in models[1:]:
         below = draft.objects.put_on(model, below)
-
-
-def _block(rng: np.random.Generator, size: Sequence[float]) -> Model:
-    color, _ = two_paints(rng)
-    return Model("block", ((box(tuple(size)), Material(color, color, Texture.MARBLE, 0.05, 0.1)),))
-
-
-def _plastic(rng: np.random.Generator) -> Material:
-    grey = float(rng.uniform(0.75, 0.9))
-    return Material((grey, grey, grey), (0.96 * grey, 0.96 * grey, 0.98 * grey), Texture.MARBLE, 0.3, 0.3)
-
-
-def _tote(half: Float64Array, height_m: float) -> list[Mesh]:
-    """Return floor and walls of a tote; `half` (2,) is half of its inner length and width."""
-    x, y = half + TOTE_WALL_M
-    walls = [box((2 * x, 2 * y, 0.01))]
-    for sign in (-1, 1):
-        walls.append(box((TOTE_WALL_M, 2 * y, height_m), (sign * (half[0] + TOTE_WALL_M / 2), 0, 0)))
-        walls.append(box((2 * x, TOTE_WALL_M, height_m), (0, sign * (half[1] + TOTE_WALL_M / 2), 0)))
-    return walls

@@ -4,72 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.lab.synthetic import furniture as made
 from cuboid.lab.synthetic.clutter import add_cables, add_clutter, add_papers
 from cuboid.lab.synthetic.draft import Draft, add_middle_table, circling
-from cuboid.lab.synthetic.material import Material
 from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.rooms import add_home, add_plain_room, count_neither_way
 from cuboid.lab.synthetic.scene import SceneObject, Surface
-from cuboid.lab.synthetic.shapes import turned
-from cuboid.lab.synthetic.shapes.model import Model, choice
-from cuboid.lab.synthetic.shapes.tableware import PLATE_FLAT, PLATE_FLOOR_M, TRAY_FLOOR_M, tray_of
-from cuboid.lab.synthetic.shapes.toys import TOYS
-from cuboid.lab.synthetic.solids import hollow, rounded_rectangle, swept
+from cuboid.lab.synthetic.shapes import Model, build, choice, turned
+from cuboid.lab.synthetic.shapes.table import PLATE_FLAT, PLATE_FLOOR_M, TRAY_FLOOR_M
 
 # Walls and floor of a toy box, metres.
 BOX_WALL_M, BOX_FLOOR_M = 0.005, 0.006
 # Gap between things on a tray or a plate, and to its rim, metres.
 TRAY_GAP_M = 0.006
-ON_FLOOR = (
-    *("bear", "car", "truck", "block_tower", "ring_tower", "sand_bucket", "plain_ball", "duck", "shoe", "backpack"),
-    *("handbag", "paper_bag", "cushion", "waste_basket", "open_carton", "paperback", "woolly_hat", "basket", "towel"),
-)
-ON_TRAY = (
-    "mug",
-    "glass",
-    "plate",
-    "jug",
-    "apple",
-    "pear",
-    "coffee_pot",
-    "teapot",
-    "can",
-    "pepper_mill",
-    "bowl",
-    "spoon",
-)
-ON_PLATE = ("apple", "pear", "glass", "mug")
-BESIDE_TRAY = ("fork", "knife", "spoon", "glass", "mug", "meal", "jug", "banana", "bread", "bottle", "milk", "bowl")
-SINGLE = (
-    *(
-        "bowl",
-        "bowl",
-        "jug",
-        "plate",
-        "teapot",
-        "apple",
-        "leafy_plant",
-        "bear",
-        "shoe",
-        "telephone",
-        "banana",
-        "kettle",
-    ),
-    *(
-        "spray_bottle",
-        "headphones",
-        "scissors",
-        "glass",
-        "paperback",
-        "handbag",
-        "laptop",
-        "car",
-        "watering_can",
-        "tray",
-    ),
-)
 
 
 def build_toybox(draft: Draft) -> None:
@@ -78,14 +25,11 @@ def build_toybox(draft: Draft) -> None:
     color = add_plain_room(draft)
     half = np.array([rng.uniform(0.25, 0.34), rng.uniform(0.19, 0.25)])
     height = float(rng.uniform(0.14, 0.24))
-    outline = rounded_rectangle(2, 2 * half[1] / half[0], 0.12)
-    long = half[0] + BOX_WALL_M
-    walls = hollow([(long, 0), (long * 1.05, height - 0.01), (long * 1.05 + 0.012, height)], BOX_WALL_M, BOX_FLOOR_M)
-    body = Model("toy box", ((swept(outline, walls), Material(color, shine=0.2)),))
+    body = draft.make("toy_box", half=half, height=height, color=color, wall=BOX_WALL_M, floor=BOX_FLOOR_M)
     angle = rng.uniform(0, np.pi)
     draft.add(body, turn(angle))
     draft.objects = Arrangement((Surface("toy box", BOX_FLOOR_M, np.zeros(2), half, angle),), rng)
-    for number, model in enumerate(draft.models(14, tuple(TOYS))):
+    for number, model in enumerate(draft.models(14, "toys")):
         alone = [one for one in draft.objects.objects if not one.touches]
         if number % 4 != 3 or not alone:
             draft.objects.put(model, 0, rng.uniform(0.004, 0.015))
@@ -101,7 +45,7 @@ def build_floor(draft: Draft) -> None:
     add_plain_room(draft)
     half = np.array([rng.uniform(0.9, 1.2), rng.uniform(0.6, 0.8)])
     draft.objects = Arrangement((Surface("floor", 0.0, np.array([0.0, 0.5]), half),), rng)
-    for model in draft.models(int(rng.integers(9, 14)), ON_FLOOR):
+    for model in draft.models(int(rng.integers(9, 14)), "on_floor"):
         placed = draft.objects.put(model, 0, 0.06)
         if placed is not None and placed.model.name == "shoe":
             draft.objects.put_beside(Model("shoe", model.parts), placed, 0.03, 0.06)
@@ -109,7 +53,7 @@ def build_floor(draft: Draft) -> None:
     add_clutter(draft, 0, cloths=int(rng.integers(0, 3)), leaflets=int(rng.integers(0, 2)))
     add_papers(draft, 0, int(rng.integers(0, 3)))
     add_cables(draft, 0, int(rng.integers(0, 3)))
-    seat = choice(rng, (made.stool, made.chair, made.office_chair))(rng)
+    seat = draft.make(choice(rng, ("stool", "chair", "office_chair")))
     draft.add(seat, shift((rng.uniform(-0.8, 0.8), 0.5 + half[1] + 0.4, 0)) @ turn(rng.uniform(0, 6)), doubtful=True)
     side = choice(rng, (-1, 1))
     along = side * np.linspace(-1.0, 1.0, 9)
@@ -129,8 +73,7 @@ def build_tray(draft: Draft) -> None:
         plate = draft.objects.put(draft.models(1, ("plate",))[0], 0, 0.03, within=0.85)
         if plate is not None:
             _filled_plate(draft, plate)
-    for model in draft.models(int(rng.integers(4, 8)), BESIDE_TRAY):
-        draft.objects.put(model, 0, 0.025, within=0.9)
+    draft.fill(0, int(rng.integers(4, 8)), "beside_tray", 0.025, 0.9)
     add_clutter(draft, 0, cloths=int(rng.random() < 0.5))
     top = draft.objects.surfaces[0].height_m
     draft.waypoints = circling(draft, 0, radius=rng.uniform(0.8, 1.05), height=top + rng.uniform(0.55, 0.85))
@@ -141,12 +84,12 @@ def _filled_tray(draft: Draft, place: tuple[float, float]) -> None:
     rng = draft.rng
     x, y = rng.uniform(0.34, 0.44), rng.uniform(0.25, 0.3)
     angle = rng.uniform(0, np.pi)
-    tray = draft.objects.put_near(turned(tray_of(rng, x, y), angle), 0, 0.03, place, (0.1, 0.1), 0.0)
+    tray = draft.objects.put_near(turned(build("tray", rng, x=x, y=y), angle), 0, 0.03, place, (0.1, 0.1), 0.0)
     if tray is None:
         return
     inner = (x / 2 - 0.02) * np.array([1.0, y / x])
     floor = Surface("tray", _height(draft) + TRAY_FLOOR_M, tray.T_room_model[:2, 3], inner, angle)
-    for model in draft.models(int(rng.integers(3, 6)), ON_TRAY):
+    for model in draft.models(int(rng.integers(3, 6)), "on_tray"):
         draft.objects.put_in(model, tray, floor, TRAY_GAP_M)
 
 
@@ -155,7 +98,7 @@ def _filled_plate(draft: Draft, plate: SceneObject) -> None:
     radius = PLATE_FLAT * float(np.ptp(plate.model.mesh().vertices[:, 0])) / 2
     middle = plate.T_room_model[:2, 3]
     floor = Surface("plate", _height(draft) + PLATE_FLOOR_M, middle, np.full(2, radius), round=True)
-    for model in draft.models(int(draft.rng.integers(1, 4)), ON_PLATE):
+    for model in draft.models(int(draft.rng.integers(1, 4)), "on_plate"):
         draft.objects.put_in(model, plate, floor, 0.002)
 
 
@@ -168,6 +111,5 @@ def build_alone(draft: Draft) -> None:
     rng = draft.rng
     add_home(draft)
     add_middle_table(draft)
-    for model in draft.models(int(rng.integers(1, 4)), SINGLE):
-        draft.objects.put(model, 0, 0.12, within=0.6)
+    draft.fill(0, int(rng.integers(1, 4)), "single", 0.12, 0.6)
     draft.waypoints = circling(draft, 0, radius=rng.uniform(0.85, 1.2))

@@ -41,7 +41,7 @@ from cuboid.lab.synthetic.faults import named, spoil
 from cuboid.lab.synthetic.paths import POSE_NOISES
 from cuboid.lab.synthetic.raycast import EXTRA, MODULES
 from cuboid.lab.synthetic.rigs import document, name_of, of_camera
-from cuboid.lab.synthetic.scene import FRAMES_PER_S, Scene
+from cuboid.lab.synthetic.scene import FRAMES_PER_S, Scene, SceneObject
 from cuboid.lab.synthetic.sensors import SENSORS
 from cuboid.lab.synthetic.view import Rendered, SceneView
 from cuboid.results.files.text import LENGTH, number
@@ -198,16 +198,14 @@ def render_recording(
             first, seen = cameras[0]
             spoil(first, faults, seen.frames, np.random.default_rng([scene.seed, 3]))
         folder.commit()
-    return Shown(
-        {
-            body.id: int((np.array([one.fractions[k] for one in done]) >= truth.SHOWN_FRACTION).sum())
-            for k, body in enumerate(scene.objects)
-        },
-        {
-            body.id: int((np.array([one.empty[k] for one in done]) >= truth.SHOWN_FRACTION).sum())
-            for k, body in enumerate(scene.ghosts)
-        },
-    )
+    empty = np.array([one.empty for one in done])
+    return Shown(_frames_shown(scene.objects, fractions), _frames_shown(scene.ghosts, empty))
+
+
+def _frames_shown(bodies: Sequence[SceneObject], fractions: Float64Array) -> dict[int, int]:
+    """Return by id the number of frames that show a sufficient fraction (N, M) of each body."""
+    counts = (fractions >= truth.SHOWN_FRACTION).sum(axis=0).tolist()
+    return {body.id: count for body, count in zip(bodies, counts, strict=True)}
 
 
 def _cameras(scene: Scene, folder: Path) -> list[tuple[Path, Scene]]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from cuboid.lab.synthetic.material import WOODS, Color, Layer, Material, Texture, Zone
 from cuboid.lab.synthetic.palette import DARKS, WHITES, Extent, contrasting, near, tint, wear
+from cuboid.lab.synthetic.shapes import choice
 
 # Smallest top on which sheets of paper and mats lie: half its shorter side, metres.
 SHEETS_ON_M = 0.15
@@ -34,12 +35,12 @@ def floor(rng: np.random.Generator) -> Material:
 
 def wall(rng: np.random.Generator) -> Material:
     """Draw paint, wallpaper, bricks or boards."""
-    color = near(rng, WHITES[int(rng.integers(len(WHITES)))], 0.06) if rng.random() < 0.5 else _muted(rng)
+    color = near(rng, choice(rng, WHITES), 0.06) if rng.random() < 0.5 else _muted(rng)
     kind = rng.random()
     if kind < 0.5:
         return Material(color, color, layers=(replace(wear(rng, color, 0.4), opacity=float(rng.uniform(0.05, 0.3))),))
     if kind < 0.8:
-        texture = (Texture.STRIPED_CLOTH, Texture.FLOWERS, Texture.ZIGZAG)[int(rng.integers(3))]
+        texture = choice(rng, (Texture.STRIPED_CLOTH, Texture.FLOWERS, Texture.ZIGZAG))
         return Material(color, near(rng, color, 0.18), texture, float(rng.uniform(0.06, 0.15)))
     if kind < 0.9:
         return Material(near(rng, (0.58, 0.34, 0.27), 0.12), (0.72, 0.7, 0.66), Texture.BRICKS, 0.075, grain=0.3)
@@ -49,8 +50,7 @@ def wall(rng: np.random.Generator) -> Material:
 def picture(rng: np.random.Generator) -> Material:
     """Draw a picture or a poster."""
     color = tint(rng)
-    textures = Texture.BLOTCHES, Texture.VEINS, Texture.PRINT, Texture.FLOWERS, Texture.ZIGZAG
-    texture = textures[int(rng.integers(len(textures)))]
+    texture = choice(rng, (Texture.BLOTCHES, Texture.VEINS, Texture.PRINT, Texture.FLOWERS, Texture.ZIGZAG))
     other = contrasting(rng, color)
     place = (0.0, float(rng.uniform(1.3, 1.5)), float(rng.uniform(0.05, 0.2)), float(rng.uniform(0.05, 0.15)))
     figure = Layer(other, contrasting(rng, other), Texture.VEINS, 0.05, Zone.ROUND_LABEL, place)
@@ -61,14 +61,15 @@ def cloth(rng: np.random.Generator) -> Material:
     """Draw the cloth of a sofa or a curtain."""
     color = tint(rng)
     other = contrasting(rng, color) if rng.random() < 0.5 else near(rng, color, 0.2)
-    textures = Texture.STRIPED_CLOTH, Texture.CHECKED_CLOTH, Texture.FLOWERS, Texture.CARPET, Texture.BLOTCHES
-    texture = textures[int(rng.integers(len(textures)))]
+    texture = choice(
+        rng, (Texture.STRIPED_CLOTH, Texture.CHECKED_CLOTH, Texture.FLOWERS, Texture.CARPET, Texture.BLOTCHES)
+    )
     return Material(color, other, texture, float(rng.uniform(0.03, 0.1)), grain=0.25)
 
 
 def top(rng: np.random.Generator, extent: Extent) -> Material:
     """Draw a table top or a board: wood, tablecloth, stone, worn paint or laminate, often with sheets or mats on it."""
-    look = _TOPS[int(rng.integers(len(_TOPS)))](rng)
+    look = choice(rng, _TOPS)(rng)
     layers: list[Layer] = []
     if rng.random() < 0.25:
         layers.append(wear(rng, look.color, 0.15))
@@ -88,10 +89,9 @@ def frame(rng: np.random.Generator) -> Material:
 def _sheet(rng: np.random.Generator, color: Color, extent: Extent) -> Layer:
     """Draw a mat, a newspaper, a stain or a napkin that lies on a top, without height."""
     ground = contrasting(rng, color)
-    textures = Texture.PRINT, Texture.PLAIN, Texture.CHECKED_CLOTH, Texture.STRIPED_CLOTH, Texture.VEINS
-    texture = textures[int(rng.integers(len(textures)))]
+    texture = choice(rng, (Texture.PRINT, Texture.PLAIN, Texture.CHECKED_CLOTH, Texture.STRIPED_CLOTH, Texture.VEINS))
     x, y = (rng.uniform(-0.7, 0.7) * half for half in extent.half)
-    zone = (Zone.SHEET, Zone.SHEET, Zone.ROUND_SHEET)[int(rng.integers(3))]
+    zone = choice(rng, (Zone.SHEET, Zone.SHEET, Zone.ROUND_SHEET))
     size = float(rng.uniform(0.05, 0.2)), float(rng.uniform(0.05, 0.15))
     return Layer(
         ground, contrasting(rng, ground), texture, float(rng.uniform(0.005, 0.02)), zone, (float(x), float(y), *size)
@@ -100,7 +100,7 @@ def _sheet(rng: np.random.Generator, color: Color, extent: Extent) -> Layer:
 
 def _wood(rng: np.random.Generator) -> tuple[Color, Color]:
     """Draw a wood whose grain is weak or strong."""
-    color, second = WOODS[int(rng.integers(len(WOODS)))]
+    color, second = choice(rng, WOODS)
     color, factor = near(rng, color, 0.06), rng.uniform(0.45, 0.85)
     red, green, blue = np.multiply(second, factor).tolist()
     return color, (red, green, blue)
@@ -122,9 +122,8 @@ def _boards(rng: np.random.Generator) -> Material:
 
 
 def _tablecloth(rng: np.random.Generator) -> Material:
-    color = WHITES[int(rng.integers(len(WHITES)))] if rng.random() < 0.5 else tint(rng)
-    textures = Texture.CHECKED_CLOTH, Texture.STRIPED_CLOTH, Texture.FLOWERS, Texture.DOTS
-    texture = textures[int(rng.integers(len(textures)))]
+    color = choice(rng, WHITES) if rng.random() < 0.5 else tint(rng)
+    texture = choice(rng, (Texture.CHECKED_CLOTH, Texture.STRIPED_CLOTH, Texture.FLOWERS, Texture.DOTS))
     return Material(color, contrasting(rng, color), texture, float(rng.uniform(0.02, 0.09)), grain=0.2)
 
 
@@ -143,7 +142,7 @@ def _painted(rng: np.random.Generator) -> Material:
 
 
 def _laminate(rng: np.random.Generator) -> Material:
-    color = (*WHITES, *DARKS)[int(rng.integers(len(WHITES) + len(DARKS)))]
+    color = choice(rng, (*WHITES, *DARKS))
     return Material(color, near(rng, color, 0.1), Texture.DOTS, 0.006, float(rng.uniform(0.1, 0.6)))
 
 

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.lab.synthetic import fittings
-from cuboid.lab.synthetic import furniture as made
-from cuboid.lab.synthetic.draft import ROOM_HALF_M, Draft
+from cuboid.lab.synthetic.draft import ROOM_HALF_M, Draft, add_shell
 from cuboid.lab.synthetic.material import Color
 from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.paths import around
@@ -23,27 +21,24 @@ UNDECIDED = ("row of books", "pile of books", "pile of plates", "toy blocks", "l
 
 def add_home(draft: Draft, *, pictures: bool = True) -> None:
     """Add a room with a door and sockets; `pictures` tells whether its wall at +y has any."""
-    _add_shell(draft, made.floor(draft.rng, ROOM_HALF_M + 0.1), pictures)
+    _add_fitted(draft, draft.make("floor", half=ROOM_HALF_M + 0.1), pictures)
 
 
 def add_plain_room(draft: Draft) -> Color:
     """Add a room with a door and sockets whose floor has one color, and return the color."""
     color = choice(draft.rng, PLAIN)
-    _add_shell(draft, made.plain_floor(ROOM_HALF_M + 0.1, color), pictures=True)
+    _add_fitted(draft, draft.make("plain_floor", half=ROOM_HALF_M + 0.1, color=color), pictures=True)
     return color
 
 
-def _add_shell(draft: Draft, floor: Model, pictures: bool) -> None:
+def _add_fitted(draft: Draft, floor: Model, pictures: bool) -> None:
     rng, half = draft.rng, ROOM_HALF_M
-    draft.add(floor, np.eye(4))
-    draft.add(made.ceiling(half + 0.1), np.eye(4))
-    for k in range(4):
-        draft.add(made.wall(rng, 2 * half, pictures=pictures or k > 0), turn(k * np.pi / 2) @ shift((0, half, 0)))
+    add_shell(draft, floor, half, pictures=pictures)
     side = choice(rng, (1, 3))
-    draft.add(fittings.door(rng), turn(side * np.pi / 2) @ shift((rng.uniform(-0.3, 0.3), half, 0)))
+    draft.add(draft.make("door"), turn(side * np.pi / 2) @ shift((rng.uniform(-0.3, 0.3), half, 0)))
     for k in (0, 1, 3):
         place = shift((rng.uniform(1.0, 2.0) * choice(rng, (-1, 1)), half, rng.uniform(0.25, 0.35)))
-        draft.add(fittings.socket(rng), turn(k * np.pi / 2) @ place)
+        draft.add(draft.make("socket"), turn(k * np.pi / 2) @ place)
 
 
 def count_neither_way(draft: Draft) -> None:

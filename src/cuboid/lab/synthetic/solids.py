@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.lab.synthetic.mesh import WELD_M, Mesh, strip_faces, without_slivers
+from cuboid.lab.synthetic.mesh import WELD_M, Mesh, box, merged, strip_faces, without_slivers
 
 # Corners of the cross-section of a pipe.
 PIPE_SEGMENTS = 12
@@ -247,3 +247,28 @@ def _outward(
     inner = (corner * within).sum(1) / within.sum(1)
     direction: Float64Array = outer - inner
     return direction
+
+
+def keys(x: float, y: float, columns: int, rows: int, z: float) -> Mesh:
+    """Return a field of keys x by y with its middle at the origin, tops at z + 4 mm."""
+    a, b = x / columns, y / rows
+    places = [((i + 0.5) * a - x / 2, (j + 0.5) * b - y / 2) for i in range(columns) for j in range(rows)]
+    skipped = {(i, 0) for i in range(columns // 3, 2 * columns // 3)} if rows > 4 else set()
+    field = [
+        box((a * 0.84, b * 0.84, 0.004), (*place, z))
+        for k, place in enumerate(places)
+        if (k // rows, k % rows) not in skipped
+    ]
+    if skipped:
+        field.append(box((a * (len(skipped) - 0.16), b * 0.84, 0.004), (0, places[0][1], z)))
+    return merged(field)
+
+
+def extruded(side: Float64Array, wide: float, taper: float = 0.92) -> Mesh:
+    """Return a side view (x, z), counter-clockwise, extruded along y, with slightly narrower ends."""
+    middle = side.mean(0)
+    rings = []
+    for y, scale in ((wide / 2, taper), (wide * 0.4, 1.0), (-wide * 0.4, 1.0), (-wide / 2, taper)):
+        points = middle + (side - middle) * scale
+        rings.append(np.column_stack([points[:, 0], np.full(len(side), y), points[:, 1]]))
+    return loft(rings)

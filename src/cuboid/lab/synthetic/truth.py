@@ -1,6 +1,6 @@
 """The ground-truth files of a synthetic recording: `truth.json`, the true trajectory, the labelled cloud.
 
-``docs/synthetic.md`` describes them; `truth.json` has the format of truth files of real recordings.
+``docs/evaluation.md`` describes them; `truth.json` has the format of truth files of real recordings.
 """
 
 from __future__ import annotations

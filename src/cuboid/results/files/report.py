@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.core.frame import Intrinsics, RigCamera
+from cuboid.ground.core.skipped import SkippedKind, skipped_kinds
 from cuboid.ground.formats.json_validation import read_json
 from cuboid.ground.formats.run_file import ConfigEntry, LimitReached, RunDocument, Timing
 from cuboid.inputs.readers.depth_camera import DepthCamera, depth_camera_of
@@ -24,29 +24,8 @@ IntArray = npt.NDArray[np.int64]
 
 # Digits after the point of times in milliseconds: the resolution of the clocks.
 MILLISECOND = 3
-
-
 # Fields of the report that the file has under the same names, in its order.
 SAME = ("version", "complete", "recording", "format", "poses", "threads", "config")
-
-
-@dataclass(frozen=True, slots=True)
-class SkippedKind:
-    """Frames that were skipped for the same kind of reason.
-
-    Attributes
-    ----------
-    frame : int
-        The first of these frames.
-    reason : str
-        Reason for which the first one was skipped.
-    count : int
-        Number of these frames.
-    """
-
-    frame: int
-    reason: str
-    count: int
 
 
 @dataclass(frozen=True)
@@ -162,11 +141,7 @@ class RunReport:
 
         Reasons that differ only in words with digits (file names, numbers, sizes) are one kind.
         """
-        kinds: dict[str, list[tuple[int, str]]] = {}
-        for frame, reason in self.skipped:
-            kinds.setdefault(re.sub(r"\S*\d\S*", "#", reason), []).append((frame, reason))
-        found = [SkippedKind(*frames[0], len(frames)) for frames in kinds.values()]
-        return sorted(found, key=lambda kind: (-kind.count, kind.frame))
+        return skipped_kinds(self.skipped)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the contents of `run.json`."""

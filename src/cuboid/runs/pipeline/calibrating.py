@@ -13,6 +13,7 @@ from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.frame import Frame
 from cuboid.inputs.calibration.calibrate import CalibrationResult, calibrate, spread_out
 from cuboid.inputs.readers import Recording
+from cuboid.inputs.readers.usable import posed_frames, usable_poses
 
 # Poses and focal length are estimated alternately: maximum number of rounds, and relative change of the focal length at
 # which the iteration ends.
@@ -54,13 +55,7 @@ def calibrate_recording(
     if not recording.has_poses:
         raise InputError(f"{recording.path}: has no camera poses; --poses estimated finds them")
     frames = range(0, len(recording), every)[:limit]
-    T_world_camera: dict[int, Float64Array] = {}
-    for index in frames:
-        with suppress(FrameError):
-            pose = recording.pose(index)
-            if pose is not None:
-                T_world_camera[index] = pose
-    return calibrate(_posed(recording, T_world_camera), recording.intrinsics)
+    return calibrate(_posed(recording, usable_poses(recording, frames)), recording.intrinsics)
 
 
 def _with_estimated_poses(
@@ -107,7 +102,4 @@ def _trajectory(
 
 def _posed(recording: Recording, T_world_camera: Mapping[int, Float64Array]) -> Iterator[Frame]:
     """Iterate over the frames to compare, with their poses."""
-    unposed = recording.without_poses()
-    for index in spread_out(T_world_camera):
-        with suppress(FrameError):
-            yield replace(unposed.read(index), T_world_camera=T_world_camera[index])
+    return posed_frames(recording.without_poses().read, T_world_camera, spread_out(T_world_camera))

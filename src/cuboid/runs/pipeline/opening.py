@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.errors import FrameError, InputError, shown
+from cuboid.ground.core.errors import InputError, shown
 from cuboid.ground.core.threads import return_free_memory
 from cuboid.inputs.readers import Recording
 from cuboid.inputs.readers.recording import PoseClock
+from cuboid.inputs.readers.usable import usable_poses
 from cuboid.inputs.recordings import opening
 from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.clock import MIN_MOTIONS, PoseOffset, misfit_of, pose_offset_of, scale_misfit
@@ -147,13 +148,10 @@ def measured(recording: Recording) -> tuple[PoseOffset | None, str | None]:
     frames: list[int] = []
     times_s: list[float] = []
     poses: list[Float64Array] = []
-    for index in _considered(len(recording)) if recording.has_poses else ():
-        try:
-            T = recording.pose(index)
-        except FrameError:
-            continue
+    considered = _considered(len(recording)) if recording.has_poses else ()
+    for index, T in usable_poses(recording, considered).items():
         time_s = recording.timestamp_s(index)
-        if T is not None and (not times_s or time_s > times_s[-1]):
+        if not times_s or time_s > times_s[-1]:
             frames.append(index)
             times_s.append(time_s)
             poses.append(T)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array, UInt8Array
-from cuboid.ground.core.errors import FrameError, InputError
+from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Frame
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.formats.rig_file import FIXED, FORMAT, MAX_NAME, NAME_PATTERN, VERSION
@@ -22,6 +21,7 @@ from cuboid.inputs.calibration.board_fit import BoardFit, fit_board, seen_boards
 from cuboid.inputs.calibration.rig_fit import RigFit, fit_rig
 from cuboid.inputs.calibration.still_view import StillView, still_view
 from cuboid.inputs.readers import Recording
+from cuboid.inputs.readers.usable import usable_frames
 
 # Frames of each camera, evenly spread: their median has a third of the noise of one.
 FRAMES = 12
@@ -80,9 +80,8 @@ def _refuse_one(recordings: Sequence[Recording]) -> None:
 def _spread(recording: Recording, count: int) -> Iterator[Frame]:
     """Iterate over some usable frames, evenly spread."""
     images_only = recording.without_poses()
-    for index in np.unique(np.linspace(0, len(images_only) - 1, count).astype(int)).tolist():
-        with suppress(FrameError):
-            yield images_only.read(index)
+    chosen = np.unique(np.linspace(0, len(images_only) - 1, count).astype(int))
+    return usable_frames(images_only.read, chosen.tolist())
 
 
 def names_of(recordings: Sequence[Recording]) -> list[str]:

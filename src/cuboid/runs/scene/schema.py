@@ -1,6 +1,6 @@
 """The tables of a scene file and the values of each column: they define the file and the check of every row.
 
-``docs/scene.md`` describes each of them.
+``docs/make_reference.py`` describes each of them, on a page of the documentation.
 """
 
 from __future__ import annotations

@@ -445,20 +445,21 @@ class PosedTracker(TrackedMap):
         visible: Sequence[tuple[MapObject, Visibility]],
         sightings: tuple[Sighting, ...],
     ) -> tuple[Sighting, ...]:
-        """Return the sightings with those of objects that only regions show; look for these in the scored frames."""
+        """Return the sightings with those of objects that only regions show; look for these if it is time."""
         camera, c = self._camera, self.config
-        if c.region_probability >= 1.0:
+        camera.unlooked += seen.weight
+        wide_enough = max(self._roll.camera.width, self._roll.camera.height) >= MIN_WIDE
+        due = wide_enough and (camera.unlooked >= LOOK_WEIGHT or camera.count == 0)
+        if c.region_probability >= 1.0 or not (due or self._map.store.by_regions()):
             return sightings
         by_regions = ByRegions(self._map.store, c, self._planes, self._support_planes())
-        camera.unlooked += seen.weight
-        if camera.unlooked >= LOOK_WEIGHT or self._camera.count == 0:
+        if due:
             camera.unlooked = 0.0
             shown = [(o, view) for o, view in visible if o.confirmed and o.score >= c.min_probability]
-            if max(self._roll.camera.width, self._roll.camera.height) >= MIN_WIDE:
-                found = RegionSource(camera.config)(frame, self._roll.camera, proposals)
-                owner = self._voxels.look_up(slots).owner
-                regions = region_views(found, owner, seen, [e.number for e, _ in shown], self._planes.likely_up)
-                by_regions.update(regions, shown, seen)
+            found = RegionSource(camera.config)(frame, self._roll.camera, proposals)
+            owner = self._voxels.look_up(slots).owner
+            regions = region_views(found, owner, seen, [o.number for o, _ in shown], self._planes.likely_up)
+            by_regions.update(regions, shown, seen)
         return by_regions.sightings(sightings, seen)
 
     def _fuse(self, seen: Observation, heat: Float32Array, due: bool) -> npt.NDArray[np.int32]:

@@ -29,11 +29,7 @@ SAME_M = 0.005
 
 
 def free_place(
-    surface: str,
-    plane: SupportPlane,
-    boxes: Sequence[Box],
-    size_m: Vector,
-    near: Float64Array | None,
+    surface: str, plane: SupportPlane, boxes: Sequence[Box], size_m: Vector, near: Float64Array | None
 ) -> FreePlace | None:
     """Return the nearest free place on a surface; None if there is none.
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 from cuboid.ground.core.errors import InputError
 from cuboid.method.text_search import TextModel, TextQuery
-from cuboid.services.queries.filters import Filters
+from cuboid.services.queries.filters import LIMIT, Filters
 from cuboid.services.queries.likeness import COLOR_WORDS
 from cuboid.services.queries.words import count, length, moment, place, thing
-
-T = TypeVar("T")
 
 # Only a server with an image-text model accepts this parameter.
 TEXT = "text"
 MAX_ROWS = 1000
 MAX_SIZE_M = 1e9
+# The parameters of the size, and fields of the filters whose names differ from those of their parameters.
+SIZES, _FIELDS = ("min_size", "max_size"), {"in": "inside", "within": "within_m"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,52 +119,38 @@ def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filt
         A value is invalid, or there is a text and no model.
     """
 
-    def read(name: str, reader: Callable[[str], T], otherwise: T) -> T:
+    def read(name: str) -> Any:
         try:
-            return reader(asked[name]) if name in asked else otherwise
+            return _READERS.get(name, str)(asked[name])
         except ValueError as error:
             raise InputError(f"{name}: {error}") from None
 
-    sized = "min_size" in asked or "max_size" in asked
-    size_m = read("min_size", length, 0.0), read("max_size", length, MAX_SIZE_M)
-    if size_m[0] > size_m[1]:
-        raise InputError(f"min_size {asked['min_size']} is larger than max_size {asked['max_size']}")
-    return Filters(
-        size_m=size_m if sized else None,
-        near=read("near", place, None),
-        within_m=read("within", length, 0.5),
-        recording=asked.get("recording"),
-        since=read("since", moment, None),
-        until=read("until", moment, None),
-        color=asked.get("color"),
-        name=asked.get("name"),
-        min_probability=read("min_probability", _probability, None),
-        like=read("like", thing, None),
-        on=asked.get("on"),
-        inside=asked.get("in"),
-        beside=asked.get("beside"),
-        near_object=asked.get("near_object"),
-        text=text_query(asked.get(TEXT), model),
-        limit=min(MAX_ROWS, read("limit", count, 50)),
+    low_m, high_m = (
+        read(name) if name in asked else limit for name, limit in zip(SIZES, (0.0, MAX_SIZE_M), strict=True)
     )
+    if low_m > high_m:
+        raise InputError(f"min_size {asked['min_size']} is larger than max_size {asked['max_size']}")
+    values = {
+        _FIELDS.get(name, name): read(name) for name in asked if name in PARAMETERS and name not in (*SIZES, TEXT)
+    }
+    values["limit"] = min(MAX_ROWS, values.get("limit", LIMIT))
+    size_m = None if asked.keys().isdisjoint(SIZES) else (low_m, high_m)
+    return Filters(**values, size_m=size_m, text=text_query(asked.get(TEXT), model))
 
 
 def asked_of(filters: Filters) -> dict[str, str]:
     """Return filters as the parameters of a request, the inverse of `filters_of`; without text and limit."""
     low_m, high_m = filters.size_m or (0.0, MAX_SIZE_M)
     near = filters.near is not None or filters.near_object is not None
+    texts = ("name", "color", "recording", "on", "in", "beside", "near_object")
     values = {
-        **{name: getattr(filters, name) for name in ("name", "color", "recording")},
+        **{name: getattr(filters, _FIELDS.get(name, name)) for name in texts},
         "min_size": f"{100 * low_m:g}cm" if low_m > 0.0 else None,
         "max_size": f"{100 * high_m:g}cm" if high_m < MAX_SIZE_M else None,
         "like": None if filters.like is None else "{}#{}".format(*filters.like),
-        "on": filters.on,
-        "in": filters.inside,
-        "beside": filters.beside,
         "since": None if filters.since is None else f"{filters.since:%Y-%m-%dT%H:%M:%S}",
         "until": None if filters.until is None else f"{filters.until:%Y-%m-%dT%H:%M:%S}",
         "near": None if filters.near is None else ",".join(f"{value:g}" for value in filters.near),
-        "near_object": filters.near_object,
         "within": f"{filters.within_m:g}m" if near else None,
         "min_probability": None if filters.min_probability is None else f"{filters.min_probability:g}",
     }
@@ -202,3 +188,14 @@ def _probability(text: str) -> float:
     if not 0.0 <= value <= 1.0:
         raise ValueError(f"expected a number from 0 to 1, got '{text}'")
     return value
+
+
+# Readers of the parameters that are no texts.
+_READERS: dict[str, Callable[[str], Any]] = {
+    **dict.fromkeys((*SIZES, "within"), length),
+    **dict.fromkeys(("since", "until"), moment),
+    "near": place,
+    "min_probability": _probability,
+    "like": thing,
+    "limit": count,
+}

@@ -24,14 +24,7 @@ from cuboid.services.queries.free import free_place
 from cuboid.services.queries.looking import vector
 from cuboid.services.queries.parameters import text_query
 from cuboid.services.queries.place_objects import PlaceObjects, answer_of
-from cuboid.services.queries.questions import (
-    answer,
-    counts_without,
-    find,
-    last_seen,
-    no_such_name,
-    understood_with,
-)
+from cuboid.services.queries.questions import answer, counts_without, find, last_seen, no_such_name, understood_with
 from cuboid.services.queries.shared_map import SharedMap
 from cuboid.services.queries.snapshot import Snapshot
 from cuboid.services.queries.sources import Source, SupportingFurniture

@@ -183,10 +183,7 @@ def counts_without(source_of: SourceOf[C, F], filters: Filters) -> Mapping[str, 
     """
     counts = {}
     for one in fields(Filters):
-        if (
-            one.name not in ("limit", "within_m", "text", "like", "side", "order")
-            and getattr(filters, one.name) is not None
-        ):
+        if one.name not in NEVER_DROPPED and getattr(filters, one.name) is not None:
             dropped: dict[str, Any] = {one.name: None}
             without = replace(filters, **dropped)
             counts[one.name] = len(find(source_of(without), without))

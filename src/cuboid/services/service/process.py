@@ -9,7 +9,6 @@ import threading
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import Self
 
 from cuboid.ground.core.frame import Frame
@@ -65,9 +64,7 @@ class ServedRun:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.feed.end(END_S)
         self._process.join(LEAVE_S)
         if self._process.is_alive():
