@@ -131,6 +131,7 @@ SLOW_FILES = frozenset(
         "views/test_serving.py",
         "views/test_tree_page.py",
         "views/test_view.py",
+        "test_accuracy.py",
         "test_compiled.py",
         "test_corrections.py",
         "test_furniture_in_results.py",
