@@ -20,11 +20,11 @@ from cuboid.method.poses.pyramid import Level, SmallImage
 
 # Number of keyframes with the most similar views whose overlap is computed.
 NEAR = 12
-MIN_OVERLAP = 0.3
+MIN_PLACE_OVERLAP = 0.3
 # Largest number of edges of a new keyframe: to overlapping keyframes, and to keyframes of similar appearance.
 NEIGHBOUR_EDGES, LOOP_EDGES = 4, 2
 # Smallest fraction of a keyframe's strongest corners that match at a recognised place.
-MIN_VOTES = 0.12
+MIN_MATCHED_FRACTION = 0.12
 # Alignments in both directions must agree within this: metres per metre of depth, and radians.
 THERE_AND_BACK_M, THERE_AND_BACK_RAD = 0.015, 0.015
 # An alignment without a motion prior must fit better than one with a prior.
@@ -141,7 +141,7 @@ class Atlas:
         self._work.extend((k, added.number, False) for k in overlapping[:NEIGHBOUR_EDGES])
         others = [k for k in self.keyframes if k.number not in overlapping]
         scores = votes(features.appearance, [k.appearance for k in others])
-        likely = [i for i in np.argsort(-scores, kind="stable")[:LOOP_EDGES] if scores[i] > MIN_VOTES]
+        likely = [i for i in np.argsort(-scores, kind="stable")[:LOOP_EDGES] if scores[i] > MIN_MATCHED_FRACTION]
         self._work.extend((others[i].number, added.number, True) for i in likely)
         self.keyframes.append(added)
         return added.number, overlapping
@@ -168,7 +168,7 @@ class Atlas:
         numbers, distance = self._view_distances(T_world_camera, submap)
         near = [self.keyframes[numbers[i]] for i in np.argsort(distance, kind="stable")[:NEAR]]
         scores = [(-overlap(k.reference, k.T_world_camera, T_world_camera, level), k.number) for k in near]
-        return [number for score, number in sorted(scores) if -score > MIN_OVERLAP]
+        return [number for score, number in sorted(scores) if -score > MIN_PLACE_OVERLAP]
 
     def view_distance(self, T_world_camera: Float64Array, submap: int) -> float:
         """Return the distance of a view to the view of the most similar keyframe; see `view_distances`."""

@@ -21,7 +21,7 @@ SEARCHED_LEVEL = 1
 # Smaller groups of adjacent pixels of this level may be noise.
 MIN_GROUP = 40
 # Pixels this near to a moving one are left out too: its edge, and its shadow in the depth.
-MARGIN_PX = 3
+MOVING_MARGIN_PX = 3
 # If a larger fraction of the readings seems to move, the pose is wrong instead.
 MOST_MOVING = 0.6
 # Largest number of keyframes with which an image is compared: the marks of a pixel have this many bits.
@@ -117,7 +117,9 @@ def moving_pixels(
     spread(depth_m, moving, unseen, BIAS_M, NOISE_PER_M)
     if np.count_nonzero(moving) > MOST_MOVING * np.count_nonzero(depth_m):
         return None
-    return np.asarray(cv2.dilate(moving, np.ones((2 * MARGIN_PX + 1, 2 * MARGIN_PX + 1), np.uint8)), np.uint8)
+    return np.asarray(
+        cv2.dilate(moving, np.ones((2 * MOVING_MARGIN_PX + 1, 2 * MOVING_MARGIN_PX + 1), np.uint8)), np.uint8
+    )
 
 
 def large_groups(marked: UInt8Array, min_pixels: int = MIN_GROUP) -> UInt8Array:

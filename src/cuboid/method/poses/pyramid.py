@@ -19,7 +19,7 @@ from cuboid.method.poses.kernels import align as kernel
 # intensity and depth is the average of four readings.
 FINEST_WIDTH = 320
 # Each level has half the width of the one before; at the coarsest one a fast turn moves the image by a pixel or two.
-LEVELS = 4
+PYRAMID_LEVELS = 4
 # Unit of the depth of stored keyframes, metres: finer than the step of any sensor; 16 bits reach 13 m.
 KEPT_UNIT_M = 0.0002
 
@@ -88,7 +88,7 @@ def build_levels(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) ->
     import cv2
 
     levels = []
-    for k in range(LEVELS):
+    for k in range(PYRAMID_LEVELS):
         if k:
             camera = camera.downscaled(2)
             cut = gray[: 2 * camera.height, : 2 * camera.width]
