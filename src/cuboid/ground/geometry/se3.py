@@ -14,7 +14,7 @@ RIGID_TOLERANCE = 0.01
 # Below this deviation a matrix is a rotation up to the rounding of 64 bits, and is not corrected.
 EXACT_TOLERANCE = 1e-12
 # Largest distance of a camera from the origin of its world, metres.
-FARTHEST_M = 1e6
+MAX_FROM_ORIGIN_M = 1e6
 # Below this angle between two quaternions (radians) the slerp weights sin(a t) / sin(a) become inaccurate,
 # and linear interpolation between them is exact to 1e-13.
 SLERP_SMALL_ANGLE = 1e-6
@@ -202,13 +202,14 @@ def rigid(T: npt.ArrayLike) -> Float64Array:
 
 
 def refuse_nowhere(numbers: npt.ArrayLike) -> None:
-    """Raise ValueError if a number of a pose is NaN, infinite, or larger than `FARTHEST_M`."""
+    """Raise ValueError if a number of a pose is NaN, infinite, or larger than `MAX_FROM_ORIGIN_M`."""
     largest = np.abs(numbers).max()
     if not np.isfinite(largest):
         raise ValueError("the pose has NaN or infinite numbers")
-    if largest > FARTHEST_M:
+    if largest > MAX_FROM_ORIGIN_M:
         raise ValueError(
-            f"the pose is {largest:.3g} m away, expected at most {FARTHEST_M:g} m; subtract an offset from all poses"
+            f"the pose is {largest:.3g} m away, expected at most {MAX_FROM_ORIGIN_M:g} m; "
+            "subtract an offset from all poses"
         )
 
 

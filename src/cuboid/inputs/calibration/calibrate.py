@@ -18,11 +18,11 @@ from cuboid.inputs.calibration.solving import Problem, Solution
 from cuboid.inputs.calibration.views import ScaledPinhole, build_view, factors
 
 # Number of compared frames, and of consecutive frames in a group, for long recordings.
-FRAMES = 64
-GROUP = 8
+COMPARED_FRAMES = 64
+GROUP_FRAMES = 8
 # Camera motion from one chosen frame to the next, radians; a metre counts as a radian (objects are one to two metres
 # away). Less in a short recording.
-STEP = 0.08
+FRAME_STEP_RAD = 0.08
 # Initial focal lengths, as logarithms relative to the start value: 0.74 to 1.35 times it.
 TRIED = np.arange(-0.30, 0.301, 0.05)
 # Initial depth scales, as logarithms: 0.67 to 1.49.
@@ -33,7 +33,7 @@ COARSE_STEPS, FINE_STEPS = 20, 12
 FOCAL_ONLY, WITH_CENTER = (FOCAL,), (FOCAL, CENTER_X, CENTER_Y)
 WITH_DEPTH = (*WITH_CENTER, DEPTH)
 # Minimum number of pairs of views for a result.
-MIN_PAIRS = 12
+MIN_VIEW_PAIRS = 12
 # The depth scale is corrected only if it is off by more than this fraction and by ERRORS standard errors: lens
 # distortion and drifting poses cause apparent errors of up to 2 %.
 DEPTH_SCALE_OFF, ERRORS = 0.03, 3.0
@@ -114,10 +114,10 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
         fine_views.append(build_view(frame, fine_by))
     begin = ScaledPinhole.of(start)
     pairs = choose_pairs(coarse_views, begin.resized(coarse_by))
-    if len(pairs) < MIN_PAIRS:
+    if len(pairs) < MIN_VIEW_PAIRS:
         raise InputError(
             f"only {len(pairs)} pairs of {len(coarse_views)} frames see the same from places far enough apart, "
-            f"at least {MIN_PAIRS} are needed: the camera must go around things, or turn"
+            f"at least {MIN_VIEW_PAIRS} are needed: the camera must go around things, or turn"
         )
     coarse, fine = Problem(coarse_views, pairs, coarse_by), Problem(fine_views, pairs, fine_by)
     measured, measured_error = 1.0, float("nan")
@@ -180,7 +180,7 @@ def best_of_tried(
     return min(candidates, key=lambda candidate: problem.disagreement(candidate, every))
 
 
-def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = FRAMES) -> list[int]:
+def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = COMPARED_FRAMES) -> list[int]:
     """Return the frames to compare: the camera moves between them, and the frames of a group overlap.
 
     Parameters
@@ -200,13 +200,13 @@ def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = FRAMES) 
         return []
     motions = [se3.inverse(a) @ b for (_, a), (_, b) in pairwise(poses)]
     travelled = np.cumsum([0.0, *(se3.angle(T) + float(np.linalg.norm(T[:3, 3])) for T in motions)])
-    step = max(min(STEP, float(travelled[-1]) / count), 1e-9)
+    step = max(min(FRAME_STEP_RAD, float(travelled[-1]) / count), 1e-9)
     _, first = np.unique(np.floor(travelled / step), return_index=True)
     chosen = [poses[k][0] for k in first]
     if len(chosen) <= count:
         return chosen
-    starts = np.linspace(0, len(chosen) - GROUP, count // GROUP).round().astype(int)
-    return [chosen[k] for k in sorted({k for start in starts for k in range(start, start + GROUP)})]
+    starts = np.linspace(0, len(chosen) - GROUP_FRAMES, count // GROUP_FRAMES).round().astype(int)
+    return [chosen[k] for k in sorted({k for start in starts for k in range(start, start + GROUP_FRAMES)})]
 
 
 def _tried(coarse: Problem, begin: ScaledPinhole, depths: Float64Array = ALONE) -> ScaledPinhole:

@@ -16,7 +16,7 @@ RESAMPLES = 10_000
 CONFIDENCE = 0.95
 
 # Figures that differ by less than this are equal: rounding in a sum is no difference.
-SAME = 1e-9
+EQUAL_WITHIN = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,9 +111,9 @@ def compare(
                 interval(old),
                 interval(new),
                 interval(change),
-                int((change > SAME).sum()),
-                int((change < -SAME).sum()),
-                int((np.abs(change) <= SAME).sum()),
+                int((change > EQUAL_WITHIN).sum()),
+                int((change < -EQUAL_WITHIN).sum()),
+                int((np.abs(change) <= EQUAL_WITHIN).sum()),
             )
     return found
 

@@ -22,7 +22,7 @@ from cuboid.results.files.text import plain
 FORMAT, VERSION = "cuboid-trajectory-evaluation", 1
 
 # Maximum time difference of a pair of poses, seconds: the limit of the TUM benchmark's own tools.
-LIMIT_S = 0.02
+MAX_PAIR_S = 0.02
 # Minimum number of pairs: fewer can always be aligned without error.
 FEWEST_PAIRS = 3
 # Tolerance of the length of a stretch of one second or one metre, as a fraction, where poses are sparse.
@@ -130,7 +130,7 @@ class TrajectoryErrors:
 
 
 def evaluate_trajectory(
-    estimate: TimedPoses | PathLike, truth: TimedPoses | PathLike, *, limit_s: float = LIMIT_S
+    estimate: TimedPoses | PathLike, truth: TimedPoses | PathLike, *, limit_s: float = MAX_PAIR_S
 ) -> TrajectoryErrors:
     """Compare an estimated camera path with the true one.
 

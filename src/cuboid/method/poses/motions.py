@@ -21,7 +21,7 @@ from cuboid.method.poses.keyframes import OVERLAP_LEVEL, median_depth_m
 from cuboid.method.poses.pyramid import PYRAMID_LEVELS, Level, build_levels, shrink
 
 # Maximum number of places in time at which three frames are compared, two alignments each: 3 s of work at most.
-MAX_PLACES = 48
+MAX_COMPARED_TIMES = 48
 # Smallest distance of two places, seconds: their frames differ.
 APART_S = 0.25
 # Times between two of the three frames, seconds: the velocity of a hand changes within a tenth to a third of a second.
@@ -65,7 +65,7 @@ class FoundMotion:
 
 
 def telling_frames(
-    times_s: Float64Array, T_world_camera: Float64Array, *, places: int = MAX_PLACES
+    times_s: Float64Array, T_world_camera: Float64Array, *, places: int = MAX_COMPARED_TIMES
 ) -> list[tuple[int, int, int]]:
     """Return three frames of each place in time between which the velocity changes most: they tell the clock.
 
