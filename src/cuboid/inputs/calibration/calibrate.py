@@ -170,7 +170,7 @@ def best_of_tried(
 ) -> ScaledPinhole:
     """Return the best of several pinholes, by the agreement of every n-th pair of views.
 
-    `focals` and `depths` are logarithms of focal lengths and depth scales relative to the pinhole's own.
+    `focals` (F,) and `depths` (D,) are logarithms of focal lengths and depth scales relative to the pinhole's own.
     """
     candidates = [
         replace(pinhole, fx=pinhole.fx * grown, fy=pinhole.fy * grown, depth_scale=pinhole.depth_scale * scaled)

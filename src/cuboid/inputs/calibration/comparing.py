@@ -74,7 +74,7 @@ class Disagreement:
 
 
 def warp(view: View, other: View, T_other_view: Float64Array, pinhole: Pinhole) -> Warped:
-    """Warp the pixels of a view into another view of the same size.
+    """Warp the pixels of a view into another view of the same size, by a motion (4, 4).
 
     Depths are used as read: if the depth scale is not 1, the translation of `T_other_view` is divided by it. Scaling
     the depths instead would favour small scales, because a shrunken world has small differences.

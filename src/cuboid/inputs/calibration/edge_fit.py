@@ -213,7 +213,7 @@ def _refined(edges: Edges, move: Float64Array, fraction: float, shift: float, sh
 
 
 def fit_baseline(edges: Edges, move: Float64Array) -> Float64Array:
-    """Return the move with a baseline between the cameras, if edges then agree clearly better."""
+    """Return the move (4,) with a baseline between the cameras, if edges then agree clearly better."""
     focal = 0.85 * edges.strength.shape[3]  # only for the search range: depth sensors' cameras have 0.6 to 1 widths
     p, off = np.meshgrid(BASELINES_M * focal, np.arange(-1.0, 1.01, 0.25))
     moves = np.repeat(move[None], p.size, axis=0)
@@ -227,7 +227,7 @@ def fit_baseline(edges: Edges, move: Float64Array) -> Float64Array:
 
 
 def size_of(edges: Edges, move: Float64Array) -> float:
-    """Return the shift by a difference of moves, root mean square over the image, downsampled pixels."""
+    """Return the shift by a difference of moves (4,), root mean square over the image, downsampled pixels."""
     half = edges.center
     return float(np.sqrt(move[0] ** 2 * (half**2).sum() / 3 + move[1] ** 2 + move[2] ** 2))
 

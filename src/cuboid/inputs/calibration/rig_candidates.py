@@ -110,13 +110,13 @@ def _heights(points: Float64Array) -> Float64Array:
 
 
 def score(one: StillView, other: StillView, T_one_other: Float64Array) -> float:
-    """Return how well two views agree: points that are confirmed, less those that are contradicted."""
+    """Return how well two views agree at a pose (4, 4): points that are confirmed, less those that are contradicted."""
     confirmed, contradicted = np.add(agreement(one, other, T_one_other), agreement(other, one, inverse(T_one_other)))
     return float(confirmed - CONTRADICTION * contradicted)
 
 
 def agreement(one: StillView, other: StillView, T_one_other: Float64Array) -> tuple[int, int]:
-    """Return how many points of another view a view confirms, and how many it contradicts."""
+    """Return how many points of another view, at a pose (4, 4), a view confirms, and how many it contradicts."""
     points, seen_m = in_view(one, transform(T_one_other, other.points))
     z = points[:, 2]
     confirmed = (seen_m > 0) & (np.abs(seen_m - z) < CONFIRMED_M)

@@ -205,7 +205,7 @@ def size_errors(boxes: Float64Array, truth: Float64Array) -> Float64Array:
 
 
 def fragments_and_merges(boxes: Float64Array, truth: Float64Array, iou: Float64Array) -> tuple[int, int, int]:
-    """Return fragments, merges and false alarms among judged boxes.
+    """Return fragments, merges and false alarms among judged boxes (N, 15), with truth (M, 15) and IoU (N, M).
 
     A box and an object belong together if they share at least half of the smaller one. Fragments are additional boxes
     of an object, where each box is counted with the object that it overlaps most. Merges are additional objects of

@@ -58,7 +58,7 @@ def write_pictures(folder: Path, frames: tuple[JudgedFrame, ...], recording: Rec
 
 
 def draw_judged(color: UInt8Array, frame: JudgedFrame) -> UInt8Array:
-    """Return a picture (H + strip, W, 3) of a frame as it was judged at the first threshold.
+    """Return the picture (H, W, 3) of a frame, with a strip below, as it was judged at the first threshold.
 
     Drawn rectangles are solid, labelled sightings dashed, ignored places hatched.
     """

@@ -73,7 +73,7 @@ class Paired:
 
 
 def interval(values: Sequence[float] | Float64Array) -> Interval:
-    """Return the mean of a figure over at least one scene; the same values give the same interval."""
+    """Return the mean of a figure over at least one scene, values (N,); the same values give the same interval."""
     array = np.asarray(values, np.float64)
     low, high = _interval(array)
     return Interval(float(array.mean()), low, high, len(array))

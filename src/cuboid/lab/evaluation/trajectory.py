@@ -47,7 +47,7 @@ class Errors:
 
     @classmethod
     def of(cls, values: Float64Array) -> Errors:
-        """Return the figures of at least one error."""
+        """Return the figures of at least one error, (N,)."""
         rmse = float(np.sqrt(np.mean(np.square(values))))
         return cls(rmse, float(values.mean()), float(np.median(values)), float(values.max()))
 
@@ -181,7 +181,7 @@ def evaluate_trajectory(
 
 
 def associate(a_s: Float64Array, b_s: Float64Array, limit_s: float) -> tuple[IntArray, IntArray]:
-    """Return indices of mutually nearest times of a and b, both increasing, within a limit."""
+    """Return indices (K,) of mutually nearest times of a (N,) and b (M,), seconds, both increasing, within a limit."""
     to_b, to_a = _nearest(a_s, b_s), _nearest(b_s, a_s)
     indices_a = np.arange(len(a_s))
     # 1e-9: tolerance for decimal times whose difference equals the limit

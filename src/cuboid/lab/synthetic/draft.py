@@ -61,7 +61,7 @@ class Draft:
     events: list[SceneEvent] = field(default_factory=list)
 
     def add(self, model: Model, T_room_model: Float64Array, *, doubtful: bool = False) -> None:
-        """Add furniture."""
+        """Add furniture at a pose (4, 4)."""
         self.furniture.append(Furniture(model, T_room_model, doubtful))
 
     def make(self, name: str, **sizes: Any) -> Model:
@@ -84,7 +84,7 @@ class Draft:
 
 
 def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float) -> Scene:
-    """Return the scene of a draft."""
+    """Return the scene of a draft whose room has the pose `T_world_room` (4, 4)."""
     style = draft.style or CAMERAS[draft.camera]
     poses = fly(draft.waypoints, draft.frames, style, draft.rng, whole=draft.whole) @ turn(draft.roll_rad)
     return Scene(

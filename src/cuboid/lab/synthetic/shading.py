@@ -55,7 +55,7 @@ class ShadingParameters:
 
 
 def part_rows(materials: Sequence[Material], T_body_room: Sequence[Float64Array]) -> tuple[Float64Array, Float64Array]:
-    """Return the tables `ShadingParameters.parts` and `ShadingParameters.layers`."""
+    """Return the tables `ShadingParameters.parts` (N, 30) and `.layers` (L, 14) of N poses (4, 4)."""
     rows = np.empty((len(materials), 30))
     layers: list[list[float]] = []
     for row, look, T in zip(rows, materials, T_body_room, strict=True):

@@ -120,7 +120,7 @@ class Cluster:
         return self.fit_at(seen, inverse(seen.T_camera_world) @ found.T_camera_reference)
 
     def fit_at(self, seen: Observation, T_now_start: Float64Array) -> Fit | None:
-        """Return how well the cluster fits a frame at a place; None if it does not."""
+        """Return how well the cluster fits a frame after a motion (4, 4); None if it does not."""
         agree, passed, shown = self._counts(seen, T_now_start, np.zeros((1, 3)))[0].tolist()
         if agree < MIN_AGREE * (agree + passed) or agree < MIN_SEEN_FRACTION * max(shown, MIN_READINGS):
             return None

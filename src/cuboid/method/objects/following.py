@@ -352,7 +352,7 @@ class Following:
             self._report("moved", followed.entry, followed.from_box, followed.entry.box, followed.score)
 
     def claim(self, slots: npt.NDArray[np.int32], seen: Observation) -> None:
-        """Assign the voxels of a frame that lie in settled objects to these objects."""
+        """Assign the voxels (H, W) of a frame that lie in settled objects to these objects."""
         for entry, _ in self._settled:
             inside = np.zeros(slots.shape, np.uint8)
             _mark_inside(entry.box, BIAS_M, seen, inside, 1)
@@ -466,7 +466,7 @@ class Following:
     def sightings(
         self, shown: tuple[Sighting, ...], seen: Observation, slots: npt.NDArray[np.int32]
     ) -> tuple[Sighting, ...]:
-        """Return the sightings of a frame with those of followed objects."""
+        """Return the sightings of a frame, whose voxels are `slots` (H, W), with those of followed objects."""
         present = [item.entry for item in self._followed if not item.missing]
         if not present:
             return shown

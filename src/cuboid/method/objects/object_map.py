@@ -89,7 +89,7 @@ class ObjectMap:
         return Fitting(self._config, self._voxels, self._planes, self.store, self._boxing)
 
     def objects_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
-        """Return the objects, confirmed or not, whose bounding spheres reach into the image within range, by number."""
+        """Return the objects, confirmed or not, whose spheres reach into the image at a pose (4, 4), by number."""
         return objects_in_frustum(self.store, image, T_camera_world, self._config.max_depth_m)
 
     def prune_candidates(self, objects: Sequence[MapObject]) -> list[MapObject]:

@@ -65,7 +65,7 @@ def boxes_in_frustum(
 def objects_in_frustum(
     store: ObjectStore, image: WorkingImage, T_camera_world: Float64Array, far_m: float
 ) -> list[MapObject]:
-    """Return the objects, confirmed or not, whose bounding spheres reach into the image within range, by number."""
+    """Return the objects, confirmed or not, whose spheres reach into the image at a pose (4, 4), by number."""
     found = boxes_in_frustum(store.boxes[: store.numbers], store.bounds, image, T_camera_world, far_m)
     return [store[n] for n in found.tolist()]
 

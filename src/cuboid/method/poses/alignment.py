@@ -148,7 +148,7 @@ def pick(levels: Sequence[Level]) -> Reference:
 
 
 def merge(references: Sequence[Reference], T_common: Sequence[Float64Array]) -> Reference:
-    """Transform the points of several images to a common frame; each image remains a group."""
+    """Transform the points of several images to a common frame, by (4, 4) each; each image remains a group."""
     levels = []
     for k in range(PYRAMID_LEVELS):
         parts = [reference.levels[k] for reference in references]

@@ -179,7 +179,7 @@ def misfit_of(T_world_camera: Float64Array, motions: Sequence[FoundMotion]) -> s
 
 
 def shake_rad(T_world_camera: Float64Array) -> float:
-    """Return the standard deviation of noise in the rotation of consecutive poses, radians about each axis.
+    """Return the standard deviation of noise in the rotation of poses (N, 4, 4), radians about each axis.
 
     From fourth differences, in which the motion of a hand at 30 Hz is below 0.05 degrees.
     """

@@ -251,7 +251,7 @@ class PoseEstimator:
         return self._atlas.add_given(shot.index, T_submap_camera, submap, shot.small, shot.features)
 
     def anchor_frame(self, frame: int, T_submap_camera: Float64Array, keyframe: int) -> None:
-        """Anchor the pose of a frame, added by `take`, to a keyframe."""
+        """Anchor the pose (4, 4) of a frame, added by `take`, to a keyframe."""
         self._anchors[frame] = keyframe, se3.inverse(self.keyframes[keyframe].T_world_camera) @ T_submap_camera
 
     def find(self, frame: Frame, excluded: Collection[int]) -> Place | None:
@@ -263,7 +263,7 @@ class PoseEstimator:
         return self._atlas.recognise(shot.features, shot.small.camera, numbers, MAX_COMPARED_PLACES)
 
     def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
-        """Merge a submap into another one."""
+        """Merge a submap into another one by a transform (4, 4)."""
         self._atlas.join(submap, to, T_to_submap)
         if submap == self._submap:
             self._submap, self._T_world_camera = to, se3.tidied(T_to_submap @ self._T_world_camera)
@@ -271,7 +271,7 @@ class PoseEstimator:
                 self._align_to(self._local)
 
     def move(self, numbers: Collection[int], T_new_old: Float64Array) -> None:
-        """Move several keyframes by the same motion."""
+        """Move several keyframes by the same motion (4, 4)."""
         for number in numbers:
             keyframe = self.keyframes[number]
             keyframe.T_world_camera = se3.tidied(T_new_old @ keyframe.T_world_camera)

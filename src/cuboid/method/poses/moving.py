@@ -60,7 +60,7 @@ class LeftOut:
     fraction: float = 0.0
 
     def add(self, moving: UInt8Array) -> None:
-        """Count the moving pixels of a frame."""
+        """Count the moving pixels (H, W) of a frame."""
         self.frames += 1
         self.fraction += float(np.count_nonzero(moving)) / moving.size
 
@@ -135,7 +135,7 @@ def large_groups(marked: UInt8Array, min_pixels: int = MIN_GROUP) -> UInt8Array:
 
 
 def levels_without(levels: Sequence[Level], moving: UInt8Array) -> tuple[Level, ...]:
-    """Return an image whose moving pixels have the depth -1: no alignment uses them."""
+    """Return an image whose moving pixels (H, W) have the depth -1: no alignment uses them."""
     still = []
     for k, level in enumerate(levels):
         image = level.image.copy()
@@ -145,7 +145,7 @@ def levels_without(levels: Sequence[Level], moving: UInt8Array) -> tuple[Level, 
 
 
 def keyframe_without(small: SmallImage, moving: UInt8Array) -> SmallImage:
-    """Return a keyframe's image without the readings of moving pixels."""
+    """Return a keyframe's image without the readings of moving pixels (H, W)."""
     return replace(small, depth=np.where(_at_level(moving, 0, small.depth.shape), np.uint16(0), small.depth))
 
 

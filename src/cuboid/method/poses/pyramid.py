@@ -84,7 +84,7 @@ def shrink(frame: Frame, intrinsics: Intrinsics) -> tuple[UInt8Array, Float32Arr
 
 
 def build_levels(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) -> tuple[Level, ...]:
-    """Return the image in all sizes, finest first."""
+    """Return an image, gray (H, W) and depth (H, W) in metres, in all sizes, finest first."""
     import cv2
 
     levels = []
@@ -109,7 +109,7 @@ def levels_of(image: WorkingImage) -> tuple[Level, ...]:
 
 
 def keep(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) -> SmallImage:
-    """Return the compact image of a keyframe, for storage."""
+    """Return the compact image of a keyframe, of gray (H, W) and depth (H, W) in metres, for storage."""
     units = np.clip(np.rint(depth_m / KEPT_UNIT_M), 0, 65535)
     return SmallImage(gray, units.astype(np.uint16), camera)
 

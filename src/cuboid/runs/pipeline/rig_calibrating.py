@@ -95,7 +95,7 @@ def names_of(recordings: Sequence[Recording]) -> list[str]:
 def rig_document(
     T_rig_camera: Float64Array, recordings: Sequence[Recording], names: Sequence[str], output: Path
 ) -> dict[str, Any]:
-    """Return the content of `rig.json` at a path; the recordings are named relative to its folder."""
+    """Return the content of `rig.json`, of N poses (N, 4, 4); recordings are relative to the folder of `output`."""
     cameras = [
         {
             "name": name,
