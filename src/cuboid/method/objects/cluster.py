@@ -23,8 +23,6 @@ NORMAL_NEIGHBOURS = 12
 HIDING_CELL_PX = 3
 # Standard deviations of the motion of an object from the predicted one in a frame, metres and radians.
 UNSTEADY_M, UNSTEADY_RAD = 0.03, 0.15
-# The alignment starts at this level of the image pyramid.
-START_LEVEL = 1
 # Step between the tried places around the expected one, metres: an alignment finds smaller shifts.
 TRIED_M = 0.02
 # A reading lies on a point within this distance and its noise, metres. Two colors agree within this number of levels:
@@ -116,7 +114,7 @@ class Cluster:
         """Return the place that an alignment finds from a start, T_now_start (4, 4); None if it does not fit."""
         T = seen.T_camera_world @ start
         prior = Prior(T, np.diag([UNSTEADY_M**-2.0] * 3 + [UNSTEADY_RAD**-2.0] * 3))
-        found = align(self._reference, levels, T, prior, coarsest=START_LEVEL)
+        found = align(self._reference, levels, T, prior, coarsest=1)
         return self.fit_at(seen, inverse(seen.T_camera_world) @ found.T_camera_reference)
 
     def fit_at(self, seen: Observation, T_now_start: Float64Array) -> Fit | None:

@@ -36,8 +36,6 @@ from cuboid.method.surfaces.planes import PlaneTracker
 
 # A segment with this similarity to its object may take voxels from other objects.
 SURE_MATCH = 0.5
-# A segment shows an object if it covers this fraction of the object's visible pixels.
-OBJECT_SHOWN_FRACTION = 0.5
 # On a later visit, earlier sightings have at most this weight, that of one view; earlier hits of a voxel count as at
 # most this number.
 VISIT_SIGHTINGS, VISIT_HITS = 1.0, 3
@@ -225,7 +223,8 @@ class ObjectMap:
         Return the pairs of numbers of the objects that lie side by side.
         """
         separate = set()
-        covered = (found.object_pixels >= MIN_READINGS) & (found.overlap >= OBJECT_SHOWN_FRACTION * found.object_pixels)
+        # A segment shows an object if it covers half of the object's visible pixels.
+        covered = (found.object_pixels >= MIN_READINGS) & (found.overlap >= 0.5 * found.object_pixels)
         for i in np.flatnonzero(covered.sum(1) > 1):
             for a, b in combinations(np.flatnonzero(covered[i]).tolist(), 2):
                 self.store.add_pair_evidence(found.objects[a], found.objects[b], SAME_LOG_ODDS, novelty=novelty)

@@ -32,8 +32,6 @@ LONGEST_S = 0.5
 SURE_FIT = 0.8
 # Poses within this distance count as the same start or result of a search: metres, radians.
 SAME_POSE_M, SAME_POSE_RAD = 0.005, 0.005
-# The second alignment of a frame, without its moving pixels, starts at this level: the first one has come near.
-MASKED_COARSEST = 1
 # A lost camera is first tracked from its last pose for this many frames; then only known places are searched.
 MAX_TRACKED_LOST_FRAMES = 3
 # Number of known places with which a lost frame is compared.
@@ -360,7 +358,8 @@ class PoseEstimator:
         if shot.moving is None:
             return found
         still = levels_without(shot.levels, shot.moving)
-        return align(self._reference, still, found.T_camera_reference, prior, coarsest=MASKED_COARSEST)
+        # The second alignment starts at a fine level: the first one has come near.
+        return align(self._reference, still, found.T_camera_reference, prior, coarsest=1)
 
     def _moving_pixels(self, shot: _Shot, T_world_camera: Float64Array) -> UInt8Array | None:
         """Return which pixels of a frame move: first by the surrounding keyframes, then by all that overlap it."""

@@ -23,8 +23,6 @@ PIXEL_STEP = 8
 MANY_LOST, MIN_LOST = 0.1, 3
 # Fraction of pixels with readings below which a warning is given; real recordings at hand have 29 to 100 %.
 FEW_READINGS = 0.15
-# Fraction of frames with the same depth in all pixels that gives a warning: noise of a camera makes no such frame.
-MANY_CONSTANT = 0.5
 # Largest distance at which objects are found, metres.
 MAX_OBJECT_DISTANCE_M = 4.0
 # Points in results are 32-bit numbers; above this step between two such numbers, metres, rounding is larger than the
@@ -71,8 +69,8 @@ class Counts:
         self.proposals += len(result.proposals)
 
     def mostly_constant(self, frames: Collection[int]) -> bool:
-        """Return whether most of these frames have one depth in all pixels."""
-        return sum(frame in self.constant for frame in frames) > MANY_CONSTANT * len(frames)
+        """Return whether most of these frames have one depth in all pixels: noise of a camera makes no such frame."""
+        return sum(frame in self.constant for frame in frames) > len(frames) / 2
 
 
 @dataclass(frozen=True, slots=True)
