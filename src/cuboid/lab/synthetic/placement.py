@@ -14,7 +14,7 @@ from cuboid.lab.synthetic.scene import SceneObject, Surface
 from cuboid.lab.synthetic.shapes import Model, turned
 
 # Maximum number of random draws for a free place before a model is left out.
-PLACE_TRIES = 300
+TRIES = 300
 # Minimum distance of objects from the edge of their support, metres.
 EDGE_M = 0.025
 # Below this gap (metres) two objects count as touching: depth cameras cannot resolve it.
@@ -50,7 +50,7 @@ class Arrangement:
         """
         model = turned(model, self._rng.uniform(0, 2 * np.pi))
         outline = hull(model.mesh().vertices[:, :2])
-        for _ in range(PLACE_TRIES):
+        for _ in range(TRIES):
             place = self.surfaces[surface].at(*(within * self._rng.uniform(-1, 1, 2)))
             if self._free(outline + place, surface, gap):
                 return self._add(model, place, surface, number=number)
@@ -93,7 +93,7 @@ class Arrangement:
         """
         model = turned(model, self._rng.uniform(0, 2 * np.pi) if angle_rad is None else angle_rad)
         outline = hull(model.mesh().vertices[:, :2])
-        for _ in range(PLACE_TRIES):
+        for _ in range(TRIES):
             point = self.surfaces[surface].at(*(place + self._rng.uniform(-1, 1, 2) * spread))
             if self._free(outline + point, surface, gap):
                 return self._add(model, point, surface)
@@ -105,7 +105,7 @@ class Arrangement:
 
     def put_beside(self, model: Model, other: SceneObject, gap: float, others_gap: float) -> SceneObject | None:
         """Put a model `gap` metres from another object on the same surface, and `others_gap` from the rest."""
-        for _ in range(PLACE_TRIES // 5):
+        for _ in range(TRIES // 5):
             model = turned(model, self._rng.uniform(0, 2 * np.pi))
             outline = hull(model.mesh().vertices[:, :2])
             angle = self._rng.uniform(0, 2 * np.pi)
@@ -140,7 +140,7 @@ class Arrangement:
         model = turned(model, self._rng.uniform(0, 2 * np.pi))
         outline = hull(model.mesh().vertices[:, :2])
         within = [self._outlines[o.id] for o in self.objects if o.inside == other.id]
-        for _ in range(PLACE_TRIES):
+        for _ in range(TRIES):
             place = inside.at(*self._rng.uniform(-1, 1, 2))
             placed = outline + place
             if inside.contains(placed, gap) and all(gap_m(placed, one) >= gap for one in within):
