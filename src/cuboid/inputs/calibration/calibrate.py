@@ -33,7 +33,7 @@ COARSE_STEPS, FINE_STEPS = 20, 12
 FOCAL_ONLY, WITH_CENTER = (FOCAL,), (FOCAL, CENTER_X, CENTER_Y)
 WITH_DEPTH = (*WITH_CENTER, DEPTH)
 # Minimum number of pairs of views for a result.
-MIN_VIEW_PAIRS = 12
+MIN_PAIRS = 12
 # The depth scale is corrected only if it is off by more than this fraction and by ERRORS standard errors: lens
 # distortion and drifting poses cause apparent errors of up to 2 %.
 DEPTH_SCALE_OFF, ERRORS = 0.03, 3.0
@@ -114,10 +114,10 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
         fine_views.append(build_view(frame, fine_by))
     begin = ScaledPinhole.of(start)
     pairs = choose_pairs(coarse_views, begin.resized(coarse_by))
-    if len(pairs) < MIN_VIEW_PAIRS:
+    if len(pairs) < MIN_PAIRS:
         raise InputError(
             f"only {len(pairs)} pairs of {len(coarse_views)} frames see the same from places far enough apart, "
-            f"at least {MIN_VIEW_PAIRS} are needed: the camera must go around things, or turn"
+            f"at least {MIN_PAIRS} are needed: the camera must go around things, or turn"
         )
     coarse, fine = Problem(coarse_views, pairs, coarse_by), Problem(fine_views, pairs, fine_by)
     measured, measured_error = 1.0, float("nan")

@@ -13,7 +13,7 @@ from cuboid.inputs.calibration.calibrate import (
     DEPTH_SCALE_OFF,
     FOCAL_ONLY,
     MIN_ERROR,
-    MIN_VIEW_PAIRS,
+    MIN_PAIRS,
     TRIED_DEPTHS,
     WITH_CENTER,
     WITH_DEPTH,
@@ -96,7 +96,7 @@ def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: b
     views = [build_view(frame, factor) for frame in frames]
     in_use = ScaledPinhole.of(intrinsics)
     pairs = choose_pairs(views, in_use.resized(factor))
-    if len(pairs) < MIN_VIEW_PAIRS:
+    if len(pairs) < MIN_PAIRS:
         return UNKNOWN
     problem = Problem(views, pairs, factor)
     if estimated:

@@ -16,7 +16,7 @@ import numpy as np
 
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry.se3 import assembled
-from cuboid.inputs.calibration.calibrate import MIN_VIEW_PAIRS, spread_out
+from cuboid.inputs.calibration.calibrate import MIN_PAIRS, spread_out
 from cuboid.inputs.calibration.edge_fit import (
     FINE_BLUR_PX,
     NOWHERE,
@@ -242,7 +242,7 @@ def _fit(recording: Recording) -> _Fit | None:
     views = [build_view(frame, factor) for frame in usable_frames(recording.read, chosen)]
     pinhole = ScaledPinhole.of(recording.intrinsics)
     pairs = choose_pairs(views, pinhole.resized(factor))
-    if len(pairs) < MIN_VIEW_PAIRS:
+    if len(pairs) < MIN_PAIRS:
         return None
     problem = Problem(views, pairs, factor)
     return _Fit(problem.solve(pinhole, (), FIT_STEPS, trusting=True).disagreement, problem.typical_gap_m(pinhole))
