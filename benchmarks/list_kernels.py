@@ -28,7 +28,7 @@ from cuboid.inputs.readers.registration import Registration
 from cuboid.runs.pipeline.ahead import LIST
 from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
-from cuboid.runs.pipeline.warmup import CAMERA, FRAMES, WarmUpRecording
+from cuboid.runs.pipeline.warmup import CAMERA, MADE_FRAMES, WarmUpRecording
 from cuboid.runs.scene.running import IntoScene
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 
@@ -49,12 +49,12 @@ def use_kernels(folder: Path) -> None:
 def correct() -> None:
     """Track a few frames, with a correction of the keyframes to which they are anchored."""
     recording, tracker = WarmUpRecording(), PosedTracker(CAMERA)
-    for index in range(FRAMES):
-        if index == FRAMES // 2:
+    for index in range(MADE_FRAMES):
+        if index == MADE_FRAMES // 2:
             T_new_old = np.eye(4)
             T_new_old[0, 3] = 0.03
             tracker.apply_correction({1: T_new_old, 2: T_new_old})
-        tracker.update(recording.read(index), 1 + index // (FRAMES // 4))
+        tracker.update(recording.read(index), 1 + index // (MADE_FRAMES // 4))
     tracker.map_points()
 
 

@@ -37,7 +37,7 @@ DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 CONSTANT, PUBLIC = re.compile(r"_?[A-Z][A-Z0-9_]*"), re.compile(r"[A-Z][A-Z0-9_]+")
 ARRAY = re.compile(r"\b(NDArray|ndarray|\w*Array|ArrayLike)\b")
 SCALAR_FUNCTIONS = ("np.radians", "np.cos", "np.sin", "np.log", "np.sqrt", "float", "int")
-SHAPE = re.compile(r"\((?:\w+, ?)+\w+\)|\(\w+,\)")
+SHAPE = re.compile(r"\((?:(?:\w+|\.\.\.), ?)+\w+\)|\(\w+,\)")
 
 
 def python_files(folder: str) -> Iterator[Path]:

@@ -8,7 +8,7 @@ import pytest
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry import se3
 from cuboid.inputs.calibration.comparing import PARAMETERS, disagreements, warp
-from cuboid.inputs.calibration.views import CELL_PX, ScaledPinhole, View, build_view, factors
+from cuboid.inputs.calibration.views import GRADIENT_CELL_PX, ScaledPinhole, View, build_view, factors
 
 PINHOLE = ScaledPinhole(130.0, 128.0, 79.0, 61.0)
 T_OTHER_VIEW = se3.exp([0.05, -0.03, 0.04, 0.05, -0.08, 0.03])
@@ -108,7 +108,7 @@ def test_points_are_taken_where_depth_is_smooth_and_brightness_changes() -> None
     assert rows.min() >= 20
     assert not np.any(columns == 79)
     assert set(np.unique(view.xyz[:, 2])) <= {1.0, 1.5}
-    cells = {(int(y) // CELL_PX, int(x) // CELL_PX) for x, y in zip(columns, rows, strict=True)}
+    cells = {(int(y) // GRADIENT_CELL_PX, int(x) // GRADIENT_CELL_PX) for x, y in zip(columns, rows, strict=True)}
     assert len(cells) == len(view.xyz)
 
 

@@ -11,7 +11,7 @@ from made_truth import as_json, cube, truth_document, write_truth
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import MapPoints
 from cuboid.lab.evaluation.points import (
-    REACH_M,
+    HEAT_REACH_M,
     HeatAt,
     LabelledCloud,
     heat_quality,
@@ -52,7 +52,9 @@ def test_equally_hot_points_are_taken_together(truth: Truth) -> None:
 
 
 def test_a_point_reaches_only_the_map_near_it(truth: Truth) -> None:
-    cloud = LabelledCloud(line(2) + np.array([[0.99 * REACH_M, 0, 0], [1.01 * REACH_M, 0, 0]]), np.ones(2, bool))
+    cloud = LabelledCloud(
+        line(2) + np.array([[0.99 * HEAT_REACH_M, 0, 0], [1.01 * HEAT_REACH_M, 0, 0]]), np.ones(2, bool)
+    )
     assert heat_quality(line(2), np.ones(2), cloud, truth).mapped == 0.5
 
 

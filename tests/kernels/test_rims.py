@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from cuboid.ground.core.limits import SAMPLE_POINTS
 from cuboid.ground.core.tolerances import MIN_READINGS
-from cuboid.method.objects.kernels.rims import BENEATH_FRACTION, END_FRACTION, RIM_WIDTH_FRACTION, highest_rim
+from cuboid.method.objects.kernels.rims import BENEATH_FRACTION, RIM_WIDTH_FRACTION, WIDTH_END_FRACTION, highest_rim
 
 GAP_M, SLAB_M = 0.02, 0.03
 
@@ -22,8 +22,8 @@ def rims(points: np.ndarray, slabs: list[tuple[int, int]], axes: np.ndarray) -> 
         if len(slab) < MIN_READINGS:
             continue
         along = np.linalg.eigh(np.cov(slab.T))[1][:, 1]
-        low, high = np.quantile(slab @ along, [END_FRACTION, 1.0 - END_FRACTION])
-        low_rest, high_rest = np.quantile(rest @ along, [END_FRACTION, 1.0 - END_FRACTION])
+        low, high = np.quantile(slab @ along, [WIDTH_END_FRACTION, 1.0 - WIDTH_END_FRACTION])
+        low_rest, high_rest = np.quantile(rest @ along, [WIDTH_END_FRACTION, 1.0 - WIDTH_END_FRACTION])
         beneath = (cKDTree(rest).query(slab)[0] < GAP_M).mean()
         if high_rest - low_rest <= RIM_WIDTH_FRACTION * (high - low) and beneath < BENEATH_FRACTION:
             found.append(k)

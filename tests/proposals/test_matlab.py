@@ -36,7 +36,7 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MatlabReader:
     for name in ("crash.mat", "hang.mat", "cut.mat", "good.mat"):
         (tmp_path / name).write_bytes(b"")
     monkeypatch.setattr(matlab, "CHILD", tmp_path / "child.py")
-    monkeypatch.setattr(matlab, "LIMIT_S", 1.5)
+    monkeypatch.setattr(matlab, "MATLAB_TIMEOUT_S", 1.5)
     return MatlabReader()
 
 

@@ -126,9 +126,9 @@ def test_sums_over_pixels(maps: Maps, tree: tuple[hierarchy.Graph, RegionTree]) 
     v, u = np.nonzero(inside & maps.read)
     z = maps.depth_m[v, u].astype(float)
     points = np.stack([(u - CAMERA.cx) / CAMERA.fx * z, (v - CAMERA.cy) / CAMERA.fy * z, z])
-    np.testing.assert_allclose(found[sums.POINTS : sums.POINTS + 3], points.sum(1), rtol=1e-6)
+    np.testing.assert_allclose(found[sums.POINT_SUMS : sums.POINT_SUMS + 3], points.sum(1), rtol=1e-6)
     products = [points[a] @ points[b] for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    np.testing.assert_allclose(found[sums.POINTS + 3 : sums.POINTS + 9], products, rtol=1e-6)
+    np.testing.assert_allclose(found[sums.POINT_SUMS + 3 : sums.POINT_SUMS + 9], products, rtol=1e-6)
     assert graph.boxes[13].tolist() == [40, 8, 48, 16]
     assert graph.sums[:, sums.CUT_OFF].sum() == 2 * (48 + 64) - 4
 
@@ -194,7 +194,7 @@ def test_principal_axes_and_plane() -> None:
     points = random.normal(size=(500, 3)) @ random.normal(size=(3, 3)) + [0.0, 0.0, 9.0]
     found = np.zeros(sums.PIXEL_SUMS)
     squares = [(points[:, a] * points[:, b]).sum() for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    found[sums.POINTS : sums.POINTS + 9] = [*points.sum(0), *squares]
+    found[sums.POINT_SUMS : sums.POINT_SUMS + 9] = [*points.sum(0), *squares]
     axes = np.empty(3)
     quantities.axes_of(found, 500.0, axes)
     np.testing.assert_allclose(axes, np.linalg.eigvalsh(np.cov(points.T, bias=True))[::-1], rtol=1e-6)
@@ -257,7 +257,7 @@ def test_boosted_trees_as_by_recursion() -> None:
         sums = model.base + np.cumsum([value(root, row) for root in model.roots])
         stages = sums[forest.STAGE - 1 :: forest.STAGE]
         expected = next((s for s, least in zip(stages, given_up, strict=False) if s < least), sums[-1])
-        assert out[i] == pytest.approx(forest.NEVER if i == 7 else expected, abs=1e-9)
+        assert out[i] == pytest.approx(forest.LEFT_OUT_LOG_ODDS if i == 7 else expected, abs=1e-9)
 
 
 def test_hardly_any_probable_region_is_given_up_early() -> None:

@@ -60,14 +60,17 @@ def cell_pixels(camera: Intrinsics) -> int:
 
 
 def without_mixed(depth_m: Float32Array) -> Float32Array:
-    """Return a depth image without the readings that mix two surfaces."""
+    """Return a depth image (H, W), metres, without the readings that mix two surfaces."""
     clean = np.empty(depth_m.shape, np.float32)
     drop_mixed(depth_m, MIXED_PER_M, clean)
     return clean
 
 
 def halved(depth_m: Float32Array) -> Float32Array:
-    """Return the depth of 2 x 2 blocks; a block that shows two surfaces gets the depth of one, never a mean of both."""
+    """Return the depth (H // 2, W // 2) of 2 x 2 blocks of (H, W), metres.
+
+    A block that shows two surfaces gets the depth of one, never a mean of both.
+    """
     made = np.empty((depth_m.shape[0] // 2, depth_m.shape[1] // 2), np.float32)
     halve_depth(depth_m, SAME_SURFACE, made)
     return made

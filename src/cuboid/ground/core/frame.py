@@ -201,7 +201,7 @@ class Frame:
         return bool(self.depth_m.any())
 
     def at(self, T_world_camera: Float64Array) -> Frame:
-        """Return the same frame with another pose."""
+        """Return the same frame with another pose (4, 4)."""
         placed = copy(self)  # its images have been checked
         placed._set_pose(T_world_camera)
         return placed

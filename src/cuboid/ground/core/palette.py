@@ -129,7 +129,7 @@ def _candidates() -> Float64Array:
 
 
 def linear_rgb(encoded: Float64Array) -> Float64Array:
-    """Return linear RGB of sRGB (IEC 61966-2-1), both 0..1."""
+    """Return linear RGB of sRGB (IEC 61966-2-1), (N, 3) or any shape, both 0..1."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 

@@ -12,9 +12,9 @@ from cuboid.ground.geometry import se3
 
 # Maximum gap (seconds) between two poses for interpolation: a hand-held camera's
 # acceleration of 2 m/s^2 makes that wrong by a t^2 / 8 = 2.5 mm, the noise of depth at 1.3 m.
-LARGEST_GAP_S = 0.1
+MAX_INTERPOLATED_S = 0.1
 # Elsewhere the nearest pose is used if it is within this time (seconds): at 0.25 m/s, TUM fr1/xyz's mean, 5 mm.
-NEAREST_WITHIN_S = 0.02
+NEAREST_POSE_S = 0.02
 
 
 class PoseStream:
@@ -35,7 +35,7 @@ class PoseStream:
         name: str,
         times_s: Float64Array,
         T_world_camera: Sequence[Float64Array],
-        largest_gap_s: float = LARGEST_GAP_S,
+        largest_gap_s: float = MAX_INTERPOLATED_S,
     ) -> None:
         self._name, self._times_s, self._poses, self._largest_gap_s = name, times_s, T_world_camera, largest_gap_s
 
@@ -43,7 +43,7 @@ class PoseStream:
         """Return T_world_camera (4, 4) at a time.
 
         The pose is interpolated between neighbours at most `largest_gap_s` apart, else it is the nearest one within
-        `NEAREST_WITHIN_S`.
+        `NEAREST_POSE_S`.
 
         Raises
         ------
@@ -57,10 +57,10 @@ class PoseStream:
             return se3.interpolate(self._pose(after - 1), self._pose(after), float((time_s - t0) / (t1 - t0)))
         near = min((max(after - 1, 0), min(after, last)), key=lambda k: abs(self._times_s[k] - time_s))
         away_s = abs(float(self._times_s[near]) - time_s)
-        if away_s > NEAREST_WITHIN_S:
+        if away_s > NEAREST_POSE_S:
             raise FrameError(
                 f"no camera pose at {time_s:.3f} s: the nearest in {self._name} is {away_s:.3f} s away "
-                f"(at most {NEAREST_WITHIN_S:g} s, or between two at most {self._largest_gap_s:g} s apart)"
+                f"(at most {NEAREST_POSE_S:g} s, or between two at most {self._largest_gap_s:g} s apart)"
             )
         return self._pose(near)
 

@@ -23,7 +23,7 @@ from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
 LENGTH = 6
 DIRECTION = 9
 PIXEL = 2
-LEVEL = 1
+COLOR_LEVEL = 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.display import png_of
-from cuboid.ground.core.records import LEVEL, PIXEL, column
+from cuboid.ground.core.records import COLOR_LEVEL, PIXEL, column
 from cuboid.ground.core.values import (
     Count,
     Entry,
@@ -278,7 +278,7 @@ class TrackedObject:
         metadata=column(
             "mean color of its points: red, green, blue, 0 to 255",
             kind=Level,
-            digits=LEVEL,
+            digits=COLOR_LEVEL,
             parts=("red", "green", "blue"),
             stored=False,
         )

@@ -11,7 +11,7 @@ SIGMAS_95 = 1.96
 # If half the 95 % interval of a size is at least this wide, metres, the size has no decimal place of a centimetre.
 COARSE_M = 0.01
 # Smallest half interval that is printed, metres: that of the last printed digit.
-FINEST_M = 0.001
+MIN_INTERVAL_M = 0.001
 # From this half interval of a level side on, metres, a side that no camera saw is worth a word.
 GUESSED_M = 0.05
 AROUND = ("+x", "-x", "+y", "-y")
@@ -40,7 +40,7 @@ def size_text(
         return separator.join(f"{100 * side:.1f}" for side in size_m)
     parts = []
     for side, sigma in zip(size_m, sigma_m, strict=True):
-        within = max(SIGMAS_95 * sigma, FINEST_M)
+        within = max(SIGMAS_95 * sigma, MIN_INTERVAL_M)
         digits = 0 if within >= COARSE_M else 1
         parts.append(f"{100 * side:.{digits}f}" + (f" ± {100 * within:.{digits}f}" if errors else ""))
     return separator.join(parts)

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from cuboid.ground.geometry.se3 import FARTHEST_M
+from cuboid.ground.geometry.se3 import MAX_FROM_ORIGIN_M
 
 # The largest frame number of a recording: 38 days at 30 frames a second.
 LAST_FRAME = 100_000_000
@@ -25,8 +25,8 @@ UNIT_TOLERANCE = 1e-3
 # numbers are probably not a quaternion, or the columns are in another order and include a translation.
 QUATERNION_TOLERANCE = 0.01
 
-Metres: TypeAlias = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M, description="metres")]
-Side: TypeAlias = Annotated[float, Meta(ge=0.0, le=FARTHEST_M, description="metres")]
+Metres: TypeAlias = Annotated[float, Meta(ge=-MAX_FROM_ORIGIN_M, le=MAX_FROM_ORIGIN_M, description="metres")]
+Side: TypeAlias = Annotated[float, Meta(ge=0.0, le=MAX_FROM_ORIGIN_M, description="metres")]
 Cosine: TypeAlias = Annotated[float, Meta(ge=-1.0 - UNIT_TOLERANCE, le=1.0 + UNIT_TOLERANCE)]
 QuaternionPart: TypeAlias = Annotated[float, Meta(ge=-1.0 - QUATERNION_TOLERANCE, le=1.0 + QUATERNION_TOLERANCE)]
 Fraction: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0, description="0 to 1")]

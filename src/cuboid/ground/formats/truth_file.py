@@ -26,7 +26,7 @@ from cuboid.ground.core.values import (
 )
 from cuboid.ground.formats.relations import PlaneOfTruth, RelationOfTruth, refuse_unknown
 from cuboid.ground.formats.run_file import MAX_FRAMES
-from cuboid.ground.geometry.se3 import FARTHEST_M
+from cuboid.ground.geometry.se3 import MAX_FROM_ORIGIN_M
 
 # Frames times objects: what is visible is held as a table of both.
 MAX_FRACTIONS = 20_000_000
@@ -38,7 +38,7 @@ Moves = Annotated[
     list[Move],
     Meta(description="poses of its box: frame from which it holds, centre, quaternion (w first)"),
 ]
-PositiveSide = Annotated[float, Meta(gt=0.0, le=FARTHEST_M, description="metres")]
+PositiveSide = Annotated[float, Meta(gt=0.0, le=MAX_FROM_ORIGIN_M, description="metres")]
 
 
 class BoxOfTruth(Entry, frozen=True):

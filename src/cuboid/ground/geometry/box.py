@@ -68,7 +68,7 @@ class Box:
         return float(self.size[0] * self.size[1] * self.size[2])
 
     def foot_m(self, normal: Float64Array, offset: float) -> float:
-        """Return the height of the box's foot above a plane parallel to it, normal.p + offset = 0, metres."""
+        """Return the height, metres, of the box's foot above a parallel plane: normal (3,), normal.p + offset = 0."""
         return float(normal @ self.center) + offset - float(self.size[2]) / 2.0
 
     def contains(self, points: Float32Array | Float64Array, beyond_m: float) -> npt.NDArray[np.bool_]:

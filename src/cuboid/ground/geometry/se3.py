@@ -14,7 +14,7 @@ RIGID_TOLERANCE = 0.01
 # Below this deviation a matrix is a rotation up to the rounding of 64 bits, and is not corrected.
 EXACT_TOLERANCE = 1e-12
 # Largest distance of a camera from the origin of its world, metres.
-FARTHEST_M = 1e6
+MAX_FROM_ORIGIN_M = 1e6
 # Below this angle between two quaternions (radians) the slerp weights sin(a t) / sin(a) become inaccurate,
 # and linear interpolation between them is exact to 1e-13.
 SLERP_SMALL_ANGLE = 1e-6
@@ -123,7 +123,7 @@ def assembled(rotation: npt.ArrayLike, translation: npt.ArrayLike) -> Float64Arr
 
 
 def moved_beyond(T_one: Float64Array, T_other: Float64Array, distance_m: float, angle_rad: float) -> bool:
-    """Return whether two poses differ by more than a distance, or by more than an angle (below pi)."""
+    """Return whether two poses (4, 4) differ by more than a distance, or by more than an angle (below pi)."""
     step, R = T_other[:3, 3] - T_one[:3, 3], T_one[:3, :3] * T_other[:3, :3]
     # The trace of the rotation between the two is 1 + 2 cos(angle).
     return float(step @ step) > distance_m**2 or float(R.sum()) < 1.0 + 2.0 * math.cos(angle_rad)
@@ -202,13 +202,14 @@ def rigid(T: npt.ArrayLike) -> Float64Array:
 
 
 def refuse_nowhere(numbers: npt.ArrayLike) -> None:
-    """Raise ValueError if a number of a pose is NaN, infinite, or larger than `FARTHEST_M`."""
+    """Raise ValueError if a number of a pose (4, 4) is NaN, infinite, or larger than `MAX_FROM_ORIGIN_M`."""
     largest = np.abs(numbers).max()
     if not np.isfinite(largest):
         raise ValueError("the pose has NaN or infinite numbers")
-    if largest > FARTHEST_M:
+    if largest > MAX_FROM_ORIGIN_M:
         raise ValueError(
-            f"the pose is {largest:.3g} m away, expected at most {FARTHEST_M:g} m; subtract an offset from all poses"
+            f"the pose is {largest:.3g} m away, expected at most {MAX_FROM_ORIGIN_M:g} m; "
+            "subtract an offset from all poses"
         )
 
 

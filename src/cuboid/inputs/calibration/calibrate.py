@@ -18,11 +18,11 @@ from cuboid.inputs.calibration.solving import Problem, Solution
 from cuboid.inputs.calibration.views import ScaledPinhole, build_view, factors
 
 # Number of compared frames, and of consecutive frames in a group, for long recordings.
-FRAMES = 64
-GROUP = 8
+COMPARED_FRAMES = 64
+GROUP_FRAMES = 8
 # Camera motion from one chosen frame to the next, radians; a metre counts as a radian (objects are one to two metres
 # away). Less in a short recording.
-STEP = 0.08
+FRAME_STEP_RAD = 0.08
 # Initial focal lengths, as logarithms relative to the start value: 0.74 to 1.35 times it.
 TRIED = np.arange(-0.30, 0.301, 0.05)
 # Initial depth scales, as logarithms: 0.67 to 1.49.
@@ -170,7 +170,7 @@ def best_of_tried(
 ) -> ScaledPinhole:
     """Return the best of several pinholes, by the agreement of every n-th pair of views.
 
-    `focals` and `depths` are logarithms of focal lengths and depth scales relative to the pinhole's own.
+    `focals` (F,) and `depths` (D,) are logarithms of focal lengths and depth scales relative to the pinhole's own.
     """
     candidates = [
         replace(pinhole, fx=pinhole.fx * grown, fy=pinhole.fy * grown, depth_scale=pinhole.depth_scale * scaled)
@@ -180,7 +180,7 @@ def best_of_tried(
     return min(candidates, key=lambda candidate: problem.disagreement(candidate, every))
 
 
-def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = FRAMES) -> list[int]:
+def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = COMPARED_FRAMES) -> list[int]:
     """Return the frames to compare: the camera moves between them, and the frames of a group overlap.
 
     Parameters
@@ -200,13 +200,13 @@ def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = FRAMES) 
         return []
     motions = [se3.inverse(a) @ b for (_, a), (_, b) in pairwise(poses)]
     travelled = np.cumsum([0.0, *(se3.angle(T) + float(np.linalg.norm(T[:3, 3])) for T in motions)])
-    step = max(min(STEP, float(travelled[-1]) / count), 1e-9)
+    step = max(min(FRAME_STEP_RAD, float(travelled[-1]) / count), 1e-9)
     _, first = np.unique(np.floor(travelled / step), return_index=True)
     chosen = [poses[k][0] for k in first]
     if len(chosen) <= count:
         return chosen
-    starts = np.linspace(0, len(chosen) - GROUP, count // GROUP).round().astype(int)
-    return [chosen[k] for k in sorted({k for start in starts for k in range(start, start + GROUP)})]
+    starts = np.linspace(0, len(chosen) - GROUP_FRAMES, count // GROUP_FRAMES).round().astype(int)
+    return [chosen[k] for k in sorted({k for start in starts for k in range(start, start + GROUP_FRAMES)})]
 
 
 def _tried(coarse: Problem, begin: ScaledPinhole, depths: Float64Array = ALONE) -> ScaledPinhole:

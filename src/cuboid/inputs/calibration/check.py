@@ -29,10 +29,10 @@ from cuboid.inputs.readers.usable import posed_frames
 
 # Number of examined frames of a run with given poses, and with estimated poses, which carry less information; minimum
 # number of frames for a check.
-FRAMES, FRAMES_ESTIMATED, MIN_FRAMES = 24, 48, 8
+EXAMINED_FRAMES, EXAMINED_FRAMES_ESTIMATED, MIN_FRAMES = 24, 48, 8
 # Focal lengths that are tried, as logarithms relative to the one in use.
 TRIED = np.arange(-0.20, 0.201, 0.05)
-STEPS = 12
+FIT_STEPS = 12
 # The focal length counts as wrong if it is off by this fraction and by CLEARLY_ERRORS standard errors: at 1 m the edge
 # of an image is then 2 cm off, which begins to double objects; ignored lens distortion causes 2 or 3 %, and with
 # estimated poses, which determine the focal length less well, the rolling shutter of a hand-held camera causes 3.6 %.
@@ -106,11 +106,11 @@ def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: b
         return UNKNOWN
     problem = Problem(views, pairs, factor)
     if estimated:
-        found = scaled = problem.solve(in_use, FOCAL_ONLY, STEPS, trusting=False)
+        found = scaled = problem.solve(in_use, FOCAL_ONLY, FIT_STEPS, trusting=False)
         scale_off = False
     else:
-        found = problem.solve(best_of_tried(problem, in_use, TRIED), WITH_CENTER, STEPS)
-        scaled = problem.solve(best_of_tried(problem, in_use, TRIED, TRIED_DEPTHS, every=3), WITH_DEPTH, STEPS)
+        found = problem.solve(best_of_tried(problem, in_use, TRIED), WITH_CENTER, FIT_STEPS)
+        scaled = problem.solve(best_of_tried(problem, in_use, TRIED, TRIED_DEPTHS, every=3), WITH_DEPTH, FIT_STEPS)
         scale_off = is_scale_off(scaled, found, CLEARLY_ERRORS) and _error(scaled, DEPTH) <= WORST_SCALE_ERROR
         found = scaled if scale_off else found
     error = _error(found, FOCAL)
@@ -119,7 +119,7 @@ def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: b
     least = CLEARLY_OFF_SHORT if short else CLEARLY_OFF_ESTIMATED if estimated else CLEARLY_OFF
     focal_off = off > max(least, CLEARLY_ERRORS * error)
     if focal_off or scale_off:
-        before = problem.solve(in_use, (), STEPS, trusting=not estimated).disagreement
+        before = problem.solve(in_use, (), FIT_STEPS, trusting=not estimated).disagreement
         clear = found.disagreement < (1 - CLEARLY_BETTER) * before
         focal_off, scale_off = focal_off and clear, scale_off and clear
     if not scale_off:
@@ -154,7 +154,7 @@ def intrinsics_warning(
     if len(T_world_camera) < MIN_FRAMES:
         return None
     estimated = depth_units_per_metre is None
-    frames = spread_out(T_world_camera, FRAMES_ESTIMATED if estimated else FRAMES)
+    frames = spread_out(T_world_camera, EXAMINED_FRAMES_ESTIMATED if estimated else EXAMINED_FRAMES)
     verdict = quick_check(posed_frames(read, T_world_camera, frames), intrinsics, estimated=estimated)
     better = "the frames fit together clearly better with"
     if depth_units_per_metre is not None and verdict.depth_scale is not None:

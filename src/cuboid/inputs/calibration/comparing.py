@@ -21,9 +21,9 @@ MOTION = 6
 # Error of a reading: noise plus MIN_SIGMA_M; PLACE_PX is the error of its position in the image, pixels.
 PLACE_PX = 0.7
 # Maximum difference of depths at which brightness is compared, metres: beyond it the surfaces are different.
-SAME_PLACE_M = 0.10
+MAX_DEPTH_DIFFERENCE_M = 0.10
 # Minimum depth that these cameras see, metres.
-NEAREST_M = 0.1
+NEAREST_SEEN_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,17 +74,17 @@ class Disagreement:
 
 
 def warp(view: View, other: View, T_other_view: Float64Array, pinhole: Pinhole) -> Warped:
-    """Warp the pixels of a view into another view of the same size.
+    """Warp the pixels of a view into another view of the same size, by a motion (4, 4).
 
     Depths are used as read: if the depth scale is not 1, the translation of `T_other_view` is divided by it. Scaling
     the depths instead would favour small scales, because a shrunken world has small differences.
     """
     p = pinhole.points(*view.xyz.T)
     q = p @ T_other_view[:3, :3].T + T_other_view[:3, 3]
-    ahead = np.maximum(q[:, 2], NEAREST_M)
+    ahead = np.maximum(q[:, 2], NEAREST_SEEN_M)
     column, row = pinhole.fx * q[:, 0] / ahead + pinhole.cx, pinhole.fy * q[:, 1] / ahead + pinhole.cy
     height, width = other.depth_m.shape
-    keep = (q[:, 2] > NEAREST_M) & (column >= 1) & (column < width - 2) & (row >= 1) & (row < height - 2)
+    keep = (q[:, 2] > NEAREST_SEEN_M) & (column >= 1) & (column < width - 2) & (row >= 1) & (row < height - 2)
     i, j = np.where(keep, row, 0.0).astype(np.intp), np.where(keep, column, 0.0).astype(np.intp)
     keep &= other.smooth[i, j]
     i, j, row, column, p, q = i[keep], j[keep], row[keep], column[keep], p[keep], q[keep]
@@ -94,7 +94,7 @@ def warp(view: View, other: View, T_other_view: Float64Array, pinhole: Pinhole) 
     noise_m = np.hypot(reading_m, PLACE_PX * np.hypot(depth[1], depth[2]))
     gap_m = depth[0] - q[:, 2]
     change = contrast[0] - view.value[keep]
-    return Warped(p, q, depth, contrast, noise_m, gap_m, change, np.abs(gap_m) < SAME_PLACE_M)
+    return Warped(p, q, depth, contrast, noise_m, gap_m, change, np.abs(gap_m) < MAX_DEPTH_DIFFERENCE_M)
 
 
 def disagreements(

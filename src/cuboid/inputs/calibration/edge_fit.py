@@ -14,13 +14,13 @@ from cuboid.ground.core.frame import Frame
 from cuboid.inputs.calibration.kernels.edges import depth_edges, edge_agreement
 
 # Minimum width of the downsampled images, pixels: edges are located to half a pixel of them.
-WIDTH_PX = 320
+EDGE_WIDTH_PX = 320
 # A surface ends where the next reading is farther by at least JUMP, as a fraction of the depth (more than any noise),
-# within GAP_PX pixels of an image with width 640: the projector's shadow may lie between.
+# within SHADOW_GAP_PX pixels of an image with width 640: the projector's shadow may lie between.
 JUMP = 0.05
-GAP_PX = 12
+SHADOW_GAP_PX = 12
 # Minimum number of depth edges of a usable frame; maximum number, of which a random subset is used.
-MIN_EDGES, MAX_EDGES = 50, 1200
+MIN_DEPTH_EDGES, MAX_DEPTH_EDGES = 50, 1200
 # Number of edges of each frame for the exhaustive search.
 FEW_EDGES = 120
 # Grid of the exhaustive search: magnifications 0.62 to 1.62 (the two cameras of a RealSense have 1.57), shifts up to 24
@@ -30,12 +30,12 @@ SHIFTED_PX = np.arange(-24.0, 24.1, 3.0)
 SEARCH_BLUR_PX = 4.0
 # Number of best moves of the search that are refined, in addition to no move; minimum difference between them, pixels
 # (root mean square over the image).
-STARTS, APART_PX = 6, 8.0
+REFINED_MOVES, MOVES_APART_PX = 6, 8.0
 # Refinement levels: blur (pixels), steps of magnification (fraction) and of shift (pixels).
 FINER = ((3.0, 0.02, 1.5), (2.0, 0.01, 0.75), (1.2, 0.005, 0.4), (1.0, 0.0025, 0.2))
 FINE_BLUR_PX = FINER[-1][0]
 # Candidate baselines between the two cameras of a device, which lie side by side, metres.
-BESIDE_M = np.arange(-0.08, 0.081, 0.005)
+BASELINES_M = np.arange(-0.08, 0.081, 0.005)
 # Minimum relative gain in edge agreement for a baseline between the cameras: noise and nearly equal depths give less.
 APART_GAIN = 0.05
 # Columns and rows of tiles into which the image is divided if all frames show the same view.
@@ -121,11 +121,11 @@ def gather_edges(frames: Iterable[Frame]) -> tuple[Edges, int] | None:
     rng = np.random.default_rng(_SEED)
     for frame in frames:
         height, width = frame.depth_m.shape
-        factor = max(1, width // WIDTH_PX)
+        factor = max(1, width // EDGE_WIDTH_PX)
         ends, along_row = _ends(frame.depth_m)
-        if len(ends) < MIN_EDGES:
+        if len(ends) < MIN_DEPTH_EDGES:
             continue
-        kept = np.sort(rng.permutation(len(ends))[:MAX_EDGES])
+        kept = np.sort(rng.permutation(len(ends))[:MAX_DEPTH_EDGES])
         ends = ends[kept]
         ends[:, :2] = (ends[:, :2] - (factor - 1) / 2) / factor
         places.append(ends)
@@ -141,7 +141,7 @@ def gather_edges(frames: Iterable[Frame]) -> tuple[Edges, int] | None:
 def _ends(depth_m: Float32Array) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
     """Return column, row and depth of depth edges (N, 3), and whether they end along the row (N,)."""
     out, across = np.empty((depth_m.size // 8, 3), np.float32), np.empty(depth_m.size // 8, np.bool_)
-    gap = max(1, GAP_PX * depth_m.shape[1] // 640)
+    gap = max(1, SHADOW_GAP_PX * depth_m.shape[1] // 640)
     count = depth_edges(np.ascontiguousarray(depth_m), JUMP, gap, out, across)
     return out[:count], across[:count]
 
@@ -189,9 +189,9 @@ def _starts(edges: Edges, magnified: Float64Array) -> list[Float64Array]:
     moves = np.stack([g, du, dv, np.zeros_like(g), np.zeros_like(g)], axis=1)
     kept: list[Float64Array] = []
     for k in np.argsort(-edges.agreement(moves), kind="stable").tolist():
-        if all(size_of(edges, moves[k] - one) > APART_PX for one in kept):
+        if all(size_of(edges, moves[k] - one) > MOVES_APART_PX for one in kept):
             kept.append(moves[k])
-            if len(kept) == STARTS:
+            if len(kept) == REFINED_MOVES:
                 break
     return kept
 
@@ -213,9 +213,9 @@ def _refined(edges: Edges, move: Float64Array, fraction: float, shift: float, sh
 
 
 def fit_baseline(edges: Edges, move: Float64Array) -> Float64Array:
-    """Return the move with a baseline between the cameras, if edges then agree clearly better."""
+    """Return the move (4,) with a baseline between the cameras, if edges then agree clearly better."""
     focal = 0.85 * edges.strength.shape[3]  # only for the search range: depth sensors' cameras have 0.6 to 1 widths
-    p, off = np.meshgrid(BESIDE_M * focal, np.arange(-1.0, 1.01, 0.25))
+    p, off = np.meshgrid(BASELINES_M * focal, np.arange(-1.0, 1.01, 0.25))
     moves = np.repeat(move[None], p.size, axis=0)
     moves[:, 1] += (off - p / np.median(edges.places[:, 2])).ravel()
     moves[:, 3] = p.ravel()
@@ -227,7 +227,7 @@ def fit_baseline(edges: Edges, move: Float64Array) -> Float64Array:
 
 
 def size_of(edges: Edges, move: Float64Array) -> float:
-    """Return the shift by a difference of moves, root mean square over the image, downsampled pixels."""
+    """Return the shift by a difference of moves (4,), root mean square over the image, downsampled pixels."""
     half = edges.center
     return float(np.sqrt(move[0] ** 2 * (half**2).sum() / 3 + move[1] ** 2 + move[2] ** 2))
 
@@ -254,14 +254,14 @@ def gain_of(
     ----------
     edges : Edges
     part : (N,) int
-        Number of the image, or of the tile, of each depth edge; parts with fewer than `MIN_EDGES` are left out.
+        Number of the image, or of the tile, of each depth edge; parts with fewer than `MIN_DEPTH_EDGES` are left out.
     even : (N,) bool
         Whether the part is even.
     of_even, of_odd : (5,) float64
         Moves that were fitted to the even and to the odd parts.
     """
     gains = []
-    for k in np.flatnonzero(np.bincount(part) >= MIN_EDGES).tolist():
+    for k in np.flatnonzero(np.bincount(part) >= MIN_DEPTH_EDGES).tolist():
         in_part = part == k
         move = of_odd if even[in_part][0] else of_even
         before, after = edges.chosen(in_part).agreement_inside(np.stack([NOWHERE, move]))

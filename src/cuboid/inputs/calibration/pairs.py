@@ -20,9 +20,9 @@ SHORT_MOTIONS_RAD = (0.03, 0.05, *MOTIONS_RAD)
 # Maximum factor between a pair's motion and one of these.
 MAX_MOTION_FACTOR = 1.6
 # Minimum fraction of a view's points that lie in its partner's image.
-MIN_OVERLAP = 0.45
+MIN_PARTNER_OVERLAP = 0.45
 # Number of points of a view that measure its overlap with another view.
-PROBES = 80
+OVERLAP_PROBES = 80
 
 
 def choose_pairs(
@@ -37,7 +37,7 @@ def choose_pairs(
         seen = [_overlap_motion(points, view, other, pinhole) for other in views]
         for target in motions_rad:
             off = [
-                abs(np.log(motion / target)) if overlap >= MIN_OVERLAP and motion > 0 else np.inf
+                abs(np.log(motion / target)) if overlap >= MIN_PARTNER_OVERLAP and motion > 0 else np.inf
                 for overlap, motion in seen
             ]
             j = int(np.argmin(off))
@@ -53,7 +53,7 @@ def relative(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> list[Fl
 
 def _probes(view: View, pinhole: Pinhole) -> Float64Array:
     """Return some of a view's points (N, 3) in its camera, metres."""
-    chosen = view.xyz[:: max(1, len(view.xyz) // PROBES)]
+    chosen = view.xyz[:: max(1, len(view.xyz) // OVERLAP_PROBES)]
     return pinhole.points(*chosen.T)
 
 

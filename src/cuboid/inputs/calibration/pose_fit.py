@@ -15,13 +15,13 @@ from cuboid.ground.core.pose_convention import POSE_CONVENTIONS, converted
 from cuboid.ground.geometry.se3 import inverse, transform
 
 # Number of frames, evenly over the run, whose depth is transformed to later frames; distances to these, in used frames.
-STARTS, GAPS = 6, (5, 10, 20)
+START_FRAMES, GAPS = 6, (5, 10, 20)
 # Number of compared pixels along each row.
-COLUMNS = 80
+ROW_SAMPLES = 80
 # Maximum relative difference of two depths that agree.
 AGREE = 0.025
 # Minimum number of pixels that fall on readings of the other frame for a pair to count; minimum number of pairs.
-MIN_PIXELS, MIN_PAIRS = 200, 4
+MIN_COMMON_PIXELS, MIN_FRAME_PAIRS = 200, 4
 # Factors of the depth that are tried.
 DEPTH_FACTORS = (0.1, 0.2, 0.5, 2.0, 5.0, 10.0)
 # Maximum shift of poses, in used frames, earlier and later.
@@ -29,9 +29,9 @@ MAX_SHIFT = 5
 _SHIFTS = tuple(shift for shift in range(-MAX_SHIFT, MAX_SHIFT + 1) if shift)
 # A convention must explain more pixels than an earlier one by at least this fraction.
 AS_MUCH = 0.02
-# A step between consecutive frames is a jump if it is at least JUMP_STEPS times the median step and at least JUMP_M
-# metres: a carried camera does not cover that within a tenth of a second.
-JUMP_STEPS, JUMP_M = 20.0, 0.5
+# A step between consecutive frames is a jump if it is at least JUMP_STEPS times the median step and at least
+# CAMERA_JUMP_M metres: a carried camera does not cover that within a tenth of a second.
+JUMP_STEPS, CAMERA_JUMP_M = 20.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ def pose_fit(
     if len(frames) <= GAPS[0]:
         return None
     poses = [T_world_camera[frame] for frame in frames]
-    starts = sorted({int(k) for k in np.linspace(0, len(frames) - 1 - GAPS[0], STARTS)})
+    starts = sorted({int(k) for k in np.linspace(0, len(frames) - 1 - GAPS[0], START_FRAMES)})
     rows = []
     for start in starts:
         try:
@@ -167,7 +167,7 @@ def _jump(
     """Return the largest step of the given poses if it is a jump: the frames show no such motion."""
     steps = np.array([np.linalg.norm(b[:3, 3] - a[:3, 3]) for a, b in pairwise(poses)])
     largest = int(np.argmax(steps))
-    if steps[largest] < max(JUMP_STEPS * float(np.median(steps)), JUMP_M):
+    if steps[largest] < max(JUMP_STEPS * float(np.median(steps)), CAMERA_JUMP_M):
         return None
     try:
         points, depth_m = _points(read(frames[largest]), intrinsics), read(frames[largest + 1]).depth_m
@@ -181,12 +181,12 @@ def _jump(
 def _median(fractions: list[float | None]) -> float | None:
     """Return the median of the pairs' fractions; None if too few pairs have one."""
     values = [fraction for fraction in fractions if fraction is not None]
-    return float(np.median(values)) if len(values) >= MIN_PAIRS else None
+    return float(np.median(values)) if len(values) >= MIN_FRAME_PAIRS else None
 
 
 def _points(frame: Frame, K: Intrinsics) -> Float64Array:
     """Return points of a frame in its camera, (N, 3) metres."""
-    step = max(1, K.width // COLUMNS)
+    step = max(1, K.width // ROW_SAMPLES)
     z = frame.depth_m[::step, ::step]
     rows, columns = np.indices(z.shape) * step
     return K.points(columns, rows, z)[z > 0]
@@ -199,7 +199,7 @@ def _agreement(points: Float64Array, depth_m: Float32Array, K: Intrinsics) -> fl
     inside = (columns >= 0) & (columns < K.width) & (rows >= 0) & (rows < K.height)
     read_m = depth_m[rows[inside].astype(np.intp), columns[inside].astype(np.intp)]
     z = ahead[inside, 2][read_m > 0]
-    if len(z) < MIN_PIXELS:
+    if len(z) < MIN_COMMON_PIXELS:
         return None
     read_m = read_m[read_m > 0]
     return float((np.abs(read_m - z) < AGREE * z).mean())

@@ -36,16 +36,16 @@ from cuboid.inputs.readers.recording import Recording
 from cuboid.inputs.readers.usable import usable_frames, usable_poses
 
 # Number of examined frames.
-FRAMES = 12
+MISALIGNMENT_FRAMES = 12
 # Minimum number of frames of a run for a check.
 MIN_FRAMES = 8
-# Depth counts as misaligned if the offset is at least CLEARLY_OFF of the image's width (4 of 640 pixels, the
+# Depth counts as misaligned if the offset is at least MISALIGNED_WIDTH of the image's width (4 of 640 pixels, the
 # uncertainty of depth edges), if both halves of the frames give the same move (within MAX_DIFFERENCE of the offset, or
 # DIFFERENCE_OF_WIDTH of the width, 3 of 640 pixels), and if the cross-validated gain in edge agreement is at least
 # CLEAR_GAIN and CLEAR_ERRORS standard errors.
 # Registered recordings gain up to 0.04, synthetic ones with 6 pixels offset 0.14. Stereo makes objects look larger,
 # which causes apparent offsets of up to 8 of 640 pixels: there is no warning below 10.
-CLEARLY_OFF, WORTH_A_WARNING = 0.006, 0.0156
+MISALIGNED_WIDTH, WORTH_A_WARNING = 0.006, 0.0156
 MAX_DIFFERENCE, DIFFERENCE_OF_WIDTH = 0.35, 0.005
 CLEAR_GAIN, CLEAR_ERRORS = 0.03, 4.0
 # Limits of a pair of cameras: focal lengths differ by up to this factor (the search tries 0.62 to 1.62; those of a
@@ -57,10 +57,10 @@ FARTHEST_FOCAL, FARTHEST_CENTER = 1.62, 0.05
 # a center that is 12 of 320 pixels off raises it by 31 %.
 CLEARLY_FITS, DEPTH_FITS = 0.05, 0.1
 # Number of views that decide to which camera the named intrinsics belong, and steps to fit their poses.
-VIEWS, STEPS = 24, 12
+VIEWS, FIT_STEPS = 24, 12
 # With fewer different views, tiles of the image are compared instead of frames, and only a shift is accepted: an object
 # whose shiny rim has no depth looks like a magnification.
-MIN_VIEWS = 3
+MIN_DIFFERENT_VIEWS = 3
 # Minimum number of tiles (of 24) with edges: fewer may show one object only.
 MIN_TILES = 6
 # Beginning of the warnings about it.
@@ -122,7 +122,7 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
     Parameters
     ----------
     frames : iterable of Frame
-        About `FRAMES` frames from different places, which take about half a second.
+        About `MISALIGNMENT_FRAMES` frames from different places, which take about half a second.
 
     Returns
     -------
@@ -134,11 +134,11 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
         return None
     edges, factor = found
     views, width = different_views(edges), edges.strength.shape[3]
-    fine, shift_only = edges.blurred(FINE_BLUR_PX), views < MIN_VIEWS
+    fine, shift_only = edges.blurred(FINE_BLUR_PX), views < MIN_DIFFERENT_VIEWS
     move = fit_move(edges, fine, NOWHERE, shift_only=shift_only)
     off = size_of(edges, move - NOWHERE)
     before, after = fine.agreement_inside(np.stack([NOWHERE, move]))
-    clear = bool(off > CLEARLY_OFF * width and after - before > CLEAR_GAIN)
+    clear = bool(off > MISALIGNED_WIDTH * width and after - before > CLEAR_GAIN)
     if clear:  # computed only if it is needed
         part, even = tile_of(edges) if shift_only else (edges.image, edges.image % 2 == 0)
         halves = [(edges.chosen(half), fine.chosen(half)) for half in (even, ~even)]
@@ -153,7 +153,7 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
 
 def misregistration_of(read: Callable[[int], Frame], frames: Sequence[int]) -> Misregistration | None:
     """Find the misalignment from some frames, evenly over all; see `find_misregistration`."""
-    chosen = np.linspace(0, len(frames) - 1, min(FRAMES, len(frames))).round().astype(int)
+    chosen = np.linspace(0, len(frames) - 1, min(MISALIGNMENT_FRAMES, len(frames))).round().astype(int)
     return find_misregistration(usable_frames(read, [frames[k] for k in chosen.tolist()]))
 
 
@@ -245,7 +245,7 @@ def _fit(recording: Recording) -> _Fit | None:
     if len(pairs) < MIN_PAIRS:
         return None
     problem = Problem(views, pairs, factor)
-    return _Fit(problem.solve(pinhole, (), STEPS, trusting=True).disagreement, problem.typical_gap_m(pinhole))
+    return _Fit(problem.solve(pinhole, (), FIT_STEPS, trusting=True).disagreement, problem.typical_gap_m(pinhole))
 
 
 def _color_camera(found: Misregistration, K: Intrinsics) -> Intrinsics:

@@ -16,19 +16,19 @@ from cuboid.ground.geometry.se3 import exp, inverse, tidied, transform
 from cuboid.inputs.calibration.still_view import STILL_SIGMAS, StillView
 
 # Points nearer to a camera than this are not projected into its image, metres.
-NEAREST_M = 0.05
+NEAREST_PROJECTED_M = 0.05
 # A point that another camera sees through, by this distance or more and noise, is drawn to the nearest surface of this
 # camera: so edges meet edges, which planes alone leave free to slide. Standard deviation of an edge, metres: edges are
 # a pixel wide and biased, so they decide only what flat sides leave open.
 SEEN_THROUGH_M, EDGE_SIGMA_M = 0.015, 0.02
 # Distances, metres, up to which points are paired, one after the other; iterations at each.
-REACHES_M, ITERATIONS = (0.06, 0.03, 0.015, 0.01), 8
+REACHES_M, ITERATIONS_PER_REACH = (0.06, 0.03, 0.015, 0.01), 8
 # Normals of paired points agree at least by this cosine.
 NORMAL_COS = 0.9
 # Points of a view that are paired where speed counts more than the last tenth of a millimetre.
 FEW_POINTS = 3_000
 # Points in one cube of this edge have the same systematic error, metres.
-PATCH_M = 0.1
+ERROR_PATCH_M = 0.1
 
 
 # Points with the unit vectors (N, 3) along which their distances (N,) are measured, and the weights (N,): in the rig.
@@ -59,7 +59,7 @@ def align(
     poses = T_rig_camera.copy()
     trees = tuple((cKDTree(view.points), cKDTree(view.solid)) for view in views)
     for reach_m in reaches_m:
-        for _ in range(ITERATIONS):
+        for _ in range(ITERATIONS_PER_REACH):
             step = _Pairing(views, trees, poses, reach_m, count, half).step()
             poses[1:] = [tidied(exp(motion) @ T) for motion, T in zip(step, poses[1:], strict=True)]
     return poses
@@ -145,7 +145,7 @@ class _Pairing:
 
 def in_view(view: StillView, points: Float64Array) -> tuple[Float64Array, Float32Array]:
     """Return the points (N, 3), in the camera frame of a view, that lie in its image, and the depth (N,) there."""
-    camera, points = view.camera, points[points[:, 2] > NEAREST_M]
+    camera, points = view.camera, points[points[:, 2] > NEAREST_PROJECTED_M]
     u, v = np.rint(camera.pixels(points)).astype(np.int64).T
     inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
     return points[inside], view.depth_m[v[inside], u[inside]]
@@ -155,5 +155,5 @@ def _in_half(in_rig: Float64Array, half: int | None) -> npt.NDArray[np.bool_]:
     """Return which points (N, 3) lie in a half of the scene; all without one."""
     if half is None:
         return np.ones(len(in_rig), bool)
-    patch = np.floor(in_rig / PATCH_M).astype(np.int64).sum(1)
+    patch = np.floor(in_rig / ERROR_PATCH_M).astype(np.int64).sum(1)
     return np.asarray(patch % 2 == half)

@@ -15,12 +15,12 @@ from cuboid.inputs.calibration.rig_alignment import in_view
 from cuboid.inputs.calibration.still_view import StillView
 
 # Planes of a view that may be the one that another view shows too; points within this distance lie on it, metres.
-PLANES, ON_PLANE_M, SAME_COS = 3, 0.012, 0.95
+PLANES_PER_VIEW, VIEW_PLANE_M, SAME_NORMAL_COS = 3, 0.012, 0.95
 PLANE_TRIALS, MIN_PLANE_POINTS = 200, 400
 # Map of heights: edge of a cell and largest height, metres; half its side, cells; what an empty cell counts, metres.
-CELL_M, HIGHEST_M, HALF_CELLS, EMPTY_M = 0.02, 0.5, 96, -0.03
+HEIGHT_CELL_M, HIGHEST_M, HALF_CELLS, EMPTY_M = 0.02, 0.5, 96, -0.03
 # Step between the tried turns, radians; candidates of each pair of planes, and those of two views that are aligned.
-TURN_RAD, TURNS, CANDIDATES = np.radians(4.0), 5, 6
+TURN_RAD, TURNS, MAX_ALIGNED = np.radians(4.0), 5, 6
 # Points of a view that are used for maps of heights.
 MAP_POINTS = 15_000
 # A reading confirms a point within this distance; one that is farther away by more than this contradicts it, metres.
@@ -39,13 +39,13 @@ def candidates(one: StillView, other: StillView) -> list[Float64Array]:
         for T_plane_other in planes_other
         for T_plane_turned in _turns(one, other, T_plane_one, T_plane_other)
     ]
-    return sorted(found, key=lambda T: -score(one, other, T))[:CANDIDATES]
+    return sorted(found, key=lambda T: -score(one, other, T))[:MAX_ALIGNED]
 
 
 def _planes(view: StillView) -> list[Float64Array]:
     """Return T_plane_camera (4, 4) of the widest planes of a view: z is the normal towards the camera."""
     rng, left, found = np.random.default_rng(0), np.ones(len(view.points), bool), []
-    for _ in range(PLANES):
+    for _ in range(PLANES_PER_VIEW):
         index = np.flatnonzero(left)
         if len(index) < MIN_PLANE_POINTS:
             break
@@ -66,8 +66,8 @@ def _planes(view: StillView) -> list[Float64Array]:
 
 
 def _on_plane(view: StillView, normal: Float64Array, center: Float64Array) -> npt.NDArray[np.bool_]:
-    near = np.abs((view.points - center) @ normal) < ON_PLANE_M
-    return np.asarray(near & (view.normals @ normal > SAME_COS))
+    near = np.abs((view.points - center) @ normal) < VIEW_PLANE_M
+    return np.asarray(near & (view.normals @ normal > SAME_NORMAL_COS))
 
 
 def _frame_of(normal: Float64Array, center: Float64Array) -> Float64Array:
@@ -91,7 +91,7 @@ def _turns(
         scores = np.fft.irfft2(fixed * np.conj(np.fft.rfft2(_heights(transform(T, points)))))
         row, column = np.unravel_index(np.argmax(scores), scores.shape)
         shift = [(int(k) + HALF_CELLS) % (2 * HALF_CELLS) - HALF_CELLS for k in (column, row)]
-        T[:2, 3] = np.array(shift) * CELL_M
+        T[:2, 3] = np.array(shift) * HEIGHT_CELL_M
         found.append((float(scores[row, column]), T))
     found.sort(key=lambda item: -item[0])
     return [T for _, T in found[:TURNS]]
@@ -99,24 +99,24 @@ def _turns(
 
 def _heights(points: Float64Array) -> Float64Array:
     """Return the map of heights above a plane: positive on objects, negative where the plane is empty, else 0."""
-    cells = np.floor(points[:, :2] / CELL_M).astype(np.int64) + HALF_CELLS
+    cells = np.floor(points[:, :2] / HEIGHT_CELL_M).astype(np.int64) + HALF_CELLS
     inside = ((cells >= 0) & (cells < 2 * HALF_CELLS)).all(1) & (points[:, 2] < HIGHEST_M)
     (x, y), z = cells[inside].T, points[inside, 2]
     heights = np.zeros((2 * HALF_CELLS, 2 * HALF_CELLS))
-    flat, high = np.abs(z) < ON_PLANE_M, z >= ON_PLANE_M
+    flat, high = np.abs(z) < VIEW_PLANE_M, z >= VIEW_PLANE_M
     heights[y[flat], x[flat]] = EMPTY_M
     np.maximum.at(heights, (y[high], x[high]), z[high])
     return heights
 
 
 def score(one: StillView, other: StillView, T_one_other: Float64Array) -> float:
-    """Return how well two views agree: points that are confirmed, less those that are contradicted."""
+    """Return how well two views agree at a pose (4, 4): points that are confirmed, less those that are contradicted."""
     confirmed, contradicted = np.add(agreement(one, other, T_one_other), agreement(other, one, inverse(T_one_other)))
     return float(confirmed - CONTRADICTION * contradicted)
 
 
 def agreement(one: StillView, other: StillView, T_one_other: Float64Array) -> tuple[int, int]:
-    """Return how many points of another view a view confirms, and how many it contradicts."""
+    """Return how many points of another view, at a pose (4, 4), a view confirms, and how many it contradicts."""
     points, seen_m = in_view(one, transform(T_one_other, other.points))
     z = points[:, 2]
     confirmed = (seen_m > 0) & (np.abs(seen_m - z) < CONFIRMED_M)

@@ -16,7 +16,7 @@ from cuboid.inputs.calibration.rig_alignment import FEW_POINTS, REACHES_M, align
 from cuboid.inputs.calibration.still_view import StillView, still_view
 
 # Time between two checks of a camera, seconds; frames of each check.
-EVERY_S, FRAMES = 60.0, 6
+CHECK_EVERY_S, FRAMES_PER_CHECK = 60.0, 6
 # A camera was knocked if it sees the scene displaced by more than this, metres: a voxel, which moves points in the map.
 KNOCKED_M = 0.01
 
@@ -82,7 +82,7 @@ class _Watched:
     def __init__(self, camera: RigCamera) -> None:
         self._camera = camera
         # Times in seconds and depth images: the check at the end of a run, which may come any time, needs the last.
-        self._frames: deque[tuple[float, Float32Array]] = deque(maxlen=FRAMES)
+        self._frames: deque[tuple[float, Float32Array]] = deque(maxlen=FRAMES_PER_CHECK)
         self._first: StillView | None = None
         self._start_s: float | None = None
         self._due_s = -np.inf
@@ -100,18 +100,18 @@ class _Watched:
         self._frames.append((frame.timestamp_s, frame.depth_m))
         self._since_check += 1
         self._since_due += frame.timestamp_s >= self._due_s
-        return self._since_due == FRAMES
+        return self._since_due == FRAMES_PER_CHECK
 
     @property
     def has_new_frames(self) -> bool:
         """Whether enough frames came since the last check."""
-        return self._since_check >= FRAMES and not self._knocked
+        return self._since_check >= FRAMES_PER_CHECK and not self._knocked
 
     def next_check(self) -> Callable[[], str | None]:
         """Return the check of the last frames; the first check keeps what the camera sees, and finds nothing."""
         frames, start_s = list(self._frames), self._start_s or 0.0
         self._since_due = self._since_check = 0
-        self._due_s = start_s + EVERY_S * (1 + (frames[-1][0] - start_s) // EVERY_S)
+        self._due_s = start_s + CHECK_EVERY_S * (1 + (frames[-1][0] - start_s) // CHECK_EVERY_S)
 
         def check() -> str | None:
             if self._knocked:

@@ -28,7 +28,7 @@ from cuboid.inputs.calibration.comparing import (
     warp,
 )
 from cuboid.inputs.calibration.pairs import relative
-from cuboid.inputs.calibration.views import CELL_PX, ScaledPinhole, View
+from cuboid.inputs.calibration.views import GRADIENT_CELL_PX, ScaledPinhole, View
 
 # Degrees of freedom of the t-distributions: heavy tails, as in Kerl, Sturm, Cremers (IROS 2013).
 NU = 5.0
@@ -89,7 +89,7 @@ class Problem:
 
     def __init__(self, views: Sequence[View], pairs: Sequence[tuple[int, int]], factor: int) -> None:
         self._factor = factor
-        self._correlated = max(1.0, (CORRELATED_PX / (CELL_PX * factor)) ** 2)
+        self._correlated = max(1.0, (CORRELATED_PX / (GRADIENT_CELL_PX * factor)) ** 2)
         self._views = views
         self._pairs = pairs
         self._T_given = relative(views, pairs)

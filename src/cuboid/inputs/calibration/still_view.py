@@ -13,21 +13,21 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.tolerances import DEPTH_NOISE_PER_M
 
-# A pixel is still if this fraction of its readings lies within STILL_SIGMAS standard deviations and STILL_M, metres, of
-# their median.
-STILL_FRACTION, STILL_SIGMAS, STILL_M = 0.8, 4.0, 0.01
+# A pixel is still if this fraction of its readings lies within STILL_SIGMAS standard deviations and STILL_DEPTH_M,
+# metres, of their median.
+STILL_READINGS_FRACTION, STILL_SIGMAS, STILL_DEPTH_M = 0.8, 4.0, 0.01
 # Readings farther than this are left out, metres: their noise is larger than what they contribute.
-FARTHEST_M = 2.5
+FARTHEST_USED_M = 2.5
 # A normal is computed from points this number of pixels away on both sides: the first number at which they lie on one
 # flat surface, on which depth changes by less than this fraction, and the point is near their middle: within BENT_M,
 # metres, and noise. Far points give accurate normals, near ones reach to the edges of small sides.
-NORMAL_PX, SAME_SURFACE, BENT_M = (6, 3, 2, 1), 0.04, 0.002
+NORMAL_PX, SMOOTH_FRACTION, BENT_M = (6, 3, 2, 1), 0.04, 0.002
 # Cloud of a view: one point per cube of this edge, metres.
 CLOUD_M = 0.006
 # Step between the pixels of points up to the edges, pixels.
 SOLID_STEP = 2
 # A view with fewer points shows too little.
-MIN_POINTS = 300
+MIN_STILL_POINTS = 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,15 +69,15 @@ def still_view(depths_m: Iterable[Float32Array], camera: Intrinsics) -> StillVie
     median = np.zeros(depths.shape[1:], np.float32)
     enough = known > len(taken) // 2
     median[enough] = np.nanmedian(depths[:, enough], axis=0)
-    limit_m = STILL_M + STILL_SIGMAS * DEPTH_NOISE_PER_M * median**2
+    limit_m = STILL_DEPTH_M + STILL_SIGMAS * DEPTH_NOISE_PER_M * median**2
     still = np.abs(depths - median) <= limit_m
     near = np.count_nonzero(still, axis=0)
     # Sensors round depth to steps: the mean of noisy readings lies between two steps.
     mean = np.where(still, depths, 0).sum(0) / np.maximum(near, 1)
-    kept = (median > 0) & (near >= STILL_FRACTION * known) & (median <= FARTHEST_M)
+    kept = (median > 0) & (near >= STILL_READINGS_FRACTION * known) & (median <= FARTHEST_USED_M)
     median = np.where(kept, mean, 0).astype(np.float32)
     points, normals = _cloud(median, camera)
-    if len(points) < MIN_POINTS:
+    if len(points) < MIN_STILL_POINTS:
         raise InputError("too little in view stands still")
     solid_m = without_mixed(median)[::SOLID_STEP, ::SOLID_STEP]
     rows, columns = np.nonzero(solid_m)
@@ -109,7 +109,7 @@ def _normals(points: Float64Array, apart: int) -> Float64Array:
     down, up = points[2 * k :, k:-k], points[: -2 * k, k:-k]
     flat = middle_m > 0
     for first, second in ((right[..., 2], left[..., 2]), (down[..., 2], up[..., 2])):
-        flat &= (first > 0) & (second > 0) & (np.abs(first - second) < 2 * SAME_SURFACE * middle_m)
+        flat &= (first > 0) & (second > 0) & (np.abs(first - second) < 2 * SMOOTH_FRACTION * middle_m)
         bent_m = np.abs(first + second - 2 * middle_m) / 2
         flat &= bent_m < BENT_M + STILL_SIGMAS / 2 * DEPTH_NOISE_PER_M * middle_m**2
     normals = np.cross(down - up, right - left)

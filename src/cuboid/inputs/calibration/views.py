@@ -19,12 +19,12 @@ LOCAL_PX = 8.0
 NOISE_LEVELS = 4.0
 # Maximum relative difference of depth within a block of 2 x 2 readings on one surface: more than a plane seen at 80
 # degrees has, less than the step at an object's edge.
-SAME_SURFACE = 0.04
+SMOOTH_BLOCK_FRACTION = 0.04
 # Minimum width of coarse images; width from which images are not refined further: fine images have pixels half as
 # large.
 COARSE_PX, FINE_PX = 150, 300
 # Side of a cell, pixels; the pixel with the strongest brightness gradient of each cell is used.
-CELL_PX = 8
+GRADIENT_CELL_PX = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ def _smooth(depth_m: Float32Array) -> npt.NDArray[np.bool_]:
     block = np.stack([depth_m[:-1, :-1], depth_m[:-1, 1:], depth_m[1:, :-1], depth_m[1:, 1:]])
     low, high = block.min(0), block.max(0)
     smooth = np.zeros(depth_m.shape, np.bool_)
-    smooth[:-1, :-1] = (low > 0) & (high - low < SAME_SURFACE * low)
+    smooth[:-1, :-1] = (low > 0) & (high - low < SMOOTH_BLOCK_FRACTION * low)
     return smooth
 
 
@@ -117,13 +117,17 @@ def _telling(
     contrast: Float32Array, smooth: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Return rows and columns of the pixel with the strongest gradient, on one surface, of each cell."""
-    height, width = (side // CELL_PX for side in contrast.shape)
+    height, width = (side // GRADIENT_CELL_PX for side in contrast.shape)
     change = np.hypot(cv2.Sobel(contrast, cv2.CV_32F, 1, 0), cv2.Sobel(contrast, cv2.CV_32F, 0, 1))
-    change = np.where(smooth, change, np.float32(-1.0))[: height * CELL_PX, : width * CELL_PX]
-    cells = change.reshape(height, CELL_PX, width, CELL_PX).transpose(0, 2, 1, 3).reshape(-1, CELL_PX**2)
+    change = np.where(smooth, change, np.float32(-1.0))[: height * GRADIENT_CELL_PX, : width * GRADIENT_CELL_PX]
+    cells = (
+        change.reshape(height, GRADIENT_CELL_PX, width, GRADIENT_CELL_PX)
+        .transpose(0, 2, 1, 3)
+        .reshape(-1, GRADIENT_CELL_PX**2)
+    )
     best = cells.argmax(1)
     found = cells[np.arange(len(cells)), best] >= 0
     row, column = np.divmod(np.arange(len(cells)), width)
-    rows = row * CELL_PX + best // CELL_PX
-    columns = column * CELL_PX + best % CELL_PX
+    rows = row * GRADIENT_CELL_PX + best // GRADIENT_CELL_PX
+    columns = column * GRADIENT_CELL_PX + best % GRADIENT_CELL_PX
     return rows[found], columns[found]

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError, shown
-from cuboid.ground.core.pose_stream import LARGEST_GAP_S, PoseStream
+from cuboid.ground.core.pose_stream import MAX_INTERPOLATED_S, PoseStream
 from cuboid.ground.core.values import LATEST_S, refuse_no_quaternion
 from cuboid.ground.formats.table_validation import data_lines
 from cuboid.ground.geometry import se3
@@ -164,7 +164,7 @@ class Trajectory(PoseStream):
     """
 
     def __init__(
-        self, path: Path, read_line: Callable[[str], TimedPose] = tum_line, largest_gap_s: float = LARGEST_GAP_S
+        self, path: Path, read_line: Callable[[str], TimedPose] = tum_line, largest_gap_s: float = MAX_INTERPOLATED_S
     ) -> None:
         def read(line: str) -> TimedPose:
             parse_time(line.split()[0])

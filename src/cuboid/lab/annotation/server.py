@@ -36,7 +36,7 @@ SCRIPTS = ("keyframes.js", "saving.js", "pictures.js", "board.js", "card.js", "t
 
 PICTURE = re.compile(r"/frame/(\d{1,9})\.jpg")
 # JPEG quality; high, because rectangles are drawn to pixel accuracy and need sharp edges.
-QUALITY = 95
+ANNOTATION_JPEG_QUALITY = 95
 # Maximum number of rectangles per propagation request, 0.2 s of work; a frame has some tens of objects.
 MAX_RECTS = 1000
 
@@ -105,7 +105,7 @@ class Annotator:
         """Return a frame's color image as JPEG."""
         with self._lock:
             try:
-                return encode_jpeg(self._recording.read(index).color, QUALITY)
+                return encode_jpeg(self._recording.read(index).color, ANNOTATION_JPEG_QUALITY)
             except (FrameError, IndexError) as error:
                 raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
 

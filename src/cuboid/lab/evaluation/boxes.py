@@ -18,7 +18,7 @@ from cuboid.lab.evaluation.scope import FOUND_IOU, BoolArray, Scope, counted
 THRESHOLDS = (0.25, 0.5)
 # Minimum common fraction of the smaller of two boxes for a box and an object to belong together. Hoover et al. 1996
 # require a tolerance above 0.5 to compare regions; at 0.5 each box has one object.
-FRACTION = 0.5
+MIN_COMMON_FRACTION = 0.5
 _ORDERS = tuple(permutations(range(3)))
 
 
@@ -205,7 +205,7 @@ def size_errors(boxes: Float64Array, truth: Float64Array) -> Float64Array:
 
 
 def fragments_and_merges(boxes: Float64Array, truth: Float64Array, iou: Float64Array) -> tuple[int, int, int]:
-    """Return fragments, merges and false alarms among judged boxes.
+    """Return fragments, merges and false alarms among judged boxes (N, 15), with truth (M, 15) and IoU (N, M).
 
     A box and an object belong together if they share at least half of the smaller one. Fragments are additional boxes
     of an object, where each box is counted with the object that it overlaps most. Merges are additional objects of
@@ -215,13 +215,13 @@ def fragments_and_merges(boxes: Float64Array, truth: Float64Array, iou: Float64A
     """
     if not (len(boxes) and len(truth)):
         return 0, 0, len(boxes)
-    together = (overlap_min_matrix(boxes, truth) >= FRACTION) | (iou >= FOUND_IOU)
+    together = (overlap_min_matrix(boxes, truth) >= MIN_COMMON_FRACTION) | (iou >= FOUND_IOU)
     on_object = together.any(1)
     best = np.where(together, iou, -1.0).argmax(1)[on_object]
     per_object = np.bincount(best, minlength=len(truth))
     volume, true_volume = boxes[:, 3:6].prod(1)[:, None], truth[:, 3:6].prod(1)[None]
     common = iou / (1.0 + iou) * (volume + true_volume)  # iou = common / (volume + true_volume - common)
-    objects_in_box = (common >= FRACTION * true_volume).sum(1)
+    objects_in_box = (common >= MIN_COMMON_FRACTION * true_volume).sum(1)
     return (
         int(np.maximum(per_object - 1, 0).sum()),
         int(np.maximum(objects_in_box - 1, 0).sum()),

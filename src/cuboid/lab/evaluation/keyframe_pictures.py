@@ -27,8 +27,8 @@ KEY = (
     ("neither", NEITHER),
 )
 STRIP_PX = 24
-DASH_PX, HATCH_PX = 8, 14
-QUALITY = 90
+OUTLINE_DASH_PX, HATCH_PX = 8, 14
+JUDGED_JPEG_QUALITY = 90
 
 
 def write_pictures(folder: Path, frames: tuple[JudgedFrame, ...], recording: Recording) -> int:
@@ -48,7 +48,9 @@ def write_pictures(folder: Path, frames: tuple[JudgedFrame, ...], recording: Rec
         except FrameError:
             continue
         path = folder / f"{frame.keyframe.frame:06d}.jpg"
-        _, data = cv2.imencode(".jpg", draw_judged(color, frame)[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        _, data = cv2.imencode(
+            ".jpg", draw_judged(color, frame)[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JUDGED_JPEG_QUALITY]
+        )
         with writing(path):
             path.write_bytes(data.tobytes())
         written += 1
@@ -56,7 +58,7 @@ def write_pictures(folder: Path, frames: tuple[JudgedFrame, ...], recording: Rec
 
 
 def draw_judged(color: UInt8Array, frame: JudgedFrame) -> UInt8Array:
-    """Return a picture (H + strip, W, 3) of a frame as it was judged at the first threshold.
+    """Return the picture (H, W, 3) of a frame, with a strip below, as it was judged at the first threshold.
 
     Drawn rectangles are solid, labelled sightings dashed, ignored places hatched.
     """
@@ -72,7 +74,7 @@ def draw_judged(color: UInt8Array, frame: JudgedFrame) -> UInt8Array:
         tags.append((_tag(frame, i), tint, False, drawn.rect_xyxy))
     for label, rect, outcome in zip(frame.sightings.label, frame.sightings.rects_xyxy, at.outcomes, strict=True):
         tint = {Outcome.TRUE: TRUE, Outcome.FALSE: FALSE}.get(outcome, NEITHER)
-        _outline(scene, rect, tint, round(2 * unit), round(DASH_PX * unit))
+        _outline(scene, rect, tint, round(2 * unit), round(OUTLINE_DASH_PX * unit))
         tags.append((f"#{label}", tint, True, rect))
     taken: list[tuple[int, int, int, int]] = []
     for text, tint, outlined, rect in tags:

@@ -149,7 +149,7 @@ class DrawnOutcome:
 def judge(
     keyframes: Sequence[Keyframe], sightings: RectRows, probability: Float64Array, stages: Sequence[Stage]
 ) -> tuple[tuple[JudgedFrame, ...], tuple[StageRecall, ...]]:
-    """Judge the labelled sightings of each keyframe, with their probability, and the rectangles of each stage."""
+    """Judge the sightings (N,) of each keyframe, with their probability (N,), and the rectangles of each stage."""
     judged = [_judge_stage(stage, keyframes) for stage in stages]
     frames = []
     for t, keyframe in enumerate(keyframes):

@@ -91,7 +91,7 @@ class Timelines:
 
 
 def timelines(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], objects: int, labels: IntArray) -> Timelines:
-    """Arrange the pairs of all frames over time; `labels` are the sequence's labels by number."""
+    """Arrange the pairs of all frames over time; `labels` (N,) are the sequence's labels by number."""
     shape = len(frames), objects
     must, label = np.zeros(shape, bool), np.zeros(shape, np.int64)
     for t, (frame, frame_pairs) in enumerate(zip(frames, pairs, strict=True)):

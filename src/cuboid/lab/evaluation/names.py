@@ -41,7 +41,7 @@ SYNONYMS = {
 # Text after one of these describes an object, but does not name its kind.
 _REST = re.compile(r"[,:;(\"']|\b(?:with|on|of|at|near|behind|beside|before|in|for)\b")
 # Number of best names among which the true class counts as found.
-TOP = 3
+TOP_NAMES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +157,7 @@ def name_quality(results: Path | None, found: Sequence[tuple[int, str, int | Non
 
 def _outcome(number: int, name: str, true_class: str, item: TrackedObject) -> NameOutcome:
     found_class = item.name if item.name_score is not None else None
-    likely = [*([found_class] if found_class else []), *(name for name, _ in item.names)][:TOP]
+    likely = [*([found_class] if found_class else []), *(name for name, _ in item.names)][:TOP_NAMES]
     return NameOutcome(number, name, true_class, item.label, found_class, true_class in likely)
 
 

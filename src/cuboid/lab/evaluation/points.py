@@ -17,12 +17,12 @@ from cuboid.ground.formats.reading import MAX_BINARY_BYTES, opened
 from cuboid.ground.formats.rows_files import LabelEntry
 from cuboid.ground.formats.table_validation import read_lines
 from cuboid.ground.geometry.overlap import pack
-from cuboid.ground.geometry.se3 import FARTHEST_M
+from cuboid.ground.geometry.se3 import MAX_FROM_ORIGIN_M
 from cuboid.lab.evaluation.matching import ratio
 from cuboid.lab.evaluation.truth import Truth
 
 # Maximum distance between a labelled point and the map point from which it takes its heat, metres: two voxels of 1 cm.
-REACH_M = 0.02
+HEAT_REACH_M = 0.02
 # Objects among the classes of RGB-D Scenes v2: bowl, cap, cereal box, coffee mug, soda can; the others are
 # coffee table, office chair, sofa, table, background.
 UW_OBJECT_CLASSES = (1, 2, 3, 4, 7)
@@ -114,8 +114,8 @@ def read_labelled_cloud(path: PathLike) -> LabelledCloud:
             names = vertex.dtype.names if isinstance(vertex, np.ndarray) else tuple(vertex)
         except Exception as error:  # the library has no error class for files that are no PLY
             raise InputError(f"{path}: is no PLY of points: {error}") from error
-    if not (np.abs(xyz) <= FARTHEST_M).all():
-        raise InputError(f"{path}: a point is NaN, infinite, or more than {FARTHEST_M:g} m away")
+    if not (np.abs(xyz) <= MAX_FROM_ORIGIN_M).all():
+        raise InputError(f"{path}: a point is NaN, infinite, or more than {MAX_FROM_ORIGIN_M:g} m away")
     label_file = path.with_suffix(".label")
     if label_file.is_file():
         return LabelledCloud(xyz, np.isin(_classes(label_file, len(xyz)), UW_OBJECT_CLASSES))
@@ -178,7 +178,7 @@ def _nearest_heat(
     """Return the heat at spots (M, 3), 0 where no map point is near, and whether one is near."""
     if not (len(xyz) and len(spots)):
         return np.zeros(len(spots)), np.zeros(len(spots), bool)
-    nearest = np.asarray(KDTree(xyz).query(spots, distance_upper_bound=REACH_M)[1])
+    nearest = np.asarray(KDTree(xyz).query(spots, distance_upper_bound=HEAT_REACH_M)[1])
     near = nearest < len(xyz)
     return np.append(heat, 0.0)[nearest], near  # spots without a neighbour have the index after the last point
 

@@ -52,7 +52,7 @@ def read_probabilities(path: Path, frame: npt.NDArray[np.int64], label: npt.NDAr
 
 
 def of_labels(label: npt.NDArray[np.int64], probability: Float64Array) -> dict[int, float]:
-    """Return the probability of each label at its last sighting; sightings are in frame order."""
+    """Return the probability of each label at its last sighting; the sightings (N,) are in frame order."""
     known = ~np.isnan(probability)
     return dict(zip(label[known].tolist(), probability[known].tolist(), strict=True))
 

@@ -11,7 +11,7 @@ from cuboid.lab.evaluation.matching import ratio
 from cuboid.lab.evaluation.result import IntArray
 
 # Number of bins of equal width over the probabilities 0 to 1: a recording has ten to a hundred labels.
-BINS = 5
+PROBABILITY_BINS = 5
 # The object of a sighting that pairs with none.
 NO_OBJECT = -1
 
@@ -95,14 +95,14 @@ def reliability(right: Mapping[int, bool], probability: Mapping[int, float]) -> 
     """
     rows = [(probability[name], is_right) for name, is_right in right.items() if name in probability]
     p, hit = (np.array(column, np.float64) for column in (zip(*rows, strict=True) if rows else ((), ())))
-    number = np.minimum((p * BINS).astype(np.int64), BINS - 1)
-    labels, hits, total = (np.bincount(number, weights, BINS) for weights in (None, hit, p))
+    number = np.minimum((p * PROBABILITY_BINS).astype(np.int64), PROBABILITY_BINS - 1)
+    labels, hits, total = (np.bincount(number, weights, PROBABILITY_BINS) for weights in (None, hit, p))
     return _of_bins(list(zip(labels.tolist(), hits.tolist(), total.tolist(), strict=True)))
 
 
 def pooled(parts: Iterable[Reliability]) -> Reliability:
     """Return the reliability of the labels of several recordings."""
-    counts = np.zeros((BINS, 3))
+    counts = np.zeros((PROBABILITY_BINS, 3))
     for part in parts:
         counts += [(one.labels, one.right, one.labels * (one.mean_probability or 0.0)) for one in part.bins]
     return _of_bins([(labels, right, total) for labels, right, total in counts.tolist()])
@@ -111,7 +111,14 @@ def pooled(parts: Iterable[Reliability]) -> Reliability:
 def _of_bins(counts: Sequence[tuple[float, float, float]]) -> Reliability:
     """Return the reliability from the number of labels, right labels, and the sum of probabilities in each bin."""
     bins = tuple(
-        ReliabilityBin(k / BINS, (k + 1) / BINS, int(labels), int(right), ratio(total, labels), ratio(right, labels))
+        ReliabilityBin(
+            k / PROBABILITY_BINS,
+            (k + 1) / PROBABILITY_BINS,
+            int(labels),
+            int(right),
+            ratio(total, labels),
+            ratio(right, labels),
+        )
         for k, (labels, right, total) in enumerate(counts)
     )
     labels = sum(one.labels for one in bins)

@@ -16,7 +16,7 @@ RESAMPLES = 10_000
 CONFIDENCE = 0.95
 
 # Figures that differ by less than this are equal: rounding in a sum is no difference.
-SAME = 1e-9
+EQUAL_WITHIN = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class Paired:
 
 
 def interval(values: Sequence[float] | Float64Array) -> Interval:
-    """Return the mean of a figure over at least one scene; the same values give the same interval."""
+    """Return the mean of a figure over at least one scene, values (N,); the same values give the same interval."""
     array = np.asarray(values, np.float64)
     low, high = _interval(array)
     return Interval(float(array.mean()), low, high, len(array))
@@ -111,9 +111,9 @@ def compare(
                 interval(old),
                 interval(new),
                 interval(change),
-                int((change > SAME).sum()),
-                int((change < -SAME).sum()),
-                int((np.abs(change) <= SAME).sum()),
+                int((change > EQUAL_WITHIN).sum()),
+                int((change < -EQUAL_WITHIN).sum()),
+                int((np.abs(change) <= EQUAL_WITHIN).sum()),
             )
     return found
 

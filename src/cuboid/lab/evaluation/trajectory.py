@@ -22,7 +22,7 @@ from cuboid.results.files.text import plain
 FORMAT, VERSION = "cuboid-trajectory-evaluation", 1
 
 # Maximum time difference of a pair of poses, seconds: the limit of the TUM benchmark's own tools.
-LIMIT_S = 0.02
+MAX_PAIR_S = 0.02
 # Minimum number of pairs: fewer can always be aligned without error.
 FEWEST_PAIRS = 3
 # Tolerance of the length of a stretch of one second or one metre, as a fraction, where poses are sparse.
@@ -47,7 +47,7 @@ class Errors:
 
     @classmethod
     def of(cls, values: Float64Array) -> Errors:
-        """Return the figures of at least one error."""
+        """Return the figures of at least one error, (N,)."""
         rmse = float(np.sqrt(np.mean(np.square(values))))
         return cls(rmse, float(values.mean()), float(np.median(values)), float(values.max()))
 
@@ -130,7 +130,7 @@ class TrajectoryErrors:
 
 
 def evaluate_trajectory(
-    estimate: TimedPoses | PathLike, truth: TimedPoses | PathLike, *, limit_s: float = LIMIT_S
+    estimate: TimedPoses | PathLike, truth: TimedPoses | PathLike, *, limit_s: float = MAX_PAIR_S
 ) -> TrajectoryErrors:
     """Compare an estimated camera path with the true one.
 
@@ -181,7 +181,7 @@ def evaluate_trajectory(
 
 
 def associate(a_s: Float64Array, b_s: Float64Array, limit_s: float) -> tuple[IntArray, IntArray]:
-    """Return indices of mutually nearest times of a and b, both increasing, within a limit."""
+    """Return indices (K,) of mutually nearest times of a (N,) and b (M,), seconds, both increasing, within a limit."""
     to_b, to_a = _nearest(a_s, b_s), _nearest(b_s, a_s)
     indices_a = np.arange(len(a_s))
     # 1e-9: tolerance for decimal times whose difference equals the limit

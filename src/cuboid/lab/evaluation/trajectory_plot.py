@@ -17,7 +17,7 @@ from cuboid.results.files.pending import write_whole
 ENDINGS = (".png", ".svg")
 TRUE_COLOR, ESTIMATE_COLOR = "#787e88", "#d64526"
 # A path is interrupted where a time step exceeds the median step by this factor: poses without a pair lie there.
-GAP_STEPS = 3
+GAP_FACTOR = 3
 
 
 def refuse_other_forms(path: Path) -> None:
@@ -79,7 +79,7 @@ def _draw_paths(axes: Any, found: TrajectoryErrors) -> None:
 def _draw_error(axes: Any, found: TrajectoryErrors) -> None:
     times_s = found.times_s - found.times_s[0]
     steps = np.diff(times_s)
-    gaps = np.flatnonzero(steps > GAP_STEPS * np.median(steps)) + 1
+    gaps = np.flatnonzero(steps > GAP_FACTOR * np.median(steps)) + 1
     axes.plot(np.insert(times_s, gaps, np.nan), np.insert(100.0 * found.error_m, gaps, np.nan), color=ESTIMATE_COLOR)
     axes.set_title(f"distance in cm over time in s; RMSE {found.ate_cm.rmse:.2f} cm")
     axes.set_ylim(bottom=0.0)

@@ -132,7 +132,7 @@ class Path3D:
     T_truth_box: Float64Array
 
     def at(self, frame: int, size: Float64Array) -> Box:
-        """Return the box with the given size in a frame."""
+        """Return the box with the given size (3,), metres, in a frame."""
         T = self.T_truth_box[max(int(np.searchsorted(self.frames, frame, "right")) - 1, 0)]
         return Box(T[:3, 3], size, T[:3, :3])
 

@@ -11,9 +11,9 @@ from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.shapes.model import Model
 
 # Minimum distance of clutter that rises from the surface from objects, metres.
-CLEAR_M = 0.008
+CLUTTER_CLEARANCE_M = 0.008
 # Random draws for a free place before a piece is left out.
-TRIES = 40
+PIECE_TRIES = 40
 
 
 def add_papers(draft: Draft, surface: int, count: int) -> None:
@@ -21,7 +21,13 @@ def add_papers(draft: Draft, surface: int, count: int) -> None:
     rng, top = draft.rng, draft.objects.surfaces[surface]
     for number in range(count):
         model = draft.make("paper", curl=0.0 if number % 2 == 0 else rng.uniform(0.008, 0.03))
-        _lay(draft, model, surface, gap=0.0 if number % 2 == 0 else CLEAR_M, lift=top.height_m + 1e-4 * number)
+        _lay(
+            draft,
+            model,
+            surface,
+            gap=0.0 if number % 2 == 0 else CLUTTER_CLEARANCE_M,
+            lift=top.height_m + 1e-4 * number,
+        )
 
 
 def add_clutter(draft: Draft, surface: int, *, leaflets: int = 0, cloths: int = 0) -> None:
@@ -29,13 +35,13 @@ def add_clutter(draft: Draft, surface: int, *, leaflets: int = 0, cloths: int = 
     height = draft.objects.surfaces[surface].height_m
     for name, count in (("leaflet", leaflets), ("cloth", cloths)):
         for _ in range(count):
-            _lay(draft, draft.make(name), surface, CLEAR_M, height)
+            _lay(draft, draft.make(name), surface, CLUTTER_CLEARANCE_M, height)
 
 
 def _lay(draft: Draft, model: Model, surface: int, gap: float, lift: float) -> None:
     rng, top = draft.rng, draft.objects.surfaces[surface]
     outline = hull(model.mesh().vertices[:, :2])
-    for _ in range(TRIES):
+    for _ in range(PIECE_TRIES):
         angle, place = rng.uniform(0, 2 * np.pi), top.at(*rng.uniform(-0.85, 0.85, 2))
         c, s = np.cos(angle), np.sin(angle)
         lying = outline @ np.array([[c, s], [-s, c]]) + place
@@ -68,14 +74,14 @@ def add_cables(draft: Draft, surface: int, count: int) -> None:
     rng, top = draft.rng, draft.objects.surfaces[surface]
     t, outlines = np.linspace(0, 1, 40), draft.objects.outlines(surface)
     for _ in range(count):
-        for _ in range(TRIES):
+        for _ in range(PIECE_TRIES):
             start, end = top.at(*rng.uniform(-0.9, 0.9, 2)), top.at(rng.uniform(-0.9, 0.9), rng.uniform(0.5, 1.0))
             along = end - start
             across = np.array([-along[1], along[0]])
             bends = rng.uniform(-0.25, 0.25, 3)
             sway = sum(b * np.sin((k + 1) * np.pi * t) / (k + 1) for k, b in enumerate(bends))
             path = start + t[:, None] * along + np.asarray(sway)[:, None] * across
-            clear = all(_apart(path, outline, CLEAR_M) for outline in outlines)
+            clear = all(_apart(path, outline, CLUTTER_CLEARANCE_M) for outline in outlines)
             if np.linalg.norm(along) > 0.15 and top.contains(path, 0.0) and clear:
                 draft.add(draft.make("cable", path=path), shift((0, 0, top.height_m)), doubtful=True)
                 break

@@ -12,9 +12,9 @@ from cuboid.lab.synthetic.scene import SceneObject, Surface
 from cuboid.lab.synthetic.shapes import turned
 
 # Thickness of the walls and the floor of a container, metres.
-WALL_M = 0.008
+CONTAINER_WALL_M = 0.008
 # Gap between objects in a container, and to its walls, metres.
-GAP_M = 0.012
+CONTENT_GAP_M = 0.012
 # Positions of containers, as fractions of the table's half sides.
 PLACES = ((-0.5, -0.35), (0.5, -0.3), (0.0, 0.45))
 
@@ -64,12 +64,12 @@ def _filled(draft: Draft, place: tuple[float, float], long_m: float = 0.29) -> N
     inner = np.array([long_m + rng.uniform(-0.05, 0.05), 0.72 * long_m + rng.uniform(-0.03, 0.03)])
     height, angle = float(rng.uniform(0.04, 0.14)), float(rng.uniform(0, np.pi))
     colors = two_paints(rng) if rng.random() < 0.5 else CARD
-    box = draft.make("open_box", inner=(*inner, height), wall=WALL_M, colors=colors)
+    box = draft.make("open_box", inner=(*inner, height), wall=CONTAINER_WALL_M, colors=colors)
     container = draft.objects.put_at(turned(box, angle), 0, place)
     floor = _floor_of(container, draft.objects.surfaces[0].height_m, inner, angle)
     for model in draft.models(int(rng.integers(1, 4)), "in_container"):
-        draft.objects.put_in(model, container, floor, GAP_M)
+        draft.objects.put_in(model, container, floor, CONTENT_GAP_M)
 
 
 def _floor_of(container: SceneObject, table_m: float, inner: Float64Array, angle_rad: float) -> Surface:
-    return Surface("container", table_m + WALL_M, container.T_room_model[:2, 3], inner / 2.0, angle_rad)
+    return Surface("container", table_m + CONTAINER_WALL_M, container.T_room_model[:2, 3], inner / 2.0, angle_rad)

@@ -49,7 +49,7 @@ KINECT_COLUMNS, KINECT_DISPLACED = 8, (2, 1)
 D435_BASELINE_M, D435_FOCAL_PX, D435_SUBPIXEL, D435_STEP = 0.05, 447.0, 0.08, 1 / 32
 D435_RANGE_M = (0.2, 8.0)
 # Deviation of the window of its matching, and maximum width by which near surfaces grow, pixels at a width of 640.
-MATCHING_PX, GROWN_PX = 2.5, 3
+MATCHING_PX, MAX_GROWTH_PX = 2.5, 3
 # Weight of the contrast of color for a match, beside the signal of the projected pattern.
 CONTRAST_WEIGHT = 0.4
 # Azure Kinect, narrow field of view: deviation at a white wall in 1 m and its maximum, metres; distance of the color
@@ -84,7 +84,7 @@ def realsense_d435(seen: Seen, intrinsics: Intrinsics, rng: np.random.Generator)
     """Return depth as a RealSense D435 measures it; arguments as for `kinect_v1`."""
     scale = intrinsics.width / 640
     angle, _ = incidence(seen.cosine)
-    depth = _grown(seen.depth_m, max(1, round(GROWN_PX * scale)), rng)
+    depth = _grown(seen.depth_m, max(1, round(MAX_GROWTH_PX * scale)), rng)
     noise = _blobs(depth.shape, MATCHING_PX * scale, rng) * np.float32(D435_SUBPIXEL)
     disparity = np.float32(D435_FOCAL_PX * D435_BASELINE_M) / np.maximum(depth, np.float32(0.05)) + noise
     disparity = np.maximum(np.rint(disparity / np.float32(D435_STEP)), 1) * np.float32(D435_STEP)

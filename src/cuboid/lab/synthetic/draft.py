@@ -10,13 +10,13 @@ import numpy as np
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.lab.synthetic.mesh import shift, turn
-from cuboid.lab.synthetic.paths import CAMERAS, STEP_M, Style, around, fly
+from cuboid.lab.synthetic.paths import CAMERAS, MAX_STEP_M, Style, around, fly
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.scene import Agent, Furniture, Scene, SceneEvent, Surface
 from cuboid.lab.synthetic.shapes import CATALOGUE, Model, build, sets
 
 # Default gap between objects, metres.
-APART_M = 0.06
+OBJECT_GAP_M = 0.06
 # Distance from the middle of a room to its walls, metres.
 ROOM_HALF_M = 2.6
 
@@ -61,7 +61,7 @@ class Draft:
     events: list[SceneEvent] = field(default_factory=list)
 
     def add(self, model: Model, T_room_model: Float64Array, *, doubtful: bool = False) -> None:
-        """Add furniture."""
+        """Add furniture at a pose (4, 4)."""
         self.furniture.append(Furniture(model, T_room_model, doubtful))
 
     def make(self, name: str, **sizes: Any) -> Model:
@@ -84,7 +84,7 @@ class Draft:
 
 
 def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float) -> Scene:
-    """Return the scene of a draft."""
+    """Return the scene of a draft whose room has the pose `T_world_room` (4, 4)."""
     style = draft.style or CAMERAS[draft.camera]
     poses = fly(draft.waypoints, draft.frames, style, draft.rng, whole=draft.whole) @ turn(draft.roll_rad)
     return Scene(
@@ -144,7 +144,7 @@ def circling(
     rng, top = draft.rng, draft.objects.surfaces[surface]
     middle = (*top.center, top.height_m + 0.05)
     level = top.height_m + rng.uniform(0.5, 0.85) if height is None else height
-    angle = draft.frames * STEP_M * 0.95 / radius
+    angle = draft.frames * MAX_STEP_M * 0.95 / radius
     if draft.camera == "orbit" or steady:
         count, radii, levels = 24, np.full(24, radius), np.full(24, level)
         angles = np.linspace(0, angle, count)

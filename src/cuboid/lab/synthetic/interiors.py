@@ -15,7 +15,7 @@ from cuboid.lab.synthetic.shapes.model import choice
 # Direction from a wall at +y into the room: the front of most models is at +x.
 TO_ROOM = -np.pi / 2
 # Clearance above an object in a shelf, metres.
-ABOVE_M = 0.03
+SHELF_CLEARANCE_M = 0.03
 
 
 def build_desk(draft: Draft) -> None:
@@ -120,7 +120,7 @@ def build_bookshelf(draft: Draft) -> None:
     draft.objects = Arrangement(surfaces, rng)
     for board, step in enumerate(steps):
         for model in draft.models(int(rng.integers(9, 14)), "in_shelf"):
-            if float(model.mesh().vertices[:, 2].max()) < step - 0.025 - ABOVE_M:
+            if float(model.mesh().vertices[:, 2].max()) < step - 0.025 - SHELF_CLEARANCE_M:
                 angle = TO_ROOM + rng.uniform(-0.12, 0.12) * (
                     1 if "book" in model.name or model.name == "binder" else 4
                 )

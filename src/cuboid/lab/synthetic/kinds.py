@@ -11,12 +11,12 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.lab.synthetic.containers import build_containers, build_sideboard
-from cuboid.lab.synthetic.draft import APART_M, Draft, add_middle_table, add_room, circling, finish, on_floor
+from cuboid.lab.synthetic.draft import OBJECT_GAP_M, Draft, add_middle_table, add_room, circling, finish, on_floor
 from cuboid.lab.synthetic.interiors import build_bookshelf, build_desk, build_kitchen
 from cuboid.lab.synthetic.looks import STYLES, dressed, materials_of
 from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.moving import build_moving
-from cuboid.lab.synthetic.paths import CAMERAS, STEP_M, STEP_RAD, around, random_motion
+from cuboid.lab.synthetic.paths import CAMERAS, MAX_STEP_M, MAX_STEP_RAD, around, random_motion
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.places import build_bin, build_counter, build_overhead, build_shelf, build_stacks
 from cuboid.lab.synthetic.plain_places import build_alone, build_floor, build_toybox, build_tray
@@ -30,7 +30,7 @@ def build_table(draft: Draft) -> None:
     """Build one table in the middle of a room; the camera moves around it."""
     add_room(draft)
     add_middle_table(draft)
-    draft.fill(0, int(draft.rng.integers(6, 10)), "basic", APART_M, 0.9)
+    draft.fill(0, int(draft.rng.integers(6, 10)), "basic", OBJECT_GAP_M, 0.9)
     path_table(draft)
 
 
@@ -43,7 +43,7 @@ def build_occluders(draft: Draft) -> None:
     """Build a table behind screens and large boxes, which the camera passes."""
     add_room(draft)
     add_middle_table(draft)
-    draft.fill(0, int(draft.rng.integers(6, 9)), "basic", APART_M, 0.8)
+    draft.fill(0, int(draft.rng.integers(6, 9)), "basic", OBJECT_GAP_M, 0.8)
     waypoints = circling(draft, 0, radius=2.0, height=draft.rng.uniform(1.25, 1.4), steady=True)
     draft.waypoints = waypoints
     angle = np.unwrap(np.arctan2(waypoints[:, 1], waypoints[:, 0]))
@@ -61,16 +61,16 @@ def build_leave(draft: Draft) -> None:
     """Build a table; the camera turns away from it for a second or more, and comes back."""
     add_room(draft)
     add_middle_table(draft)
-    draft.fill(0, int(draft.rng.integers(5, 9)), "basic", APART_M, 0.85)
+    draft.fill(0, int(draft.rng.integers(5, 9)), "basic", OBJECT_GAP_M, 0.85)
     path_leave(draft)
 
 
 def path_leave(draft: Draft) -> None:
     """Plan a camera path that turns away from the table and comes back."""
     angle = draft.rng.uniform(np.radians(70), np.radians(95)) * (1 if draft.rng.random() < 0.5 else -1)
-    turning = 2 * abs(angle) / STEP_RAD
+    turning = 2 * abs(angle) / MAX_STEP_RAD
     walk = max(draft.frames - turning, 0.25 * draft.frames)
-    draft.waypoints = _leaving(draft, 0, angle, walk * STEP_M * 0.8)
+    draft.waypoints = _leaving(draft, 0, angle, walk * MAX_STEP_M * 0.8)
     draft.whole = True
 
 
@@ -99,7 +99,7 @@ def build_tables(draft: Draft) -> None:
     draft.add(draft.make("round_table", radius=0.5, height=low.height_m), on_floor(low))
     draft.add(draft.make("shelf", x=1.1, y=0.34, height=boards[1] + 0.02, boards=boards), on_floor(surfaces[2]))
     for surface, count, names in ((0, 5, "basic"), (1, 4, "basic"), (2, 2, "small"), (3, 4, "small")):
-        draft.fill(surface, count, names, APART_M, 0.85)
+        draft.fill(surface, count, names, OBJECT_GAP_M, 0.85)
     path_tables(draft)
 
 
@@ -115,7 +115,7 @@ def build_clutter(draft: Draft) -> None:
     rng = draft.rng
     add_room(draft)
     add_middle_table(draft)
-    first = draft.objects.put(draft.models(1)[0], 0, APART_M, within=0.2)
+    first = draft.objects.put(draft.models(1)[0], 0, OBJECT_GAP_M, within=0.2)
     assert first is not None, "an empty table has room"
     for number, model in enumerate(draft.models(int(rng.integers(10, 14)))):
         touch = number in (2, 5)
@@ -150,7 +150,7 @@ def build_room(draft: Draft) -> None:
     draft.add(draft.make("sofa"), shift((-1.3, 0.9, 0)) @ turn(rng.uniform(-0.2, 0.2)), doubtful=True)
     draft.add(draft.make("chair"), shift((0.2, 1.45, 0)) @ turn(-np.pi / 2 + rng.uniform(-0.4, 0.4)), doubtful=True)
     for surface, count, names in ((0, 5, "basic"), (1, 3, "small"), (2, 3, "on_floor_of_room")):
-        draft.fill(surface, count, names, APART_M, 0.85)
+        draft.fill(surface, count, names, OBJECT_GAP_M, 0.85)
     path_room(draft)
 
 

@@ -17,24 +17,24 @@ from cuboid.lab.synthetic.paths import STILL, around, smooth_noise
 from cuboid.lab.synthetic.scene import FRAMES_PER_S, Agent, Furniture, SceneEvent, SceneObject
 
 # Gap between objects, wide enough for a finger, metres.
-GAP_M = 0.07
+FINGER_GAP_M = 0.07
 # Minimum displacement of a moved object; maximum displacement of one that is put back, metres.
-MOVE_M, SAME_PLACE_M = 0.15, 0.01
+MOVE_M, PUT_BACK_M = 0.15, 0.01
 # Frames without any motion: at the start, so that all objects get labels, and at the end, for the moved objects.
 FIRST_FRAMES, LAST_FRAMES = 45, 80
 # Durations of a hand's motions, frames: to or from an object, closing or opening, up or down (and per metre of height);
 # speed with an object, metres per frame; maximum number of frames to move an object.
 REACH_FRAMES, GRIP_FRAMES, LIFT_FRAMES, LIFTED_FRAMES, CARRY_M, MOST_FRAMES = 13, 4, 7, 25, 0.035, 115
 # A waiting hand: amplitude of its sway, distance from the edge of the table, and height above the table, metres.
-SWAY_M, BESIDE_M, ABOVE_M = 0.05, 0.4, 0.35
+SWAY_M, HAND_BESIDE_M, HAND_ABOVE_M = 0.05, 0.4, 0.35
 # Clearance below a carried object, and maximum width of an object that a hand grips from above, metres.
-CLEAR_M, WIDEST_M = 0.04, 0.17
+CARRY_CLEARANCE_M, WIDEST_M = 0.04, 0.17
 # Height above an object from which a hand moves straight down to it, metres.
 OVER_M = 0.14
 # Pose of absent objects and people: below the floor.
 AWAY = shift((0.0, 0.0, -8.0))
 # Name of the open box, its sides and its wall thickness, metres.
-OPEN_BOX, OPEN_BOX_M, WALL_M = "open box", (0.26, 0.2, 0.1), 0.004
+OPEN_BOX, OPEN_BOX_M, OPEN_BOX_WALL_M = "open box", (0.26, 0.2, 0.1), 0.004
 # Distance at which a walker passes the middle of the table; lateral distance at which the walk begins and ends, metres;
 # walking speed.
 PASSES_M, BEGINS_M, WALK_M_PER_S = 1.85, 2.3, 1.0
@@ -80,7 +80,7 @@ class _Story:
         """Return a waiting position of the hand beside the table."""
         top = self._draft.objects.surfaces[0]
         out = self._shoulder[:2] - top.center
-        edge = float(top.half.max()) + BESIDE_M
+        edge = float(top.half.max()) + HAND_BESIDE_M
         spot = top.center + out / np.linalg.norm(out) * edge + self._rng.uniform(-0.1, 0.1, 2)
         return np.array([*spot, top.height_m + self._rng.uniform(0.15, 0.3)])
 
@@ -111,7 +111,7 @@ class _Story:
                 far = np.linalg.norm(along - self._now[other.id][:2, 3], axis=1).min()
                 if far < 0.25:
                     heights.append(float(other.model.mesh().vertices[:, 2].max()))
-        return max(heights) + CLEAR_M
+        return max(heights) + CARRY_CLEARANCE_M
 
     def _carry(self, body: SceneObject, T_end: Float64Array, height_m: float) -> tuple[int, int]:
         """Grip an object, lift it, put it elsewhere; return the frames in which it leaves and comes to rest."""
@@ -166,7 +166,7 @@ class _Story:
                 T = shift((*spot, start[2, 3])) @ turn(self._rng.uniform(-1.2, 1.2)) @ shift(-start[:3, 3]) @ start
                 T[:2, 3] = spot
             far = np.linalg.norm(T[:2, 3] - start[:2, 3]) >= MOVE_M
-            if far and place.fits(replace(old, T_room_model=T), GAP_M):
+            if far and place.fits(replace(old, T_room_model=T), FINGER_GAP_M):
                 found = T
                 break
         place.restore(old if found is None else replace(old, T_room_model=found))
@@ -198,7 +198,7 @@ class _Story:
         """Lift an object and put it back in its place, which is no event."""
         body = self._free_thing()
         if body is not None:
-            off = shift((*self._rng.uniform(-SAME_PLACE_M, SAME_PLACE_M, 2) / 2, 0.0))
+            off = shift((*self._rng.uniform(-PUT_BACK_M, PUT_BACK_M, 2) / 2, 0.0))
             self._carry(body, off @ self._now[body.id], self._rng.uniform(0.1, 0.2))
 
     def take_and_bring_back(self) -> None:
@@ -217,7 +217,7 @@ class _Story:
     def bring(self) -> None:
         """Bring a new object into the scene."""
         model = self._draft.models(1, "brought")[0]
-        body = self._draft.objects.put(model, 0, GAP_M, 0.85)
+        body = self._draft.objects.put(model, 0, FINGER_GAP_M, 0.85)
         if body is not None:
             T = body.T_room_model
             self._first[body.id] = AWAY
@@ -233,7 +233,7 @@ class _Story:
             return
         body, target = small[int(self._rng.integers(len(small)))], into[0]
         self._busy |= {body.id, target.id}
-        start, inside = self._now[body.id], self._now[target.id][:3, 3] + (0, 0, WALL_M)
+        start, inside = self._now[body.id], self._now[target.id][:3, 3] + (0, 0, OPEN_BOX_WALL_M)
         T = start.copy()
         T[:3, 3] = inside
         frames = self._carry(body, T, self._clearance(body, T[:2, 3]))
@@ -321,13 +321,13 @@ def build_moving(draft: Draft) -> None:
     add_room(draft)
     add_middle_table(draft)
     if rng.random() < 0.4:
-        draft.objects.put(draft.make("open_card_box", size=OPEN_BOX_M, wall=WALL_M), 0, GAP_M, 0.6)
-    draft.fill(0, int(rng.integers(5, 8)), "basic", GAP_M, 0.85)
+        draft.objects.put(draft.make("open_card_box", size=OPEN_BOX_M, wall=OPEN_BOX_WALL_M), 0, FINGER_GAP_M, 0.6)
+    draft.fill(0, int(rng.integers(5, 8)), "basic", FINGER_GAP_M, 0.85)
     bearing = _place_camera(draft)
     top = draft.objects.surfaces[0]
     aside = bearing + (1 if rng.random() < 0.5 else -1) * rng.uniform(1.2, 1.9)
     out = np.array([np.cos(aside), np.sin(aside), 0.0])
-    story = _Story(draft, np.array([*top.center, top.height_m + ABOVE_M]) + 1.3 * out)
+    story = _Story(draft, np.array([*top.center, top.height_m + HAND_ABOVE_M]) + 1.3 * out)
     acts: list[Callable[[], None]] = [story.lift, story.push, story.put_back, story.take_and_bring_back, story.bring]
     order = [acts[int(k)] for k in rng.permutation(len(acts))]
     for act in (story.put_into, *order):

@@ -12,7 +12,7 @@ from cuboid.lab.synthetic.material import CARD, WOODS, Color, Layer, Material, T
 from cuboid.lab.synthetic.shapes import choice
 
 # Minimum difference of two contrasting colors (mean over the channels).
-CONTRAST = 0.22
+MIN_CONTRAST = 0.22
 WHITES: tuple[Color, ...] = ((0.95, 0.95, 0.94), (0.91, 0.88, 0.8), (0.86, 0.86, 0.87), (0.93, 0.9, 0.86))
 DARKS: tuple[Color, ...] = ((0.07, 0.07, 0.08), (0.14, 0.14, 0.15), (0.12, 0.14, 0.22), (0.2, 0.13, 0.1))
 EARTHS: tuple[Color, ...] = ((0.62, 0.42, 0.26), (0.5, 0.36, 0.26), (0.72, 0.6, 0.44), (0.45, 0.42, 0.34), CARD[0])
@@ -66,7 +66,7 @@ def contrasting(rng: np.random.Generator, color: Color) -> Color:
     """Draw a color that differs clearly from another."""
     for _ in range(12):
         other = tint(rng)
-        if np.abs(np.subtract(other, color)).mean() > CONTRAST:
+        if np.abs(np.subtract(other, color)).mean() > MIN_CONTRAST:
             return other
     return DARKS[0] if sum(color) > 1.5 else WHITES[0]
 

@@ -15,8 +15,8 @@ from cuboid.lab.synthetic.mesh import turn
 from cuboid.lab.synthetic.scene import FRAMES_PER_S
 
 # Maximum motion per frame at 30 frames per second: 0.5 m/s, 36 degrees/s.
-STEP_M = 0.0165
-STEP_RAD = np.radians(1.2)
+MAX_STEP_M = 0.0165
+MAX_STEP_RAD = np.radians(1.2)
 # The camera's inertia: its path is smoothed over this many frames.
 INERTIA_FRAMES = 5.0
 # Number of points on the curve through all waypoints; poses are interpolated between them.
@@ -70,8 +70,8 @@ def look_at(eye: npt.ArrayLike, target: npt.ArrayLike) -> Float64Array:
 def fly(waypoints: npt.ArrayLike, frames: int, style: Style, rng: np.random.Generator, *, whole: bool) -> Float64Array:
     """Return the poses (frames, 4, 4) of a camera that passes waypoints (K, 6) of eye and target.
 
-    The speed is constant and at most `STEP_M` and `STEP_RAD` per frame. If there are too few frames, the path ends
-    early; with `whole` it is flown faster instead.
+    The speed is constant and at most `MAX_STEP_M` and `MAX_STEP_RAD` per frame. If there are too few frames, the path
+    ends early; with `whole` it is flown faster instead.
     """
     from scipy.interpolate import PchipInterpolator
     from scipy.ndimage import gaussian_filter1d
@@ -81,8 +81,8 @@ def fly(waypoints: npt.ArrayLike, frames: int, style: Style, rng: np.random.Gene
     curve = PchipInterpolator(knots, points)(np.linspace(0, knots[-1], _PIECES))
     forward = curve[:, 3:] - curve[:, :3]
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
-    moved = np.linalg.norm(np.diff(curve[:, :3], axis=0), axis=1) / STEP_M
-    turned = np.linalg.norm(np.diff(forward, axis=0), axis=1) / STEP_RAD
+    moved = np.linalg.norm(np.diff(curve[:, :3], axis=0), axis=1) / MAX_STEP_M
+    turned = np.linalg.norm(np.diff(forward, axis=0), axis=1) / MAX_STEP_RAD
     clock = np.concatenate([[0.0], np.cumsum(np.maximum(moved, turned) + 1e-9)])
     end = clock[-1] if whole else min(clock[-1], float(max(frames - 1, 1)))
     at = np.linspace(0, end, frames)
@@ -133,11 +133,11 @@ PoseNoise = Callable[[Float64Array, np.random.Generator], Float64Array]
 
 # Standard deviation of the error of each frame, which accumulates: after 200 frames about 1.4 cm and 0.4 degrees, as
 # with good odometry without loop closure around a table.
-DRIFT_M, DRIFT_RAD = 0.001, np.radians(0.03)
+FRAME_DRIFT_M, FRAME_DRIFT_RAD = 0.001, np.radians(0.03)
 # A jump, as when tracking is lost and recovered: mean interval (frames), range of translation and rotation, range of
 # duration (frames).
 JUMP_EVERY_FRAMES = 45
-JUMP_M, JUMP_RAD = (0.01, 0.035), (np.radians(0.4), np.radians(1.5))
+JUMP_RANGE_M, JUMP_RANGE_RAD = (0.01, 0.035), (np.radians(0.4), np.radians(1.5))
 JUMP_FRAMES = (6, 20)
 
 
@@ -152,7 +152,7 @@ def drift(T_world_camera: Float64Array, rng: np.random.Generator) -> Float64Arra
     wrong[0] = T_world_camera[0]
     for k in range(1, len(wrong)):
         step = se3.inverse(T_world_camera[k - 1]) @ T_world_camera[k]
-        wrong[k] = wrong[k - 1] @ step @ _small(rng.normal(0, DRIFT_M, 3), rng.normal(0, DRIFT_RAD, 3))
+        wrong[k] = wrong[k - 1] @ step @ _small(rng.normal(0, FRAME_DRIFT_M, 3), rng.normal(0, FRAME_DRIFT_RAD, 3))
     return wrong
 
 
@@ -163,8 +163,8 @@ def jumps(T_world_camera: Float64Array, rng: np.random.Generator) -> Float64Arra
     while k < len(wrong):
         direction, axis = rng.standard_normal((2, 3))
         off = _small(
-            direction / np.linalg.norm(direction) * rng.uniform(*JUMP_M),
-            axis / np.linalg.norm(axis) * rng.uniform(*JUMP_RAD),
+            direction / np.linalg.norm(direction) * rng.uniform(*JUMP_RANGE_M),
+            axis / np.linalg.norm(axis) * rng.uniform(*JUMP_RANGE_RAD),
         )
         end = k + int(rng.integers(*JUMP_FRAMES))
         wrong[k:end] = wrong[k:end] @ off

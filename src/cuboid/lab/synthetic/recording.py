@@ -48,9 +48,9 @@ from cuboid.results.files.text import LENGTH, number
 
 # Units of the depth images: 0.2 mm, a seventh of a structured-light step at 0.7 m; up to 13 m.
 DEPTH_UNITS_PER_M = 5000
-JPEG_QUALITY = 92
+RECORDING_JPEG_QUALITY = 92
 # Fast, and a few percent larger than with the best compression.
-PNG_COMPRESSION = 1
+RECORDING_PNG_COMPRESSION = 1
 # Every n-th frame and pixel contributes to the labelled cloud.
 CLOUD_EVERY_FRAMES, CLOUD_EVERY_PIXELS = 5, 3
 # Minimum image size: below it an object has only a few pixels.
@@ -229,13 +229,13 @@ def _write_rig(folder: Path, scene: Scene, size: tuple[int, int], fractions: Flo
 
 def encode_color(color: UInt8Array) -> bytes:
     """Return an RGB image (H, W, 3) as JPEG."""
-    return _encode(".jpg", color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return _encode(".jpg", color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, RECORDING_JPEG_QUALITY])
 
 
 def encode_depth(depth_m: Float32Array) -> bytes:
     """Return depth in metres (H, W) as a 16-bit PNG in `DEPTH_UNITS_PER_M`."""
     units = np.rint(np.minimum(depth_m * np.float32(DEPTH_UNITS_PER_M), 65534)).astype(np.uint16)
-    return _encode(".png", units, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
+    return _encode(".png", units, [cv2.IMWRITE_PNG_COMPRESSION, RECORDING_PNG_COMPRESSION])
 
 
 def _encode(suffix: str, image: npt.NDArray[Any], options: list[int]) -> bytes:

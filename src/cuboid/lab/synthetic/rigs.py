@@ -20,7 +20,7 @@ from cuboid.lab.synthetic.scene import Placed, Rig, Scene
 
 # Kinds whose first surface is free on all sides.
 FREE_KINDS = ("table", "clutter", "stacks", "overhead", "bin", "moving", "containers", "toybox", "tray", "alone")
-MAX_CAMERAS = 8
+MAX_RIG_CAMERAS = 8
 # Angle between neighbouring fixed cameras, seen from the surface; more cameras are nearer to each other.
 SPACING_RAD = np.pi / 2
 # Variation of the angle, radians, and relative variation of distance and height; variation of the target, metres.
@@ -54,7 +54,7 @@ def make_rig(
         One of `FREE_KINDS` for fixed cameras, one of `KINDS` for moving ones.
     seed : int
     cameras : int
-        2 to `MAX_CAMERAS`.
+        2 to `MAX_RIG_CAMERAS`.
     moving : bool
         Whether the cameras move together along the path of the kind.
     frames : int, optional
@@ -67,8 +67,8 @@ def make_rig(
     InputError
         The kind, the camera or the style is unknown, or the kind has no room for fixed cameras.
     """
-    if not 2 <= cameras <= MAX_CAMERAS:
-        raise InputError(f"a rig has 2 to {MAX_CAMERAS} cameras, got {cameras}")
+    if not 2 <= cameras <= MAX_RIG_CAMERAS:
+        raise InputError(f"a rig has 2 to {MAX_RIG_CAMERAS} cameras, got {cameras}")
     if not moving and kind not in FREE_KINDS:
         raise InputError(f"no rig can stand around a scene of the kind '{kind}'; there are {', '.join(FREE_KINDS)}")
     each = frames or (FRAMES[kind] // cameras if moving and kind in FRAMES else FIXED_FRAMES)

@@ -63,12 +63,12 @@ def incidence(cosine: Float32Array) -> tuple[Float32Array, Float32Array]:
 
 
 def filled(depth_m: Float32Array) -> Float32Array:
-    """Return depth with a far value where nothing is hit."""
+    """Return depth (H, W), metres, with a far value where nothing is hit."""
     return np.where(depth_m > 0, depth_m, _NOWHERE_M)
 
 
 def edges(depth_m: Float32Array) -> Mask:
-    """Tell which pixels have a neighbour on another surface."""
+    """Tell which pixels (H, W) have a neighbour on another surface."""
     depth = filled(depth_m)
     jump = cv2.dilate(depth, CROSS) - cv2.erode(depth, CROSS)
     # A slanted surface has equal steps to both sides, so its second difference is small: it is no edge.
@@ -78,7 +78,7 @@ def edges(depth_m: Float32Array) -> Mask:
 
 
 def ragged(depth_m: Float32Array, edge: Mask, slant: Float32Array, rng: np.random.Generator) -> Float32Array:
-    """Shift the readings of pixels near an edge to those of neighbours, by the lateral deviation."""
+    """Shift the readings (H, W) of pixels near an edge to those of neighbours, by the lateral deviation."""
     rows, columns = np.nonzero(cv2.dilate(edge.astype(np.uint8), CROSS))
     deviation = np.minimum(LATERAL_PX + LATERAL_SLANT_PX * slant[rows, columns], 2.0)
     off = np.rint(rng.standard_normal((2, len(rows)), np.float32) * deviation).astype(np.int64)
@@ -107,7 +107,7 @@ def grazing(angle: Float32Array, draw: Float32Array) -> Mask:
 def within(
     measured: npt.NDArray[np.floating[Any]], true: Float32Array, lost: Mask, range_m: tuple[float, float]
 ) -> Float32Array:
-    """Return measured depth, 0 where it is lost or out of range, or where there is nothing."""
+    """Return measured depth (H, W), metres, 0 where it is lost or out of range, or where there is nothing."""
     near, far = range_m
     kept = (true > 0) & ~lost & (measured >= near) & (measured <= far)
     return np.where(kept, measured, 0).astype(np.float32)

@@ -25,7 +25,7 @@ GLOSS = 0.55
 # Size of the fine texture noise of every surface, metres.
 FINE_M = 0.012
 # Faces whose normal has a larger vertical component than this have textures along x and y.
-LEVEL = 0.7
+LEVEL_NORMAL_Z = 0.7
 
 _GAMMA = np.rint(np.linspace(0.0, 1.0, 4096) ** (1 / 2.2) * 255).astype(np.uint8)
 
@@ -55,7 +55,7 @@ class ShadingParameters:
 
 
 def part_rows(materials: Sequence[Material], T_body_room: Sequence[Float64Array]) -> tuple[Float64Array, Float64Array]:
-    """Return the tables `ShadingParameters.parts` and `ShadingParameters.layers`."""
+    """Return the tables `ShadingParameters.parts` (N, 30) and `.layers` (L, 14) of N poses (4, 4)."""
     rows = np.empty((len(materials), 30))
     layers: list[list[float]] = []
     for row, look, T in zip(rows, materials, T_body_room, strict=True):
@@ -196,8 +196,8 @@ def _covers(
     if zone == 2:
         return bool(u * np.cos(a) + v * np.sin(a) > b)
     if zone == 7:
-        return bool(u * nu + v * nv < -1e-4 or (nz > LEVEL and z < a))
-    if (zone <= 4 and abs(nz) > LEVEL) or (zone > 4 and nz < LEVEL):
+        return bool(u * nu + v * nv < -1e-4 or (nz > LEVEL_NORMAL_Z and z < a))
+    if (zone <= 4 and abs(nz) > LEVEL_NORMAL_Z) or (zone > 4 and nz < LEVEL_NORMAL_Z):
         return False
     ds, dt = (s - a) / c, (t - b) / d
     if zone in (3, 5):
@@ -221,7 +221,7 @@ def _mixed(
     if look[6] > 7 or last > first:
         nu = look[25] * normal[0] + look[26] * normal[1]
         nv = look[25] * normal[1] - look[26] * normal[0]
-        if abs(normal[2]) <= LEVEL:
+        if abs(normal[2]) <= LEVEL_NORMAL_Z:
             t = z
             s = np.arctan2(v, u) * look[27] if look[27] > 0 else (nu * v - nv * u) / np.sqrt(nu * nu + nv * nv)
     w = look[7]

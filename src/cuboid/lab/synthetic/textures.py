@@ -18,7 +18,7 @@ NOISE = np.random.default_rng(20).random((_NOISE_CELLS,) * 3, np.float32)
 
 @kernel
 def noise_at(noise: Float32Array, x: float, y: float, z: float) -> float:  # pragma: no cover (compiled)
-    """Interpolate the periodic noise of a 32 x 32 x 32 lattice, 0..1."""
+    """Interpolate the periodic noise of a lattice (32, 32, 32), 0..1."""
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
     i, j, k = int(fx) & 31, int(fy) & 31, int(fz) & 31
     a, b, c = x - fx, y - fy, z - fz

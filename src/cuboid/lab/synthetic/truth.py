@@ -71,7 +71,7 @@ def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, fractions: Flo
 
 
 def run_lengths(values: npt.ArrayLike) -> list[list[float | int]]:
-    """Return the run-length encoding of values: [value, length] of each run."""
+    """Return the run-length encoding of values (N,): [value, length] of each run."""
     runs: list[list[float | int]] = []
     for value in np.asarray(values, np.float64).tolist():
         if runs and runs[-1][0] == value:
@@ -165,7 +165,7 @@ def _objects(scene: Scene, fractions: Float64Array) -> list[dict[str, Any]]:
 
 
 def pose_lines(keys: Sequence[str], T_world_camera: Float64Array) -> str:
-    """Return lines `key tx ty tz qx qy qz qw`."""
+    """Return lines `key tx ty tz qx qy qz qw` of poses (N, 4, 4)."""
     lines = []
     for key, T in zip(keys, T_world_camera, strict=True):
         w, x, y, z = se3.quat_wxyz_from_rotation(T[:3, :3])

@@ -26,7 +26,7 @@ OTHERWISE_M = 0.18
 MAX_FACES = 200_000
 # Maximum file size (larger files have more faces than allowed), and maximum coordinate (of a mesh in micrometres).
 MAX_MESH_BYTES = 256 << 20
-LARGEST = 1e9
+LARGEST_COORDINATE = 1e9
 # Minimum thickness, metres: below it a body has no volume and its outline no area.
 THINNEST_M = 0.004
 
@@ -75,8 +75,8 @@ def load_mesh(path: Path) -> Model:
         raise InputError(f"{path}: expected vertices of three numbers, got {vertices.shape}")
     if len(faces) > MAX_FACES:
         raise InputError(f"{path}: {len(faces)} triangles, expected at most {MAX_FACES}")
-    if not (np.abs(vertices) <= LARGEST).all():
-        raise InputError(f"{path}: a vertex is NaN, infinite, or above {LARGEST:g}")
+    if not (np.abs(vertices) <= LARGEST_COORDINATE).all():
+        raise InputError(f"{path}: a vertex is NaN, infinite, or above {LARGEST_COORDINATE:g}")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(f"{path}: a triangle has a corner that is none of the {len(vertices)} vertices")
     mesh = Mesh(vertices, faces)

@@ -30,14 +30,14 @@ _VIEWS = np.array(
     [[np.cos(b) * np.cos(e), np.sin(b) * np.cos(e), np.sin(e)] for e in (0.02, 0.5, 1.0) for b in _BEARINGS]
     + [[0.0, 0.0, 1.0]]
 )
-FAR_M = 3.0
+RAY_END_M = 3.0
 # Maximum difference between true depth and a point's depth for the point to be visible, metres.
 AGREES_M = 0.02
 # A mirroring face has a normal within 8 degrees of up; faces are distinguished by height to this accuracy, metres.
 LEVEL_COSINE, LEVEL_M = 0.99, 2e-3
 # In each patch of a mirroring face, depth is that of the face or of its mirror image: side of a patch, metres, and
 # number of different patches.
-PATCH_M, PATCHES = 0.03, 64
+MIRROR_PATCH_M, PATCHES = 0.03, 64
 # Maximum distance from the face of a mirror image in depth, metres: a farther one is too faint for the sensor.
 MIRRORED_M = 0.15
 UPSIDE_DOWN = np.array([1, 1, -1], np.float32)
@@ -145,7 +145,7 @@ class SceneView:
         if not mirror.any():
             return color, depth_m
         points = hits.eye + depth_m[..., None] * hits.rays
-        cell = np.floor(points / PATCH_M).astype(np.int64) % len(self._patches)
+        cell = np.floor(points / MIRROR_PATCH_M).astype(np.int64) % len(self._patches)
         read = self._patches[cell[..., 0], cell[..., 1]] < mirror
         for height_m in np.unique(np.round(points[..., 2][mirror > 0], 3)):
             eye, rays = hits.eye * UPSIDE_DOWN + np.array([0, 0, 2 * height_m], np.float32), hits.rays * UPSIDE_DOWN
@@ -217,6 +217,6 @@ def _surface(scene: Scene, body: SceneObject) -> tuple[Float64Array, Float64Arra
     start = (points + SHADOW_BIAS_M * normals).astype(np.float32)
     for direction in _VIEWS:
         facing = np.flatnonzero(~seen & (normals @ direction > 0.1))
-        seen[facing] = alone.reaches(start[facing], start[facing] + FAR_M * direction.astype(np.float32)) > 0
+        seen[facing] = alone.reaches(start[facing], start[facing] + RAY_END_M * direction.astype(np.float32)) > 0
     kept = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // SURFACE_POINTS)]
     return points[kept], normals[kept]

@@ -18,7 +18,7 @@ import numpy as np
 
 from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.paths import PathLike, as_path
-from cuboid.lab.synthetic.draft import APART_M, Draft, finish
+from cuboid.lab.synthetic.draft import OBJECT_GAP_M, Draft, finish
 from cuboid.lab.synthetic.kinds import FRAMES, WAYS, make_scene
 from cuboid.lab.synthetic.looks import STYLES, dressed, materials_of
 from cuboid.lab.synthetic.mesh import shift, turn
@@ -97,7 +97,10 @@ def _next(
     ghosts += [place.take(number) for number in chosen[MOVED + 1 : MOVED + 2]]
     drawn = tuple(CAMERAS)[int(rng.integers(len(CAMERAS)))]
     draft = Draft(rng, frames, camera or drawn, (), list(before.furniture), place, np.empty((0, 6)))
-    if place.put(draft.models(1)[0], int(rng.integers(len(before.surfaces))), APART_M, 0.85, last_id + 1) is not None:
+    if (
+        place.put(draft.models(1)[0], int(rng.integers(len(before.surfaces))), OBJECT_GAP_M, 0.85, last_id + 1)
+        is not None
+    ):
         last_id += 1
     WAYS[kind](draft)
     focal = float(rng.uniform(525, 600))
@@ -111,7 +114,7 @@ def _moved(place: Arrangement, number: int, rng: np.random.Generator) -> SceneOb
     """Move an object to another place; return its old state, or None if there is no room."""
     old = place.take(number)
     for _ in range(20):
-        new = place.put(old.model, int(rng.integers(len(place.surfaces))), APART_M, 0.85, number)
+        new = place.put(old.model, int(rng.integers(len(place.surfaces))), OBJECT_GAP_M, 0.85, number)
         if new is None:
             break
         if np.linalg.norm(new.T_room_model[:3, 3] - old.T_room_model[:3, 3]) >= MIN_MOVE_M:
@@ -127,7 +130,7 @@ def _turn(place: Arrangement, number: int, rng: np.random.Generator) -> None:
     angle = float(rng.uniform(0.5, np.pi))
     center = old.T_room_model[:3, 3]
     new = replace(old, T_room_model=shift(tuple(center)) @ turn(angle) @ shift(tuple(-center)) @ old.T_room_model)
-    place.restore(new if place.fits(new, APART_M / 3) else old)
+    place.restore(new if place.fits(new, OBJECT_GAP_M / 3) else old)
 
 
 def render_visits(

@@ -45,7 +45,7 @@ def unit_scores(scores: npt.ArrayLike) -> Float32Array:
 
 
 def thin_out(boxes_xyxy: Float64Array, scores: Float64Array, overlap: float) -> npt.NDArray[np.intp]:
-    """Return the boxes that remain after non-maximum suppression at IoU `overlap`, the best first."""
+    """Return the boxes (N, 4), scored (N,), left by non-maximum suppression at IoU `overlap`: indices, best first."""
     order = np.argsort(-scores, kind="stable")
     boxes = boxes_xyxy[order]
     area = np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2], 0.0), axis=1)

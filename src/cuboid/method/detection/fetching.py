@@ -13,7 +13,7 @@ from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.method.detection.models import Model
 
 # Timeout of a server's answer, seconds.
-ANSWER_S = 30.0
+FETCH_TIMEOUT_S = 30.0
 PART_BYTES = 1 << 18
 
 
@@ -62,7 +62,7 @@ def _download(model: Model, partial: Path, on_progress: Callable[[int, int], Non
     if done == model.size_bytes:
         return
     request = urllib.request.Request(model.url, headers={"Range": f"bytes={done}-"} if done else {})
-    with urllib.request.urlopen(request, timeout=ANSWER_S) as answer:
+    with urllib.request.urlopen(request, timeout=FETCH_TIMEOUT_S) as answer:
         goes_on = answer.status == http.client.PARTIAL_CONTENT and done > 0
         done = done if goes_on else 0
         with partial.open("ab" if goes_on else "wb") as file:

@@ -32,8 +32,8 @@ MAX_LOG = 7.0
 # Maximum logit, so that the exponential does not overflow.
 MAX_LOGIT = 60.0
 # NanoDet and PicoDet give the distance to each of 4 sides as a distribution over 0 to 7 cells.
-BINS = 8
-SIDES = 4 * BINS
+SIDE_BINS = 8
+SIDES = 4 * SIDE_BINS
 # Maximum value of boxes that are given as fractions of the input.
 UNIT = 1.01
 
@@ -174,9 +174,9 @@ class Distances:
         likely = scores.max(axis=1, initial=0.0) >= least
         at = cells(size, self.strides)[likely]
         bins = np.exp(
-            sides[likely].reshape(-1, 4, BINS) - sides[likely].reshape(-1, 4, BINS).max(axis=2, keepdims=True)
+            sides[likely].reshape(-1, 4, SIDE_BINS) - sides[likely].reshape(-1, 4, SIDE_BINS).max(axis=2, keepdims=True)
         )
-        distance = (bins * np.arange(BINS)).sum(axis=2) / bins.sum(axis=2)
+        distance = (bins * np.arange(SIDE_BINS)).sum(axis=2) / bins.sum(axis=2)
         centre = at[:, :2] + self.offset
         boxes = np.hstack([centre - distance[:, :2], centre + distance[:, 2:]]) * at[:, 2:]
         return Raw(boxes, scores[likely], _no_coefficients(len(boxes)))

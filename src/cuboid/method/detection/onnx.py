@@ -21,9 +21,9 @@ from cuboid.method.detection.vocabulary import known_names, names_for
 
 # Minimum score of a detection: detectors return hundreds of boxes with very low scores. YOLOX-nano has two thirds of
 # its recall on single images between this and 0.3; accumulating evidence over frames removes the false ones.
-MIN_SCORE = 0.05
+MIN_DETECTION_SCORE = 0.05
 # IoU above which the worse of two boxes is removed: the value of the YOLO family's own code.
-OVERLAP = 0.7
+DUPLICATE_IOU = 0.7
 ENDING = ".onnx"
 # Maximum side of a model's input, pixels: a larger one would take all memory.
 MAX_SIZE = 4096
@@ -50,7 +50,7 @@ class OnnxOptions:
         Side of the input of a model that accepts any size; None for the image's own size.
     """
 
-    score: float = MIN_SCORE
+    score: float = MIN_DETECTION_SCORE
     labels: Path | None = None
     threads: int = 1
     provider: str = "CPUExecutionProvider"
@@ -118,7 +118,7 @@ class OnnxDetector:
         scores = np.nan_to_num(raw.scores[:, used], nan=0.0, posinf=0.0, neginf=0.0)  # NaN and infinity count as 0
         best = scores.max(axis=1, initial=0.0)
         kept = np.flatnonzero(best >= least)
-        kept = kept[thin_out(raw.boxes_xyxy[kept], best[kept], OVERLAP)][:MAX_BOXES]
+        kept = kept[thin_out(raw.boxes_xyxy[kept], best[kept], DUPLICATE_IOU)][:MAX_BOXES]
         boxes, _, rows = best_boxes(fit.to_image(raw.boxes_xyxy[kept]), best[kept], intrinsics.width, intrinsics.height)
         kept = kept[rows]
         values = np.clip(scores[kept].astype(np.float32), 0.0, 1.0)
@@ -163,7 +163,7 @@ def read_options(text: str) -> OnnxOptions:
             raise InputError(f"unknown option '{word}' of a detector; expected {HOW}")
         given[name] = value
     try:
-        score, threads = float(given.get("score", MIN_SCORE)), int(given.get("threads", "1"))
+        score, threads = float(given.get("score", MIN_DETECTION_SCORE)), int(given.get("threads", "1"))
         size = int(given["size"]) if "size" in given else None
     except ValueError:
         score, threads, size = -1.0, 0, None

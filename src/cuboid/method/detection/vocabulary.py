@@ -14,7 +14,7 @@ METADATA_KEYS = ("names", "labels", "classes", "id2label")
 # Files of names beside a model MODEL.onnx, in this order.
 BESIDE = ("{stem}.txt", "{stem}.names", "{stem}.json", "labels.txt", "classes.txt")
 # Maximum size of a file of names, bytes.
-MAX_BYTES = 1 << 20
+MAX_NAMES_BYTES = 1 << 20
 
 COCO = (
     "person", "bicycle", "car", "motorcycle", "airplane", "bus", "train", "truck", "boat", "traffic light",
@@ -101,8 +101,8 @@ def read_names(path: Path) -> tuple[str, ...]:
         The file cannot be read or contains no names.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: is no list of class names: larger than {MAX_BYTES >> 20} MB")
+        if path.stat().st_size > MAX_NAMES_BYTES:
+            raise InputError(f"{path}: is no list of class names: larger than {MAX_NAMES_BYTES >> 20} MB")
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a list of class names: {error}") from None

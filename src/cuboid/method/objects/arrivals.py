@@ -19,12 +19,12 @@ from cuboid.method.objects.kernels.leaving import count_passed
 IN_PLACE_M = DRIFT_M / 2.0
 # An object came if something moved in cells of this edge, metres, that hold at least this fraction of its points, and
 # an earlier view saw through this fraction of them: the lower part of an object is too near to its support.
-CELL_M, MOTION_FRACTION, SEEN_THROUGH_FRACTION = 0.04, 0.25, 1.0 / 3.0
+MOTION_CELL_M, MOTION_FRACTION, SEEN_THROUGH_FRACTION = 0.04, 0.25, 1.0 / 3.0
 # An object was not there if an earlier view saw through this fraction of its points: it is .83 to 1 for hands and arms
 # in made recordings, and at most .63 for objects at rest in TUM fr1/xyz.
-ABSENT_FRACTION = 0.75
+ABSENT_BEFORE_FRACTION = 0.75
 # A view is stored at this interval, seconds; this is the largest number of views.
-VIEW_EVERY_S, MAX_VIEWS = 2.0, 64
+VIEW_EVERY_S, MAX_STORED_VIEWS = 2.0, 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Arrivals:
 
     def __init__(self, noise_per_m: float) -> None:
         self._noise_per_m = noise_per_m
-        self._views: deque[_View] = deque(maxlen=MAX_VIEWS)
+        self._views: deque[_View] = deque(maxlen=MAX_STORED_VIEWS)
         # Time of the last stored view of each camera of the rig, seconds.
         self._stored_s: dict[str, float] = {}
         self._cells: dict[int, None] = {}
@@ -80,7 +80,7 @@ class Arrivals:
 
     def was_absent(self, entry: MapObject) -> bool:
         """Return whether an earlier view shows that an object was not there."""
-        return self._was_seen_through(entry, ABSENT_FRACTION)
+        return self._was_seen_through(entry, ABSENT_BEFORE_FRACTION)
 
     def _was_seen_through(self, entry: MapObject, min_fraction: float) -> bool:
         """Return whether an earlier view saw through at least this fraction of the points of an object."""
@@ -100,6 +100,6 @@ def _sample(entry: MapObject) -> Float32Array:
 
 def _keys(points: Float32Array) -> list[int]:
     """Return the numbers of the cells that points (N, 3) lie in."""
-    cells = np.floor(points.astype(np.float64) / CELL_M).astype(np.int64)
+    cells = np.floor(points.astype(np.float64) / MOTION_CELL_M).astype(np.int64)
     found: list[int] = np.unique(keys_of(cells)).tolist()
     return found

@@ -20,10 +20,8 @@ from cuboid.method.surfaces.frame_segments import FrameSegments
 
 # Smallest fraction of a segment that counts as mapped before.
 MIN_MAPPED_FRACTION = 0.2
-# A segment without a match is a part of an object if at least this fraction of the segment lies in it.
-PART_FRACTION = 0.5
 # Gate of the association: 3D IoU of the boxes, or IoU of the masks.
-SAME = 0.25
+MIN_MATCH_IOU = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +115,12 @@ def associate(frame: SegmentedFrame, objects: Sequence[MapObject], boxes: Float6
     )
     match, part = no_match.copy(), no_match.copy()
     similarities, similarity = np.maximum(iou, mask_iou), np.zeros(n)
-    for i, j in assign(similarities, SAME):
+    for i, j in assign(similarities, MIN_MATCH_IOU):
         match[i], similarity[i] = j, similarities[i, j]
     inside = pixels / segment_pixels[:, None]
     best = inside.argmax(1)
-    is_part = inside[np.arange(n), best] >= PART_FRACTION
+    # A segment without a match is a part of an object if at least half of the segment lies in it.
+    is_part = inside[np.arange(n), best] >= 0.5
     part[(match < 0) & is_part] = best[(match < 0) & is_part]
     return Association(objects, match, part, iou, similarity, pixels, object_pixels)
 

@@ -12,7 +12,7 @@ from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import ObjectWithoutDepth
 
 # An object lies flat on a plane if its centre is at most this high above it, and then has this thickness, metres.
-FLAT_M, THIN_M = 0.05, 0.02
+FLAT_ABOVE_M, THIN_M = 0.05, 0.02
 # Cosine of the largest angle between the normal of a plane and up at which things stand on it.
 UPRIGHT = 0.98
 # Smallest sine of the angle from which a flat object is seen: at grazing angles its rectangle does not show its
@@ -25,9 +25,9 @@ SIDE = 0.1
 # A rectangle does not show the rotation of an object about up: its width may be that of a side half as long. Standard
 # deviation of a side that is uniformly distributed between the two, as a fraction of the width.
 TURNED = 0.5 / 3**0.5
-# A flat object is up to twice `FLAT_M` thick. Root mean square difference of `THIN_M` from a thickness that is
+# A flat object is up to twice `FLAT_ABOVE_M` thick. Root mean square difference of `THIN_M` from a thickness that is
 # uniformly distributed up to there.
-THICKNESS_M = ((FLAT_M - THIN_M) ** 2 + (2.0 * FLAT_M) ** 2 / 12.0) ** 0.5
+THICKNESS_M = ((FLAT_ABOVE_M - THIN_M) ** 2 + (2.0 * FLAT_ABOVE_M) ** 2 / 12.0) ** 0.5
 # The side away from the camera is a guess; its standard deviation is this fraction of it.
 GUESSED = 0.5
 
@@ -62,7 +62,7 @@ def box_of(entry: ObjectWithoutDepth, planes: Planes) -> tuple[Box, str]:
     across = _across(toward, planes)
     rotation = np.column_stack([across, np.cross(planes.up, across), planes.up])
     above_m = [float(normal @ center + offset) for normal, offset in planes.supporting]
-    if any(0.0 <= away <= FLAT_M for away in above_m):
+    if any(0.0 <= away <= FLAT_ABOVE_M for away in above_m):
         sine = max(float(toward @ planes.up), MIN_SINE)
         reach = max((height - THIN_M * (1.0 - sine)) / sine, MIN_SIDE_M)
         return Box(center, np.array([width, reach, THIN_M]), rotation), "flat"
@@ -72,7 +72,7 @@ def box_of(entry: ObjectWithoutDepth, planes: Planes) -> tuple[Box, str]:
 def _on_plane(box: Box, planes: Planes) -> Box:
     """Return an upright box extended down to the plane just beneath it, if there is one: a foot is seldom seen."""
     below_m = [box.foot_m(normal, offset) for normal, offset in planes.supporting if normal @ planes.up > UPRIGHT]
-    near_m = [away for away in below_m if 0.0 < away <= FLAT_M]
+    near_m = [away for away in below_m if 0.0 < away <= FLAT_ABOVE_M]
     if not near_m:
         return box
     foot_m = min(near_m)

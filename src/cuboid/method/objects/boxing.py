@@ -26,7 +26,7 @@ MAP_NOISE = 0.8
 # Approximate largest number of voxels in a fit; more voxels of a large object do not change its box.
 BOX_VOXELS = 1500
 # Fraction of the usual voxel of a surface that the surface fills: voxels lie across it at random.
-FILLED = 0.5
+FILLED_VOXEL_FRACTION = 0.5
 
 Plane = tuple[Float64Array, float]
 
@@ -159,7 +159,7 @@ def usual_distance_m(noise_m: float, noise_per_m: float, voxel_px_m: float) -> f
         Edge of a voxel times the focal length in working pixels: the distance at which a voxel is as wide as a pixel.
     """
     of_one_m = math.sqrt(noise_m / (MAP_NOISE * noise_per_m))
-    return max(of_one_m, float((FILLED * voxel_px_m**2 * of_one_m**4) ** (1.0 / 6.0)))
+    return max(of_one_m, float((FILLED_VOXEL_FRACTION * voxel_px_m**2 * of_one_m**4) ** (1.0 / 6.0)))
 
 
 def _middle(values: Float64Array) -> float:

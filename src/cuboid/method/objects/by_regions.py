@@ -26,7 +26,7 @@ from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.rectangles import rect_iou_matrix
 from cuboid.method.boxes.fit import Resting, fit_boxes
 from cuboid.method.objects.box_without_depth import Planes, box_of
-from cuboid.method.objects.confirmation import CLEARER, prevails
+from cuboid.method.objects.confirmation import MIN_LEAD, prevails
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.naming import SAME_IOU
 from cuboid.method.objects.rectangles import distance_along, is_cut_off, match_views, predict, ray_through, size_at
@@ -46,13 +46,13 @@ from cuboid.method.surfaces.frame_segments import points_of
 from cuboid.method.surfaces.planes import PlaneTracker
 
 # A region is a view of an object if its rectangle overlaps the predicted one by this IoU.
-FOLLOW_IOU = 0.4
+REGION_FOLLOW_IOU = 0.4
 # A region and a labelled object that share at least this fraction of the pixels of one of them are rivals.
 SHARED_FRACTION = 0.5
 # Smallest probability of a region that starts an object: more likely a whole thing than not.
 MIN_START = 0.5
 # Standard deviation of the distance of a region, from the median of its readings, as a fraction of the distance.
-DISTANCE = 0.03
+REGION_DISTANCE_FRACTION = 0.03
 # An object without a label is forgotten if its probability is below this after views of this weight.
 UNLIKELY, MIN_LOOKS = 0.15, 2.0
 
@@ -157,7 +157,7 @@ class ByRegions:
         """
         entries = self._store.by_regions()
         views = [predict(entry.center, entry.size_m, seen) for entry in entries]
-        partner = match_views(views, found.rects_xyxy, FOLLOW_IOU)
+        partner = match_views(views, found.rects_xyxy, REGION_FOLLOW_IOU)
         self._hit = {}
         for k, (entry, view) in enumerate(zip(entries, views, strict=True)):
             if k in partner:
@@ -193,7 +193,7 @@ class ByRegions:
         along = np.outer(direction, direction)
         information = 1.0 / (distance_m * max(DIRECTION_RAD, DIRECTION_SIZE * size_rad)) ** 2 * (np.eye(3) - along)
         if z > 0.0:
-            information = information + 1.0 / (DISTANCE * distance_m) ** 2 * along
+            information = information + 1.0 / (REGION_DISTANCE_FRACTION * distance_m) ** 2 * along
         self._store.add_ray(entry, information, information @ (seen.eye + distance_m * direction))
         if z > 0.0 and not is_cut_off(rect, seen):
             self._store.add_size(entry, size_at(rect, z, seen), distance_m, 1.0)
@@ -204,7 +204,7 @@ class ByRegions:
     def _start(self, found: RegionViews, k: int, seen: Observation) -> None:
         """Start an object if a region is not cut off, and is probably a whole thing, more so than labelled objects."""
         rect, z = found.rects_xyxy[k], float(found.depth_m[k])
-        known = [self._store[number].score + CLEARER for number in found.rivals[k]]
+        known = [self._store[number].score + MIN_LEAD for number in found.rivals[k]]
         if found.probabilities[k] < max([MIN_START, *known]) or is_cut_off(rect, seen):
             return
         if not 0.0 < z <= self._config.max_depth_m:

@@ -15,16 +15,14 @@ from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.se3 import inverse, transform
 from cuboid.method.objects.kernels.clusters import score_shifts
 from cuboid.method.poses.alignment import Points, Prior, Reference, align
-from cuboid.method.poses.pyramid import LEVELS, Level
+from cuboid.method.poses.pyramid import PYRAMID_LEVELS, Level
 
 # Number of points from which the normal at a point is computed.
-NEIGHBOURS = 12
+NORMAL_NEIGHBOURS = 12
 # A point hides the farther points in the same cell of the image; side of a cell, pixels.
-CELL_PX = 3
+HIDING_CELL_PX = 3
 # Standard deviations of the motion of an object from the predicted one in a frame, metres and radians.
 UNSTEADY_M, UNSTEADY_RAD = 0.03, 0.15
-# The alignment starts at this level of the image pyramid.
-COARSEST = 1
 # Step between the tried places around the expected one, metres: an alignment finds smaller shifts.
 TRIED_M = 0.02
 # A reading lies on a point within this distance and its noise, metres. Two colors agree within this number of levels:
@@ -35,7 +33,7 @@ CLEAR_BALANCE = 0.6
 # An object is found if this fraction of its points that nothing hides agree with the frame, ...
 MIN_AGREE = 0.6
 # ... and this fraction of all points that face the camera.
-MIN_SEEN = 0.25
+MIN_SEEN_FRACTION = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +80,7 @@ class Cluster:
         self._points = Points(
             np.ascontiguousarray(points[sampled][ahead]), normals, intensity, np.zeros(len(intensity), np.int32)
         )
-        self._reference = Reference((self._points,) * LEVELS, 1)
+        self._reference = Reference((self._points,) * PYRAMID_LEVELS, 1)
         self._noise_per_m = noise_per_m
 
     def find(self, seen: Observation, levels: tuple[Level, ...], expected: Float64Array, reach_m: float) -> Fit | None:
@@ -116,13 +114,13 @@ class Cluster:
         """Return the place that an alignment finds from a start, T_now_start (4, 4); None if it does not fit."""
         T = seen.T_camera_world @ start
         prior = Prior(T, np.diag([UNSTEADY_M**-2.0] * 3 + [UNSTEADY_RAD**-2.0] * 3))
-        found = align(self._reference, levels, T, prior, coarsest=COARSEST)
+        found = align(self._reference, levels, T, prior, coarsest=1)
         return self.fit_at(seen, inverse(seen.T_camera_world) @ found.T_camera_reference)
 
     def fit_at(self, seen: Observation, T_now_start: Float64Array) -> Fit | None:
-        """Return how well the cluster fits a frame at a place; None if it does not."""
+        """Return how well the cluster fits a frame after a motion (4, 4); None if it does not."""
         agree, passed, shown = self._counts(seen, T_now_start, np.zeros((1, 3)))[0].tolist()
-        if agree < MIN_AGREE * (agree + passed) or agree < MIN_SEEN * max(shown, MIN_READINGS):
+        if agree < MIN_AGREE * (agree + passed) or agree < MIN_SEEN_FRACTION * max(shown, MIN_READINGS):
             return None
         return Fit(T_now_start, agree / (agree + passed), (agree - passed) / len(self._colors))
 
@@ -140,7 +138,10 @@ def _in_front(points: Float64Array, image: WorkingImage) -> npt.NDArray[np.int64
     """Return the indices of the points (N, 3), in the camera frame, that no other point hides."""
     c = image.camera
     z = np.maximum(points[:, 2], DRIFT_M)
-    u, v = (points[:, 0] / z * c.fx / CELL_PX).astype(np.int64), (points[:, 1] / z * c.fy / CELL_PX).astype(np.int64)
+    u, v = (
+        (points[:, 0] / z * c.fx / HIDING_CELL_PX).astype(np.int64),
+        (points[:, 1] / z * c.fy / HIDING_CELL_PX).astype(np.int64),
+    )
     _, cell = np.unique(np.stack([u, v], 1), axis=0, return_inverse=True)
     cell = cell.ravel()
     nearest = np.full(cell.max(initial=0) + 1, np.inf)
@@ -152,7 +153,7 @@ def _normals(points: Float64Array) -> Float64Array:
     """Return the normals (N, 3) of the surface at points (N, 3) in the camera; they face it."""
     from scipy.spatial import cKDTree
 
-    _, nearest = cKDTree(points).query(points, min(NEIGHBOURS, len(points)))
+    _, nearest = cKDTree(points).query(points, min(NORMAL_NEIGHBOURS, len(points)))
     neighbours = points[nearest.reshape(len(points), -1)]
     neighbours = neighbours - neighbours.mean(1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", neighbours, neighbours))

@@ -15,7 +15,7 @@ READ_FRACTION = 0.5
 MIN_HITS = 3
 # An object of regions replaces labelled objects whose probabilities are lower by at least this: about the calibration
 # error of both.
-CLEARER = 0.1
+MIN_LEAD = 0.1
 
 
 def is_confirmable(entry: MapObject, config: TrackerConfig) -> bool:
@@ -40,7 +40,7 @@ def prevails(entry: ObjectWithoutDepth, rivals: Iterable[MapObject], config: Tra
         Labelled objects that own its pixels.
     config : TrackerConfig
     """
-    least = max([config.region_probability, config.min_probability, *(rival.score + CLEARER for rival in rivals)])
+    least = max([config.region_probability, config.min_probability, *(rival.score + MIN_LEAD for rival in rivals)])
     return entry.hits >= MIN_HITS and entry.score >= least
 
 

@@ -15,8 +15,6 @@ from cuboid.method.heatmap.voxel_map import VoxelMap
 # the distances BEYOND_VOXELS beyond it (unit: voxels).
 SIDE_VOXELS = 2.0
 BEYOND_VOXELS = SIDE_VOXELS + np.arange(3)
-# A side continues if at least this fraction of its points has surface beyond it.
-GOES_ON_FRACTION = 0.5
 
 
 def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Array) -> tuple[bool, int]:
@@ -43,5 +41,6 @@ def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Arra
     owner = voxels.owner_at(places[:found])
     foreign = (owner >= 0) & ~owned[np.maximum(owner, 0)].astype(bool)
     goes_on = foreign.reshape(-1, len(beyond_m)).any(1)
-    top, *sides = np.add.reduceat(goes_on, np.cumsum(counts) - counts, dtype=np.int64) >= GOES_ON_FRACTION * counts
+    # A side continues if at least half of its points have surface beyond it.
+    top, *sides = np.add.reduceat(goes_on, np.cumsum(counts) - counts, dtype=np.int64) >= 0.5 * counts
     return bool(top), int(sum(sides))

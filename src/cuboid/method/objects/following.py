@@ -47,7 +47,7 @@ MOVING_FRACTION, DEPARTED_FRACTION, DEPARTED_S = 0.2, 0.5, 0.06
 MOTION_GAP_M = 0.1
 # Largest distance of an object from its place in the first frame of its motion, and later from its expected place,
 # metres.
-FIRST_REACH_M, REACH_M = 0.08, 0.04
+FIRST_REACH_M, EXPECTED_REACH_M = 0.08, 0.04
 # A followed object has moved if its new place explains more of its points than its last one, by this fraction.
 MOVED_BETTER = 0.05
 # An object that begins to move is elsewhere if the other place explains more of its points, by this fraction.
@@ -56,7 +56,7 @@ ELSEWHERE_BETTER = 0.2
 LOST_S = 0.5
 # An object is at rest after it has stood on a surface for the first time, seconds, or has not moved for the second one:
 # its center stays within this distance, metres.
-SET_DOWN_S, STILL_S, STILL_M = 0.4, 1.6, 0.01
+SET_DOWN_S, STILL_S, REST_M = 0.4, 1.6, 0.01
 # Something moves at a candidate if it did less than this ago, seconds: marks of motion flicker.
 TOUCHED_S = 0.2
 # A thing that was not there before gets a label this long after its readings count as still, seconds: within a second
@@ -67,7 +67,7 @@ MOVED_M = 0.05
 # An object that left and was not recognized for this time is gone, seconds: to carry one across a table takes two.
 GONE_S = 5.0
 # An object that leaves less than this after it got its label was a part of what moved, seconds: its label ends.
-YOUNG_S = 2.0
+NEW_LABEL_S = 2.0
 # A new object is compared with waiting ones for this time, seconds: its box and colors improve.
 COMPARED_S = 1.0
 # Fraction of the points of a moving body that may be outliers, at each side.
@@ -297,7 +297,7 @@ class Following:
 
     def _is_young(self, entry: MapObject, time_s: float) -> bool:
         since_s = self._labelled_s.get(entry.number)
-        return since_s is not None and time_s - since_s < YOUNG_S
+        return since_s is not None and time_s - since_s < NEW_LABEL_S
 
     def _remove(self, entry: MapObject) -> None:
         self._departed_s = {key: at_s for key, at_s in self._departed_s.items() if key[0] != entry.number}
@@ -313,7 +313,7 @@ class Following:
     def _follow(self, followed: _Followed, seen: Observation, time_s: float) -> None:
         expected = followed.step @ followed.T
         stays = followed.cluster.fit_at(seen, followed.T)
-        found = followed.cluster.find(seen, self._levels_of(seen), expected, REACH_M)
+        found = followed.cluster.find(seen, self._levels_of(seen), expected, EXPECTED_REACH_M)
         if stays is not None and (found is None or found.balance < stays.balance + MOVED_BETTER):
             found = stays
         if found is None:
@@ -338,7 +338,7 @@ class Following:
         late = [center for at_s, center in followed.path if time_s - at_s <= wait_s]
         if time_s - followed.path[0][0] < wait_s or len(late) < 2:
             return False
-        return bool(np.linalg.norm(np.array(late) - late[-1], axis=1).max() < STILL_M)
+        return bool(np.linalg.norm(np.array(late) - late[-1], axis=1).max() < REST_M)
 
     def _stands(self, box: Box) -> bool:
         return any(abs(box.foot_m(*self._planes.in_world(plane))) < DRIFT_M for plane in self._planes.in_use)
@@ -352,7 +352,7 @@ class Following:
             self._report("moved", followed.entry, followed.from_box, followed.entry.box, followed.score)
 
     def claim(self, slots: npt.NDArray[np.int32], seen: Observation) -> None:
-        """Assign the voxels of a frame that lie in settled objects to these objects."""
+        """Assign the voxels (H, W) of a frame that lie in settled objects to these objects."""
         for entry, _ in self._settled:
             inside = np.zeros(slots.shape, np.uint8)
             _mark_inside(entry.box, BIAS_M, seen, inside, 1)
@@ -376,7 +376,7 @@ class Following:
         """
         self._forget_newcomers(entries)
         self._labelled_s |= {entry.number: time_s for entry in entries}
-        self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < YOUNG_S}
+        self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < NEW_LABEL_S}
         came = [
             *self._came,
             *(entry for entry in entries if self._is_new_in_its_place(entry) or self._is_in_old_place(entry)),
@@ -466,7 +466,7 @@ class Following:
     def sightings(
         self, shown: tuple[Sighting, ...], seen: Observation, slots: npt.NDArray[np.int32]
     ) -> tuple[Sighting, ...]:
-        """Return the sightings of a frame with those of followed objects."""
+        """Return the sightings of a frame, whose voxels are `slots` (H, W), with those of followed objects."""
         present = [item.entry for item in self._followed if not item.missing]
         if not present:
             return shown
@@ -514,5 +514,5 @@ def _mark_inside(box: Box, beyond_m: float, seen: Observation, marks: UInt8Array
 
 def _is_elsewhere(found: Fit, in_place: Fit | None, box: Box) -> bool:
     """Return whether an object was found elsewhere, and clearly better than in its place."""
-    far = np.linalg.norm(transform(found.T_now_start, box.center) - box.center) > STILL_M
+    far = np.linalg.norm(transform(found.T_now_start, box.center) - box.center) > REST_M
     return bool(far and (in_place is None or found.balance >= in_place.balance + ELSEWHERE_BETTER))

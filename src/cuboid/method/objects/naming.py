@@ -25,7 +25,7 @@ SAME_IOU = 0.5
 # it is no evidence that the detector sees nothing else there.
 INSIDE_FRACTION = 0.5
 # Scores below this are ignored: detectors list classes from about this score on.
-MIN_SCORE = 0.05
+MIN_CLASS_SCORE = 0.05
 # A score that is no evidence for or against a class. Objects outside the vocabulary get scores around it again and
 # again (a lunch box as a cell phone: 0.08 to 0.4), others get more: mice 0.13 to 0.4, screens and books 0.8 to 0.9.
 NEUTRAL_SCORE = 0.15
@@ -38,7 +38,7 @@ PRIOR = 1.0
 # Directions of view within this angle are the same, radians: a smaller change shows the same side.
 SAME_VIEW_RAD = 0.2
 # Largest number of directions per object: about a hundred of this width exist, and few of them are used.
-MAX_VIEWS = 64
+MAX_DIRECTIONS = 64
 # Largest number of classes per object; the most likely ones are kept.
 MAX_CLASSES = 16
 # An object gets a name if the probability of the class is at least this.
@@ -72,7 +72,7 @@ def match_detections(found: Detections, rects_xyxy: Float64Array) -> npt.NDArray
 
 def likely_classes(names: Sequence[str], scores: Float32Array) -> dict[str, float]:
     """Return the classes whose scores (C,) a detector would list; a class with an empty name is ignored."""
-    return {names[c]: float(scores[c]) for c in np.flatnonzero(scores >= MIN_SCORE).tolist() if names[c]}
+    return {names[c]: float(scores[c]) for c in np.flatnonzero(scores >= MIN_CLASS_SCORE).tolist() if names[c]}
 
 
 def with_scores(log_odds: Mapping[str, float], scores: Mapping[str, float], weight: float) -> dict[str, float]:
@@ -115,7 +115,7 @@ def chosen_name(classes: Sequence[tuple[str, float]]) -> Named:
 
 def score_gain(score: float) -> float:
     """Return the log-odds that a class gains from its score in a sighting."""
-    bounded = min(max(score, MIN_SCORE), MAX_SCORE)
+    bounded = min(max(score, MIN_CLASS_SCORE), MAX_SCORE)
     return max(_logit(bounded) - _logit(NEUTRAL_SCORE), -MISSED)
 
 
@@ -143,7 +143,7 @@ def counted_view(views: Float64Array, toward: Float64Array) -> tuple[Float64Arra
     if len(views):
         cosine = views[:, :3] @ direction
         nearest = int(cosine.argmax())
-        if cosine[nearest] >= math.cos(SAME_VIEW_RAD) or len(views) >= MAX_VIEWS:
+        if cosine[nearest] >= math.cos(SAME_VIEW_RAD) or len(views) >= MAX_DIRECTIONS:
             counted = views.copy()
             counted[nearest, 3] += 1.0
             return counted, float(1.0 / counted[nearest, 3])

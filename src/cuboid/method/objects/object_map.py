@@ -36,8 +36,6 @@ from cuboid.method.surfaces.planes import PlaneTracker
 
 # A segment with this similarity to its object may take voxels from other objects.
 SURE_MATCH = 0.5
-# A segment shows an object if it covers this fraction of the object's visible pixels.
-COVERED_FRACTION = 0.5
 # On a later visit, earlier sightings have at most this weight, that of one view; earlier hits of a voxel count as at
 # most this number.
 VISIT_SIGHTINGS, VISIT_HITS = 1.0, 3
@@ -89,7 +87,7 @@ class ObjectMap:
         return Fitting(self._config, self._voxels, self._planes, self.store, self._boxing)
 
     def objects_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
-        """Return the objects, confirmed or not, whose bounding spheres reach into the image within range, by number."""
+        """Return the objects, confirmed or not, whose spheres reach into the image at a pose (4, 4), by number."""
         return objects_in_frustum(self.store, image, T_camera_world, self._config.max_depth_m)
 
     def prune_candidates(self, objects: Sequence[MapObject]) -> list[MapObject]:
@@ -225,7 +223,8 @@ class ObjectMap:
         Return the pairs of numbers of the objects that lie side by side.
         """
         separate = set()
-        covered = (found.object_pixels >= MIN_READINGS) & (found.overlap >= COVERED_FRACTION * found.object_pixels)
+        # A segment shows an object if it covers half of the object's visible pixels.
+        covered = (found.object_pixels >= MIN_READINGS) & (found.overlap >= 0.5 * found.object_pixels)
         for i in np.flatnonzero(covered.sum(1) > 1):
             for a, b in combinations(np.flatnonzero(covered[i]).tolist(), 2):
                 self.store.add_pair_evidence(found.objects[a], found.objects[b], SAME_LOG_ODDS, novelty=novelty)

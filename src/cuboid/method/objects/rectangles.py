@@ -105,13 +105,13 @@ def match_views(views: Sequence[Predicted | None], boxes: Float64Array, min_iou:
 
 
 def read_fraction(rect_xyxy: Float64Array, seen: Observation) -> float:
-    """Return the fraction of a rectangle, in pixels of the full image, that has depth readings."""
+    """Return the fraction of a rectangle (4,), in pixels of the full image, that has depth readings."""
     depth_m = _inside(_working(rect_xyxy, seen), seen.image.depth_m)
     return float((depth_m > 0).mean()) if depth_m.size else 0.0
 
 
 def is_cut_off(rect_xyxy: Float64Array, seen: Observation) -> bool:
-    """Return whether a rectangle reaches the image border."""
+    """Return whether a rectangle (4,), in pixels of the full image, reaches the image border."""
     image = seen.image
     full = np.array([image.camera.width, image.camera.height]) * image.step
     return bool((rect_xyxy[:2] <= BORDER_PX).any() or (rect_xyxy[2:] >= full - BORDER_PX).any())
@@ -135,7 +135,7 @@ def size_at(rect_xyxy: Float64Array, z: float, seen: Observation) -> Float64Arra
 
 
 def distance_of(rect_xyxy: Float64Array, seen: Observation) -> float | None:
-    """Return the distance, metres, along the ray through the centre of a rectangle, from the readings inside it.
+    """Return the distance, metres, along the ray through the centre of a rectangle (4,), from the readings inside it.
 
     If there are too few, the readings around it are included; None if these are too few as well.
     """

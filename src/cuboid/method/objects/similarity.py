@@ -19,7 +19,7 @@ LAYERS = 3
 SIZE_SIGMA, LIGHT_SIGMA, COLOR_SIGMA = 0.2, 20.0, 7.0
 
 # Smallest similarity, 0..1, of a moved object to its earlier state, and the smallest ratio to any other similarity.
-MIN_SIMILARITY, CLEARER = 0.2, 1.5
+MIN_SIMILARITY, MIN_SIMILARITY_RATIO = 0.2, 1.5
 
 ColorProfile = npt.NDArray[np.float64]
 
@@ -37,7 +37,7 @@ def most_similar(scores: Sequence[float]) -> int | None:
         return None
     best = int(np.argmax(scores))
     others = max((score for k, score in enumerate(scores) if k != best), default=0.0)
-    return best if scores[best] >= MIN_SIMILARITY and scores[best] >= CLEARER * others else None
+    return best if scores[best] >= MIN_SIMILARITY and scores[best] >= MIN_SIMILARITY_RATIO * others else None
 
 
 def color_profile_of(entry: MapObject) -> ColorProfile:

@@ -82,7 +82,7 @@ def find_attachment(
 
 
 def seen_part(entry: MapObject, normal: Float64Array) -> Box:
-    """Return the box of an object without a foot that no frame has seen: from its lowest points along a normal up.
+    """Return the box of an object without an unseen foot: from its lowest points up along a normal (3,).
 
     An assumed foot is no evidence for the place of another object.
     """

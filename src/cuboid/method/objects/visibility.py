@@ -16,7 +16,7 @@ from cuboid.ground.core.tolerances import DRIFT_M, MIN_READINGS
 from cuboid.ground.core.working import WorkingImage
 from cuboid.ground.geometry.rectangles import rect_iou
 from cuboid.ground.geometry.se3 import transform
-from cuboid.method.objects.association import SAME, Association
+from cuboid.method.objects.association import MIN_MATCH_IOU, Association
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.kernels import sightings as kernel
 from cuboid.method.objects.store import ObjectStore
@@ -65,7 +65,7 @@ def boxes_in_frustum(
 def objects_in_frustum(
     store: ObjectStore, image: WorkingImage, T_camera_world: Float64Array, far_m: float
 ) -> list[MapObject]:
-    """Return the objects, confirmed or not, whose bounding spheres reach into the image within range, by number."""
+    """Return the objects, confirmed or not, whose spheres reach into the image at a pose (4, 4), by number."""
     found = boxes_in_frustum(store.boxes[: store.numbers], store.bounds, image, T_camera_world, far_m)
     return [store[n] for n in found.tolist()]
 
@@ -167,7 +167,7 @@ def blended_rectangle(rect_xyxy: Float64Array, segment_xyxy: Float64Array | None
     The map has errors from poses and missing parts, the frame from noise and holes: the combination has smaller errors.
     A segment with a different rectangle, or None, changes nothing.
     """
-    if segment_xyxy is None or rect_iou(rect_xyxy, segment_xyxy) < SAME:
+    if segment_xyxy is None or rect_iou(rect_xyxy, segment_xyxy) < MIN_MATCH_IOU:
         return rect_xyxy
     return np.asarray(rect_xyxy + BLEND_GAIN * (segment_xyxy - rect_xyxy))
 

@@ -56,7 +56,7 @@ HIT = 0.7
 MAX_WITHOUT_DEPTH = 64
 # Standard deviations: of the direction to an object, radians, and as a fraction of its angular size; of its distance
 # from readings in or around its rectangle, as a fraction of the distance.
-DIRECTION_RAD, DIRECTION_SIZE, DISTANCE = 0.01, 0.1, 0.2
+DIRECTION_RAD, DIRECTION_SIZE, READ_DISTANCE_FRACTION = 0.01, 0.1, 0.2
 
 
 class WithoutDepth:
@@ -160,7 +160,7 @@ class WithoutDepth:
         information, vector = precision * across, precision * (across @ seen.eye)
         read_m = distance_of(box, seen)
         if read_m is not None:
-            precision = weight / (DISTANCE * read_m) ** 2
+            precision = weight / (READ_DISTANCE_FRACTION * read_m) ** 2
             information = information + precision * along
             vector = vector + precision * (along @ (seen.eye + read_m * direction))
         self._store.add_ray(entry, information, vector)

@@ -17,7 +17,7 @@ from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.tolerances import MIN_SIGMA_M
 from cuboid.ground.geometry import se3
 from cuboid.method.poses.kernels import align as kernel
-from cuboid.method.poses.pyramid import LEVELS, Level
+from cuboid.method.poses.pyramid import PYRAMID_LEVELS, Level
 
 # For each level, finest first: side of the cell that gives one point, half the window of its plane, most iterations.
 CELLS = (5, 3, 2, 1)
@@ -33,7 +33,7 @@ NOISE_PER_M = 1.4e-3
 NOISE = np.array([MIN_SIGMA_M, NOISE_PER_M])
 MAX_DEPTH_M = 6.0
 # An alignment is reliable if enough readings lie on the surfaces, intensities are correlated, there are enough points,
-MIN_INLIERS, MIN_CORRELATION, MIN_POINTS = 0.6, 0.8, 150
+MIN_INLIERS, MIN_CORRELATION, MIN_ALIGNED_POINTS = 0.6, 0.8, 150
 # and no direction has a larger standard deviation than this, metres and radians.
 MAX_DEVIATION_M, MAX_DEVIATION_RAD = 0.03, 0.02
 # Errors of neighbouring pixels are correlated: this many residuals count as one.
@@ -126,7 +126,7 @@ class Alignment:
     @property
     def reliable(self) -> bool:
         """Whether the pose is reliable: image and reference agree and determine all six degrees of freedom."""
-        if self.inliers < MIN_INLIERS or self.correlation < MIN_CORRELATION or self.points < MIN_POINTS:
+        if self.inliers < MIN_INLIERS or self.correlation < MIN_CORRELATION or self.points < MIN_ALIGNED_POINTS:
             return False
         deviation = np.sqrt(self.covariance().diagonal())
         return bool(deviation[:3].max() < MAX_DEVIATION_M and deviation[3:].max() < MAX_DEVIATION_RAD)
@@ -148,9 +148,9 @@ def pick(levels: Sequence[Level]) -> Reference:
 
 
 def merge(references: Sequence[Reference], T_common: Sequence[Float64Array]) -> Reference:
-    """Transform the points of several images to a common frame; each image remains a group."""
+    """Transform the points of several images to a common frame, by (4, 4) each; each image remains a group."""
     levels = []
-    for k in range(LEVELS):
+    for k in range(PYRAMID_LEVELS):
         parts = [reference.levels[k] for reference in references]
         points = [
             (p.points @ T[:3, :3].T.astype(np.float32) + T[:3, 3].astype(np.float32))
@@ -189,7 +189,7 @@ def align(
     levels: Sequence[Level],
     T_camera_reference: Float64Array,
     prior: Prior | None = None,
-    coarsest: int = LEVELS - 1,
+    coarsest: int = PYRAMID_LEVELS - 1,
     finest: int = 0,
 ) -> Alignment:
     """Find the pose of an image relative to a reference.

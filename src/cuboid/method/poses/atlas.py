@@ -20,11 +20,11 @@ from cuboid.method.poses.pyramid import Level, SmallImage
 
 # Number of keyframes with the most similar views whose overlap is computed.
 NEAR = 12
-MIN_OVERLAP = 0.3
+MIN_PLACE_OVERLAP = 0.3
 # Largest number of edges of a new keyframe: to overlapping keyframes, and to keyframes of similar appearance.
 NEIGHBOUR_EDGES, LOOP_EDGES = 4, 2
 # Smallest fraction of a keyframe's strongest corners that match at a recognised place.
-MIN_VOTES = 0.12
+MIN_MATCHED_FRACTION = 0.12
 # Alignments in both directions must agree within this: metres per metre of depth, and radians.
 THERE_AND_BACK_M, THERE_AND_BACK_RAD = 0.015, 0.015
 # An alignment without a motion prior must fit better than one with a prior.
@@ -127,7 +127,7 @@ class Atlas:
     def add(
         self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, features: FrameFeatures
     ) -> tuple[int, list[int]]:
-        """Add a keyframe, and queue the measurement of its edges.
+        """Add a keyframe with a pose (4, 4), and queue the measurement of its edges.
 
         Returns
         -------
@@ -141,7 +141,7 @@ class Atlas:
         self._work.extend((k, added.number, False) for k in overlapping[:NEIGHBOUR_EDGES])
         others = [k for k in self.keyframes if k.number not in overlapping]
         scores = votes(features.appearance, [k.appearance for k in others])
-        likely = [i for i in np.argsort(-scores, kind="stable")[:LOOP_EDGES] if scores[i] > MIN_VOTES]
+        likely = [i for i in np.argsort(-scores, kind="stable")[:LOOP_EDGES] if scores[i] > MIN_MATCHED_FRACTION]
         self._work.extend((others[i].number, added.number, True) for i in likely)
         self.keyframes.append(added)
         return added.number, overlapping
@@ -149,7 +149,7 @@ class Atlas:
     def add_given(
         self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, features: FrameFeatures
     ) -> int:
-        """Add a keyframe with a given pose, which no measurement changes, and return its number."""
+        """Add a keyframe with a given pose (4, 4), which no measurement changes, and return its number."""
         added = self._keyframe(frame, T_world_camera, submap, small, features)
         added.given = True
         self.keyframes.append(added)
@@ -164,14 +164,14 @@ class Atlas:
         return Keyframe(number, frame, T_world_camera, small, depth_m, appearance, submap, _reference=reference)
 
     def overlapping(self, T_world_camera: Float64Array, level: Level, submap: int) -> list[int]:
-        """Return the keyframes that overlap an image at a pose, largest overlap first."""
+        """Return the keyframes that overlap an image at a pose (4, 4), largest overlap first."""
         numbers, distance = self._view_distances(T_world_camera, submap)
         near = [self.keyframes[numbers[i]] for i in np.argsort(distance, kind="stable")[:NEAR]]
         scores = [(-overlap(k.reference, k.T_world_camera, T_world_camera, level), k.number) for k in near]
-        return [number for score, number in sorted(scores) if -score > MIN_OVERLAP]
+        return [number for score, number in sorted(scores) if -score > MIN_PLACE_OVERLAP]
 
     def view_distance(self, T_world_camera: Float64Array, submap: int) -> float:
-        """Return the distance of a view to the view of the most similar keyframe; see `view_distances`."""
+        """Return the distance of a view (4, 4) to that of the most similar keyframe; see `view_distances`."""
         return float(self._view_distances(T_world_camera, submap)[1].min(initial=np.inf))
 
     def _view_distances(self, T_world_camera: Float64Array, submap: int) -> tuple[list[int], Float64Array]:
@@ -219,7 +219,7 @@ class Atlas:
         return None
 
     def join_at(self, place: Place, T_world_camera: Float64Array, submap: int) -> None:
-        """Join a submap with that of a place where its camera is now, at a pose in the submap; the older stays."""
+        """Join a submap with that of a place where its camera is now, with a pose (4, 4) in it; the older stays."""
         keyframe = self.keyframes[place.keyframe]
         T_other_submap = keyframe.T_world_camera @ place.T_keyframe_camera @ se3.inverse(T_world_camera)
         if keyframe.submap < submap:
@@ -240,7 +240,7 @@ class Atlas:
             self.join(new.submap, old.submap, old.T_world_camera @ edge.T_a_b @ se3.inverse(new.T_world_camera))
 
     def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
-        """Merge a submap into another one, and queue the measurement of edges between them."""
+        """Merge a submap into another one by a transform (4, 4), and queue the measurement of edges between them."""
         moved = [k for k in self.keyframes if k.submap == submap]
         for keyframe in moved:
             keyframe.T_world_camera = se3.tidied(T_to_submap @ keyframe.T_world_camera)

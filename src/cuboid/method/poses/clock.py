@@ -28,7 +28,7 @@ MAX_OFFSET_S, GRID_S = 0.15, 0.005
 # Poses are smoothed with a Gaussian of this standard deviation: seconds, and steps between two poses.
 SMOOTH_S, SMOOTH_STEPS = 0.03, 1.2
 # A longer gap between two poses is not interpolated, seconds.
-MAX_GAP_S = 0.12
+MAX_POSE_GAP_S = 0.12
 # Damping of depth scale and body, metres squared: motions that do not determine them leave them at none.
 DAMPING = 1e-4
 # Smallest numbers of motions and of places in time that determine an offset.
@@ -50,7 +50,7 @@ SCALE_OFF = 0.05
 # Noise of rotations that is named, degrees: 3.5 mm at 2 m.
 SHAKEN_DEG = 0.1
 # Steps of the robust fits: weights settle in fewer.
-ITERATIONS = 6
+FIT_ITERATIONS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +179,7 @@ def misfit_of(T_world_camera: Float64Array, motions: Sequence[FoundMotion]) -> s
 
 
 def shake_rad(T_world_camera: Float64Array) -> float:
-    """Return the standard deviation of noise in the rotation of consecutive poses, radians about each axis.
+    """Return the standard deviation of noise in the rotation of poses (N, 4, 4), radians about each axis.
 
     From fourth differences, in which the motion of a hand at 30 Hz is below 0.05 degrees.
     """
@@ -216,7 +216,7 @@ class _Fit:
         first, last = np.searchsorted(self._times_s, (time_s - reach_s, time_s + reach_s))
         if first == 0 or last == len(self._times_s):
             return False
-        return bool(np.diff(self._times_s[first - 1 : last + 1]).max() <= MAX_GAP_S)
+        return bool(np.diff(self._times_s[first - 1 : last + 1]).max() <= MAX_POSE_GAP_S)
 
     def differences(self, offset_s: float) -> Float64Array:
         """Return found minus given motion (K, 6) with an offset, metres: rotations are multiplied by the depth."""
@@ -246,7 +246,7 @@ class _Fit:
         damping[7:] = 1e-12
         weight, parameters = used.astype(np.float64), np.zeros(columns.shape[2])
         left = differences
-        for _ in range(ITERATIONS):
+        for _ in range(FIT_ITERATIONS):
             weighted = columns * weight[:, None, None]
             normal = np.einsum("kip,kiq->pq", weighted, columns) + np.diag(damping)
             parameters = np.linalg.solve(normal, np.einsum("kip,ki->p", weighted, differences))

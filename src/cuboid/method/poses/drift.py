@@ -34,14 +34,14 @@ MISFITS_THAT_PROVE = 3
 # Number of the latest motions that a fault of the setup must explain.
 MAX_PAIRS = 64
 # A frame is compared with a keyframe if it shows more than this fraction of the keyframe's points.
-MIN_OVERLAP = 0.5
+MIN_KEYFRAME_OVERLAP = 0.5
 # Maximum number of stored keyframes, 100 kB each; the least recently used one is dropped.
 MAX_KEYFRAMES = 256
 # Views farther apart than this have little in common, radians.
 FAR_VIEW = 0.7
 # Coarsest level of the search, 80 pixels wide: between two comparisons the error of the poses is less than one of its
 # pixels. Before drift is proven the search ends at 160 pixels, accurate to millimetres, in a third of the time.
-COARSEST, ENOUGH = 2, 1
+COARSEST_LEVEL, UNPROVEN_FINEST_LEVEL = 2, 1
 
 
 @dataclass(slots=True)
@@ -138,13 +138,13 @@ class DriftCorrection:
         if keyframe is not None:
             expected = inverse(corrected) @ keyframe.corrected
             prior = Prior(expected, np.diag([DRIFT_M**-2.0] * 3 + [DRIFT_RAD**-2.0] * 3))
-            finest = ENOUGH if self.proven_at is None else 0
-            found = align(keyframe.reference, levels, expected, prior, coarsest=COARSEST, finest=finest)
+            finest = UNPROVEN_FINEST_LEVEL if self.proven_at is None else 0
+            found = align(keyframe.reference, levels, expected, prior, coarsest=COARSEST_LEVEL, finest=finest)
             moving = _moving_pixels(keyframe, levels, (expected, found.T_camera_reference))
             if moving is not None:
                 self.left_out.add(moving)
                 levels = levels_without(levels, moving)
-                found = align(keyframe.reference, levels, expected, prior, coarsest=COARSEST, finest=finest)
+                found = align(keyframe.reference, levels, expected, prior, coarsest=COARSEST_LEVEL, finest=finest)
             if found.reliable:
                 corrected = self._judged(frame.index, keyframe, levels[COMPARED_LEVEL], (given, corrected), found)
                 self._T_corrected_given = tidied(corrected @ inverse(given))
@@ -213,7 +213,7 @@ class DriftCorrection:
         """Return the oldest keyframe, given poses of all, most of whose points an image from a pose shows."""
         for k in np.flatnonzero(self._views(T_world_keyframes, T_world_camera) < FAR_VIEW).tolist():
             keyframe = self._keyframes[k]
-            if overlap(keyframe.reference, T_world_keyframes[k], T_world_camera, level) > MIN_OVERLAP:
+            if overlap(keyframe.reference, T_world_keyframes[k], T_world_camera, level) > MIN_KEYFRAME_OVERLAP:
                 keyframe.used = self._comparisons
                 return keyframe
         return None

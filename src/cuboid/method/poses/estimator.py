@@ -31,13 +31,11 @@ LONGEST_S = 0.5
 # An alignment with a better fit than this is not repeated from another start.
 SURE_FIT = 0.8
 # Poses within this distance count as the same start or result of a search: metres, radians.
-SAME_M, SAME_RAD = 0.005, 0.005
-# The second alignment of a frame, without its moving pixels, starts at this level: the first one has come near.
-MASKED_COARSEST = 1
+SAME_POSE_M, SAME_POSE_RAD = 0.005, 0.005
 # A lost camera is first tracked from its last pose for this many frames; then only known places are searched.
 MAX_TRACKED_LOST_FRAMES = 3
 # Number of known places with which a lost frame is compared.
-MAX_CANDIDATES = 4
+MAX_COMPARED_PLACES = 4
 # A camera lost for this many frames starts a new submap; then it searches known places at this interval of frames.
 MAX_LOST_FRAMES, SEARCH_EVERY = 30, 5
 # An image with this many corners is good enough for a keyframe.
@@ -251,7 +249,7 @@ class PoseEstimator:
         return self._atlas.add_given(shot.index, T_submap_camera, submap, shot.small, shot.features)
 
     def anchor_frame(self, frame: int, T_submap_camera: Float64Array, keyframe: int) -> None:
-        """Anchor the pose of a frame, added by `take`, to a keyframe."""
+        """Anchor the pose (4, 4) of a frame, added by `take`, to a keyframe."""
         self._anchors[frame] = keyframe, se3.inverse(self.keyframes[keyframe].T_world_camera) @ T_submap_camera
 
     def find(self, frame: Frame, excluded: Collection[int]) -> Place | None:
@@ -260,10 +258,10 @@ class PoseEstimator:
         if not self._has_depth(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return None
         numbers = [k.number for k in self.keyframes if k.number not in excluded]
-        return self._atlas.recognise(shot.features, shot.small.camera, numbers, MAX_CANDIDATES)
+        return self._atlas.recognise(shot.features, shot.small.camera, numbers, MAX_COMPARED_PLACES)
 
     def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
-        """Merge a submap into another one."""
+        """Merge a submap into another one by a transform (4, 4)."""
         self._atlas.join(submap, to, T_to_submap)
         if submap == self._submap:
             self._submap, self._T_world_camera = to, se3.tidied(T_to_submap @ self._T_world_camera)
@@ -271,7 +269,7 @@ class PoseEstimator:
                 self._align_to(self._local)
 
     def move(self, numbers: Collection[int], T_new_old: Float64Array) -> None:
-        """Move several keyframes by the same motion."""
+        """Move several keyframes by the same motion (4, 4)."""
         for number in numbers:
             keyframe = self.keyframes[number]
             keyframe.T_world_camera = se3.tidied(T_new_old @ keyframe.T_world_camera)
@@ -360,7 +358,8 @@ class PoseEstimator:
         if shot.moving is None:
             return found
         still = levels_without(shot.levels, shot.moving)
-        return align(self._reference, still, found.T_camera_reference, prior, coarsest=MASKED_COARSEST)
+        # The second alignment starts at a fine level: the first one has come near.
+        return align(self._reference, still, found.T_camera_reference, prior, coarsest=1)
 
     def _moving_pixels(self, shot: _Shot, T_world_camera: Float64Array) -> UInt8Array | None:
         """Return which pixels of a frame move: first by the surrounding keyframes, then by all that overlap it."""
@@ -384,7 +383,7 @@ class PoseEstimator:
         self._lost += 1
         if not self._has_depth(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return _lost(shot.index)
-        place = self._atlas.recognise(shot.features, shot.small.camera, range(len(self.keyframes)), MAX_CANDIDATES)
+        place = self._atlas.recognise(shot.features, shot.small.camera, range(len(self.keyframes)), MAX_COMPARED_PLACES)
         if place is None:
             return self._begin(shot, time_s) if self._lost >= MAX_LOST_FRAMES else _lost(shot.index)
         keyframe = self.keyframes[place.keyframe]
@@ -418,7 +417,7 @@ class PoseEstimator:
         moved = self._atlas.work()
         if self._submap and shot.index % SEARCH_EVERY == 0:
             others = [k.number for k in self.keyframes if k.submap != self._submap]
-            place = self._atlas.recognise(shot.features, shot.small.camera, others, MAX_CANDIDATES)
+            place = self._atlas.recognise(shot.features, shot.small.camera, others, MAX_COMPARED_PLACES)
             if place is not None:
                 self._atlas.join_at(place, self._T_world_camera, self._submap)
                 moved = True
@@ -460,9 +459,9 @@ class PoseEstimator:
 
 
 def _same(T: Float64Array, T_other: Float64Array) -> bool:
-    """Return whether two poses are the same within `SAME_M` and `SAME_RAD`."""
+    """Return whether two poses are the same within `SAME_POSE_M` and `SAME_POSE_RAD`."""
     away = se3.log(T @ se3.inverse(T_other))
-    return bool(np.linalg.norm(away[:3]) < SAME_M and np.linalg.norm(away[3:]) < SAME_RAD)
+    return bool(np.linalg.norm(away[:3]) < SAME_POSE_M and np.linalg.norm(away[3:]) < SAME_POSE_RAD)
 
 
 def _without_moving(shot: _Shot) -> _Shot:

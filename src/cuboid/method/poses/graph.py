@@ -12,7 +12,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.geometry import se3
 
 # Largest number of Gauss-Newton steps, and the step (metres, radians) below which the iteration stops.
-STEPS = 8
+MAX_STEPS = 8
 STILL = 2e-5
 # Beyond this many standard deviations an edge has a constant force (Huber): a wrong one cannot bend the graph much.
 ROBUST_DEVIATIONS = 10.0
@@ -77,7 +77,7 @@ def optimise(
     a, b, T_b_a, information = _stacked(edges)
     diagonal = np.full((n, 6), LOOSE)
     diagonal[sorted(fixed)] = FIXED
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         e = _errors(a, b, T_b_a, poses)
         size = np.sqrt(np.einsum("ei,eij,ej->e", e, information, e))
         weighted = information * np.minimum(1.0, ROBUST_DEVIATIONS / np.maximum(size, 1e-12))[:, None, None]

@@ -22,11 +22,11 @@ OVERLAP_LEVEL, OVERLAP_EVERY = 2, 4
 # well.
 NEW_VIEW = 0.17
 # Points nearer than this to the camera, metres, are not projected.
-NEAREST_M = 0.1
+NEAREST_POINT_M = 0.1
 # A point is visible if the reading at its pixel is nearer by at most this fraction of its depth.
 SIGHT_FRACTION = 0.05
 # Views whose directions differ by more than 60 degrees (cosine) have little in common.
-MIN_COSINE = 0.5
+MIN_VIEW_COSINE = 0.5
 
 
 @dataclass(slots=True)
@@ -97,7 +97,7 @@ def overlap(reference: Reference, T_world_keyframe: Float64Array, T_world_camera
         A level of the image, of any size.
     """
     T = se3.inverse(T_world_camera) @ T_world_keyframe
-    if T[2, 2] < MIN_COSINE:
+    if T[2, 2] < MIN_VIEW_COSINE:
         return 0.0
     coarse = reference.levels[OVERLAP_LEVEL]
     if len(coarse.points) == 0:
@@ -117,9 +117,9 @@ def pixels_of(
     """Return which points (N, 3) of the camera frame lie inside an image, and the column and row of each of these."""
     fx, fy, cx, cy = level.camera.pinhole
     height, width = level.image.shape[:2]
-    z = np.maximum(points[:, 2], NEAREST_M)
+    z = np.maximum(points[:, 2], NEAREST_POINT_M)
     u, v = np.rint(points[:, 0] / z * fx + cx), np.rint(points[:, 1] / z * fy + cy)
-    seen = (points[:, 2] > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    seen = (points[:, 2] > NEAREST_POINT_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
     return seen, u[seen].astype(np.int64), v[seen].astype(np.int64)
 
 

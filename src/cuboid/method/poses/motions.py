@@ -18,10 +18,10 @@ from cuboid.ground.geometry.se3 import inverse
 from cuboid.method.poses.alignment import Alignment, Reference, align, pick
 from cuboid.method.poses.comparison import COMPARED_LEVEL, explained
 from cuboid.method.poses.keyframes import OVERLAP_LEVEL, median_depth_m
-from cuboid.method.poses.pyramid import LEVELS, Level, build_levels, shrink
+from cuboid.method.poses.pyramid import PYRAMID_LEVELS, Level, build_levels, shrink
 
 # Maximum number of places in time at which three frames are compared, two alignments each: 3 s of work at most.
-PLACES = 48
+MAX_COMPARED_TIMES = 48
 # Smallest distance of two places, seconds: their frames differ.
 APART_S = 0.25
 # Times between two of the three frames, seconds: the velocity of a hand changes within a tenth to a third of a second.
@@ -65,7 +65,7 @@ class FoundMotion:
 
 
 def telling_frames(
-    times_s: Float64Array, T_world_camera: Float64Array, *, places: int = PLACES
+    times_s: Float64Array, T_world_camera: Float64Array, *, places: int = MAX_COMPARED_TIMES
 ) -> list[tuple[int, int, int]]:
     """Return three frames of each place in time between which the velocity changes most: they tell the clock.
 
@@ -188,7 +188,7 @@ def _aligned(reference: Reference, levels: Sequence[Level], T_expected: Float64A
     """Return the better alignment from the given motion and from none; None if neither is reliable."""
     best = None
     for T_start in (T_expected, np.eye(4)):
-        found = align(reference, levels, T_start, coarsest=LEVELS - 1)
+        found = align(reference, levels, T_start, coarsest=PYRAMID_LEVELS - 1)
         if found.reliable and (best is None or found.fit > best.fit):
             best = found
         if best is not None and best.fit > SURE_FIT:

@@ -21,7 +21,7 @@ SEARCHED_LEVEL = 1
 # Smaller groups of adjacent pixels of this level may be noise.
 MIN_GROUP = 40
 # Pixels this near to a moving one are left out too: its edge, and its shadow in the depth.
-MARGIN_PX = 3
+MOVING_MARGIN_PX = 3
 # If a larger fraction of the readings seems to move, the pose is wrong instead.
 MOST_MOVING = 0.6
 # Largest number of keyframes with which an image is compared: the marks of a pixel have this many bits.
@@ -60,7 +60,7 @@ class LeftOut:
     fraction: float = 0.0
 
     def add(self, moving: UInt8Array) -> None:
-        """Count the moving pixels of a frame."""
+        """Count the moving pixels (H, W) of a frame."""
         self.frames += 1
         self.fraction += float(np.count_nonzero(moving)) / moving.size
 
@@ -117,7 +117,9 @@ def moving_pixels(
     spread(depth_m, moving, unseen, BIAS_M, NOISE_PER_M)
     if np.count_nonzero(moving) > MOST_MOVING * np.count_nonzero(depth_m):
         return None
-    return np.asarray(cv2.dilate(moving, np.ones((2 * MARGIN_PX + 1, 2 * MARGIN_PX + 1), np.uint8)), np.uint8)
+    return np.asarray(
+        cv2.dilate(moving, np.ones((2 * MOVING_MARGIN_PX + 1, 2 * MOVING_MARGIN_PX + 1), np.uint8)), np.uint8
+    )
 
 
 def large_groups(marked: UInt8Array, min_pixels: int = MIN_GROUP) -> UInt8Array:
@@ -133,7 +135,7 @@ def large_groups(marked: UInt8Array, min_pixels: int = MIN_GROUP) -> UInt8Array:
 
 
 def levels_without(levels: Sequence[Level], moving: UInt8Array) -> tuple[Level, ...]:
-    """Return an image whose moving pixels have the depth -1: no alignment uses them."""
+    """Return an image whose moving pixels (H, W) have the depth -1: no alignment uses them."""
     still = []
     for k, level in enumerate(levels):
         image = level.image.copy()
@@ -143,7 +145,7 @@ def levels_without(levels: Sequence[Level], moving: UInt8Array) -> tuple[Level, 
 
 
 def keyframe_without(small: SmallImage, moving: UInt8Array) -> SmallImage:
-    """Return a keyframe's image without the readings of moving pixels."""
+    """Return a keyframe's image without the readings of moving pixels (H, W)."""
     return replace(small, depth=np.where(_at_level(moving, 0, small.depth.shape), np.uint16(0), small.depth))
 
 

@@ -19,7 +19,7 @@ from cuboid.method.poses.kernels import align as kernel
 # intensity and depth is the average of four readings.
 FINEST_WIDTH = 320
 # Each level has half the width of the one before; at the coarsest one a fast turn moves the image by a pixel or two.
-LEVELS = 4
+PYRAMID_LEVELS = 4
 # Unit of the depth of stored keyframes, metres: finer than the step of any sensor; 16 bits reach 13 m.
 KEPT_UNIT_M = 0.0002
 
@@ -84,11 +84,11 @@ def shrink(frame: Frame, intrinsics: Intrinsics) -> tuple[UInt8Array, Float32Arr
 
 
 def build_levels(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) -> tuple[Level, ...]:
-    """Return the image in all sizes, finest first."""
+    """Return an image, gray (H, W) and depth (H, W) in metres, in all sizes, finest first."""
     import cv2
 
     levels = []
-    for k in range(LEVELS):
+    for k in range(PYRAMID_LEVELS):
         if k:
             camera = camera.downscaled(2)
             cut = gray[: 2 * camera.height, : 2 * camera.width]
@@ -109,7 +109,7 @@ def levels_of(image: WorkingImage) -> tuple[Level, ...]:
 
 
 def keep(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) -> SmallImage:
-    """Return the compact image of a keyframe, for storage."""
+    """Return the compact image of a keyframe, of gray (H, W) and depth (H, W) in metres, for storage."""
     units = np.clip(np.rint(depth_m / KEPT_UNIT_M), 0, 65535)
     return SmallImage(gray, units.astype(np.uint16), camera)
 

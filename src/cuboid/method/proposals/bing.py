@@ -72,7 +72,7 @@ HALF_RANK = 3000.0
 # BING gives thousands of boxes; only the best of them are used.
 BEST_BOXES = 1000
 # Boxes that overlap more are duplicates; BING's sizes are powers of two, so that neighbours overlap by half and more.
-OVERLAP = 0.75
+BING_DUPLICATE_IOU = 0.75
 
 
 class Bing:
@@ -114,7 +114,7 @@ class Bing:
         corners = np.asarray(boxes, dtype=np.float64).reshape(-1, 4)[:BEST_BOXES]
         corners[:, :2] -= 1.0
         scores = 1.0 / (1.0 + ranks[: len(corners)] / HALF_RANK)
-        kept = thin_out(corners, scores, OVERLAP)
+        kept = thin_out(corners, scores, BING_DUPLICATE_IOU)
         return boxes_as_proposals(corners[kept], scores[kept], intrinsics.width, intrinsics.height)
 
 

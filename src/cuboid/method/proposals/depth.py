@@ -31,7 +31,7 @@ from cuboid.method.proposals.types import JoinedMasks, Proposals, ProposalSource
 # Images are halved until they are no wider than this, pixels, unless the user sets another limit: at 1.5 m a pixel of
 # 320 is then 6 mm.
 WIDEST = 480
-MIN_WIDE = 120
+MIN_WIDTH_PX = 120
 # Errors of neighbouring readings are correlated: over a region the noise is this times the nominal one. The standard
 # deviation of depth is this times z squared; in 1/z it is the same at all distances.
 REGION_NOISE = 2.2e-3 / DEPTH_NOISE_PER_M
@@ -45,13 +45,13 @@ PLANE_REACH = 2
 # Error of readings on a plane of the same frame in addition to noise, metres: of the reading and of the plane.
 MIN_BIAS_M = 2.0 * MIN_SIGMA_M
 # Depth steps below this plus JUMP_SIGMAS standard deviations of noise do not separate surfaces, metres.
-JUMP_M = 0.012
+REGION_JUMP_M = 0.012
 # Smallest depth of a crease behind the chord over it, in arm lengths: 0.4 is a bend of 44 degrees; the inside of a bowl
 # with 7 cm radius has 0.11.
-BEND = 0.4
+CREASE_SAG = 0.4
 # The same for a groove: a right angle, seen from the middle. Faces of one solid rarely meet at less; two solids that
 # touch do.
-GROOVE = 1.0
+GROOVE_SAG = 1.0
 # Color difference of two segments that probably belong to different surfaces, levels over three channels; one surface
 # in light and in half shadow differs by half of it.
 SAME_COLOR_LEVELS = 25.0
@@ -61,17 +61,17 @@ GROOVE_COLOR_LEVELS = 50.0
 # parts are rounder than the whole.
 CLOSURE_POWER, ROUNDNESS_POWER = 1.25, 0.4
 # Smallest segment, pixels.
-MIN_PIXELS = 10
+MIN_SEGMENT_PIXELS = 10
 # Largest number of segments.
 SEGMENTS = 100
 # Largest number of pairs of neighbouring regions, per region of an image (Euler's formula).
-NEIGHBOURS = 3
+PAIRS_PER_REGION = 3
 # Smallest region as a fraction of the smallest object: an object seen at an angle looks narrower.
 MIN_SIZE = 5.0 / 6.0
 # Number of proposals per frame: several for each object on a crowded desk. More cost time in later stages.
 BEST = 140
 # Regions with a lower score have almost no object border in their outline.
-MIN_SCORE = 0.2
+MIN_REGION_SCORE = 0.2
 # A region with this many readings does not come from noise.
 SOLID_PIXELS = 120
 # Regions with a larger IoU are duplicates.
@@ -124,16 +124,20 @@ def _regions(depth: DepthImage, color: UInt8Array, step: int, config: TrackerCon
     labels, queue = np.empty(shape, np.int16), np.empty(depth.depth_m.size, np.int32)
     # The crease arm is half the smallest object. A depth step of twice the smallest object certainly separates two
     # objects.
-    segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, GROOVE, smooth, marks)
-    last = segments.label_surfaces(kind, marks, MIN_PIXELS, SEGMENTS, labels, queue)
+    segments.mark(
+        inverse, kind, camera.fx, noise, REGION_JUMP_M, config.min_size_m / 2.0, CREASE_SAG, GROOVE_SAG, smooth, marks
+    )
+    last = segments.label_surfaces(kind, marks, MIN_SEGMENT_PIXELS, SEGMENTS, labels, queue)
     fill_holes(kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse)
     segment_measures = np.empty((last + 1, regions.COLUMNS))
     borders = regions.Borders(*np.empty((4, last + 1, last + 1), np.float32))
     plane_measures = np.empty((planes, regions.COLUMNS))
     certain_m = 2.0 * config.min_size_m
-    regions.measure(kind, labels, inverse, marks, noise, JUMP_M, certain_m, segment_measures, borders, plane_measures)
+    regions.measure(
+        kind, labels, inverse, marks, noise, REGION_JUMP_M, certain_m, segment_measures, borders, plane_measures
+    )
     _weaken(labels, color, step, segment_measures, borders)
-    capacity = 2 * last + 1 + NEIGHBOURS * last
+    capacity = 2 * last + 1 + PAIRS_PER_REGION * last
     members = np.zeros((capacity + planes, last + 1 + planes), np.uint8)
     measures = np.empty((capacity + planes, regions.COLUMNS))
     parts = np.full((capacity + planes, 2), -1, np.int32)
@@ -210,7 +214,7 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
 def _best(scores: Float32Array, found: _Regions) -> npt.NDArray[np.int64]:
     """Return the regions to propose, best first, without near duplicates of better ones."""
     order = np.argsort(-scores, kind="stable")
-    order = order[scores[order] >= MIN_SCORE]
+    order = order[scores[order] >= MIN_REGION_SCORE]
     pixels = found.measures[:, regions.PIXELS].astype(np.int64)
     # Pixels of each segment, taken from the regions that consist of one segment.
     single = found.parts[:, 0] < 0
@@ -239,6 +243,6 @@ def depth_source(options: str | None, config: TrackerConfig) -> ProposalSource:
     """
     if options is None:
         return DepthSegmentation(WIDEST, config)
-    if not options.isdecimal() or int(options) < MIN_WIDE:
-        raise InputError(f"proposal source 'depth:N' takes a width in pixels from {MIN_WIDE} up, got '{options}'")
+    if not options.isdecimal() or int(options) < MIN_WIDTH_PX:
+        raise InputError(f"proposal source 'depth:N' takes a width in pixels from {MIN_WIDTH_PX} up, got '{options}'")
     return DepthSegmentation(int(options), config)

@@ -13,8 +13,8 @@ from cuboid.method.proposals.edges import find_edges
 from cuboid.method.proposals.registry import SOURCES
 from cuboid.method.proposals.types import Proposals, ProposalSource
 
-# EdgeBoxes score of a likely object; a score s becomes 1 - exp(-s / LIKELY).
-LIKELY = 0.3
+# EdgeBoxes score of a likely object; a score s becomes 1 - exp(-s / LIKELY_EDGEBOXES_SCORE).
+LIKELY_EDGEBOXES_SCORE = 0.3
 # Smallest area of a box, pixels of the working image: 5 cm at 1.1 m, squared. Half of it doubles the time and adds
 # boxes of patterns printed on objects.
 MIN_AREA = 150.0
@@ -22,8 +22,8 @@ MIN_AREA = 150.0
 MIN_EDGE = 0.4
 # Largest fraction of pixels that may be edges; the strongest are kept. A cluttered desk has an eighth; noise has a
 # third and takes seconds.
-MAX_EDGES = 0.15
-MIN_SCORE = 0.1
+MAX_EDGE_FRACTION = 0.15
+MIN_EDGEBOXES_SCORE = 0.1
 # Overlap of neighbouring windows in the sliding search.
 ALPHA = 0.6
 # Overlap above which the worse box is suppressed, and the decay of that limit: this spreads the boxes over the image.
@@ -48,7 +48,7 @@ class EdgeBoxes:
         finder.setMaxBoxes(MAX_BOXES)
         finder.setMinBoxArea(MIN_AREA)
         finder.setEdgeMinMag(MIN_EDGE)
-        finder.setMinScore(MIN_SCORE)
+        finder.setMinScore(MIN_EDGEBOXES_SCORE)
         finder.setAlpha(ALPHA)
         finder.setBeta(BETA)
         finder.setEta(ETA)
@@ -56,14 +56,14 @@ class EdgeBoxes:
         boxes, scores = finder.getBoundingBoxes(_strongest(edges.strength), edges.angle)
         xywh = np.asarray(boxes, dtype=np.float64).reshape(-1, 4) * edges.step
         xyxy = np.hstack([xywh[:, :2], xywh[:, :2] + xywh[:, 2:]])
-        values = 1.0 - np.exp(-np.asarray(scores, dtype=np.float64).ravel() / LIKELY)
+        values = 1.0 - np.exp(-np.asarray(scores, dtype=np.float64).ravel() / LIKELY_EDGEBOXES_SCORE)
         return boxes_as_proposals(xyxy, values, intrinsics.width, intrinsics.height)
 
 
 def _strongest(strength: Float32Array) -> Float32Array:
-    """Return the strongest edges (H, W), at most `MAX_EDGES` of the pixels; ties are sampled all over the image."""
+    """Return the strongest edges (H, W), at most `MAX_EDGE_FRACTION` of the pixels; ties are sampled everywhere."""
     places = np.flatnonzero(strength >= MIN_EDGE)
-    max_edges = int(MAX_EDGES * strength.size)
+    max_edges = int(MAX_EDGE_FRACTION * strength.size)
     if len(places) <= max_edges:
         return strength
     scattered = places * 2_654_435_761 % 2**32

@@ -10,15 +10,15 @@ from cuboid.ground.arrays import Float32Array, UInt8Array
 from cuboid.ground.core.frame import Frame
 
 # Working width, pixels: at half the width of a 640-pixel image edges take a quarter of the time and lose little.
-WIDTH = 320
+WORKING_WIDTH_PX = 320
 # Depth step that counts as a full edge, metres.
 FULL_JUMP_M = 0.03
 # Gradient of a color channel that counts as a full edge, levels per pixel.
 FULL_COLOR = 60.0
 # Steepest gradient of 1/z of a plane, 1/metre per pixel: a plane that passes the camera at 0.4 m.
-STEEPEST = 0.01
+MAX_PLANE_GRADIENT = 0.01
 # Weaker edges are noise.
-MIN_STRENGTH = 0.15
+MIN_EDGE_STRENGTH = 0.15
 
 
 class Edges(NamedTuple):
@@ -51,7 +51,7 @@ def find_edges(frame: Frame, noise_per_m: float) -> Edges:
     import cv2
 
     height, width = frame.depth_m.shape
-    step = max(1, width // WIDTH)
+    step = max(1, width // WORKING_WIDTH_PX)
     h, w = height // step, width // step
     color = cv2.resize(frame.color[: h * step, : w * step], (w, h), interpolation=cv2.INTER_AREA)
     cx, cy = _gradient_of_color(np.asarray(color, dtype=np.uint8))
@@ -87,7 +87,7 @@ def _gradient_of_depth(depth_m: Float32Array, noise_per_m: float) -> tuple[Float
     filled = inverse_without_holes(depth_m)
     smooth = cv2.medianBlur(filled, 5)
     gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 8.0, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 8.0
-    mean = [cv2.blur(np.clip(g, -STEEPEST, STEEPEST), (25, 25)) for g in (gx, gy)]
+    mean = [cv2.blur(np.clip(g, -MAX_PLANE_GRADIENT, MAX_PLANE_GRADIENT), (25, 25)) for g in (gx, gy)]
     full = FULL_JUMP_M * smooth * smooth + 4.0 * noise_per_m
     return ((gx - mean[0]) / full).astype(np.float32), ((gy - mean[1]) / full).astype(np.float32)
 
@@ -116,6 +116,6 @@ def _thin(strength: Float32Array, angle: Float32Array) -> Float32Array:
     for k, (dv, du) in enumerate(((0, 1), (1, 1), (1, 0), (1, -1))):
         ahead = strength[1 + dv : h - 1 + dv, 1 + du : w - 1 + du]
         behind = strength[1 - dv : h - 1 - dv, 1 - du : w - 1 - du]
-        peak = (sector[1:-1, 1:-1] == k) & (inner > ahead) & (inner >= behind) & (inner >= MIN_STRENGTH)
+        peak = (sector[1:-1, 1:-1] == k) & (inner > ahead) & (inner >= behind) & (inner >= MIN_EDGE_STRENGTH)
         kept[1:-1, 1:-1][peak] = inner[peak]
     return kept

@@ -37,7 +37,7 @@ from cuboid.method.proposals.matlab import READER
 from cuboid.method.proposals.types import Proposals
 
 # Largest unpacked file: 800 masks of 640 x 480 pixels.
-MAX_BYTES = 256 << 20
+MAX_UNPACKED_BYTES = 256 << 20
 
 Loader = Callable[[Path, int, int], Proposals]
 
@@ -57,12 +57,12 @@ def load_csv(path: Path, width: int, height: int) -> Proposals:
 
 def load_npz(path: Path, width: int, height: int) -> Proposals:
     """Read a ``.npz`` file; parameters and errors are those of `load_csv`."""
-    with opened(path, MAX_BYTES) as file:
+    with opened(path, MAX_UNPACKED_BYTES) as file:
         try:
             with zipfile.ZipFile(file) as members:
                 unpacked = sum(member.file_size for member in members.infolist())
-            if unpacked > MAX_BYTES:
-                raise ValueError(f"it unpacks to {unpacked >> 20} MB, expected at most {MAX_BYTES >> 20}")
+            if unpacked > MAX_UNPACKED_BYTES:
+                raise ValueError(f"it unpacks to {unpacked >> 20} MB, expected at most {MAX_UNPACKED_BYTES >> 20}")
             file.seek(0)
             with np.load(file, allow_pickle=False) as arrays:
                 found = {name: np.asarray(arrays[name]) for name in arrays.files}
@@ -102,7 +102,12 @@ def _masks_of_superpixels(
     if pixels.ndim != 2 or pixels.dtype.kind not in "iuf":
         raise InputError(f"{path}: superpixels must be an image of numbers, got {pixels.dtype} {pixels.shape}")
     number, cells = _whole(path, "superpixels", pixels), np.split(_whole(path, "labels", labels), ends)[:-1]
-    if number.size == 0 or number.min() < 0 or number.max() > number.size or len(cells) * number.size > MAX_BYTES:
+    if (
+        number.size == 0
+        or number.min() < 0
+        or number.max() > number.size
+        or len(cells) * number.size > MAX_UNPACKED_BYTES
+    ):
         raise InputError(f"{path}: superpixels must be numbered from 0 or 1, at most one a pixel, with labels for some")
     masks = np.zeros((len(cells), *number.shape), dtype=np.bool_)
     for k, cell in enumerate(cells):

@@ -21,9 +21,9 @@ from cuboid.ground.formats.reading import opened
 
 CHILD = Path(__file__).with_name("matlab_child.py")
 # Largest file, bytes.
-MAX_BYTES = 256 << 20
+MAX_MATLAB_BYTES = 256 << 20
 # Time limit: a file of 256 MB takes one or two seconds, the start of the process as long again.
-LIMIT_S = 20.0
+MATLAB_TIMEOUT_S = 20.0
 
 
 class MatlabReader:
@@ -42,11 +42,11 @@ class MatlabReader:
         InputError
             If it cannot be read, or reading it crashes, or takes too much time or memory.
         """
-        with opened(path, MAX_BYTES):
+        with opened(path, MAX_MATLAB_BYTES):
             pass  # checks that it is a regular file of an accepted size
         with self._lock:
             process = self._started()
-            timer = threading.Timer(LIMIT_S, process.kill)
+            timer = threading.Timer(MATLAB_TIMEOUT_S, process.kill)
             timer.start()
             try:
                 answer, arrays = _read_by(process, path)

@@ -17,7 +17,7 @@ from cuboid.method.proposals.kernels import hierarchy, leaves, sums
 # Smoothing of color, and of depth over space (pixels) and depth (metres), before differences are taken.
 COLOR_SIGMA_PX, DEPTH_WINDOW_PX, DEPTH_SIGMA_M, DEPTH_SIGMA_PX = 0.6, 5, 0.03, 2.0
 # Readings are at least this far, metres.
-NEAREST_M = 0.15
+NEAREST_READING_M = 0.15
 # Places of the table of borders for each region: a planar graph has fewer than three borders a region.
 PLACES_PER_REGION = 16
 
@@ -59,7 +59,7 @@ def maps_of(color: UInt8Array, depth: DepthImage, step: int) -> Maps:
     lab: Float32Array = np.asarray(cv2.GaussianBlur(sharp, (0, 0), COLOR_SIGMA_PX), dtype=np.float32)
     inverse = inverse_without_holes(depth.depth_m)
     depth_m = np.where(inverse > 0.0, 1.0 / np.maximum(inverse, 1e-3), 1.0).astype(np.float32)
-    near = np.maximum(depth_m, np.float32(NEAREST_M))
+    near = np.maximum(depth_m, np.float32(NEAREST_READING_M))
     smooth: Float32Array = np.asarray(
         cv2.bilateralFilter(near, DEPTH_WINDOW_PX, DEPTH_SIGMA_M, DEPTH_SIGMA_PX), dtype=np.float32
     )

@@ -55,7 +55,7 @@ DIVISIONS = (
 # Tolerance of the leaves, color units times pixels, and their smallest size, pixels of the reduced picture.
 LEAF_TOLERANCE, LEAF_PIXELS = 40.0, 12
 # Candidates have sides and pixels of at least this, pixels of the reduced picture, and at most this fraction of it.
-MIN_SIDE, MIN_PIXELS, MAX_FRACTION = 6.0, 45.0, 0.4
+MIN_SIDE, MIN_CANDIDATE_PIXELS, MAX_FRACTION = 6.0, 45.0, 0.4
 # Unions with more of the picture are not made.
 MAX_UNION = 0.45
 # Log-odds above which a candidate may be chosen. It is below 0: the map adds up the evidence of many frames.
@@ -65,7 +65,7 @@ CONTENDERS = 150
 # Two chosen regions share at most this fraction of the smaller one.
 MAX_COMMON = 0.3
 # Rounds of exchanges; three are enough in almost all pictures.
-ROUNDS = 10
+EXCHANGE_ROUNDS = 10
 # Entries of the heap of mergers, per border.
 HEAP_PER_BORDER = 40
 # The number that stands for the tree of a candidate that is a surface of the depth image.
@@ -158,7 +158,7 @@ class RegionSource:
         masks, gains, first = _contenders(trees, surfaces, log_odds)
         conflict, chosen = np.empty((len(gains), len(gains)), np.uint8), first.copy()
         choice.overlaps(*masks, masks.sizes, MAX_COMMON, conflict)
-        choice.exchange(gains, conflict, ROUNDS, chosen)
+        choice.exchange(gains, conflict, EXCHANGE_ROUNDS, chosen)
         return _as_proposals(masks, gains + MIN_LOG_ODDS, np.flatnonzero(chosen), step)
 
     def candidates(
@@ -238,7 +238,7 @@ def _merged(labels: Int32Array, graph: hierarchy.Graph, order: int, number: int,
     tree, work = room_to_merge(n, b)
     count = hierarchy.merge(graph, order, float(pixels), MAX_UNION * pixels, tree, work)
     found, usable = np.zeros((count, len(QUANTITIES)), np.float32), np.empty(count, np.uint8)
-    limits = MIN_SIDE, MIN_PIXELS, MAX_FRACTION * pixels
+    limits = MIN_SIDE, MIN_CANDIDATE_PIXELS, MAX_FRACTION * pixels
     quantities.quantities(tree, count, number, camera, labels.shape, limits, found, usable)
     return RegionTree(labels, tree, count, n, found, usable)
 
@@ -267,7 +267,7 @@ def _judged_surfaces(masks: Masks, scores: Float32Array, maps: Maps, camera: Flo
     root, joined, left = np.full(count, -1, np.int32), scores.astype(np.float64), np.full(count, -1.0)
     tree = hierarchy.Tree(over, boxes, over_borders, alone, root, joined, left)
     found, usable = np.zeros((count, len(QUANTITIES)), np.float32), np.empty(count, np.uint8)
-    limits = MIN_SIDE, MIN_PIXELS, MAX_FRACTION * pixels
+    limits = MIN_SIDE, MIN_CANDIDATE_PIXELS, MAX_FRACTION * pixels
     quantities.quantities(tree, count, SURFACE_TREE, camera, maps.depth_m.shape, limits, found, usable)
     found[:, -2], found[:, -1] = 1.0, scores
     return Surfaces(masks, found, usable)

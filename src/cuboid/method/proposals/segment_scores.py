@@ -14,12 +14,12 @@ from cuboid.method.proposals.forest import fitted_forest
 from cuboid.method.proposals.kernels import forest, hierarchy, quantities, sums
 from cuboid.method.proposals.kernels.quantities import QUANTITIES
 from cuboid.method.proposals.region_maps import graph_of, maps_of
-from cuboid.method.proposals.regions import MIN_PIXELS, MIN_SIDE, SURFACE_TREE, surface_masks
+from cuboid.method.proposals.regions import MIN_CANDIDATE_PIXELS, MIN_SIDE, SURFACE_TREE, surface_masks
 from cuboid.method.proposals.types import JoinedMasks, Proposals
 
 # Narrower pictures have no scores, pixels: the score is fitted to pictures of 320 pixels, and much coarser ones show
 # things in another way.
-MIN_WIDE = 240
+MIN_SCORED_WIDTH_PX = 240
 # All trees count, also for improbable segments.
 NO_STAGES = np.zeros(0, np.float32)
 
@@ -29,8 +29,8 @@ def segment_log_odds(
 ) -> Float64Array:
     """Return the log-odds (count,) that each segment shows one whole thing; NaN: it cannot be judged.
 
-    Segments that are too small for candidates of `regions`, and those of pictures narrower than `MIN_WIDE`, cannot be
-    judged: the score is not fitted to such ones.
+    Segments that are too small for candidates of `regions`, and those of pictures narrower than
+    `MIN_SCORED_WIDTH_PX`, cannot be judged: the score is not fitted to such ones.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def segment_log_odds(
     surfaces : Proposals
         The proposals of the frame: their masks are compared with the segments, if they are those from depth.
     """
-    if max(camera.width, camera.height) < MIN_WIDE:
+    if max(camera.width, camera.height) < MIN_SCORED_WIDTH_PX:
         return np.full(count, np.nan)
     depth, step = shrunk(frame, camera, WIDEST)
     labels = _on_grid(claim, image, depth.depth_m.shape, step) + np.int32(1)
@@ -70,7 +70,7 @@ def segment_log_odds(
         quantities.compare_surfaces(tree, count + 1, count + 1, sizes, scores, usable, counts, found)
         # Among the surfaces of the depth image, its score stands for how a region came about.
         tree.joined[:] = found[:, -1]
-    limits = MIN_SIDE, MIN_PIXELS, float(labels.size)
+    limits = MIN_SIDE, MIN_CANDIDATE_PIXELS, float(labels.size)
     quantities.quantities(tree, count + 1, SURFACE_TREE, pinhole, labels.shape, limits, found, usable)
     log_odds = np.empty(count + 1)
     forest.log_odds(found, usable, fitted_forest(), NO_STAGES, log_odds)

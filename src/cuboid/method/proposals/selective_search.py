@@ -17,9 +17,9 @@ from cuboid.method.proposals.types import Proposals, ProposalSource
 SCALE = 100
 SIGMA = 0.8
 # Boxes that overlap more are duplicates.
-OVERLAP = 0.85
+SEARCH_DUPLICATE_IOU = 0.85
 # Edge strength per pixel of outline of a likely object.
-LIKELY = 0.5
+LIKELY_EDGE_STRENGTH = 0.5
 
 
 class SelectiveSearch:
@@ -47,8 +47,8 @@ class SelectiveSearch:
         xyxy = np.hstack([xywh[:, :2], xywh[:, :2] + xywh[:, 2:]])
         # OpenCV's rank is random: sort the boxes, so that equal input gives equal results.
         xyxy = np.unique(xyxy, axis=0)
-        scores = 1.0 - np.exp(-_edges_of(xyxy, edges) / LIKELY)
-        kept = thin_out(xyxy, scores, OVERLAP)
+        scores = 1.0 - np.exp(-_edges_of(xyxy, edges) / LIKELY_EDGE_STRENGTH)
+        kept = thin_out(xyxy, scores, SEARCH_DUPLICATE_IOU)
         return boxes_as_proposals(xyxy[kept] * edges.step, scores[kept], intrinsics.width, intrinsics.height)
 
 

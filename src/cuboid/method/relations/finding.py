@@ -44,19 +44,19 @@ from cuboid.method.relations.walls import depths_of_contact
 # 5 % are larger than those of a normal distribution.
 HEIGHT_SIGMA_M, SIDE_SIGMA_M = 0.008, 0.008
 # Standard deviation of the edge of a plane's seen part, metres: the parts under and behind objects are missing.
-EDGE_SIGMA_M = 0.05
+PLANE_EDGE_SIGMA_M = 0.05
 # Largest gap, metres, between objects beside each other, and between an object and a wall that it is against.
 BESIDE_M, AGAINST_M = 0.20, 0.05
 # Two boxes are on, in or under each other if more than this fraction of a footprint is common to both, and beside each
 # other if more than this fraction of the heights of the lower one is common to both.
 MIN_COMMON_FRACTION = 0.5
 # Only relations with at least this probability are kept; the others hold less likely than not.
-MIN_SCORE = 0.5
+MIN_PROBABILITY = 0.5
 # Density of the height of a wrong foot, per metre: one box in fifty has its foot anywhere within half a metre.
 WRONG_FOOT_PER_M = 0.02 / 0.5
 # Fraction of the objects within a container that stand on its floor, and thickness of the floor, metres. The others lie
 # on these objects, at any height up to the rim.
-ON_FLOOR, FLOOR_M = 0.7, 0.01
+ON_FLOOR, FLOOR_THICKNESS_M = 0.7, 0.01
 # An object in another one is rarer than an object on a surface by this factor.
 RARER = 10.0
 
@@ -140,7 +140,7 @@ class _Place:
             supports = self._supports(a, pairs, on, inside, covered)
             scores = _posterior(supports)
             for one, score in zip(supports, scores, strict=True):
-                if score >= MIN_SCORE:
+                if score >= MIN_PROBABILITY:
                     found[label].append(Relation(one.to, one.kind, score))
                     if isinstance(one.to, int):
                         found[one.to].append(Relation(label, "supports", score))
@@ -151,10 +151,10 @@ class _Place:
 
     def _inside(self, rise: Float64Array) -> Float64Array:
         """Return the density, per metre, of the height of objects above the foot of their container, (P,)."""
-        tall = np.maximum(self.feet.high - self.feet.low, FLOOR_M)[self.other]
-        sigma = np.hypot(HEIGHT_SIGMA_M, FLOOR_M)
+        tall = np.maximum(self.feet.high - self.feet.low, FLOOR_THICKNESS_M)[self.other]
+        sigma = np.hypot(HEIGHT_SIGMA_M, FLOOR_THICKNESS_M)
         below_rim = _normal_cdf((tall - rise) / HEIGHT_SIGMA_M)
-        return np.asarray((ON_FLOOR * _density(rise - FLOOR_M, sigma) + (1.0 - ON_FLOOR) / tall) * below_rim)
+        return np.asarray((ON_FLOOR * _density(rise - FLOOR_THICKNESS_M, sigma) + (1.0 - ON_FLOOR) / tall) * below_rim)
 
     def _supports(
         self, a: int, pairs: IntArray, on: Float64Array, inside: Float64Array, covered: Float64Array
@@ -202,7 +202,7 @@ class _Place:
         for a, b, value in _likely(self.one, self.other, score):
             found[self.labels[a]].append(Relation(self.labels[b], "under", value))
         below = self.within * _normal_cdf((self.levels - middle) / HEIGHT_SIGMA_M)
-        planes, which = np.nonzero(below >= MIN_SCORE)
+        planes, which = np.nonzero(below >= MIN_PROBABILITY)
         for k, a in zip(planes.tolist(), which.tolist(), strict=True):
             found[self.labels[a]].append(Relation(f"plane:{k}", "under", float(below[k, a])))
 
@@ -214,16 +214,16 @@ def _planes(planes: Sequence[SupportPlane], up: Float64Array, feet: Footprints) 
         slope = float(plane.normal @ up)
         across = feet.center @ (plane.normal @ feet.ground)
         levels[k] = -(plane.offset + across) / slope
-        within[k] = _normal_cdf(_depths_inside_m(feet.center, plane.extent @ feet.ground) / EDGE_SIGMA_M)
+        within[k] = _normal_cdf(_depths_inside_m(feet.center, plane.extent @ feet.ground) / PLANE_EDGE_SIGMA_M)
     return levels, within
 
 
 def _add_walls(found: dict[int, list[Relation]], objects: Sequence[TrackedObject], walls: Sequence[Wall]) -> None:
     for k, wall in enumerate(walls):
         gap_m, within = depths_of_contact([item.box for item in objects], wall)
-        score = _normal_cdf((AGAINST_M - gap_m) / SIDE_SIGMA_M) * _normal_cdf(within / EDGE_SIGMA_M)
+        score = _normal_cdf((AGAINST_M - gap_m) / SIDE_SIGMA_M) * _normal_cdf(within / PLANE_EDGE_SIGMA_M)
         for item, value in zip(objects, score.tolist(), strict=True):
-            if value >= MIN_SCORE:
+            if value >= MIN_PROBABILITY:
                 found[item.label].append(Relation(f"wall:{k}", "against", value))
 
 
@@ -254,7 +254,7 @@ def _rows_of(one: IntArray, count: int) -> list[IntArray]:
 
 
 def _likely(one: IntArray, other: IntArray, score: Float64Array) -> list[tuple[int, int, float]]:
-    kept = score >= MIN_SCORE
+    kept = score >= MIN_PROBABILITY
     return list(zip(one[kept].tolist(), other[kept].tolist(), score[kept].tolist(), strict=True))
 
 

@@ -16,16 +16,16 @@ from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import level_rotation
 from cuboid.method.boxes.fit import fit_box
 from cuboid.method.relations.kernels.links import number_parts
-from cuboid.method.relations.walls import CELL_M, Numbers, cubes_of
+from cuboid.method.relations.walls import WALL_CELL_M, Numbers, cubes_of
 
 # Sides and legs of furniture extend beyond the outline of its top by at most this, metres.
 RIM_M = 0.06
 # Largest gap between points of one piece of furniture, metres: poses drift, and there is one point per cell.
-LINK_M = DRIFT_M + CELL_M
+LINK_M = DRIFT_M + WALL_CELL_M
 # Furniture was seen at least this far below the plane that it bears, metres; less is the edge of a board.
-MIN_DROP_M = 0.1
+MIN_FURNITURE_DROP_M = 0.1
 # Fraction of stray points that may lie below the box or beside it.
-STRAY_FRACTION = 0.01
+STRAY_POINTS_FRACTION = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +78,7 @@ class _Area:
 
     def holds(self, image: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Return which points (N, 3) lie above or below the marked cells of `image` (`inside` or `around`)."""
-        x, y = (np.floor(points[:, :2] / CELL_M).astype(np.int64) - self.corner).T
+        x, y = (np.floor(points[:, :2] / WALL_CELL_M).astype(np.int64) - self.corner).T
         in_image = (x >= 0) & (y >= 0) & (x < image.shape[1]) & (y < image.shape[0])
         return np.asarray(in_image & (image[np.where(in_image, y, 0), np.where(in_image, x, 0)] > 0))
 
@@ -128,9 +128,9 @@ def find_furniture(planes: Sequence[SupportPlane], points: MapPoints, up: Float6
 
 
 def _area(plane: SupportPlane, R: Float64Array) -> _Area:
-    rim = int(np.ceil(RIM_M / CELL_M))
+    rim = int(np.ceil(RIM_M / WALL_CELL_M))
     outline = plane.extent @ R.T
-    cells = np.floor(outline[:, :2] / CELL_M).astype(np.int64)
+    cells = np.floor(outline[:, :2] / WALL_CELL_M).astype(np.int64)
     corner = cells.min(axis=0) - rim
     width, height = (cells.max(axis=0) + rim + 1 - corner).tolist()
     inside = np.zeros((height, width), np.uint8)
@@ -171,7 +171,7 @@ def _parts_that_bear(
     for row, below, height in zip(bears, beneath, heights, strict=True):
         row[part[below & (height >= -DRIFT_M - LINK_M)]] = True
         deep = np.zeros(len(row), bool)
-        deep[part[below & (height <= -MIN_DROP_M)]] = True
+        deep[part[below & (height <= -MIN_FURNITURE_DROP_M)]] = True
         row &= deep
     return bears
 
@@ -203,8 +203,8 @@ def _stands_on(areas: Sequence[_Area], members: Numbers, points: Float64Array) -
     points : (N, 3) float64
         Its points in the level frame, without the points of the plane on which it stands.
     """
-    low_m = float(np.quantile(points[:, 2], STRAY_FRACTION))
-    feet = points[np.abs(points[:, 2] - low_m) <= CELL_M]
+    low_m = float(np.quantile(points[:, 2], STRAY_POINTS_FRACTION))
+    feet = points[np.abs(points[:, 2] - low_m) <= WALL_CELL_M]
     found: int | None = None
     least_m = LINK_M
     for k, area in enumerate(areas):

@@ -81,7 +81,7 @@ def place_tree(
 
 
 def plane_heights_m(planes: Sequence[SupportPlane], up: Float64Array | None) -> list[float]:
-    """Return the height of the centre of each supporting plane above that of the lowest one, metres."""
+    """Return the height of the centre of each supporting plane above that of the lowest one, metres; up is (3,)."""
     if up is None:
         return [0.0] * len(planes)
     heights = [float(plane.extent.mean(0) @ up) for plane in planes]

@@ -14,11 +14,11 @@ from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.fit import plane_axes
 
 # Points are thinned to one per cube of this side, metres, so that the number of points of a plane gives its area.
-CELL_M = 0.03
+WALL_CELL_M = 0.03
 # Minimum seen area of a wall, square metres, and minimum height, metres: the sides of objects are smaller.
 MIN_AREA_M2, MIN_HEIGHT_M = 0.3, 0.4
 # Step between tested directions of walls, radians: at two metres from the centre, half a step is an error of `DRIFT_M`.
-STEP_RAD = np.radians(1.5)
+WALL_STEP_RAD = np.radians(1.5)
 # Largest number of walls of a map.
 MAX_WALLS = 12
 # Points within this distance of a wall, metres, belong to it: skirtings, frames, folds of a curtain.
@@ -45,10 +45,10 @@ def find_walls(points: MapPoints, up: Float64Array | None) -> tuple[Wall, ...]:
     local = thinned(np.column_stack([xyz @ ground, xyz @ up]))
     middle = local.mean(0) if len(local) else np.zeros(3)
     found: list[Wall] = []
-    while len(found) < MAX_WALLS and len(local) * CELL_M**2 >= MIN_AREA_M2:
+    while len(found) < MAX_WALLS and len(local) * WALL_CELL_M**2 >= MIN_AREA_M2:
         across, at = _fullest(local)
         near = np.abs(local[:, :2] @ across - at) <= DRIFT_M
-        if near.sum() * CELL_M**2 < MIN_AREA_M2:
+        if near.sum() * WALL_CELL_M**2 < MIN_AREA_M2:
             break
         across, at = _fitted(local[near], across)
         near = np.abs(local[:, :2] @ across - at) <= DRIFT_M
@@ -60,13 +60,13 @@ def find_walls(points: MapPoints, up: Float64Array | None) -> tuple[Wall, ...]:
 
 
 def thinned(local: Float64Array) -> Float64Array:
-    """Return one of the points (N, 3) for each cube of side `CELL_M`."""
+    """Return one of the points (N, 3) for each cube of side `WALL_CELL_M`."""
     return local[cubes_of(local)[0]]
 
 
 def cubes_of(local: Float64Array) -> tuple[Numbers, Numbers]:
-    """Return the first point of (N, 3) in each cube of side `CELL_M`, (M,), and the cube of each point, (N,)."""
-    cells = np.floor(local / CELL_M).astype(np.int64)
+    """Return the first point of (N, 3) in each cube of side `WALL_CELL_M`, (M,), and the cube of each point, (N,)."""
+    cells = np.floor(local / WALL_CELL_M).astype(np.int64)
     cells -= cells.min(axis=0, initial=0)
     numbers = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0, initial=0) + 1))
     _, first, cube = np.unique(numbers, return_index=True, return_inverse=True)
@@ -79,7 +79,7 @@ def cubes_of(local: Float64Array) -> tuple[Numbers, Numbers]:
 def _fullest(local: Float64Array) -> tuple[Float64Array, float]:
     """Return the horizontal direction (2,), and the distance along it, of the slab with the most points."""
     best = 0, np.array([1.0, 0.0]), 0.0
-    for angle in np.arange(0.0, np.pi, STEP_RAD):
+    for angle in np.arange(0.0, np.pi, WALL_STEP_RAD):
         across = np.array([np.cos(angle), np.sin(angle)])
         slab = np.floor(local[:, :2] @ across / DRIFT_M).astype(np.int64)
         counts = np.bincount(slab - slab.min())
@@ -101,8 +101,8 @@ def _is_wall(local: Float64Array, across: Float64Array) -> bool:
     """Return whether points of a vertical plane cover enough of it."""
     along = local[:, :2] @ np.array([-across[1], across[0]])
     wide, high = (np.ptp(np.quantile(values, [0.02, 0.98])) for values in (along, local[:, 2]))
-    cells = np.unique(np.floor(np.column_stack([along, local[:, 2]]) / CELL_M).astype(np.int64), axis=0)
-    area = len(cells) * CELL_M**2
+    cells = np.unique(np.floor(np.column_stack([along, local[:, 2]]) / WALL_CELL_M).astype(np.int64), axis=0)
+    area = len(cells) * WALL_CELL_M**2
     return bool(area >= MIN_AREA_M2 and high >= MIN_HEIGHT_M and area >= MIN_FILLED * wide * high)
 
 

@@ -12,7 +12,7 @@ from cuboid.ground.arrays import Float32Array, UInt8Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.results import MapPoints
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, read_bytes
-from cuboid.ground.geometry.se3 import FARTHEST_M
+from cuboid.ground.geometry.se3 import MAX_FROM_ORIGIN_M
 
 # Little-endian layout of a point, as in the PLY format (G. Turk, 1994).
 POINT = np.dtype(
@@ -102,7 +102,7 @@ def read_map(path: Path) -> MapPoints:
 
 def _refuse_values(path: Path, rows: npt.NDArray[np.void]) -> None:
     """Raise InputError if a point is not finite or too far away, or if its heat or label is out of range."""
-    wrong = ~(np.abs(rows["xyz"]) <= FARTHEST_M).all(axis=1) | ~((rows["heat"] >= 0) & (rows["heat"] <= 1))
+    wrong = ~(np.abs(rows["xyz"]) <= MAX_FROM_ORIGIN_M).all(axis=1) | ~((rows["heat"] >= 0) & (rows["heat"] <= 1))
     wrong |= rows["label"] < 0
     if wrong.any():
         k = int(np.flatnonzero(wrong)[0])

@@ -17,7 +17,7 @@ from cuboid.inputs.readers.usable import posed_frames, usable_poses
 
 # Poses and focal length are estimated alternately: maximum number of rounds, and relative change of the focal length at
 # which the iteration ends.
-ROUNDS = 4
+MAX_ROUNDS = 4
 CONVERGED = 0.004
 # Up to every third frame is enough for the poses (the camera turns little in a tenth of a second), but at least
 # ENOUGH_FRAMES frames are used.
@@ -65,7 +65,7 @@ def _with_estimated_poses(
     found, previous = None, recording
     count = len(range(0, len(recording), every)[:limit])
     step = min(LONGEST_STEP, max(1, count // ENOUGH_FRAMES))
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         frames = range(0, len(previous), every * step)[: -(-count // step)]
         trajectory = _trajectory(previous, frames, progress)
         result = calibrate(_posed(previous, trajectory), previous.intrinsics, estimated=True)

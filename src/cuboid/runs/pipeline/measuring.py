@@ -19,7 +19,7 @@ from cuboid.runs.tracking.diagnosis import FEW_FRAMES
 from cuboid.runs.tracking.types import MapLike, Progress, RecordingLike
 
 # Objects of this many last frames of each camera are in view: in a single frame one may be missed.
-LAST_FRAMES = 5
+RECENT_FRAMES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class _Follower:
         self.last = frame, result, tracker
         seen = self.seen.setdefault(frame.camera_name, [])
         seen.append(frozenset(one.label for one in result.sightings))
-        del seen[:-LAST_FRAMES]
+        del seen[:-RECENT_FRAMES]
 
     def stop(self) -> bool:
         return self._stop() or (self._seconds is not None and self._last_s - self._first_s >= self._seconds)

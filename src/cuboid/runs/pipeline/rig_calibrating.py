@@ -24,12 +24,12 @@ from cuboid.inputs.readers import Recording
 from cuboid.inputs.readers.usable import usable_frames
 
 # Frames of each camera, evenly spread: their median has a third of the noise of one.
-FRAMES = 12
+FRAMES_PER_CAMERA = 12
 # Frames of each camera in which a board is searched at most, evenly spread: of a minute, three a second.
 BOARD_FRAMES = 200
 BACKGROUND = (18, 20, 24)
 # Digits after the point of matrices in rig.json: a hundredth of a micrometre.
-DIGITS = 8
+MATRIX_DIGITS = 8
 
 
 def calibrate_rig(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[RigFit, list[StillView]]:
@@ -67,7 +67,7 @@ def still_views(recordings: Sequence[Recording], names: Sequence[str]) -> list[S
 def still_view_of(recording: Recording, name: str) -> StillView:
     """Return the still view of a camera; raises InputError, which names the camera, if it has none."""
     try:
-        return still_view((frame.depth_m for frame in _spread(recording, FRAMES)), recording.intrinsics)
+        return still_view((frame.depth_m for frame in _spread(recording, FRAMES_PER_CAMERA)), recording.intrinsics)
     except InputError as error:
         raise InputError(f"{recording.path}: camera {name}: {error}") from None
 
@@ -95,12 +95,12 @@ def names_of(recordings: Sequence[Recording]) -> list[str]:
 def rig_document(
     T_rig_camera: Float64Array, recordings: Sequence[Recording], names: Sequence[str], output: Path
 ) -> dict[str, Any]:
-    """Return the content of `rig.json` at a path; the recordings are named relative to its folder."""
+    """Return the content of `rig.json`, of N poses (N, 4, 4); recordings are relative to the folder of `output`."""
     cameras = [
         {
             "name": name,
             "recording": Path(os.path.relpath(recording.path, output.parent)).as_posix(),
-            "T_rig_camera": np.round(T, DIGITS).tolist(),
+            "T_rig_camera": np.round(T, MATRIX_DIGITS).tolist(),
         }
         for name, recording, T in zip(names, recordings, T_rig_camera, strict=True)
     ]

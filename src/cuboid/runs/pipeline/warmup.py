@@ -12,7 +12,7 @@ from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.frame import Frame, Intrinsics
 
 CAMERA = Intrinsics(260.0, 260.0, 159.5, 119.5, 320, 240)
-FRAMES = 20
+MADE_FRAMES = 20
 # The camera moves along an arc around the middle of the table, at this distance and height, metres.
 DISTANCE_M, HEIGHT_M = 0.9, 0.7
 ARC_RAD = 1.2
@@ -59,7 +59,7 @@ class WarmUpRecording:
         self._noise = noise
 
     def __len__(self) -> int:
-        return FRAMES
+        return MADE_FRAMES
 
     def read(self, index: int) -> Frame:
         """Return a frame."""
@@ -91,14 +91,14 @@ def load_kernels(progress: Callable[[int, int], None]) -> None:
     from cuboid.runs.tracking.tracker import Tracker
 
     recording, tracker = WarmUpRecording(poses=False), Tracker(CAMERA, poses="estimated")
-    for index in range(FRAMES):
-        progress(index, FRAMES)
+    for index in range(MADE_FRAMES):
+        progress(index, MADE_FRAMES)
         tracker.update(recording.read(index))
 
 
 def _pose(index: int) -> Float64Array:
     """Return the pose of a camera that looks at the middle of the table and moves along the arc and back."""
-    angle = ARC_RAD * (1.0 - abs(2.0 * index / (FRAMES - 1) - 1.0)) - np.pi / 2
+    angle = ARC_RAD * (1.0 - abs(2.0 * index / (MADE_FRAMES - 1) - 1.0)) - np.pi / 2
     eye = np.array([DISTANCE_M * np.cos(angle), DISTANCE_M * np.sin(angle), HEIGHT_M])
     ahead = -eye / np.linalg.norm(eye)
     right = np.cross(ahead, [0.0, 0.0, 1.0])

@@ -17,7 +17,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.values import VisitChange
 from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject
-from cuboid.method.objects.similarity import CLEARER, MIN_SIMILARITY, color_profile_of, similarity
+from cuboid.method.objects.similarity import MIN_SIMILARITY, MIN_SIMILARITY_RATIO, color_profile_of, similarity
 from cuboid.runs.scene.before import Before, OldObject
 from cuboid.runs.scene.localisation import JoinedPart
 from cuboid.runs.scene.still_there import StillThere, fraction_near, still_there
@@ -171,7 +171,11 @@ class Changes:
             j = int(np.argmax(similarity[k]))
             row, column = np.delete(similarity[k], j), np.delete(similarity[:, j], k)
             others = max(row.max(initial=0.0), column.max(initial=0.0))
-            if similarity[k, j] >= MIN_SIMILARITY and similarity[k, j] >= CLEARER * others and j not in taken:
+            if (
+                similarity[k, j] >= MIN_SIMILARITY
+                and similarity[k, j] >= MIN_SIMILARITY_RATIO * others
+                and j not in taken
+            ):
                 tracker.take_over(new[j], gone[k])
                 taken.add(j)
 

@@ -116,7 +116,7 @@ class Detecting:
         return len(self._without_depth.confirmed())
 
     def objects(self, planes: Planes, T_world_map: Float64Array) -> list[TrackedObject]:
-        """Return the labelled objects without depth readings, by label, in the world."""
+        """Return the labelled objects without depth readings, by label, in the world; the map has the pose (4, 4)."""
         found = []
         for entry in self._without_depth.confirmed():
             box, kind = box_of(entry, planes)
@@ -135,5 +135,5 @@ class Detecting:
         return found
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move objects with their keyframes; see `ObjectMap.apply_correction`."""
+        """Move objects with their keyframes, by (4, 4); see `ObjectMap.apply_correction`."""
         self._store.apply_correction_without_depth(moved)

@@ -23,17 +23,15 @@ PIXEL_STEP = 8
 MANY_LOST, MIN_LOST = 0.1, 3
 # Fraction of pixels with readings below which a warning is given; real recordings at hand have 29 to 100 %.
 FEW_READINGS = 0.15
-# Fraction of frames with the same depth in all pixels that gives a warning: noise of a camera makes no such frame.
-MANY_CONSTANT = 0.5
 # Largest distance at which objects are found, metres.
-REACH_M = 4.0
+MAX_OBJECT_DISTANCE_M = 4.0
 # Points in results are 32-bit numbers; above this step between two such numbers, metres, rounding is larger than the
 # noise of a depth camera at half a metre (about 1 mm), and shapes of small objects show it.
 COARSE_STEP_M = 0.002
 # The poses of real recordings at hand explain 79 to 98 % of the depth of other frames; wrong poses explain up to 35 %
 # unless the camera hardly moves. Another convention or scale must explain at least CLEARLY_MORE than the given poses,
 # and at least EXPLAINED.
-UNEXPLAINED, CLEARLY_MORE, EXPLAINED = 0.35, 0.1, 0.6
+UNEXPLAINED_BELOW, CLEARLY_MORE, EXPLAINED = 0.35, 0.1, 0.6
 # Fewer frames than this may leave too much hidden or unsure.
 FEW_FRAMES = 10
 
@@ -71,8 +69,8 @@ class Counts:
         self.proposals += len(result.proposals)
 
     def mostly_constant(self, frames: Collection[int]) -> bool:
-        """Return whether most of these frames have one depth in all pixels."""
-        return sum(frame in self.constant for frame in frames) > MANY_CONSTANT * len(frames)
+        """Return whether most of these frames have one depth in all pixels: noise of a camera makes no such frame."""
+        return sum(frame in self.constant for frame in frames) > len(frames) / 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +229,7 @@ def _few_readings(facts: RunFacts) -> str | None:
 def explains(fit: PoseFit) -> bool:
     """Return whether no other convention, time shift or depth scale explains the frames clearly better."""
     other = max(fit.converted, fit.shifted, fit.scaled)
-    return other < _enough(fit) and (fit.given is None or fit.given >= UNEXPLAINED)
+    return other < _enough(fit) and (fit.given is None or fit.given >= UNEXPLAINED_BELOW)
 
 
 def _proves_scale(fit: PoseFit) -> bool:
@@ -290,7 +288,7 @@ def _unexplained(fit: PoseFit) -> str | None:
             "the given poses are all the same, but the picture changes: "
             f"only {_percent(fit.given or 0.0)} of the depth agrees with other frames; run again with --poses estimated"
         )
-    if fit.given is not None and fit.given < UNEXPLAINED:
+    if fit.given is not None and fit.given < UNEXPLAINED_BELOW:
         return (
             f"the given poses do not explain the frames: only {_percent(fit.given)} of the depth agrees with other "
             "frames; are they of another recording? run again with --poses estimated"
@@ -309,10 +307,10 @@ def _no_object(facts: RunFacts) -> str:
         advice = "--every 1 reads all" if facts.every > 1 else "record more"
         frames = counted(facts.frames_used, "frame")
         return f"no object found in {frames}: none is probable enough; {advice}, or give a lower --min-probability"
-    if facts.depth_median_m is not None and facts.depth_median_m > REACH_M:
+    if facts.depth_median_m is not None and facts.depth_median_m > MAX_OBJECT_DISTANCE_M:
         return (
             f"no object found: the median depth is {facts.depth_median_m:.1f} m, objects are found up to "
-            f"{REACH_M:g} m; move nearer, or correct the scale with --depth-scale"
+            f"{MAX_OBJECT_DISTANCE_M:g} m; move nearer, or correct the scale with --depth-scale"
         )
     if not facts.up_known:
         return (

@@ -10,8 +10,6 @@ from cuboid.ground.core.results import SUPPORT, MapPoints, TrackedObject
 from cuboid.method.relations.furniture import Furniture
 from cuboid.method.surfaces.plane import Plane
 
-# Score of furniture: the confidence that it is an object.
-SCORE = 0.0
 # Labels of the furniture that bears a plane, by identity of the plane: its label, then younger ones merged into it.
 Labels = dict[int, tuple[int, ...]]
 
@@ -59,7 +57,7 @@ def furniture_entry(
     return TrackedObject(
         label=labels[0],
         box=piece.box,
-        score=SCORE,
+        score=0.0,  # the confidence that it is an object
         heat=float(points.heat[piece.points].mean(dtype=np.float64)),
         first_frame=min(plane.first_frame for plane in planes),
         last_frame=max(plane.last_frame for plane in planes),

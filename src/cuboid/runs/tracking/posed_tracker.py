@@ -42,7 +42,7 @@ from cuboid.method.objects.validity import fits_object, too_large
 from cuboid.method.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.method.proposals import make_source
 from cuboid.method.proposals.regions import RegionSource
-from cuboid.method.proposals.segment_scores import MIN_WIDE, segment_log_odds
+from cuboid.method.proposals.segment_scores import MIN_SCORED_WIDTH_PX, segment_log_odds
 from cuboid.method.proposals.types import Proposals, ProposalSource
 from cuboid.method.surfaces.cells import find_cells, patch_pixels, with_level_patches
 from cuboid.method.surfaces.frame_segments import (
@@ -448,7 +448,7 @@ class PosedTracker(TrackedMap):
         """Return the sightings with those of objects that only regions show; look for these if it is time."""
         camera, c = self._camera, self.config
         camera.unlooked += seen.weight
-        wide_enough = max(self._roll.camera.width, self._roll.camera.height) >= MIN_WIDE
+        wide_enough = max(self._roll.camera.width, self._roll.camera.height) >= MIN_SCORED_WIDTH_PX
         due = wide_enough and (camera.unlooked >= LOOK_WEIGHT or camera.count == 0)
         if c.region_probability >= 1.0 or not (due or self._map.store.by_regions()):
             return sightings

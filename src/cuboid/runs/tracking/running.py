@@ -222,7 +222,7 @@ class RunningTracker(KeptMap):
         times_s: Mapping[int, float],
         skipped: Sequence[tuple[int, str]],
     ) -> None:
-        """Restore the frames of an interrupted run: poses and times by index, skipped frames with reasons."""
+        """Restore the frames of an interrupted run: poses (4, 4) and times by index, skipped frames with reasons."""
         self.T_world_camera.update(T_world_camera)
         self.times_s.update(times_s)
         for index, reason in skipped:

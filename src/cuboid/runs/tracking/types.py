@@ -175,7 +175,7 @@ class TrackerLike(MapLike, Protocol):
         """Process one frame, whose pose is anchored to a keyframe."""
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
-        """Apply a pose correction: move the map, planes and objects with the keyframes."""
+        """Apply a pose correction: move the map, planes and objects with the keyframes, by (4, 4)."""
 
 
 @runtime_checkable

@@ -14,7 +14,7 @@ from cuboid.ground.core.kernels.sorting import stable_order
 from cuboid.ground.core.tolerances import SIGMAS
 
 # Fewest cells that define a plane to which other cells can be joined.
-MIN_CELLS = 9
+MIN_PLANE_CELLS = 9
 # The normals of a cell and of its plane differ by at most 25 degrees (cosine).
 MIN_NORMAL_COS = 0.9
 
@@ -65,7 +65,7 @@ def grow_planes(cells, shape, camera, noise, bias, flat, least_area, planes, mem
             continue
         attempt += 1
         tail, area, a, b, c = grow(seed, attempt, cells, camera, 2.0 * noise + bias, flat, member, tried, queue)
-        if area < least_area or tail < MIN_CELLS:
+        if area < least_area or tail < MIN_PLANE_CELLS:
             continue
         for i in range(tail):
             member[queue[i] // columns, queue[i] % columns] = count
@@ -111,7 +111,7 @@ def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
         area += cells[cell, AREA]
         m[0], m[1], m[2], m[3], m[4] = m[0] + u * u, m[1] + u * v, m[2] + u, m[3] + v * v, m[4] + v
         m[5], m[6], m[7], m[8] = m[5] + 1.0, m[6] + u * w, m[7] + v * w, m[8] + w
-        if head >= MIN_CELLS and head >= 1.5 * fitted:
+        if head >= MIN_PLANE_CELLS and head >= 1.5 * fitted:
             fitted = head
             a, b, c = solve3(m, a, b, c)
         nx, ny, nz = plane_normal(a, b, c, camera)

@@ -16,9 +16,9 @@ from cuboid.ground.core.tolerances import JUMP_SIGMAS
 PIXELS, READINGS, INVERSE, LEFTMOST, TOP, RIGHTMOST, BOTTOM, OUTLINE, STRENGTH, GROOVES = range(10)
 COLUMNS = 10
 # Strength of a piece of outline, i.e. how clearly it separates a segment from its surroundings, 0..1. BEFORE: in front
-# of a surface behind it, the least value; it grows to 1 with the jump. HALF: at a hole or a crease, which may separate
-# two objects or not. AFTER: towards a surface that hides it or stands on it. GAP: at a gap in a crease.
-BEFORE, HALF, AFTER, GAP = 0.3, 0.4, 0.2, 0.1
+# of a surface behind it, the least value; it grows to 1 with the jump. UNDECIDED: at a hole or a crease, which may
+# separate two objects or not. AFTER: towards a surface that hides it or stands on it. GAP: at a gap in a crease.
+BEFORE, UNDECIDED, AFTER, GAP = 0.3, 0.4, 0.2, 0.1
 # Label of pixels that are too far away; plane p has the label BACKGROUND - 1 - p.
 BACKGROUND = -1
 
@@ -152,7 +152,7 @@ def between(a, b, wa, wb, limit, marked, sure, segments, borders):
     if b > 0:
         segments[b, OUTLINE] += 1
     if a == 0 or b == 0:
-        segments[max(a, b), STRENGTH] += HALF
+        segments[max(a, b), STRENGTH] += UNDECIDED
         return
     gap = abs(wa - wb)
     # Depth difference of the two sides in metres.
@@ -163,7 +163,7 @@ def between(a, b, wa, wb, limit, marked, sure, segments, borders):
         strength_a = behind if wa > wb else AFTER
         strength_b = behind if wb > wa else AFTER
     elif marked & CREASE:
-        strength_a = strength_b = HALF
+        strength_a = strength_b = UNDECIDED
     if a < 0:
         segments[b, STRENGTH] += 1.0 if gap <= limit or wb > wa else AFTER
     elif b < 0:
@@ -232,9 +232,9 @@ def along_plane(row, other, ahead, low, limit, sure):
     """
     row[OUTLINE] += 1
     if other == 0:
-        row[STRENGTH] += HALF
+        row[STRENGTH] += UNDECIDED
     elif abs(ahead) <= limit:
-        row[STRENGTH] += 1.0 - HALF if other < BACKGROUND else AFTER
+        row[STRENGTH] += 1.0 - UNDECIDED if other < BACKGROUND else AFTER
     elif ahead > 0.0:
         # Depth difference of the two sides in metres.
         row[STRENGTH] += BEFORE + (1.0 - BEFORE) * min(1.0, (1.0 / low - 1.0 / (low + ahead)) / sure)

@@ -15,7 +15,7 @@ RIM_WIDTH_FRACTION = 0.5
 # At least this fraction of a slab that is not a rim lies beneath the part above it.
 BENEATH_FRACTION = 0.5
 # Fraction of the points at either end that are ignored when a width is measured.
-END_FRACTION = 0.1
+WIDTH_END_FRACTION = 0.1
 
 
 @kernel
@@ -79,7 +79,7 @@ def width(plan, x, y):
     """Return the extent of points (N, 2) along a direction, without the outermost ones at either end."""
     along = plan[:, 0] * x + plan[:, 1] * y
     along = along[stable_order(along)]
-    return at_fraction(along, 1.0 - END_FRACTION) - at_fraction(along, END_FRACTION)
+    return at_fraction(along, 1.0 - WIDTH_END_FRACTION) - at_fraction(along, WIDTH_END_FRACTION)
 
 
 @kernel

@@ -104,7 +104,7 @@ class ObjectEvidence(StoredObjects):
         ----------
         entry : ObjectRecord
         scores : mapping of str to float
-            Scores by class, `MIN_SCORE` or more; absent classes were not detected.
+            Scores by class, `MIN_CLASS_SCORE` or more; absent classes were not detected.
         visible : float
             Visible fraction of the object.
         eye : (3,) float64

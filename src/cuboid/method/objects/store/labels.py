@@ -181,7 +181,7 @@ class ObjectStore(EvidenceWithoutDepth):
         self.retire(entry)
 
     def move(self, entry: MapObject, box: Box, points: Float32Array) -> None:
-        """Set the place of a retired object that is followed; it stays retired until `set_down`."""
+        """Set the box and points (N, 3) of a retired object that is followed; it stays retired until `set_down`."""
         entry.points = points
         self.place(entry, box)
 

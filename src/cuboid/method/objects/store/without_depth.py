@@ -69,7 +69,7 @@ class EvidenceWithoutDepth(ObjectEvidence):
         return met
 
     def apply_correction_without_depth(self, moved: Mapping[int, Float64Array]) -> None:
-        """Transform each object without depth with the keyframe of its last detection; see `apply_correction`."""
+        """Move objects without depth with the keyframes of their last detections, by (4, 4); see `apply_correction`."""
         for entry in self.without_depth():
             T = moved.get(entry.keyframe)
             if T is not None:

@@ -7,7 +7,7 @@ from cuboid.ground.compiling.compiled import kernel
 # A region is judged after each of so many trees: see `Forest.least`.
 STAGE = 20
 # Log-odds of a region that is left out.
-NEVER = -10.0
+LEFT_OUT_LOG_ODDS = -10.0
 
 
 @kernel
@@ -19,7 +19,7 @@ def log_odds(found, usable, model, least, out):
     found : (N, Q) float32
         Quantities.
     usable : (N,) uint8
-        Regions with 0 are left out: log-odds of NEVER.
+        Regions with 0 are left out: log-odds of LEFT_OUT_LOG_ODDS.
     model : Forest
     least : (S,) float32
         A region is given up, with the sum so far, if the sum of the first (k + 1) * STAGE trees is below `least[k]`.
@@ -28,7 +28,7 @@ def log_odds(found, usable, model, least, out):
     for i in range(len(found)):
         total, row = model.base, found[i]
         if not usable[i]:
-            out[i] = NEVER
+            out[i] = LEFT_OUT_LOG_ODDS
             continue
         for t in range(len(model.roots)):
             k = t // STAGE - 1

@@ -14,12 +14,12 @@ from cuboid.method.proposals.kernels.sums import (
     CONCAVE,
     CONTRAST,
     CONVEX,
+    DEPTH_STEP,
     LINK_SUMS,
     LINKS,
     NORMAL,
     PIXEL_SUMS,
     PIXELS,
-    STEP,
 )
 
 # What makes two neighbours dissimilar: color, depth, both, or a small common size (as in selective search: Uijlings et
@@ -112,7 +112,7 @@ def dissimilarity(tree, a, b, border, order, image_pixels):
         color += abs(tree.sums[a, COLOR + k] / first - tree.sums[b, COLOR + k] / second)
         bend += (tree.sums[a, NORMAL + k] / first - tree.sums[b, NORMAL + k] / second) ** 2
     links = border[LINKS]
-    contrast, step = border[CONTRAST] / links, border[STEP] / links
+    contrast, step = border[CONTRAST] / links, border[DEPTH_STEP] / links
     crease = (border[CONCAVE] + 0.5 * border[CONVEX]) / links
     if order == BY_SIZE:
         wide = max(tree.boxes[a, 2], tree.boxes[b, 2]) - min(tree.boxes[a, 0], tree.boxes[b, 0])

@@ -21,6 +21,7 @@ from cuboid.method.proposals.kernels.sums import (
     CONTRAST,
     CONVEX,
     CUT_OFF,
+    DEPTH_STEP,
     EDGE_GRADIENT,
     EDGES,
     ENDS,
@@ -30,10 +31,9 @@ from cuboid.method.proposals.kernels.sums import (
     LINKS,
     NORMAL,
     PIXELS,
-    POINTS,
+    POINT_SUMS,
     RAYS,
     READINGS,
-    STEP,
 )
 
 # The quantities, in the order of their columns. Lengths are logarithms of metres.
@@ -79,7 +79,7 @@ QUANTITIES = (
     *("surface_iou", "surface_score"),
 )
 # Logarithm that stands for a quantity without readings, and for the dissimilarity of a leaf or a root.
-NONE, NEVER = -9.0, 9.0
+NO_READINGS, NO_JOIN = -9.0, 9.0
 # Smallest number of readings that give a plane.
 FEW = 6.0
 
@@ -102,9 +102,9 @@ def solve_plane(sums, first, n, plane):
 @kernel(error_model="numpy")
 def axes_of(sums, n, axes):
     """Compute the variances of n points along their principal axes, in descending order (3,)."""
-    x, y, z = sums[POINTS] / n, sums[POINTS + 1] / n, sums[POINTS + 2] / n
-    xx, yy, zz = sums[POINTS + 3] / n - x * x, sums[POINTS + 4] / n - y * y, sums[POINTS + 5] / n - z * z
-    xy, xz, yz = sums[POINTS + 6] / n - x * y, sums[POINTS + 7] / n - x * z, sums[POINTS + 8] / n - y * z
+    x, y, z = sums[POINT_SUMS] / n, sums[POINT_SUMS + 1] / n, sums[POINT_SUMS + 2] / n
+    xx, yy, zz = sums[POINT_SUMS + 3] / n - x * x, sums[POINT_SUMS + 4] / n - y * y, sums[POINT_SUMS + 5] / n - z * z
+    xy, xz, yz = sums[POINT_SUMS + 6] / n - x * y, sums[POINT_SUMS + 7] / n - x * z, sums[POINT_SUMS + 8] / n - y * z
     mean = (xx + yy + zz) / 3.0
     scale = (xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2.0 * (xy * xy + xz * xz + yz * yz)
     scale = math.sqrt(max(scale, 1e-18) / 6.0)
@@ -148,7 +148,7 @@ def quantities(tree, count, number, camera, shape, limits, found, usable):
         read, links = s[READINGS], max(b[LINKS], 1.0)
         z = 1.0
         if read > 0.0:
-            z = s[POINTS + 2] / read
+            z = s[POINT_SUMS + 2] / read
         elif b[BEYOND_READINGS] > 0.0:
             z = b[BEYOND_READINGS] / b[BEYOND_RAYS]
         size_m = math.sqrt(area) * z / camera[0]
@@ -156,8 +156,8 @@ def quantities(tree, count, number, camera, shape, limits, found, usable):
         f[3], f[4], f[5] = math.log(wide / high), area / (wide * high), (links + s[CUT_OFF]) / math.sqrt(area)
         f[6], f[7], f[8], f[9] = s[CUT_OFF] / (links + s[CUT_OFF]), read / area, b[BEYOND_READINGS] / links, z
         if read > FEW:
-            mean = s[POINTS + 2] / read
-            f[10] = math.sqrt(max(s[POINTS + 5] / read - mean * mean, 0.0)) / size_m
+            mean = s[POINT_SUMS + 2] / read
+            f[10] = math.sqrt(max(s[POINT_SUMS + 5] / read - mean * mean, 0.0)) / size_m
             axes_of(s, read, axes)
             for k in range(3):
                 f[11 + k] = 0.5 * math.log(max(axes[k], 1e-8))
@@ -165,7 +165,7 @@ def quantities(tree, count, number, camera, shape, limits, found, usable):
         else:
             f[10] = -1.0
             for k in range(11, 15):
-                f[k] = NONE
+                f[k] = NO_READINGS
         f[15] = math.sqrt(s[NORMAL] ** 2 + s[NORMAL + 1] ** 2 + s[NORMAL + 2] ** 2) / area
         variance, distance = 0.0, 0.0
         for k in range(3):
@@ -177,7 +177,7 @@ def quantities(tree, count, number, camera, shape, limits, found, usable):
         f[20] = f[19] / (f[16] + 3.0)
         f[21], f[22], f[23] = b[CONTRAST] / links, b[EDGE_GRADIENT] / links, b[EDGES] / links
         f[24], f[25], f[26] = b[ENDS] / links, b[HIDDEN] / links, b[CONCAVE] / links
-        f[27], f[28], f[29] = b[CONVEX] / links, b[CONTINUES] / links, b[STEP] / links
+        f[27], f[28], f[29] = b[CONVEX] / links, b[CONTINUES] / links, b[DEPTH_STEP] / links
         f[34] = 1.0
         for k in range(4):
             f[30 + k] = (b[CLOSED_BY_SIDE + k] + 0.5) / (b[BY_SIDE + k] + 1.0)
@@ -186,7 +186,7 @@ def quantities(tree, count, number, camera, shape, limits, found, usable):
         f[35] = (b[ENDS_BY_SIDE + 3] + 0.5) / (b[BY_SIDE + 3] + 1.0)
         f[36] = min(right / (b[BY_SIDE] + 1.0), left / (b[BY_SIDE + 1] + 1.0))
         f[37] = (b[ENDS_BY_SIDE + 2] + 0.5) / (b[BY_SIDE + 2] + 1.0)
-        f[38], f[39], f[40], f[41] = 0.0, -1.0, NONE, 0.0
+        f[38], f[39], f[40], f[41] = 0.0, -1.0, NO_READINGS, 0.0
         if read > FEW and b[BEYOND_READINGS] > FEW:
             residual = solve_plane(b, BEYOND_RAYS, b[BEYOND_READINGS], plane)
             if residual >= 0.0:
@@ -207,8 +207,8 @@ def quantities(tree, count, number, camera, shape, limits, found, usable):
 def place_in_tree(tree, i, links, f):
     """Compute the quantities of a region that its tree gives."""
     area = tree.sums[i, PIXELS]
-    f[47] = math.log(tree.joined[i] + 1e-6) if tree.joined[i] > 0.0 else NONE
-    f[48] = math.log(tree.left[i] + 1e-6) if tree.left[i] > 0.0 else NEVER
+    f[47] = math.log(tree.joined[i] + 1e-6) if tree.joined[i] > 0.0 else NO_READINGS
+    f[48] = math.log(tree.left[i] + 1e-6) if tree.left[i] > 0.0 else NO_JOIN
     f[49] = f[48] - f[47]
     f[50], f[51], f[54] = 0.0, 0.0, 1.0
     f[52] = area / tree.sums[tree.parent[i], PIXELS] if tree.parent[i] >= 0 else 1.0

@@ -16,14 +16,14 @@ PIXELS, COLOR, COLOR2, READINGS, GRADIENT, BEND, NORMAL = 0, 1, 4, 7, 8, 9, 10
 # Over readings, with ray (a, b, 1) and inverse depth q: q, a, b, qq, aa, bb, ab, aq, bq, ...
 RAYS = 13
 # ... and with point (x, y, z): x, y, z, xx, yy, zz, xy, xz, yz.
-POINTS = 22
+POINT_SUMS = 22
 # Pixels at the border of the image.
 CUT_OFF = 31
 PIXEL_SUMS = 32
 # Columns of the sums over links that leave a region: links; links by side (right, left, down, up).
 LINKS, BY_SIDE = 0, 1
 # Color difference across; gradient of color; links with a visible edge; depth step across, in jumps.
-CONTRAST, EDGE_GRADIENT, EDGES, STEP = 5, 6, 7, 8
+CONTRAST, EDGE_GRADIENT, EDGES, DEPTH_STEP = 5, 6, 7, 8
 # Links beyond which the surface is farther (it ends), nearer (it is hidden), meets in a concave or convex crease, or
 # continues.
 ENDS, HIDDEN, CONCAVE, CONVEX, CONTINUES = 9, 10, 11, 12, 13
@@ -83,15 +83,15 @@ def add_pixel(maps, camera, v, u, sums):
         sums[READINGS] += 1.0
         add_rays(sums, RAYS, a, b, 1.0 / z)
         x, y = a * z, b * z
-        sums[POINTS] += x
-        sums[POINTS + 1] += y
-        sums[POINTS + 2] += z
-        sums[POINTS + 3] += x * x
-        sums[POINTS + 4] += y * y
-        sums[POINTS + 5] += z * z
-        sums[POINTS + 6] += x * y
-        sums[POINTS + 7] += x * z
-        sums[POINTS + 8] += y * z
+        sums[POINT_SUMS] += x
+        sums[POINT_SUMS + 1] += y
+        sums[POINT_SUMS + 2] += z
+        sums[POINT_SUMS + 3] += x * x
+        sums[POINT_SUMS + 4] += y * y
+        sums[POINT_SUMS + 5] += z * z
+        sums[POINT_SUMS + 6] += x * y
+        sums[POINT_SUMS + 7] += x * z
+        sums[POINT_SUMS + 8] += y * z
 
 
 @kernel(inline="always")
@@ -136,7 +136,7 @@ def add_link(maps, camera, v, u, dv, du, sums):
     sums[BY_SIDE + side] += 1.0
     sums[CONTRAST] += min(contrast, MAX_CONTRAST)
     sums[EDGE_GRADIENT] += min(max(maps.gradient[v, u], maps.gradient[v + dv, u + du]), MAX_CONTRAST)
-    sums[STEP] += min(abs(step), MAX_STEP)
+    sums[DEPTH_STEP] += min(abs(step), MAX_STEP)
     closed = contrast > VISIBLE_EDGE
     if closed:
         sums[EDGES] += 1.0
