@@ -29,8 +29,9 @@ REACH_PX, REACH_FRACTION, MIN_REACH_PX, TURN_PX = 8.0, 0.45, 4.0, 4.0
 # upper part, beyond which a lower one stands out, as in a pile of books. Noise, and the registration of color to depth,
 # move both edges of a length by one more. Outside, the whole reach counts: time of flight loses pixels.
 MAX_WIDENED_PX, MAX_MOVED_PX = 2.0, 1.0
-# Distance of the points of a line across an edge, pixels, and of two points whose colors are compared, points.
-STEP_PX, LAG = 0.5, 1
+# Distance of the points of a line across an edge, pixels, and half of the distance of two points whose colors are
+# compared, points: at an outline, where other edges are near, it is shorter.
+STEP_PX, LAG, OUTLINE_LAG = 0.5, 2, 1
 # Steps of a channel larger than this are no stronger evidence, levels: a print is no edge.
 MAX_STEP_LEVELS = 40.0
 # Number of lines across an edge, or a round rim; fraction of the side that they span: corners may be worn, or round.
@@ -191,6 +192,11 @@ class _View:
     profile: Profile | None = None
 
     @property
+    def lag(self) -> int:
+        """Half of the distance of two points whose colors are compared, points."""
+        return LAG if self.profile is None else OUTLINE_LAG
+
+    @property
     def front_m(self) -> float:
         """How much nearer to the camera than an edge the surface inside of it may be, metres."""
         return 0.0 if self.profile is None else float(self.box.size[2])
@@ -321,7 +327,8 @@ class _Edge:
         high = [k for k in peaks if means[k] - usual >= least]
         if not high:
             return math.nan
-        return self._outer_m(means, high[-1]) if self._view.hollow else self._peak_m(means, high[-1])
+        is_wall = self._view.hollow and self._view.profile is not None
+        return self._outer_m(means, high[-1]) if is_wall else self._peak_m(means, high[-1])
 
     def _outer_m(self, means: Float64Array, best: int) -> float:
         """Return the offset of the outer one of two edges that are one step, as of a thin wall; NaN if unknown."""
@@ -361,16 +368,18 @@ class _Edge:
         steps = np.empty((len(places), 2 * (reach + turn) + 1, 3))
         ends = -(reach + turn) * step_m, step_m
         T = picture.T_camera_map
-        color_steps(picture.color, picture.camera.pinhole, T, places, outward, *ends, LAG, MAX_STEP_LEVELS, steps)
+        color_steps(
+            picture.color, picture.camera.pinhole, T, places, outward, *ends, self._view.lag, MAX_STEP_LEVELS, steps
+        )
         return steps
 
     def _means_of(self, steps: Float64Array, shifts: Float64Array) -> Float64Array:
-        turn, width = round(TURN_PX / STEP_PX), 2 * self._view.reach + 1
+        turn, width, lag = round(TURN_PX / STEP_PX), 2 * self._view.reach + 1, self._view.lag
         allowed = np.abs(shifts).max(1) <= turn
         found = np.empty((int(allowed.sum()), width))
         sums_along(steps.reshape(len(steps), -1), shifts[allowed].astype(np.int64) + turn, GROUP, found)
         # The step of a sharp edge is as wide as the distance of the compared points: its middle is found.
-        padded = np.pad(found, ((0, 0), (LAG, LAG)), mode="edge")
+        padded = np.pad(found, ((0, 0), (lag, lag)), mode="edge")
         means = np.zeros((len(shifts), width))
-        means[allowed] = sum(padded[:, k : k + width] for k in range(2 * LAG + 1)) / (2 * LAG + 1)
+        means[allowed] = sum(padded[:, k : k + width] for k in range(2 * lag + 1)) / (2 * lag + 1)
         return means
