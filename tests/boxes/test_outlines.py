@@ -9,7 +9,7 @@ import pytest
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import inverse
-from cuboid.method.boxes.profile import AXIS, Profile, outline, profile_of
+from cuboid.method.boxes.profile import AXIS, Profile, outline, profile_of, rounded_profile
 from cuboid.method.boxes.rims import rim_drop_m, side_drops
 from cuboid.method.boxes.top_edges import Picture, top_sides
 from made_scenes import cast, look_at, upright
@@ -51,7 +51,7 @@ def test_a_body_under_a_narrower_lid_is_as_wide_as_the_body(pose: np.ndarray, he
     picture = Picture(color.astype(np.uint8), depth_m.astype(np.float32), CAMERA, inverse(pose), 1e-3)
     whole = Box(body.center + np.array([0.0, 0.0, 0.025]), body.size + np.array([-0.004, -0.004, 0.05]), body.rotation)
     profile, rim_m = profile_and_rim(whole, points)
-    assert profile.is_rounded(rim_m, VOXEL_M)
+    assert rounded_profile(whole, points, rim_m, VOXEL_M) is not None
     found = top_sides(whole, picture, rim_m, profile=profile)
     # From the side, the lid hides the far end of the width: this is left to depth.
     clear = np.array([True, pose is ABOVE])
@@ -63,8 +63,8 @@ def test_a_body_under_a_narrower_lid_is_as_wide_as_the_body(pose: np.ndarray, he
 def test_a_box_ends_where_its_top_does(pose: np.ndarray) -> None:
     carton = upright((0.05, -0.03), (0.2, 0.12, 0.08), 0.3)
     points, _, _ = seen_points([carton], pose)
-    profile, rim_m = profile_and_rim(carton, points)
-    assert not profile.is_rounded(rim_m, VOXEL_M)
+    _, rim_m = profile_and_rim(carton, points)
+    assert rounded_profile(carton, points, rim_m, VOXEL_M) is None
 
 
 def ball(radius_m: float, eye: np.ndarray) -> tuple[Box, np.ndarray]:

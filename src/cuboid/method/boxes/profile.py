@@ -14,6 +14,7 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float32Array, Float64Array
 from cuboid.ground.core.tolerances import MIN_READINGS
 from cuboid.ground.geometry.box import Box
+from cuboid.method.boxes.quantiles import quantile
 
 # Layers are a voxel high, and begin at this distance below each other, voxels: coarser ones would cut off the bulges
 # between them.
@@ -55,11 +56,21 @@ class Profile:
     inset_m: Float64Array
     beyond_m: Float64Array
 
-    def is_rounded(self, rim_m: float, voxel_m: float) -> bool:
-        """Return whether a body is wider below its top; `rim_m` is the drop of its rim, see `rims.rim_drop_m`."""
+    def is_narrow_above(self, voxel_m: float) -> bool:
+        """Return whether a body ends farther inside at its top than below."""
         level_m = self.inset_m[0, :AXIS]
-        narrow = bool(level_m[np.isfinite(level_m)].max(initial=0.0) > ROUNDED_VOXELS * voxel_m)
-        return narrow and rim_m > MIN_DROP_VOXELS * voxel_m
+        return bool(level_m[np.isfinite(level_m)].max(initial=0.0) > ROUNDED_VOXELS * voxel_m)
+
+
+def rounded_profile(box: Box, points: Float32Array | Float64Array, rim_m: float, voxel_m: float) -> Profile | None:
+    """Return the profile of a body that is wider below its top, None for others; see `profile_of`.
+
+    `rim_m` is the drop of its rim, see `rims.rim_drop_m`.
+    """
+    if rim_m <= MIN_DROP_VOXELS * voxel_m:
+        return None
+    profile = profile_of(box, points, voxel_m)
+    return profile if profile is not None and profile.is_narrow_above(voxel_m) else None
 
 
 def profile_of(box: Box, points: Float32Array | Float64Array, voxel_m: float) -> Profile | None:
@@ -148,8 +159,8 @@ def _end_of(across_m: Float64Array, height_m: Float64Array, voxel_m: float) -> t
     """
     if len(across_m) < MIN_SIDE_POINTS:
         return np.nan, np.nan
-    outer_m = across_m[across_m >= np.quantile(across_m, FARTHEST) - voxel_m]
-    end_m = float(np.quantile(outer_m, END))
+    outer_m = across_m[across_m >= quantile(across_m, FARTHEST) - voxel_m]
+    end_m = quantile(outer_m, END)
     return end_m, float(height_m[across_m >= end_m - NEAR_VOXELS * voxel_m].mean())
 
 

@@ -16,7 +16,7 @@ from cuboid.ground.geometry.overlap import iou_matrix
 from cuboid.method.boxes.fit import fit_box
 from cuboid.method.boxes.hidden import with_hidden_foot
 from cuboid.method.boxes.measured_sides import along_axes, still_valid, with_sides, with_view
-from cuboid.method.boxes.profile import profile_of
+from cuboid.method.boxes.profile import rounded_profile
 from cuboid.method.boxes.rims import is_hollow, rim_drop_m, side_drops, steps_m
 from cuboid.method.boxes.top_edges import Picture, top_sides
 from cuboid.method.heatmap.stored_points import Rows
@@ -113,9 +113,7 @@ class Fitting:
             voxel_m = self._voxels.voxel_m
             drops = side_drops(entry.box, entry.points, voxel_m)
             rim_m, hollow = rim_drop_m(drops), is_hollow(drops, voxel_m)
-            profile = profile_of(entry.box, entry.points, voxel_m)
-            if profile is not None and not profile.is_rounded(rim_m, voxel_m):
-                profile = None
+            profile = rounded_profile(entry.box, entry.points, rim_m, voxel_m)
             view_m = top_sides(entry.box, picture, rim_m, steps_m(drops, voxel_m), hollow=hollow, profile=profile)
             sides_m = with_view(entry.sides_m, view_m)
             self._store.count_measured(entry)
