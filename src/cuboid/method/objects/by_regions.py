@@ -26,7 +26,7 @@ from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.rectangles import rect_iou_matrix
 from cuboid.method.boxes.fit import Resting, fit_boxes
 from cuboid.method.objects.box_without_depth import Planes, box_of
-from cuboid.method.objects.confirmation import MIN_LEAD, prevails
+from cuboid.method.objects.confirmation import leads, prevails
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.naming import SAME_IOU
 from cuboid.method.objects.rectangles import distance_along, is_cut_off, match_views, predict, ray_through, size_at
@@ -48,7 +48,7 @@ from cuboid.method.surfaces.planes import PlaneTracker
 # A region is a view of an object if its rectangle overlaps the predicted one by this IoU.
 REGION_FOLLOW_IOU = 0.4
 # A region and a labelled object that share at least this fraction of the pixels of one of them are rivals.
-SHARED_FRACTION = 0.5
+RIVAL_FRACTION = 0.5
 # Smallest probability of a region that starts an object: more likely a whole thing than not.
 MIN_START = 0.5
 # Standard deviation of the distance of a region, from the median of its readings, as a fraction of the distance.
@@ -119,7 +119,7 @@ def region_views(
         clouds.append(points_of(sample, seen.image, seen.T_world_camera) if len(flat) else np.zeros((1, 3)))
     sizes = np.bincount(owner.ravel(), minlength=counts.shape[1])
     shared = counts / np.maximum(np.minimum(sizes, pixels[:, None]), 1.0)
-    rivals = [tuple(number for number in labelled if row[number] >= SHARED_FRACTION) for row in shared]
+    rivals = [tuple(number for number in labelled if row[number] >= RIVAL_FRACTION) for row in shared]
     rests: list[Resting] = [(up, None)] * len(clouds)
     boxes = fit_boxes(np.concatenate([np.zeros((0, 3)), *clouds]), list(map(len, clouds)), rests, OUTLIER_FRACTION)
     rects, probabilities = found.boxes_xyxy.astype(np.float64), found.scores.astype(np.float64)
@@ -204,8 +204,9 @@ class ByRegions:
     def _start(self, found: RegionViews, k: int, seen: Observation) -> None:
         """Start an object if a region is not cut off, and is probably a whole thing, more so than labelled objects."""
         rect, z = found.rects_xyxy[k], float(found.depth_m[k])
-        known = [self._store[number].score + MIN_LEAD for number in found.rivals[k]]
-        if found.probabilities[k] < max([MIN_START, *known]) or is_cut_off(rect, seen):
+        if found.probabilities[k] < MIN_START or is_cut_off(rect, seen):
+            return
+        if not leads(float(found.probabilities[k]), self._store.all_of(found.rivals[k])):
             return
         if not 0.0 < z <= self._config.max_depth_m:
             return

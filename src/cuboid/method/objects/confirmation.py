@@ -40,8 +40,13 @@ def prevails(entry: ObjectWithoutDepth, rivals: Iterable[MapObject], config: Tra
         Labelled objects that own its pixels.
     config : TrackerConfig
     """
-    least = max([config.region_probability, config.min_probability, *(rival.score + MIN_LEAD for rival in rivals)])
-    return entry.hits >= MIN_HITS and entry.score >= least
+    least = max(config.region_probability, config.min_probability)
+    return entry.hits >= MIN_HITS and entry.score >= least and leads(entry.score, rivals)
+
+
+def leads(probability: float, rivals: Iterable[MapObject]) -> bool:
+    """Return whether a probability is clearly higher than those of all rivals."""
+    return all(probability >= rival.score + MIN_LEAD for rival in rivals)
 
 
 def is_certain(entry: ObjectWithoutDepth) -> bool:
