@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
@@ -74,19 +75,22 @@ COMPARED_S = 1.0
 AGENT_OUTLIERS = 0.02
 
 
-@dataclass(slots=True)
-class _Gone:
-    """An object that has left its place."""
+class Phase(Enum):
+    """What an object does, as far as a `Following` knows."""
 
-    entry: MapObject
-    profile: ColorProfile
-    from_box: Box
-    since_s: float
-    reported: bool = False
+    RESTS = "rests"
+    # It is followed from frame to frame.
+    MOVES = "moves"
+    # It came to rest; earlier frames still mark readings in its place as moving.
+    SETTLES = "settles"
+    # It left, and its label waits.
+    WAITS = "waits"
+    # It waited for too long, and this was reported.
+    GONE = "gone"
 
 
 @dataclass(frozen=True, slots=True)
-class _Newcomer:
+class _Arrival:
     """A candidate at the time at which it first met all other criteria of an object.
 
     Attributes
@@ -106,23 +110,118 @@ class _Newcomer:
     was_absent: bool
     has_come: bool
 
+    @property
+    def is_new(self) -> bool:
+        """Whether the object was not there before."""
+        return self.was_absent or self.has_come
+
 
 @dataclass(slots=True)
-class _Followed:
-    """An object that moves: where it was found in the last frames."""
+class _Departure:
+    """How an object left its place.
 
-    entry: MapObject
+    Attributes
+    ----------
+    profile : ColorProfile
+    from_box : Box
+        Its box before.
+    since_s : float
+        Time at which it left, seconds.
+    """
+
     profile: ColorProfile
-    cluster: Cluster
     from_box: Box
-    points: Float32Array
     since_s: float
+
+
+@dataclass(slots=True)
+class _Motion:
+    """Where an object that moves was found in the last frames.
+
+    Attributes
+    ----------
+    cluster : Cluster
+    points : (N, 3) float32
+        Its points before.
+    found_s : float
+        Time of the last frame in which it was found, seconds.
+    T, step : (4, 4) float64
+        Its motion since it left, and that of the last frame.
+    score : float
+    missing : bool
+        Whether the last frame does not show it.
+    path : deque of (float, (3,) float64)
+        Times, seconds, and centers of the last frames.
+    """
+
+    cluster: Cluster
+    points: Float32Array
     found_s: float
     T: Float64Array = field(default_factory=lambda: np.eye(4))
     step: Float64Array = field(default_factory=lambda: np.eye(4))
     score: float = 1.0
     missing: bool = False
     path: deque[tuple[float, Float64Array]] = field(default_factory=deque)
+
+
+@dataclass(slots=True)
+class _Life:
+    """Everything that is known of the motion of one object. Times are in seconds.
+
+    Attributes
+    ----------
+    entry : MapObject
+    phase : Phase
+    near_s : (float, float) or None
+        Times of the first and the last frame with motion near it.
+    departed_s : dict of str to float
+        Time since which it has left in all frames of a camera, by camera.
+    touched_s : float
+        Time of the last frame with motion at it.
+    arrival : _Arrival or None
+        Of a candidate that meets all other criteria, and of a new object.
+    labelled_s : float
+        Time at which it got a new label.
+    has_come : bool
+        Whether it is a new object that is compared with waiting ones.
+    still_until_s : float
+        Time until which readings in its place count as still, in the phase SETTLES.
+    departure : _Departure or None
+        In the phases MOVES, WAITS and GONE.
+    motion : _Motion or None
+        In the phase MOVES.
+    """
+
+    entry: MapObject
+    phase: Phase = Phase.RESTS
+    near_s: tuple[float, float] | None = None
+    departed_s: dict[str, float] = field(default_factory=dict)
+    touched_s: float = -np.inf
+    arrival: _Arrival | None = None
+    labelled_s: float = -np.inf
+    has_come: bool = False
+    still_until_s: float = -np.inf
+    departure: _Departure | None = None
+    motion: _Motion | None = None
+
+    def forget(self, time_s: float) -> None:
+        """Forget what is too long ago to count."""
+        if self.phase is Phase.SETTLES and time_s >= self.still_until_s:
+            self.phase = Phase.RESTS
+        if self.near_s is not None and time_s - self.near_s[1] >= GONE_S:
+            self.near_s = None
+        if time_s - self.touched_s >= REST_S:
+            self.touched_s = -np.inf
+        if time_s - self.labelled_s >= NEW_LABEL_S:
+            self.labelled_s = -np.inf
+        if not self.has_come and self.entry.state is not State.CANDIDATE:
+            self.arrival = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is known that differs from an object that rests."""
+        known = self.near_s is not None or self.departed_s or self.arrival is not None
+        return self.phase is Phase.RESTS and not known and max(self.touched_s, self.labelled_s) == -np.inf
 
 
 class Following:
@@ -143,23 +242,9 @@ class Following:
 
     def __init__(self, config: TrackerConfig, store: ObjectStore, voxels: VoxelMap, planes: PlaneTracker) -> None:
         self._config, self._store, self._voxels, self._planes = config, store, voxels, planes
-        self._followed: list[_Followed] = []
-        self._gone: list[_Gone] = []
-        # Times of the first and the last frame with motion near each object, by number, seconds.
-        self._motion_s: dict[int, tuple[float, float]] = {}
-        # Time since which each object has left in all frames of a camera, by number and camera, seconds.
-        self._departed_s: dict[tuple[int, str], float] = {}
-        # Objects that came to rest, each with the time until which readings in its place count as still.
-        self._settled: list[tuple[MapObject, float]] = []
-        # Time of the last frame with motion at each candidate, by number.
-        self._touched_s: dict[int, float] = {}
+        self._lives: dict[int, _Life] = {}
         # Times of the frames of the last `REST_S`, by frame, seconds.
         self._time_s: dict[int, float] = {}
-        # Candidates that meet all other criteria, and new objects, by number.
-        self._newcomers: dict[int, _Newcomer] = {}
-        # Times at which objects got a new label, by number; the new objects that came while the camera watched.
-        self._labelled_s: dict[int, float] = {}
-        self._came: list[MapObject] = []
         # Whether the last frame shows an object that is rather gone than there, but not certainly.
         self._in_doubt = False
         self._arrivals = Arrivals(config.depth_noise_per_m)
@@ -175,7 +260,21 @@ class Following:
     @property
     def gone(self) -> list[MapObject]:
         """The objects that left and are reported as gone, in the order in which they left."""
-        return [one.entry for one in self._gone if one.reported]
+        return [life.entry for life, _ in self._left(Phase.GONE)]
+
+    def _life_of(self, entry: MapObject) -> _Life:
+        return self._lives.setdefault(entry.number, _Life(entry))
+
+    def _in_phase(self, phase: Phase) -> list[_Life]:
+        return [life for life in self._lives.values() if life.phase is phase]
+
+    def _moving_ones(self) -> list[tuple[_Life, _Departure, _Motion]]:
+        return [(o, o.departure, o.motion) for o in self._in_phase(Phase.MOVES) if o.departure and o.motion]
+
+    def _left(self, *phases: Phase) -> list[tuple[_Life, _Departure]]:
+        """Return the objects that left and are in one of these phases, in the order in which they left."""
+        found = [(life, life.departure) for phase in phases for life in self._in_phase(phase) if life.departure]
+        return sorted(found, key=lambda one: (one[1].since_s, one[0].entry.number))
 
     def take_events(self) -> list[ObjectEvent]:
         """Return the events since the last call, in the world of the map."""
@@ -189,19 +288,20 @@ class Following:
         self._levels = None
         self._time_s = {frame: at_s for frame, at_s in self._time_s.items() if time_s - at_s <= REST_S}
         self._time_s[seen.frame] = time_s
-        self._touched_s = {number: at_s for number, at_s in self._touched_s.items() if time_s - at_s < REST_S}
-        self._settled = [(entry, until_s) for entry, until_s in self._settled if time_s < until_s]
+        for life in self._lives.values():
+            life.forget(time_s)
+        self._lives = {number: life for number, life in self._lives.items() if not life.is_empty}
         self._arrivals.note_view(seen, time_s)
         if seen.moving is not None:
             places = _points_of(seen)
             self._arrivals.note_motion(places)
             self._note_motion(places, time_s)
         self._find_leaving(seen, time_s)
-        for followed in list(self._followed):
-            self._follow(followed, seen, time_s)
+        for life, departure, motion in self._moving_ones():
+            self._follow(life, departure, motion, seen, time_s)
         self._report_gone(time_s)
         self.agents = self._find_agents(seen)
-        if seen.moving is None and not self._followed:
+        if seen.moving is None and not self._in_phase(Phase.MOVES):
             return seen
         return replace(seen, moving=self._moving(seen))
 
@@ -210,8 +310,8 @@ class Following:
         if seen.moving is None:
             return []
         moving = np.asarray(seen.moving & (seen.image.depth_m > 0), np.uint8)
-        for entry in [entry for entry, _ in self._settled] + [followed.entry for followed in self._followed]:
-            _mark_inside(entry.box, DRIFT_M, seen, moving, 0)
+        for life in self._in_phase(Phase.SETTLES) + self._in_phase(Phase.MOVES):
+            _mark_inside(life.entry.box, DRIFT_M, seen, moving, 0)
         boxes = []
         for group in groups_of(moving):
             v, u = np.nonzero(group)
@@ -224,10 +324,10 @@ class Following:
         """Return which readings move: also those of followed objects, but not those of settled ones."""
         depth_m = seen.image.depth_m
         moving = np.zeros(depth_m.shape, np.uint8) if seen.moving is None else seen.moving.copy()
-        for entry, _ in self._settled:
-            _mark_inside(entry.box, BIAS_M, seen, moving, 0)
-        for followed in self._followed:
-            _mark_inside(followed.entry.box, 2 * BIAS_M, seen, moving, 1)
+        for life in self._in_phase(Phase.SETTLES):
+            _mark_inside(life.entry.box, BIAS_M, seen, moving, 0)
+        for life in self._in_phase(Phase.MOVES):
+            _mark_inside(life.entry.box, 2 * BIAS_M, seen, moving, 1)
         return moving if moving.any() else None
 
     def _find_leaving(self, seen: Observation, time_s: float) -> None:
@@ -238,15 +338,14 @@ class Following:
         for number, doubt in after.items():
             self._store.doubt(self._store[number], doubt)
         self._in_doubt = any(DOUBTED < doubt < GONE for doubt in after.values())
-        near_motion = self._near_motion(time_s)
         for entry in entries:
-            shown = rays[entry.number]
+            shown, life = rays[entry.number], self._lives.get(entry.number)
             enough = shown.through >= MIN_READINGS
-            if entry.number in near_motion:
+            if life is not None and life.near_s is not None and life.near_s[1] - life.near_s[0] >= DEPARTED_S:
                 if enough and shown.fraction >= DEPARTED_FRACTION:
-                    self._departed_s.setdefault((entry.number, seen.camera), time_s)
+                    life.departed_s.setdefault(seen.camera, time_s)
                 else:
-                    self._departed_s.pop((entry.number, seen.camera), None)
+                    life.departed_s.pop(seen.camera, None)
                 if enough and shown.fraction >= MOVING_FRACTION:
                     self._let_go(entry, seen, time_s)
             elif entry.doubt >= GONE:
@@ -267,42 +366,30 @@ class Following:
         centers = (np.unique(np.floor(places / MOTION_GAP_M), axis=0) + 0.5) * MOTION_GAP_M
         for entry in self._store.confirmed():
             if entry.box.distances_m(centers).min(initial=np.inf) < MOTION_GAP_M:
-                self._motion_s[entry.number] = self._motion_s.get(entry.number, (time_s, time_s))[0], time_s
-
-    def _near_motion(self, time_s: float) -> frozenset[int]:
-        """Return the numbers of the objects near which something moved for long enough, and not long ago."""
-        self._motion_s = {number: at_s for number, at_s in self._motion_s.items() if time_s - at_s[1] < GONE_S}
-        return frozenset(n for n, (first_s, last_s) in self._motion_s.items() if last_s - first_s >= DEPARTED_S)
+                life = self._life_of(entry)
+                life.near_s = (life.near_s or (time_s, time_s))[0], time_s
 
     def _let_go(self, entry: MapObject, seen: Observation, time_s: float) -> None:
         """Follow an object that begins to move; if it has left and is not found, its label waits."""
-        young = self._is_young(entry, time_s)
-        noise = self._config.depth_noise_per_m
+        life, noise = self._life_of(entry), self._config.depth_noise_per_m
         cluster = Cluster(entry.points, entry.colors, seen.image, seen.T_camera_world, noise)
+        young = _is_young(life)
         found = None if young else cluster.find(seen, self._levels_of(seen), np.eye(4), FIRST_REACH_M)
         if found is not None and _is_elsewhere(found, cluster.fit_at(seen, np.eye(4)), entry.box):
-            profile, box = color_profile_of(entry), entry.box
-            self._remove(entry)
-            followed = _Followed(entry, profile, cluster, box, entry.points, time_s, time_s)
-            self._followed.append(followed)
-        elif time_s - self._departed_s.get((entry.number, seen.camera), time_s) >= DEPARTED_S:
+            life.motion = _Motion(cluster, entry.points, time_s)
+            self._depart(life, Phase.MOVES, time_s)
+        elif time_s - life.departed_s.get(seen.camera, time_s) >= DEPARTED_S:
             self._let_wait(entry, time_s)
 
     def _let_wait(self, entry: MapObject, time_s: float) -> None:
         """Remove an object that has left its place; its label waits, unless it is too young."""
-        young = self._is_young(entry, time_s)
-        self._remove(entry)
-        if not young:
-            self._gone.append(_Gone(entry, color_profile_of(entry), entry.box, time_s))
+        life = self._life_of(entry)
+        self._depart(life, Phase.RESTS if _is_young(life) else Phase.WAITS, time_s)
 
-    def _is_young(self, entry: MapObject, time_s: float) -> bool:
-        since_s = self._labelled_s.get(entry.number)
-        return since_s is not None and time_s - since_s < NEW_LABEL_S
-
-    def _remove(self, entry: MapObject) -> None:
-        self._departed_s = {key: at_s for key, at_s in self._departed_s.items() if key[0] != entry.number}
-        self._settled = [settled for settled in self._settled if settled[0] is not entry]
-        self._store.lift(entry)
+    def _depart(self, life: _Life, phase: Phase, time_s: float) -> None:
+        life.departure = _Departure(color_profile_of(life.entry), life.entry.box, time_s)
+        life.phase, life.departed_s = phase, {}
+        self._store.lift(life.entry)
 
     def _levels_of(self, seen: Observation) -> tuple[Level, ...]:
         self._levels = self._levels or levels_of(seen.image)
@@ -310,63 +397,65 @@ class Following:
 
     # --- followed objects ------------------------------------------------------------------------------------------
 
-    def _follow(self, followed: _Followed, seen: Observation, time_s: float) -> None:
-        expected = followed.step @ followed.T
-        stays = followed.cluster.fit_at(seen, followed.T)
-        found = followed.cluster.find(seen, self._levels_of(seen), expected, EXPECTED_REACH_M)
+    def _follow(self, life: _Life, departure: _Departure, motion: _Motion, seen: Observation, time_s: float) -> None:
+        stays = motion.cluster.fit_at(seen, motion.T)
+        found = motion.cluster.find(seen, self._levels_of(seen), motion.step @ motion.T, EXPECTED_REACH_M)
         if stays is not None and (found is None or found.balance < stays.balance + MOVED_BETTER):
             found = stays
         if found is None:
-            followed.missing = True
-            if time_s - followed.found_s >= LOST_S:
-                self._followed.remove(followed)
-                self._gone.append(_Gone(followed.entry, followed.profile, followed.from_box, followed.since_s))
+            motion.missing = True
+            if time_s - motion.found_s >= LOST_S:
+                life.phase, life.motion = Phase.WAITS, None
             return
-        followed.missing, followed.found_s = False, time_s
-        followed.step = found.T_now_start @ inverse(followed.T)
-        followed.T, followed.score = found.T_now_start, found.score
-        points = transform(followed.T, followed.points).astype(np.float32)
-        self._store.move(followed.entry, followed.from_box.moved(followed.T), points)
-        followed.path.append((time_s, followed.entry.box.center))
-        while followed.path and time_s - followed.path[0][0] > SET_DOWN_S + STILL_S:
-            followed.path.popleft()
-        if self._rests(followed, time_s):
-            self._settle(followed, time_s)
+        motion.missing, motion.found_s = False, time_s
+        motion.step = found.T_now_start @ inverse(motion.T)
+        motion.T, motion.score = found.T_now_start, found.score
+        points = transform(motion.T, motion.points).astype(np.float32)
+        self._store.move(life.entry, departure.from_box.moved(motion.T), points)
+        motion.path.append((time_s, life.entry.box.center))
+        while motion.path and time_s - motion.path[0][0] > SET_DOWN_S + STILL_S:
+            motion.path.popleft()
+        if self._rests(life.entry, motion, time_s):
+            self._settle(life, departure, motion, time_s)
 
-    def _rests(self, followed: _Followed, time_s: float) -> bool:
-        wait_s = SET_DOWN_S if self._stands(followed.entry.box) else STILL_S
-        late = [center for at_s, center in followed.path if time_s - at_s <= wait_s]
-        if time_s - followed.path[0][0] < wait_s or len(late) < 2:
+    def _rests(self, entry: MapObject, motion: _Motion, time_s: float) -> bool:
+        wait_s = SET_DOWN_S if self._stands(entry.box) else STILL_S
+        late = [center for at_s, center in motion.path if time_s - at_s <= wait_s]
+        if time_s - motion.path[0][0] < wait_s or len(late) < 2:
             return False
         return bool(np.linalg.norm(np.array(late) - late[-1], axis=1).max() < REST_M)
 
     def _stands(self, box: Box) -> bool:
         return any(abs(box.foot_m(*self._planes.in_world(plane))) < DRIFT_M for plane in self._planes.in_use)
 
-    def _settle(self, followed: _Followed, time_s: float) -> None:
+    def _settle(self, life: _Life, departure: _Departure, motion: _Motion, time_s: float) -> None:
         """End the motion of a followed object at its present place."""
-        self._followed.remove(followed)
-        self._store.set_down(followed.entry, followed.entry.box)
-        self._settled.append((followed.entry, time_s + REST_S + SET_DOWN_S))
-        if np.linalg.norm(followed.entry.box.center - followed.from_box.center) > MOVED_M:
-            self._report("moved", followed.entry, followed.from_box, followed.entry.box, followed.score)
+        entry = life.entry
+        life.phase, life.still_until_s = Phase.SETTLES, time_s + REST_S + SET_DOWN_S
+        life.motion = life.departure = None
+        self._store.set_down(entry, entry.box)
+        if np.linalg.norm(entry.box.center - departure.from_box.center) > MOVED_M:
+            self._report("moved", entry, departure.from_box, entry.box, motion.score)
 
     def claim(self, slots: npt.NDArray[np.int32], seen: Observation) -> None:
         """Assign the voxels (H, W) of a frame that lie in settled objects to these objects."""
-        for entry, _ in self._settled:
+        for life in self._in_phase(Phase.SETTLES):
             inside = np.zeros(slots.shape, np.uint8)
-            _mark_inside(entry.box, BIAS_M, seen, inside, 1)
+            _mark_inside(life.entry.box, BIAS_M, seen, inside, 1)
             rows = slots[(inside > 0) & (slots >= 0)].astype(np.int64)
-            self._voxels.claim(rows, entry.number)
+            self._voxels.claim(rows, life.entry.number)
 
     # --- waiting objects -------------------------------------------------------------------------------------------
 
     def _report_gone(self, time_s: float) -> None:
         # Between visits to a scene, another object may have taken over the label.
-        self._gone = [one for one in self._gone if one.entry.number in self._store]
-        for gone in self._gone:
-            if not gone.reported and time_s - gone.since_s >= GONE_S:
-                gone.reported = self._report("gone", gone.entry, gone.from_box, None, 1.0)
+        for life, departure in self._left(Phase.WAITS, Phase.GONE):
+            if life.entry.number not in self._store:
+                del self._lives[life.entry.number]
+                continue
+            late = life.phase is Phase.WAITS and time_s - departure.since_s >= GONE_S
+            if late and self._report("gone", life.entry, departure.from_box, None, 1.0):
+                life.phase = Phase.GONE
 
     def note_labels(self, entries: Sequence[MapObject], frame: int, time_s: float) -> None:
         """Compare objects with a new label, if they came while the camera watched, with the waiting ones.
@@ -374,60 +463,49 @@ class Following:
         An object that resembles none of these has appeared. The event is reported when the object is seen a second
         later: by then a hand has left the place.
         """
-        self._forget_newcomers(entries)
-        self._labelled_s |= {entry.number: time_s for entry in entries}
-        self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < NEW_LABEL_S}
-        came = [
-            *self._came,
-            *(entry for entry in entries if self._is_new_in_its_place(entry) or self._is_in_old_place(entry)),
-        ]
-        self._came = []
-        for entry in came:
+        for entry in entries:
+            life = self._life_of(entry)
+            life.labelled_s = time_s
+            life.has_come = (life.arrival is not None and life.arrival.is_new) or self._is_in_old_place(entry)
+        came = [(life, life.arrival) for life in self._lives.values() if life.has_come and life.arrival]
+        for life, arrival in sorted(came, key=lambda one: (one[1].complete_s, one[0].entry.number)):
+            entry, life.has_come = life.entry, False
             if not entry.confirmed or self._recognize(entry):
                 continue
-            young = time_s - self._newcomers[entry.number].complete_s < COMPARED_S
+            young = time_s - arrival.complete_s < COMPARED_S
             if young or entry.last_frame < frame or self._in_doubt:
-                self._came.append(entry)
-            elif self._newcomers[entry.number].has_come:
+                life.has_come = True
+            elif arrival.has_come:
                 self._report("appeared", entry, None, entry.box, entry.score)
-
-    def _forget_newcomers(self, entries: Sequence[MapObject]) -> None:
-        """Forget candidates that were retired or got their label, except for these objects and those that came."""
-        kept = {entry.number for entry in (*entries, *self._came)}
-        self._newcomers = {
-            number: newcomer
-            for number, newcomer in self._newcomers.items()
-            if number in kept or (number in self._store and self._store[number].state is State.CANDIDATE)
-        }
 
     def _recognize(self, entry: MapObject) -> bool:
         """Give a new object the label of a waiting one, if it is similar to that one and to no other."""
-        best, scores = self._waiting_like(entry)
+        best, similarity_to = self._waiting_like(entry)
         if best is None:
             return False
-        gone = self._gone.pop(best)
+        gone, departure = best
+        del self._lives[gone.entry.number]
         self._store.take_over(entry, gone.entry)
-        if gone.reported:
-            self._report("back", entry, gone.from_box, entry.box, scores[best])
-        elif np.linalg.norm(entry.box.center - gone.from_box.center) > MOVED_M:
-            self._report("moved", entry, gone.from_box, entry.box, scores[best])
+        if gone.phase is Phase.GONE:
+            self._report("back", entry, departure.from_box, entry.box, similarity_to)
+        elif np.linalg.norm(entry.box.center - departure.from_box.center) > MOVED_M:
+            self._report("moved", entry, departure.from_box, entry.box, similarity_to)
         return True
 
-    def _waiting_like(self, entry: MapObject) -> tuple[int | None, list[float]]:
-        """Return the index of the one waiting object that a new one is similar to, None: none, and all similarities."""
-        if not self._gone:
-            return None, []
+    def _waiting_like(self, entry: MapObject) -> tuple[tuple[_Life, _Departure] | None, float]:
+        """Return the one waiting object that a new one is similar to, None: none, and the similarity."""
+        waiting = self._left(Phase.WAITS, Phase.GONE)
+        if not waiting:
+            return None, 0.0
         profile = color_profile_of(entry)
-        scores = [similarity(profile, entry.box, gone.profile, gone.from_box) for gone in self._gone]
-        return most_similar(scores), scores
-
-    def _is_new_in_its_place(self, entry: MapObject) -> bool:
-        newcomer = self._newcomers[entry.number]
-        return newcomer.has_come or newcomer.was_absent
+        found = [similarity(profile, entry.box, departure.profile, departure.from_box) for _, departure in waiting]
+        best = most_similar(found)
+        return (None, 0.0) if best is None else (waiting[best], found[best])
 
     def _is_in_old_place(self, entry: MapObject) -> bool:
         """Return whether an object is where one was that seemed to leave."""
-        return any(np.linalg.norm(entry.box.center - gone.from_box.center) < MOVED_M for gone in self._gone)
+        old = [departure.from_box.center for _, departure in self._left(Phase.WAITS, Phase.GONE)]
+        return any(np.linalg.norm(entry.box.center - center) < MOVED_M for center in old)
 
     def _report(self, event: EventName, entry: MapObject, before: Box | None, after: Box | None, score: float) -> bool:
         """Report an event, unless the object is too improbable for results; return whether it was reported."""
@@ -442,7 +520,8 @@ class Following:
     def note_touched(self, numbers: Sequence[int], time_s: float) -> None:
         """Store the time at which something moves at these objects, by number."""
         for number in numbers:
-            self._touched_s[number] = time_s
+            if number in self._store:
+                self._life_of(self._store[number]).touched_s = time_s
 
     def has_rested(self, entry: MapObject, time_s: float) -> bool:
         """Return whether a complete candidate may get a label.
@@ -450,16 +529,15 @@ class Following:
         Nothing moves at it. If it was not there before, it has rested for `NEW_REST_S`, or is similar to an object that
         left.
         """
-        touched_s = self._touched_s.get(entry.number, -np.inf)
-        if time_s - touched_s < TOUCHED_S:
+        life = self._life_of(entry)
+        if time_s - life.touched_s < TOUCHED_S:
             return False
-        if entry.number not in self._newcomers:
+        if life.arrival is None:
             since_s = self._time_s.get(entry.first_frame, min(self._time_s.values()))
             was_absent, has_come = self._arrivals.was_absent(entry), self._arrivals.has_come(entry)
-            self._newcomers[entry.number] = _Newcomer(since_s, time_s, was_absent, has_come)
-        newcomer = self._newcomers[entry.number]
-        rested_s = time_s - max(newcomer.since_s, touched_s)
-        return not newcomer.was_absent or rested_s >= NEW_REST_S or self._waiting_like(entry)[0] is not None
+            life.arrival = _Arrival(since_s, time_s, was_absent, has_come)
+        rested_s = time_s - max(life.arrival.since_s, life.touched_s)
+        return not life.arrival.was_absent or rested_s >= NEW_REST_S or self._waiting_like(entry)[0] is not None
 
     # --- results ---------------------------------------------------------------------------------------------------
 
@@ -467,7 +545,7 @@ class Following:
         self, shown: tuple[Sighting, ...], seen: Observation, slots: npt.NDArray[np.int32]
     ) -> tuple[Sighting, ...]:
         """Return the sightings of a frame, whose voxels are `slots` (H, W), with those of followed objects."""
-        present = [item.entry for item in self._followed if not item.missing]
+        present = [life.entry for life, _, motion in self._moving_ones() if not motion.missing]
         if not present:
             return shown
         boxes = pack([entry.box for entry in present])
@@ -510,6 +588,11 @@ def _mark_inside(box: Box, beyond_m: float, seen: Observation, marks: UInt8Array
     rows, columns = rows + top, columns + left
     inside = box.contains(_places(rows, columns, seen), beyond_m)
     marks[rows[inside], columns[inside]] = value
+
+
+def _is_young(life: _Life) -> bool:
+    """Return whether an object got its label so lately that it was a part of what moves."""
+    return life.labelled_s > -np.inf
 
 
 def _is_elsewhere(found: Fit, in_place: Fit | None, box: Box) -> bool:
