@@ -38,6 +38,7 @@ from cuboid.method.objects.without_depth import (
     DIRECTION_SIZE,
     MISSED_FRACTION,
     SEEN_FRACTION,
+    merge_doubles,
     met_in_map,
     retire_others,
 )
@@ -167,7 +168,7 @@ class ByRegions:
         for k in sorted({*range(len(found.rects_xyxy))} - {*partner.values()}):
             self._start(found, k, seen)
         self._join_map(shown)
-        self._merge_doubles(seen)
+        merge_doubles(self._store, self._store.by_regions(), self._hit, seen)
         self._forget_unlikely()
         for entry in self._store.by_regions():
             if entry.number not in self._hit or not self._prevails(entry):
@@ -221,23 +222,6 @@ class ByRegions:
         for entry, partner in met_in_map(self._store, self._store.by_regions(), self._hit, shown):
             self._store.join_map(entry, partner)
             self._store.retire(entry)
-
-    def _merge_doubles(self, seen: Observation) -> None:
-        """Merge two objects with the same rectangle; the older label, or else the older object, stays."""
-        kept: list[tuple[ObjectWithoutDepth, Float64Array]] = []
-        for entry in sorted(self._store.by_regions(), key=lambda o: (o.label or np.inf, o.number)):
-            view = predict(entry.center, entry.size_m, seen)
-            if view is None:
-                continue
-            if kept:
-                iou = rect_iou_matrix(view.rect_xyxy[None], np.array([rect for _, rect in kept]))[0]
-                if iou.max() >= SAME_IOU:
-                    other = kept[int(iou.argmax())][0]
-                    if entry.number in self._hit:
-                        self._hit.setdefault(other.number, self._hit[entry.number])
-                    self._store.merge_without_depth(other, entry)
-                    continue
-            kept.append((entry, view.rect_xyxy))
 
     def _forget_unlikely(self) -> None:
         """Retire unlikely objects without a label, and the least likely objects beyond the limit."""

@@ -30,7 +30,6 @@ from cuboid.method.objects.confirmation import READ_FRACTION, is_certain, prevai
 from cuboid.method.objects.entry import MapObject, ObjectWithoutDepth
 from cuboid.method.objects.naming import MISSED, SAME_IOU, likely_classes, score_gain
 from cuboid.method.objects.rectangles import (
-    Predicted,
     distance_of,
     is_cut_off,
     match_views,
@@ -133,7 +132,7 @@ class WithoutDepth:
         for k in sorted({*range(len(boxes))} - {*partner.values()}):
             self._start(found, k, shown_xyxy, seen)
         self._join_map([(entry, view) for entry, view in visible if entry.confirmed])
-        self._merge_doubles(seen)
+        merge_doubles(self._store, self._store.detected(), self._hit, seen)
         self._retire_unlikely()
         for entry in self._store.detected():
             if not entry.confirmed and not entry.partner and is_certain(entry):
@@ -185,20 +184,6 @@ class WithoutDepth:
         entries = [entry for entry in self._store.detected() if not entry.partner]
         for entry, partner in met_in_map(self._store, entries, self._hit, shown):
             self._store.join_map(entry, partner)
-
-    def _merge_doubles(self, seen: Observation) -> None:
-        """Merge two objects with the same rectangle; the older label, or else the older object, stays."""
-        kept: list[tuple[ObjectWithoutDepth, Predicted | None]] = []
-        for entry in sorted(self._store.detected(), key=lambda o: (o.label or np.inf, o.number)):
-            view = predict(entry.center, entry.size_m, seen)
-            shown = [(other, other_view) for other, other_view in kept if other_view is not None]
-            if view is not None and shown:
-                rects = np.array([other_view.rect_xyxy for _, other_view in shown])
-                iou = rect_iou_matrix(view.rect_xyxy[None], rects)[0]
-                if iou.max() >= SAME_IOU:
-                    self._store.merge_without_depth(shown[int(iou.argmax())][0], entry)
-                    continue
-            kept.append((entry, view))
 
     def _retire_unlikely(self) -> None:
         """Retire unlikely objects, and the least likely ones beyond the limit."""
@@ -268,6 +253,36 @@ def met_in_map(
         if iou[k] >= SAME_IOU and store.count_meeting(entry, shown[k][0]) >= MIN_MEETINGS:
             found.append((entry, shown[k][0]))
     return found
+
+
+def merge_doubles(
+    store: ObjectStore, entries: Sequence[ObjectWithoutDepth], hit: dict[int, Float64Array], seen: Observation
+) -> None:
+    """Merge entries with the same predicted rectangle; the older label, or else the older object, stays.
+
+    Parameters
+    ----------
+    store : ObjectStore
+    entries : sequence of ObjectWithoutDepth
+    hit : dict of int to (4,) float64
+        Rectangles that were found in this frame, by the number of the entry; the one that stays gets that of the other.
+    seen : Observation
+    """
+    kept: list[ObjectWithoutDepth] = []
+    rects = np.zeros((0, 4))
+    for entry in sorted(entries, key=lambda o: (o.label or np.inf, o.number)):
+        view = predict(entry.center, entry.size_m, seen)
+        if view is None:
+            continue
+        iou = rect_iou_matrix(view.rect_xyxy[None], rects)[0]
+        if iou.max(initial=0.0) >= SAME_IOU:
+            other = kept[int(iou.argmax())]
+            if entry.number in hit:
+                hit.setdefault(other.number, hit[entry.number])
+            store.merge_without_depth(other, entry)
+            continue
+        kept.append(entry)
+        rects = np.concatenate([rects, view.rect_xyxy[None]])
 
 
 def retire_others(
