@@ -26,6 +26,7 @@ from cuboid.method.proposals import forest
 from cuboid.method.proposals.forest import Forest
 from cuboid.method.proposals.kernels import forest as kernels
 from cuboid.method.proposals.kernels.quantities import QUANTITIES
+from cuboid.method.proposals.region_maps import ReducedFrame
 from cuboid.method.proposals.regions import MIN_LOG_ODDS, Masks, RegionSource, RegionTree
 from region_pictures import IGNORED, STRUCTURE, MaskedPicture, made_pictures
 
@@ -45,7 +46,8 @@ GIVEN_UP = 0.001
 
 def cases_of(picture: MaskedPicture, source: RegionSource) -> tuple[Float32Array, Float64Array]:
     """Return the quantities (N, Q) of the usable candidates of a picture, and their IoU with things (N,)."""
-    trees, surfaces, step = source.candidates(picture.frame, picture.intrinsics)
+    reduced = ReducedFrame(picture.frame, picture.intrinsics)
+    (trees, surfaces), step = source.candidates(reduced), reduced.step
     height, width = trees[0].labels.shape
     middle = slice(step // 2, None, step)
     names = np.unique(picture.ids)

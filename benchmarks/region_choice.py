@@ -22,6 +22,7 @@ from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.geometry.rectangles import rect_iou_matrix
 from cuboid.lab.evaluation.keyframes import Keyframe
 from cuboid.lab.evaluation.rectangles import Outcome, judge_frame
+from cuboid.method.proposals.region_maps import ReducedFrame
 from cuboid.method.proposals.regions import RegionSource
 from cuboid.runs.tracking.rolling import Roll
 from place_list import Folders, Place, named, real_places
@@ -40,7 +41,8 @@ def judged(place: Place, source: RegionSource) -> Counts:
         begin = time.thread_time()
         found = source(frame, roll.camera)
         seconds = time.thread_time() - begin
-        trees, surfaces, step = source.candidates(frame, roll.camera)
+        reduced = ReducedFrame(frame, roll.camera)
+        (trees, surfaces), step = source.candidates(reduced), reduced.step
         boxes = [tree.tree.boxes[: tree.count][tree.usable > 0] for tree in trees]
         surface_boxes = surfaces.masks.rectangles[surfaces.usable > 0]
         chosen = judge_frame(keyframe, _unrolled(found.boxes_xyxy, roll), place.iou)

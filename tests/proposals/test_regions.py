@@ -15,7 +15,7 @@ from cuboid.method.proposals import make_source
 from cuboid.method.proposals.forest import Forest, fitted_forest
 from cuboid.method.proposals.kernels import choice, forest, hierarchy, leaves, quantities, sums
 from cuboid.method.proposals.kernels.quantities import QUANTITIES
-from cuboid.method.proposals.region_maps import Maps, empty_sums, graph_of, maps_of
+from cuboid.method.proposals.region_maps import Maps, ReducedFrame, empty_sums, graph_of, maps_of
 from cuboid.method.proposals.regions import MIN_LOG_ODDS, RegionSource, RegionTree, room_to_merge
 
 CAMERA = Intrinsics(90.0, 90.0, 31.5, 23.5, 64, 48)
@@ -263,7 +263,7 @@ def test_boosted_trees_as_by_recursion() -> None:
 def test_hardly_any_probable_region_is_given_up_early() -> None:
     model, (color, depth_m) = fitted_forest(), (enlarged(image, 5) for image in picture(4))
     camera, seen = Intrinsics(450.0, 450.0, 159.5, 119.5, 320, 240), Frame(0, 0.0, color, depth_m, None)
-    trees, surfaces, _ = RegionSource(TrackerConfig()).candidates(seen, camera)
+    trees, surfaces = RegionSource(TrackerConfig()).candidates(ReducedFrame(seen, camera))
     found = np.concatenate([each.found for each in (*trees, surfaces)])
     usable = np.concatenate([each.usable for each in (*trees, surfaces)])
     whole, early = np.empty(len(found)), np.empty(len(found))

@@ -11,6 +11,7 @@ from cuboid.ground.core.working import thin
 from cuboid.method.proposals import make_source
 from cuboid.method.proposals.forest import fitted_forest
 from cuboid.method.proposals.kernels import forest
+from cuboid.method.proposals.region_maps import ReducedFrame
 from cuboid.method.proposals.regions import RegionSource
 from cuboid.method.proposals.segment_scores import NO_STAGES, segment_log_odds
 
@@ -24,7 +25,7 @@ def made_frame() -> Frame:
 
 def test_a_segment_has_the_score_of_the_candidate_with_its_pixels() -> None:
     frame = made_frame()
-    _, surfaces, _ = RegionSource(TrackerConfig()).candidates(frame, CAMERA)
+    _, surfaces = RegionSource(TrackerConfig()).candidates(ReducedFrame(frame, CAMERA))
     expected = np.empty(len(surfaces.found))
     forest.log_odds(surfaces.found, surfaces.usable, fitted_forest(), NO_STAGES, expected)
     largest = int(np.argmax(np.where(surfaces.usable > 0, surfaces.masks.sizes, 0)))
@@ -34,7 +35,7 @@ def test_a_segment_has_the_score_of_the_candidate_with_its_pixels() -> None:
     claim = np.full((240, 320), -1, np.int32)
     claim[y0:y1, x0:x1][inside] = 0
     image, proposals = thin(frame, CAMERA, 320, 0), make_source("depth")(frame, CAMERA)
-    found = segment_log_odds(frame, CAMERA, image, claim, 1, proposals)
+    found = segment_log_odds(ReducedFrame(frame, CAMERA), image, claim, 1, proposals)
     np.testing.assert_allclose(found, expected[[largest]], atol=0.2)
 
 
@@ -44,14 +45,14 @@ def test_segments_of_a_coarser_working_image_and_too_small_ones() -> None:
     image, claim = thin(frame, small, 320, 0), np.full((240, 320), -1, np.int32)
     claim[50:170, 80:220], claim[0, 0] = 0, 1
     proposals = make_source("depth")(frame, small)
-    at_once = segment_log_odds(frame, small, image, claim, 2, proposals)
+    at_once = segment_log_odds(ReducedFrame(frame, small), image, claim, 2, proposals)
     assert np.isfinite(at_once[0])
     assert np.isnan(at_once[1])
     twice = Frame(0, 0.0, enlarged(frame.color, 2), enlarged(frame.depth_m, 2), None)
     large = Intrinsics(900.0, 900.0, 319.5, 239.5, 640, 480)
     for count in range(4):  # each with another offset of the subsampled pixels
         image = thin(twice, large, 320, count)
-        found = segment_log_odds(twice, large, image, claim, 2, make_source("depth")(twice, large))
+        found = segment_log_odds(ReducedFrame(twice, large), image, claim, 2, make_source("depth")(twice, large))
         assert abs(found[0] - at_once[0]) < 1.5
 
 
@@ -59,5 +60,7 @@ def test_narrow_pictures_have_no_scores() -> None:
     color, depth_m = picture(4)
     frame, camera = Frame(0, 0.0, color, depth_m, None), Intrinsics(90.0, 90.0, 31.5, 23.5, 64, 48)
     claim = np.zeros((48, 64), np.int32)
-    found = segment_log_odds(frame, camera, thin(frame, camera, 320, 0), claim, 1, make_source("depth")(frame, camera))
+    found = segment_log_odds(
+        ReducedFrame(frame, camera), thin(frame, camera, 320, 0), claim, 1, make_source("depth")(frame, camera)
+    )
     assert np.isnan(found).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -10,7 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
-from cuboid.ground.core.depth import DepthImage
+from cuboid.ground.core.depth import DepthImage, shrunk
+from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.method.proposals.depth import WIDEST
 from cuboid.method.proposals.edges import inverse_without_holes
 from cuboid.method.proposals.kernels import hierarchy, leaves, sums
 
@@ -48,6 +51,44 @@ class Maps(NamedTuple):
     normals: Float32Array
     gradient: Float32Array
     bend: Float32Array
+
+
+class ReducedFrame:
+    """A frame as its regions are found in it and judged; its parts are computed when they are first used.
+
+    Parameters
+    ----------
+    frame : Frame
+    intrinsics : Intrinsics
+        Of the frame.
+    """
+
+    def __init__(self, frame: Frame, intrinsics: Intrinsics) -> None:
+        self.frame, self.intrinsics = frame, intrinsics
+
+    @cached_property
+    def _shrunk(self) -> tuple[DepthImage, int]:
+        return shrunk(self.frame, self.intrinsics, WIDEST)
+
+    @property
+    def step(self) -> int:
+        """Pixels of the frame for each pixel of the reduced picture, in both directions."""
+        return self._shrunk[1]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Height and width of the reduced picture."""
+        return self._shrunk[0].depth_m.shape
+
+    @property
+    def pinhole(self) -> Float64Array:
+        """(4,) fx, fy, cx, cy of the reduced picture, pixels."""
+        return np.array(self._shrunk[0].camera.pinhole)
+
+    @cached_property
+    def maps(self) -> Maps:
+        """The maps of the reduced picture."""
+        return maps_of(self.frame.color, *self._shrunk)
 
 
 def maps_of(color: UInt8Array, depth: DepthImage, step: int) -> Maps:

@@ -17,14 +17,13 @@ import numpy.typing as npt
 
 from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.depth import shrunk
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.method.proposals.depth import WIDEST, DepthSegmentation
 from cuboid.method.proposals.forest import Forest, fitted_forest
 from cuboid.method.proposals.kernels import choice, forest, hierarchy, leaves, quantities, sums
 from cuboid.method.proposals.kernels.quantities import QUANTITIES
-from cuboid.method.proposals.region_maps import Int32Array, Maps, empty_sums, graph_of, maps_of
+from cuboid.method.proposals.region_maps import Int32Array, Maps, ReducedFrame, empty_sums, graph_of
 from cuboid.method.proposals.registry import SOURCES
 from cuboid.method.proposals.types import JoinedMasks, Proposals, ProposalSource
 
@@ -150,33 +149,33 @@ class RegionSource:
         self._surfaces = DepthSegmentation(WIDEST, config)
         self._model = fitted_forest() if model is None else model
 
-    def __call__(self, frame: Frame, intrinsics: Intrinsics, by_depth: Proposals | None = None) -> Proposals:
+    def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
         """Return the chosen regions of `frame`; their scores are probabilities. See `candidates`."""
-        trees, surfaces, step = self.candidates(frame, intrinsics, by_depth)
+        return self.choose(ReducedFrame(frame, intrinsics))
+
+    def choose(self, reduced: ReducedFrame, by_depth: Proposals | None = None) -> Proposals:
+        """Return the chosen regions of a frame; their scores are probabilities. See `candidates`."""
+        trees, surfaces = self.candidates(reduced, by_depth)
         judged: list[RegionTree | Surfaces] = [*trees, surfaces]
         log_odds = [_log_odds(each.found, each.usable, self._model) for each in judged]
         masks, gains, first = _contenders(trees, surfaces, log_odds)
         conflict, chosen = np.empty((len(gains), len(gains)), np.uint8), first.copy()
         choice.overlaps(*masks, masks.sizes, MAX_COMMON, conflict)
         choice.exchange(gains, conflict, EXCHANGE_ROUNDS, chosen)
-        return _as_proposals(masks, gains + MIN_LOG_ODDS, np.flatnonzero(chosen), step)
+        return _as_proposals(masks, gains + MIN_LOG_ODDS, np.flatnonzero(chosen), reduced.step)
 
-    def candidates(
-        self, frame: Frame, intrinsics: Intrinsics, by_depth: Proposals | None = None
-    ) -> tuple[list[RegionTree], Surfaces, int]:
-        """Return the candidates of a frame with their quantities, and the step of the reduced picture, pixels.
+    def candidates(self, reduced: ReducedFrame, by_depth: Proposals | None = None) -> tuple[list[RegionTree], Surfaces]:
+        """Return the candidates of a frame with their quantities.
 
         Parameters
         ----------
-        frame : Frame
-        intrinsics : Intrinsics
+        reduced : ReducedFrame
         by_depth : Proposals, optional
             The proposals of the source `depth` for this frame, if they are known.
         """
-        depth, step = shrunk(frame, intrinsics, WIDEST)
-        maps, camera = maps_of(frame.color, depth, step), np.array(depth.camera.pinhole)
-        if by_depth is None or by_depth.mask_step != step or not isinstance(by_depth.masks, JoinedMasks):
-            by_depth = self._surfaces(frame, intrinsics)
+        maps, camera = reduced.maps, reduced.pinhole
+        if by_depth is None or by_depth.mask_step != reduced.step or not isinstance(by_depth.masks, JoinedMasks):
+            by_depth = self._surfaces(reduced.frame, reduced.intrinsics)
         masks, scores = surface_masks(by_depth)
         trees: list[RegionTree] = []
         for division in DIVISIONS:
@@ -192,7 +191,7 @@ class RegionSource:
                     tree.tree, tree.count, tree.leaves, sizes, scores, tree.usable, in_surfaces, tree.found
                 )
                 trees.append(tree)
-        return trees, _judged_surfaces(masks, scores, maps, camera), step
+        return trees, _judged_surfaces(masks, scores, maps, camera)
 
 
 def _divide(maps: Maps, camera: Float64Array, division: Division) -> tuple[Int32Array, hierarchy.Graph]:

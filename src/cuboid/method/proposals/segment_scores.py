@@ -6,14 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.depth import shrunk
-from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.working import WorkingImage
-from cuboid.method.proposals.depth import WIDEST
 from cuboid.method.proposals.forest import fitted_forest
 from cuboid.method.proposals.kernels import forest, hierarchy, quantities, sums
 from cuboid.method.proposals.kernels.quantities import QUANTITIES
-from cuboid.method.proposals.region_maps import graph_of, maps_of
+from cuboid.method.proposals.region_maps import ReducedFrame, graph_of
 from cuboid.method.proposals.regions import MIN_CANDIDATE_PIXELS, MIN_SIDE, SURFACE_TREE, surface_masks
 from cuboid.method.proposals.types import JoinedMasks, Proposals
 
@@ -25,7 +22,7 @@ NO_STAGES = np.zeros(0, np.float32)
 
 
 def segment_log_odds(
-    frame: Frame, camera: Intrinsics, image: WorkingImage, claim: npt.NDArray[np.int32], count: int, surfaces: Proposals
+    reduced: ReducedFrame, image: WorkingImage, claim: npt.NDArray[np.int32], count: int, surfaces: Proposals
 ) -> Float64Array:
     """Return the log-odds (count,) that each segment shows one whole thing; NaN: it cannot be judged.
 
@@ -34,9 +31,7 @@ def segment_log_odds(
 
     Parameters
     ----------
-    frame : Frame
-    camera : Intrinsics
-        Of the frame.
+    reduced : ReducedFrame
     image : WorkingImage
         The working image of the frame.
     claim : (h, w) int32
@@ -45,12 +40,10 @@ def segment_log_odds(
     surfaces : Proposals
         The proposals of the frame: their masks are compared with the segments, if they are those from depth.
     """
-    if max(camera.width, camera.height) < MIN_SCORED_WIDTH_PX:
+    if max(reduced.intrinsics.width, reduced.intrinsics.height) < MIN_SCORED_WIDTH_PX:
         return np.full(count, np.nan)
-    depth, step = shrunk(frame, camera, WIDEST)
-    labels = _on_grid(claim, image, depth.depth_m.shape, step) + np.int32(1)
-    maps, pinhole = maps_of(frame.color, depth, step), np.array(depth.camera.pinhole)
-    graph = graph_of(labels, count + 1, maps, pinhole)
+    labels, pinhole = _on_grid(claim, image, reduced.shape, reduced.step) + np.int32(1), reduced.pinhole
+    graph = graph_of(labels, count + 1, reduced.maps, pinhole)
     borders = np.zeros((count + 1, sums.LINK_SUMS))
     for end in range(2):
         np.add.at(borders, graph.ends[:, end], graph.borders[:, end])
@@ -61,7 +54,7 @@ def segment_log_odds(
     )
     tree = hierarchy.Tree(graph.sums, graph.boxes, borders, alone, root, np.zeros(count + 1), left)
     found, usable = np.zeros((count + 1, len(QUANTITIES)), np.float32), np.empty(count + 1, np.uint8)
-    if isinstance(surfaces.masks, JoinedMasks) and surfaces.mask_step == step:
+    if isinstance(surfaces.masks, JoinedMasks) and surfaces.mask_step == reduced.step:
         masks, scores = surface_masks(surfaces)
         counts = np.zeros((count + 1, len(scores)), np.float32)
         quantities.count_leaves(*masks, labels, counts)

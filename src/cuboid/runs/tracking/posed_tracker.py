@@ -41,6 +41,7 @@ from cuboid.method.objects.support import seen_part
 from cuboid.method.objects.validity import fits_object, too_large
 from cuboid.method.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.method.proposals import make_source
+from cuboid.method.proposals.region_maps import ReducedFrame
 from cuboid.method.proposals.regions import RegionSource
 from cuboid.method.proposals.segment_scores import MIN_SCORED_WIDTH_PX, segment_log_odds
 from cuboid.method.proposals.types import Proposals, ProposalSource
@@ -381,7 +382,8 @@ class PosedTracker(TrackedMap):
         segments = segment_frame(
             seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self._camera.config
         )
-        segments = self._scored(segments, frame, seen, proposals)
+        reduced = ReducedFrame(frame, self._roll.camera)
+        segments = self._scored(segments, reduced, seen, proposals)
         boxes = self._boxes(segments.segments, voxels, seen)
         clock.lap("boxes")
         left_out = {
@@ -405,7 +407,7 @@ class PosedTracker(TrackedMap):
         frame_boxes = self._frame_boxes(segmented, found)
         clock.lap("matching")
         sightings = self._detect(given, visible, seen, sightings, clock)
-        sightings = self._by_regions(frame, proposals, seen, slots, visible, sightings)
+        sightings = self._by_regions(reduced, proposals, seen, slots, visible, sightings)
         clock.lap("regions")
         self._count += 1
         self._camera.count += 1
@@ -425,7 +427,9 @@ class PosedTracker(TrackedMap):
             camera=frame.camera_name,
         )
 
-    def _scored(self, segments: FrameSegments, frame: Frame, seen: Observation, proposals: Proposals) -> FrameSegments:
+    def _scored(
+        self, segments: FrameSegments, reduced: ReducedFrame, seen: Observation, proposals: Proposals
+    ) -> FrameSegments:
         """Return the segments of a frame with their fitted scores, if the frames since the last scores add enough."""
         camera = self._camera
         camera.unscored += seen.weight
@@ -433,12 +437,12 @@ class PosedTracker(TrackedMap):
             return segments
         weight, camera.unscored = min(camera.unscored, 1.0), 0.0
         count = len(segments.segments)
-        whole = segment_log_odds(frame, self._roll.camera, seen.image, segments.claim, count, proposals)
+        whole = segment_log_odds(reduced, seen.image, segments.claim, count, proposals)
         return dataclasses.replace(segments, whole=whole, whole_weight=weight)
 
     def _by_regions(
         self,
-        frame: Frame,
+        reduced: ReducedFrame,
         proposals: Proposals,
         seen: Observation,
         slots: npt.NDArray[np.int32],
@@ -456,7 +460,7 @@ class PosedTracker(TrackedMap):
         if due:
             camera.unlooked = 0.0
             shown = [(o, view) for o, view in visible if o.confirmed and o.score >= c.min_probability]
-            found = RegionSource(camera.config)(frame, self._roll.camera, proposals)
+            found = RegionSource(camera.config).choose(reduced, proposals)
             owner = self._voxels.look_up(slots).owner
             regions = region_views(found, owner, seen, [o.number for o, _ in shown], self._planes.likely_up)
             by_regions.update(regions, shown, seen)
