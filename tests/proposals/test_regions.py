@@ -48,6 +48,19 @@ def merged(graph: hierarchy.Graph, labels: np.ndarray, order: int) -> RegionTree
     return RegionTree(labels, made, count, n, found, usable)
 
 
+def test_changes_of_color_and_normals() -> None:
+    rng = np.random.default_rng(1)
+    across, down, normals = (rng.normal(size=(20, 30, 3)).astype(np.float32) / 3 for _ in range(3))
+    gradient, bend = np.empty((20, 30), np.float32), np.empty((20, 30), np.float32)
+    leaves.changes(across, down, normals, gradient, bend)
+    assert np.array_equal(gradient, np.sqrt((across * across + down * down).sum(2)))
+    vertical, horizontal = normals[2:, 1:-1] - normals[:-2, 1:-1], normals[1:-1, 2:] - normals[1:-1, :-2]
+    expected = np.zeros((20, 30), np.float32)
+    expected[1:-1, 1:-1] = np.minimum(np.sqrt((vertical**2).sum(2) + (horizontal**2).sum(2)), 1.0)
+    assert np.array_equal(bend, expected)
+    assert 0.0 < (bend == 1.0).mean() < 1.0
+
+
 def members(region: RegionTree, i: int) -> set[int]:
     """The leaves of a region."""
     a, b = region.tree.parts[i]

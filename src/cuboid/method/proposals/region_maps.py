@@ -99,8 +99,8 @@ def maps_of(color: UInt8Array, depth: DepthImage, step: int) -> Maps:
     sharp = cv2.cvtColor(small.astype(np.float32) / np.float32(255.0), cv2.COLOR_RGB2LAB)
     lab: Float32Array = np.asarray(cv2.GaussianBlur(sharp, (0, 0), COLOR_SIGMA_PX), dtype=np.float32)
     inverse = inverse_without_holes(depth.depth_m)
-    depth_m = np.where(inverse > 0.0, 1.0 / np.maximum(inverse, 1e-3), 1.0).astype(np.float32)
-    near = np.maximum(depth_m, np.float32(NEAREST_READING_M))
+    near = np.where(inverse > 0.0, 1.0 / np.maximum(inverse, 1e-3), 1.0).astype(np.float32)
+    np.maximum(near, np.float32(NEAREST_READING_M), out=near)
     smooth: Float32Array = np.asarray(
         cv2.bilateralFilter(near, DEPTH_WINDOW_PX, DEPTH_SIGMA_M, DEPTH_SIGMA_PX), dtype=np.float32
     )
@@ -108,10 +108,8 @@ def maps_of(color: UInt8Array, depth: DepthImage, step: int) -> Maps:
     leaves.surface_normals(smooth, *depth.camera.pinhole.tolist(), rough)
     normals: Float32Array = np.asarray(cv2.blur(rough, (3, 3)), dtype=np.float32)
     across, down = (cv2.Sobel(lab, cv2.CV_32F, *axes) / 4.0 for axes in ((1, 0), (0, 1)))
-    gradient = np.sqrt((across * across + down * down).sum(2)).astype(np.float32)
-    bend = np.zeros((height, width), np.float32)
-    change = [normals[2:, 1:-1] - normals[:-2, 1:-1], normals[1:-1, 2:] - normals[1:-1, :-2]]
-    bend[1:-1, 1:-1] = np.minimum(np.sqrt((change[0] ** 2).sum(2) + (change[1] ** 2).sum(2)), 1.0)
+    gradient, bend = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    leaves.changes(across, down, normals, gradient, bend)
     return Maps(lab, smooth, depth.depth_m > 0, normals, gradient, bend)
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from cuboid.ground.compiling.compiled import kernel
 
 # Distance of the pixels whose depths give the normal of a pixel, pixels.
@@ -53,6 +55,36 @@ def surface_normals(depth_m, fx, fy, cx, cy, normals):
             if nz > 0.0:
                 length = -length
             normals[v, u, 0], normals[v, u, 1], normals[v, u, 2] = nx / length, ny / length, nz / length
+
+
+@kernel
+def changes(across, down, normals, gradient, bend):
+    """Compute how much color and normal change at each pixel.
+
+    Parameters
+    ----------
+    across, down : (h, w, 3) float32
+        Change of the color from pixel to pixel along rows, and along columns.
+    normals : (h, w, 3) float32
+    gradient : (h, w) float32, output
+        Length of the change of the color, units of color per pixel.
+    bend : (h, w) float32, output
+        Length of the change of the normal over two pixels, at most 1; 0 at the border of the picture.
+    """
+    h, w = gradient.shape
+    for v in range(h):
+        for u in range(w):
+            color = np.float32(0.0)
+            for k in range(3):
+                color += across[v, u, k] * across[v, u, k] + down[v, u, k] * down[v, u, k]
+            gradient[v, u], bend[v, u] = np.sqrt(color), 0.0
+            if 0 < v < h - 1 and 0 < u < w - 1:
+                below = beside = np.float32(0.0)
+                for k in range(3):
+                    a, b = normals[v + 1, u, k] - normals[v - 1, u, k], normals[v, u + 1, k] - normals[v, u - 1, k]
+                    below += a * a
+                    beside += b * b
+                bend[v, u] = min(np.sqrt(below + beside), np.float32(1.0))
 
 
 @kernel(error_model="numpy")
