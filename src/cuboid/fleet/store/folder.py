@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from cuboid.ground.core.errors import CuboidError, InputError, OutputError, one_line
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, UnreadableError, read_bytes
-from cuboid.results.files.pending import PendingFile
+from cuboid.results.files.pending import PendingFile, new_file
 
 # Packages whose errors are refusals of an object store.
 CLOUD_PACKAGES = ("botocore", "aiobotocore", "gcsfs", "azure", "aiohttp")
@@ -124,11 +124,8 @@ class StoreFolder:
             with refusals(f"{self.url}/{name}", "written"):
                 self.fs.pipe_file(self.path(name), content)
             return
-        file = PendingFile(self.local / name)
-        with file.writing():
-            file.path.parent.mkdir(parents=True, exist_ok=True)
-            file.partial.write_bytes(content)
-            file.show()
+        with new_file(self.local / name, force=True) as partial:
+            partial.write_bytes(content)
 
     def create(self, name: str, content: bytes) -> bool:
         """Create a file atomically; return False, without writing, if the name is already taken."""
