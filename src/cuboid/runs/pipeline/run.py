@@ -171,12 +171,12 @@ def _frames(plan: Plan) -> Sequence[int]:
 
 def _session(plan: Plan, into: IntoScene) -> AbstractContextManager[SceneRun]:
     """Return the run within a scene."""
-    from cuboid.runs.scene import Source
+    from cuboid.runs.scene import RecordingInfo
 
     recording = plan.recording
     live = isinstance(recording, Stream)
     path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
-    visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, plan.settings())
+    visit = RecordingInfo(str(path), recording.format, plan.poses, frames, recording.intrinsics, plan.settings())
     return into.session(visit, plan.camera, plan.config, plan.proposals, plan.options.memory_mb)
 
 

@@ -17,7 +17,7 @@ from cuboid.method.proposals.types import ProposalSource
 from cuboid.results.files import ResultWriter
 from cuboid.runs.scene.scene import Scene
 from cuboid.runs.scene.session import COMMIT_EVERY_S, SceneTracker
-from cuboid.runs.scene.visit import Source
+from cuboid.runs.scene.visit import RecordingInfo
 from cuboid.runs.tracking.running import RunningTracker
 
 # Name under which the scene keeps the skipped frames until the run ends, beside the result files.
@@ -61,7 +61,7 @@ class IntoScene:
     @contextmanager
     def session(
         self,
-        source: Source,
+        source: RecordingInfo,
         camera: Intrinsics,
         config: TrackerConfig,
         proposals: str | ProposalSource | None,

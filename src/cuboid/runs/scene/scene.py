@@ -25,7 +25,7 @@ from cuboid.runs.scene.reader import SceneReader
 from cuboid.runs.scene.saving import SceneBlockStore, has_state, load_state
 from cuboid.runs.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.runs.scene.validation import columns_of, read_rows
-from cuboid.runs.scene.visit import Source
+from cuboid.runs.scene.visit import RecordingInfo
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class Scene(SceneReader):
         config: TrackerConfig | None = None,
         proposals: str | ProposalSource | None = None,
         *,
-        source: Source | None = None,
+        source: RecordingInfo | None = None,
         same_world: bool = True,
         resume: bool = False,
         commit_every_s: float = COMMIT_EVERY_S,
@@ -114,7 +114,7 @@ class Scene(SceneReader):
             Configuration of a new scene; an existing scene keeps its own.
         proposals : str or ProposalSource, optional
             As for `Tracker`.
-        source : Source, optional
+        source : RecordingInfo, optional
             Description of the recording that the scene stores.
         same_world : bool
             Whether given poses are in the scene's world; else `SceneTracker.poses` aligns them with it.
@@ -133,7 +133,7 @@ class Scene(SceneReader):
         OutputError
             Another process writes the scene, or it cannot be written.
         """
-        source = source or Source("", "frames", "given", 0, intrinsics, {})
+        source = source or RecordingInfo("", "frames", "given", 0, intrinsics, {})
         if self._tracker is not None:
             self._tracker.close()
         file = self._writing()
