@@ -18,11 +18,11 @@ from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry import se3
 from cuboid.lab.synthetic import make_scene
 from cuboid.lab.synthetic.view import SceneView
-from cuboid.method.poses.sources import GivenPoses
+from cuboid.method.poses.sources import ESTIMATED, GivenPoses
 from cuboid.runs.scene import RecordingInfo, Scene, layout
 from cuboid.runs.scene.checking import problems
 from cuboid.runs.scene.codec import Encoder, decode, take
-from cuboid.runs.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses, ScenePosesState
+from cuboid.runs.scene.localisation import OWN_WORLD, SAME_WORLD, ScenePoses, ScenePosesState
 
 MADE = make_scene("table", 6, frames=150, camera="orbit")
 CAMERA: Intrinsics = MADE.intrinsics(160, 120)

@@ -19,11 +19,12 @@ from cuboid.ground.geometry import se3
 from cuboid.lab.synthetic import make_scene
 from cuboid.lab.synthetic.view import SceneView
 from cuboid.method.heatmap import levels
+from cuboid.method.poses.sources import ESTIMATED
 from cuboid.method.proposals.types import Proposals
 from cuboid.results.files.objects import ObjectsFile, write_objects
 from cuboid.runs.scene.codec import Encoder, Part, take
 from cuboid.runs.scene.database import Writing, open_to_read
-from cuboid.runs.scene.localisation import ESTIMATED, ScenePoses
+from cuboid.runs.scene.localisation import ScenePoses
 from cuboid.runs.scene.saving import SceneBlockStore, StateFile, load_state
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 from worlds import CAMERA, Proposer, World
