@@ -185,33 +185,6 @@ def test_what_has_changed_is_never_taken_for_what_has_not() -> None:
     assert spared > 0
 
 
-def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
-    show = Show(3)
-    moved = {k: se3.exp(np.array([0.01, 0.02 * k, 0, 0, 0, 0.01])) for k in (1, 2)}
-    files: list[Writing] = []
-
-    def run(cut: Callable[[PosedTracker, int], PosedTracker]) -> tuple[list[object], list[bytes]]:
-        tracker, said = show.tracker(), []
-        for frame in show.frames:
-            said.append(told(tracker.update(frame, anchor=frame.index // 12)))
-            if frame.index == 22:
-                tracker.apply_correction(moved)
-            tracker = cut(tracker, frame.index)
-        return said, ends(tracker, tmp_path)
-
-    def cut(tracker: PosedTracker, index: int) -> PosedTracker:
-        if index not in (21, 22, 27):
-            return tracker
-        file = Writing(tmp_path / f"{index}.cuboid", create=True)
-        files.append(file)  # the map's blocks are read as they are looked at
-        commit(file.connection, StateFile(file.connection, tracker, PLACES))
-        return load(file.connection, show)
-
-    assert run(cut) == run(lambda tracker, index: tracker)
-    for file in files:
-        file.close()
-
-
 def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Path) -> None:
     """Two places far apart; corrections of both while one is seen, commits, cuts, little memory: the same results."""
     show = Show(2)
