@@ -19,7 +19,7 @@ import numpy as np
 from cuboid import open_recording
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.method.proposals import Proposals
-from cuboid.runs.scene import Scene, Source
+from cuboid.runs.scene import RecordingInfo, Scene
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 from experiment_memory import CAMERA, places_in_rows
 from scenes import scene_01
@@ -81,7 +81,7 @@ def beside(args: argparse.Namespace) -> list[dict[str, Any]]:
     other.start()
     times: dict[str, list[tuple[float, float]]] = {"without a scene": [], "with a scene": []}
     with Scene.open(path) as scene:
-        source = Source("/scene-01", "made", "given", len(frames), recording.intrinsics, {})
+        source = RecordingInfo("/scene-01", "made", "given", len(frames), recording.intrinsics, {})
         tracker = scene.tracker(recording.intrinsics, source=source)
         before_s = time.process_time()
         for frame in frames:

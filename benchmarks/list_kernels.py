@@ -28,9 +28,9 @@ from cuboid.inputs.readers.registration import Registration
 from cuboid.runs.pipeline.ahead import LIST
 from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
-from cuboid.runs.pipeline.warmup import CAMERA, MADE_FRAMES, WarmUpRecording
 from cuboid.runs.scene.running import IntoScene
 from cuboid.runs.tracking.posed_tracker import PosedTracker
+from warm_up import CAMERA, MADE_FRAMES, WarmUpRecording
 
 
 def use_kernels(folder: Path) -> None:

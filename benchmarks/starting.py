@@ -11,19 +11,19 @@ import argparse
 import subprocess
 import sys
 import time
+from pathlib import Path
 from statistics import median
 
 from tables import dump, markdown
 
-TRACKER = """
+TRACKER = f"""
+import sys
+sys.path.append({str(Path(__file__).parent)!r})
 import cuboid
-from cuboid.runs.pipeline.warmup import CAMERA
+from warm_up import CAMERA, WarmUpRecording
 tracker = cuboid.Tracker(CAMERA)
 """
-FRAME = """
-from cuboid.runs.pipeline.warmup import WarmUpRecording
-tracker.update(WarmUpRecording().read(0))
-"""
+FRAME = "tracker.update(WarmUpRecording().read(0))"
 CALLS = {
     "cuboid --help": ["-m", "cuboid", "--help"],
     "import cuboid; cuboid.Tracker(...)": ["-c", TRACKER],

@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +72,21 @@ def data_dir() -> Path:
             pytest.fail(message)
         pytest.skip(message)
     return folder
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """A function that calls a command which is refused, and returns the one line that says why."""
+    from cuboid.cli import main
+
+    def call(*words: object) -> str:
+        assert main([*map(str, words)]) == 2, words
+        out, line = capsys.readouterr()
+        assert (out, line.count("\n")) == ("", 1)
+        assert line.startswith("cuboid: error: ")
+        return line
+
+    return call
 
 
 @pytest.fixture(scope="module")

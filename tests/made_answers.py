@@ -21,7 +21,7 @@ from cuboid.method.proposals.types import Proposals
 from cuboid.results.files import Results
 from cuboid.results.views.report import pictures_of
 from cuboid.results.views.report.pictures import last_sightings
-from cuboid.runs.scene import Scene, Source
+from cuboid.runs.scene import RecordingInfo, Scene
 from made_scenes import cast, look_at, upright
 from worlds import FLOOR, TABLE
 
@@ -114,7 +114,7 @@ def label_of(objects: list, name: str) -> int:
 def into_scene(path: Path, begin_s: float, without: str = "") -> None:
     """Let the room go into a scene as a further recording."""
     made = room(begin_s, without)
-    source = Source("/made/room", "made", "given", len(made.frames), CAMERA, {"every": 1})
+    source = RecordingInfo("/made/room", "made", "given", len(made.frames), CAMERA, {"every": 1})
     with Scene.open(path) as scene:
         tracker = scene.tracker(CAMERA, proposals=made.proposals, source=source)
         for frame in made.frames:

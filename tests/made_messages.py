@@ -8,6 +8,21 @@ import numpy as np
 
 from cuboid.ground.formats.ros_messages import RosMessages
 
+# All that a node sends or takes, but for messages of its own.
+KINDS = (
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "nav_msgs/msg/Odometry",
+    "rosgraph_msgs/msg/Clock",
+    "sensor_msgs/msg/CameraInfo",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/PointCloud2",
+    "std_msgs/msg/String",
+    "tf2_msgs/msg/TFMessage",
+    "visualization_msgs/msg/MarkerArray",
+)
 BASE, MESSAGE, ARRAY, SEQUENCE = 1, 2, 3, 4
 NUMBERS = {"bool": "?", "byte": "u1", "octet": "u1", "char": "u1"}
 # The largest number in a `byte` that rosbags writes.

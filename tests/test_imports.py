@@ -23,13 +23,14 @@ def test_a_tracker_loads_nothing_rare() -> None:
     assert done.stdout.split() == []
 
 
-RUN = """
+RUN = f"""
 import sys
 from pathlib import Path
+sys.path.append({str(Path(__file__).parents[1] / "benchmarks")!r})
 from cuboid import track_recording
-from cuboid.runs.pipeline.warmup import WarmUpRecording
+from warm_up import WarmUpRecording
 track_recording(WarmUpRecording(), Path(sys.argv[1]))
-print(*sorted({name.partition(".")[2].partition(".")[0] for name in sys.modules if name.startswith("scipy.")}))
+print(*sorted({{name.partition(".")[2].partition(".")[0] for name in sys.modules if name.startswith("scipy.")}}))
 """
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +18,12 @@ from cuboid.ground.core.results import FrameResult
 from cuboid.method.poses.sources import Posed
 from cuboid.runs.pipeline.options import ResultOptions, RunHooks, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
-from cuboid.runs.pipeline.warmup import WarmUpRecording
 from cuboid.runs.tracking.measuring import FrameClock
 from cuboid.runs.tracking.running import RunningTracker
 from fakes import FakeRecording, FakeTracker
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from warm_up import WarmUpRecording
 
 FILES = "objects.json", "tracks.csv", "proposals.csv", "trajectory.txt", "map.ply"
 

@@ -16,7 +16,7 @@ from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.store.evidence import ObjectEvidence
 from cuboid.results.files import Results
-from cuboid.runs.scene import Scene, Source
+from cuboid.runs.scene import RecordingInfo, Scene
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
@@ -130,7 +130,7 @@ def events_of_a_move(before: Callable[[], None]) -> list[ObjectEvent]:
 
 def test_a_scene_keeps_it_as_unlikely(judge: Judged, tmp_path: Path) -> None:
     with Scene.open(tmp_path / "place.cuboid") as scene:
-        source = Source("/made", "made", "given", 24, CAMERA, {"every": 1})
+        source = RecordingInfo("/made", "made", "given", 24, CAMERA, {"every": 1})
         tracker = scene.tracker(CAMERA, CONFIG, source=source)
         for k in range(24):
             if k == 20:

@@ -9,7 +9,7 @@ Track     Tracker, TrackerConfig, Proposals, ProposalSource, Detections, Detecto
 Results   Results, MapQueries, ObjectTable, TrackedObject, Box, PointCloud, ObjectMesh, MapPoints, SupportPlane, Wall,
           Relation, Branch, TextMatch, FrameResult, Sighting, ObjectEvent, Proposal3D, FrameRecord, TrackRow
 Ask       open_place, Place, Filters, FoundObject
-Scenes    Scene, SceneTracker, SceneObject, SceneRecording, ScenePast, SceneChange, Source
+Scenes    Scene, SceneTracker, SceneObject, SceneRecording, ScenePast, SceneChange, RecordingInfo
 Errors    CuboidError, InputError, ConfigError, FrameError, OutputError, MissingExtraError
 
 >>> import cuboid
@@ -81,12 +81,12 @@ if TYPE_CHECKING:
     from cuboid.runs.pipeline.options import TrackOptions as TrackOptions
     from cuboid.runs.pipeline.run import track_recording as track_recording
     from cuboid.runs.pipeline.streaming import FrameSource as FrameSource
+    from cuboid.runs.scene import RecordingInfo as RecordingInfo
     from cuboid.runs.scene import Scene as Scene
     from cuboid.runs.scene import SceneObject as SceneObject
     from cuboid.runs.scene import ScenePast as ScenePast
     from cuboid.runs.scene import SceneRecording as SceneRecording
     from cuboid.runs.scene import SceneTracker as SceneTracker
-    from cuboid.runs.scene import Source as Source
     from cuboid.runs.scene.running import IntoScene as IntoScene
     from cuboid.runs.tracking.detect import detect as detect
     from cuboid.runs.tracking.tracker import Tracker as Tracker
@@ -158,7 +158,7 @@ _MODULES = {
     "cuboid.method.text_search.embeddings": ("TextMatch",),
     "cuboid.method.shapes.mesh": ("ObjectMesh",),
     "cuboid.ground.geometry.box": ("Box",),
-    "cuboid.runs.scene": ("Scene", "SceneTracker", "SceneObject", "SceneRecording", "ScenePast", "Source"),
+    "cuboid.runs.scene": ("Scene", "SceneTracker", "SceneObject", "SceneRecording", "ScenePast", "RecordingInfo"),
     "cuboid.ground.core.errors": ("InputError", "ConfigError", "FrameError", "OutputError", "MissingExtraError"),
 }
 _PLACES = {name: module for module, names in _MODULES.items() for name in names}

@@ -263,7 +263,7 @@ def test_wrong_calls_are_one_line(
 def test_the_command_tracks_and_records_live_cameras(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drivers = iter((PlayedDriver(4), PlayedDriver(3, calibration=SMALL, first_s=100.01)))
     monkeypatch.setitem(CAMERAS._items, "toy", lambda options: next(drivers))
-    monkeypatch.setattr("cuboid.runs.pipeline.warmup.load_kernels", lambda progress: None)
+    monkeypatch.setattr("cuboid.runs.pipeline.ahead.compile_all", lambda progress: None)
     monkeypatch.setattr("cuboid.runs.pipeline.run._tracker", FakeTracker)
     rig, output, kept = rig_file(tmp_path), tmp_path / "out", tmp_path / "kept"
     call = ["track", "--camera", "toy:1,toy:2", "--rig", str(rig), "--output", str(output), "--record", str(kept)]

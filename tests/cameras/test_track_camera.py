@@ -57,7 +57,7 @@ def test_the_kernels_are_loaded_before_frames_are_taken(
         done.append("frames")
         raise InputError("no frames")
 
-    monkeypatch.setattr("cuboid.runs.pipeline.warmup.load_kernels", lambda progress: done.append("kernels"))
+    monkeypatch.setattr("cuboid.runs.pipeline.ahead.compile_all", lambda progress: done.append("kernels"))
     monkeypatch.setattr("cuboid.inputs.cameras.open_camera", lambda *_, **__: LiveCamera(PlayedDriver(3)))
     monkeypatch.setattr(opens, take)
     assert main(command) == 2

@@ -97,24 +97,21 @@ def test_the_command_gives_a_file_the_suffix_of_its_format_and_says_so(
         assert (tmp_path / written).exists()
 
 
-def test_wrong_calls_are_one_line(run: Results, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def call(*words: str | Path) -> str:
-        assert main(["export", *map(str, words)]) == 2
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.count("\n") == 1
-        return err
-
+def test_wrong_calls_are_one_line(run: Results, tmp_path: Path, refused: Callable[..., str]) -> None:
     there = tmp_path / "out.json"
-    assert "unknown export 'pdf'; there are: boxer, coco, csv," in call(run.folder, "--to", "pdf", "--output", there)
-    assert "expected a folder with the results" in call(tmp_path / "none", "--to", "json", "--output", there)
-    own = call(run.folder, "--to", "json", "--output", run.folder / "objects.json", "--force")
+    assert "unknown export 'pdf'; there are: boxer, coco, csv," in refused(
+        "export", run.folder, "--to", "pdf", "--output", there
+    )
+    assert "expected a folder with the results" in refused(
+        "export", tmp_path / "none", "--to", "json", "--output", there
+    )
+    own = refused("export", run.folder, "--to", "json", "--output", run.folder / "objects.json", "--force")
     assert "belongs to the results themselves" in own
-    assert "belongs to the results" in call(run.folder, "--to", "ply", "--output", run.folder, "--force")
+    assert "belongs to the results" in refused("export", run.folder, "--to", "ply", "--output", run.folder, "--force")
     with pytest.raises(OutputError, match=r"'coco' is a \.json file; name it .*out\.json$"):
         export(run, "coco", tmp_path / "out.coco")
     (run.folder / "tracks.csv").unlink()
-    assert "tracks.csv: cannot be read" in call(run.folder, "--to", "coco", "--output", there)
+    assert "tracks.csv: cannot be read" in refused("export", run.folder, "--to", "coco", "--output", there)
     assert not there.exists()
 
 

@@ -12,22 +12,8 @@ from cuboid.ground.core.errors import FrameError
 from cuboid.ground.formats.ros_messages import OWN, SERVICES, VISION, RosMessages, request_of, response_of
 from cuboid.ground.geometry.box import Box
 from cuboid.results.views.ros_objects import detection
+from made_messages import KINDS
 
-# All that a node sends or takes.
-KINDS = (
-    "diagnostic_msgs/msg/DiagnosticArray",
-    "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "nav_msgs/msg/Odometry",
-    "rosgraph_msgs/msg/Clock",
-    "sensor_msgs/msg/CameraInfo",
-    "sensor_msgs/msg/CompressedImage",
-    "sensor_msgs/msg/Image",
-    "sensor_msgs/msg/PointCloud2",
-    "std_msgs/msg/String",
-    "tf2_msgs/msg/TFMessage",
-    "visualization_msgs/msg/MarkerArray",
-)
 # Versions of ROS 2 from Humble on, for which a message is the same bytes.
 VERSIONS = (Stores.ROS2_HUMBLE, Stores.ROS2_IRON, Stores.ROS2_JAZZY, Stores.ROS2_KILTED)
 

@@ -17,7 +17,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "scene"))
 import targets  # noqa: F401 - finds the other tests' helpers
 from changes import Change
 from engine import Target
-from made_scene import CAMERA, THINGS, Shown, record
+from made_scene import THINGS, Shown, ask, record
 from mutations import VALUES, mutated, of_bytes
 
 from cuboid.runs.scene import Scene
@@ -86,18 +86,6 @@ def _try(connection: sqlite3.Connection, query: str, values: tuple[object, ...])
         connection.execute(query, values)
 
 
-def ask(folder: Path) -> None:
-    """Ask all that a scene tells."""
-    with Scene.open(folder / NAME) as scene:
-        for one in scene.recordings:
-            scene.poses(one.number)
-        for item in scene.all_objects:
-            scene.history(item.label)
-            scene.picture(item.label)
-        scene.near((0.0, 0.0, 0.5), 1.0)
-        scene.changes(1)
-
-
 def check(folder: Path) -> None:
     """Let the check tell; nothing that it finds whole may be refused by what reads."""
     found = problems(folder / NAME)
@@ -115,11 +103,7 @@ def save(folder: Path) -> None:
 
 def go_on(folder: Path) -> None:
     """Let a visit of a few frames go on from it."""
-    shown = Shown(frames=3)
-    with Scene.open(folder / NAME) as scene:
-        tracker = scene.tracker(CAMERA, proposals=shown.proposals)
-        for frame in shown.frames:
-            tracker.update(frame)
+    record(folder / NAME, Shown(frames=3), source=None)
 
 
 def results(folder: Path) -> None:
@@ -132,7 +116,7 @@ SCENES = {
     "scenes": Target(
         make_scene,
         lambda folder: [NAME],
-        {"ask": ask, "check": check, "rescue": save, "go on": go_on, "results": results},
+        {"ask": lambda folder: ask(folder / NAME), "check": check, "rescue": save, "go on": go_on, "results": results},
         mutated_scene,
     )
 }

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.results import FrameResult, TrackedObject
 from cuboid.method.proposals.types import Proposals
-from cuboid.runs.scene import Scene, Source
+from cuboid.runs.scene import RecordingInfo, Scene
 from made_scenes import cast, look_at, upright
 from worlds import FLOOR, TABLE
 
@@ -43,10 +47,40 @@ class Shown:
         return Proposals(np.array(boxes, np.int32).reshape(-1, 4), np.full(len(boxes), 0.9, np.float32), cut)
 
 
-def record(path: Path, shown: Shown, name: str = "made", commit_every_s: float = 1.0) -> None:
-    """Let a recording go into a scene."""
-    source = Source(f"/{name}", "made", "given", len(shown.frames), CAMERA, {"every": 1})
+def record(
+    path: Path,
+    shown: Shown,
+    name: str = "made",
+    *,
+    frames: list[Frame] | None = None,
+    detector: Any = None,
+    detector_every: int = 3,
+    **options: Any,
+) -> tuple[list[TrackedObject], FrameResult]:
+    """Let a recording go into a scene, by default all frames; return its objects and its last result."""
+    frames = shown.frames if frames is None else frames
+    source = RecordingInfo(f"/{name}", "made", "given", len(frames), CAMERA, {"every": 1})
     with Scene.open(path) as scene:
-        tracker = scene.tracker(CAMERA, proposals=shown.proposals, source=source, commit_every_s=commit_every_s)
-        for frame in shown.frames:
-            tracker.update(frame)
+        tracker = scene.tracker(CAMERA, **{"proposals": shown.proposals, "source": source, **options})
+        tracker.use_detector(detector, detector_every)
+        last = [tracker.update(frame) for frame in frames][-1]
+        return tracker.objects, last
+
+
+def change(path: Path, query: str, *values: object) -> None:
+    """Change a scene file as no program does."""
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        connection.execute("PRAGMA ignore_check_constraints = ON")
+        assert connection.execute(query, values).rowcount != 0
+
+
+def ask(path: Path) -> None:
+    """Ask all that a scene tells."""
+    with Scene.open(path) as scene:
+        for one in scene.recordings:
+            scene.poses(one.number)
+        for item in scene.all_objects:
+            scene.history(item.label)
+            scene.picture(item.label)
+        scene.near((0.0, 0.0, 0.5), 1.0)
+        scene.changes(1)

@@ -16,7 +16,7 @@ from cuboid.ground.core.frame import Frame
 from cuboid.method.proposals.types import Proposals
 from cuboid.results.files import Results
 from cuboid.results.views.report import summarise, write_report
-from cuboid.runs.scene import Scene, Source
+from cuboid.runs.scene import RecordingInfo, Scene
 from made_scenes import CAMERA as TABLE_CAMERA
 from made_scenes import frame_of, look_at, upright
 
@@ -205,7 +205,7 @@ def test_what_stood_there_without_a_label_is_not_new(tmp_path: Path) -> None:
 
 def in_two(path: Path, shown: Shown, cut: int) -> None:
     """Let a recording go into a scene that is broken off, and gone on with from the last commit."""
-    source = Source("/again", "made", "given", len(shown.frames), CAMERA, {"every": 1})
+    source = RecordingInfo("/again", "made", "given", len(shown.frames), CAMERA, {"every": 1})
     for resume in (False, True):
         with Scene.open(path) as scene:
             tracker = scene.tracker(

@@ -9,14 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_scene import CAMERA, THINGS, Shown
+from made_scene import CAMERA, THINGS, Shown, change, record
 
 from cuboid import Tracker, cli
+from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.method.detection.types import Detections
 from cuboid.results.exports import export
 from cuboid.results.files import open_results
-from cuboid.runs.scene import Scene, Source
+from cuboid.runs.scene import Scene
 from cuboid.runs.scene.checking import problems, rescue
 
 NAMES = ("book", "cup")
@@ -138,19 +139,14 @@ def test_exports_have_the_names(tmp_path: Path) -> None:
     assert {one["properties"]["name"] for one in features if one["properties"]["kind"] == "object"} == {*NAMES}
 
 
-def into(path: Path, shown: Shown, *, detector: object = None) -> list[str | None]:
-    source = Source("/made", "made", "given", len(shown.frames), CAMERA, {"every": 1})
-    with Scene.open(path) as scene:
-        tracker = scene.tracker(CAMERA, proposals=shown.proposals, source=source)
-        tracker.use_detector(detector)  # type: ignore[arg-type]
-        for frame in shown.frames:
-            tracker.update(frame)
-        return [item.name for item in tracker.objects]
+def into(path: Path, shown: Shown, *, detector: object = None) -> set[str | None]:
+    objects, _ = record(path, shown, detector=detector)
+    return {item.name for item in objects}
 
 
 def test_a_scene_keeps_the_evidence_and_a_users_name_wins(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, shown = tmp_path / "made.cuboid", Shown()
-    assert {*into(path, shown, detector=detector_of(shown))} == {*NAMES}
+    assert into(path, shown, detector=detector_of(shown)) == {*NAMES}
     with Scene.open(path) as scene:
         cup = next(item for item in scene.objects if item.name == "cup")
         assert cup.name_score is not None
@@ -160,7 +156,7 @@ def test_a_scene_keeps_the_evidence_and_a_users_name_wins(tmp_path: Path, capsys
         assert (mine.name, mine.name_score, mine.names[0][0]) == ("Anna's", None, "cup")
     # a later visit without a detector goes on from the evidence
     later = Shown(begin=0.5)
-    assert {*into(path, later)} == {"book", "Anna's"}
+    assert into(path, later) == {"book", "Anna's"}
     assert cli.main(["scene", "list", str(path)]) == 0
     assert "Anna's" in capsys.readouterr().out
     with Scene.open(path) as scene:
@@ -176,15 +172,8 @@ def test_a_scene_keeps_the_evidence_and_a_users_name_wins(tmp_path: Path, capsys
 
 
 def test_a_damaged_class_is_told(tmp_path: Path) -> None:
-    import sqlite3
-
-    from cuboid.ground.core.errors import InputError
-
     path, shown = tmp_path / "made.cuboid", Shown()
     into(path, shown, detector=detector_of(shown))
-    connection = sqlite3.connect(path)
-    with connection:
-        connection.execute("UPDATE objects SET classes = '[1]'")
-    connection.close()
+    change(path, "UPDATE objects SET classes = '[1]'")
     with pytest.raises(InputError, match=r"objects\.classes is damaged"), Scene.open(path) as scene:
         _ = scene.objects

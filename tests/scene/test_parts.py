@@ -18,11 +18,11 @@ from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry import se3
 from cuboid.lab.synthetic import make_scene
 from cuboid.lab.synthetic.view import SceneView
-from cuboid.method.poses.sources import GivenPoses
-from cuboid.runs.scene import Scene, Source, layout
+from cuboid.method.poses.sources import ESTIMATED, GivenPoses
+from cuboid.runs.scene import RecordingInfo, Scene, layout
 from cuboid.runs.scene.checking import problems
 from cuboid.runs.scene.codec import Encoder, decode, take
-from cuboid.runs.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses, ScenePosesState
+from cuboid.runs.scene.localisation import OWN_WORLD, SAME_WORLD, ScenePoses, ScenePosesState
 
 MADE = make_scene("table", 6, frames=150, camera="orbit")
 CAMERA: Intrinsics = MADE.intrinsics(160, 120)
@@ -41,7 +41,7 @@ def record(path: Path, frames: Sequence[Frame], poses: str) -> tuple[Poses, Pose
     """Let frames go into a scene; return their poses as told at once, and as corrected, and what the user is told."""
     told: Poses = {}
     with Scene.open(path) as scene:
-        source = Source(f"/{len(scene.recordings)}", "made", poses, len(frames), CAMERA, {})
+        source = RecordingInfo(f"/{len(scene.recordings)}", "made", poses, len(frames), CAMERA, {})
         tracker = scene.tracker(CAMERA, source=source, same_world=False)
         located = tracker.poses(GivenPoses())
         for k, one in enumerate(frames):
@@ -94,6 +94,23 @@ def test_parts_of_a_scene_join_when_they_meet(
         assert {item.label for item in near} <= {item.label for item in scene.objects}
         # A pile that was one thing from across is two from the other side: it is there still.
         assert not {change.change for change in scene.changes()} & {"gone", "moved", "new"}
+
+
+def test_a_place_is_recognised_and_labels_go_on(shown: list[Frame], tmp_path: Path) -> None:
+    """A second recording, whose poses are estimated and which begins lost, is found among the old keyframes."""
+    path, seen = tmp_path / "s.cuboid", []
+    for number, frames in enumerate((shown[:45], shown[30:]), 1):
+        told, _, _ = record(path, frames, "estimated")
+        with Scene.open(path) as scene:
+            seen.append({item.label for item in scene.objects if item.last_seen[0] == number})
+        if number == 1:
+            T_world_room = told[0] @ se3.inverse(frames[0].T_world_camera)
+    assert min(told) < 10, "recognised within ten frames"
+    assert off_m(told, frames, T_world_room) < 0.03
+    assert len(told) > 0.8 * len(frames)
+    known, again = seen
+    assert len(known) >= 4
+    assert len(known & again) >= len(known) - 1, "labels go on"
 
 
 def test_given_poses_are_aligned_by_the_looks_of_the_place(shown: list[Frame], tmp_path: Path) -> None:

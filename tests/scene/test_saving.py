@@ -19,11 +19,12 @@ from cuboid.ground.geometry import se3
 from cuboid.lab.synthetic import make_scene
 from cuboid.lab.synthetic.view import SceneView
 from cuboid.method.heatmap import levels
+from cuboid.method.poses.sources import ESTIMATED
 from cuboid.method.proposals.types import Proposals
 from cuboid.results.files.objects import ObjectsFile, write_objects
 from cuboid.runs.scene.codec import Encoder, Part, take
 from cuboid.runs.scene.database import Writing, open_to_read
-from cuboid.runs.scene.localisation import ESTIMATED, ScenePoses
+from cuboid.runs.scene.localisation import ScenePoses
 from cuboid.runs.scene.saving import SceneBlockStore, StateFile, load_state
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 from worlds import CAMERA, Proposer, World
@@ -182,33 +183,6 @@ def test_what_has_changed_is_never_taken_for_what_has_not() -> None:
         spared += sum(part is before.get(key) for key, part in parts.items() if key.endswith("/plan"))
         before = parts
     assert spared > 0
-
-
-def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
-    show = Show(3)
-    moved = {k: se3.exp(np.array([0.01, 0.02 * k, 0, 0, 0, 0.01])) for k in (1, 2)}
-    files: list[Writing] = []
-
-    def run(cut: Callable[[PosedTracker, int], PosedTracker]) -> tuple[list[object], list[bytes]]:
-        tracker, said = show.tracker(), []
-        for frame in show.frames:
-            said.append(told(tracker.update(frame, anchor=frame.index // 12)))
-            if frame.index == 22:
-                tracker.apply_correction(moved)
-            tracker = cut(tracker, frame.index)
-        return said, ends(tracker, tmp_path)
-
-    def cut(tracker: PosedTracker, index: int) -> PosedTracker:
-        if index not in (21, 22, 27):
-            return tracker
-        file = Writing(tmp_path / f"{index}.cuboid", create=True)
-        files.append(file)  # the map's blocks are read as they are looked at
-        commit(file.connection, StateFile(file.connection, tracker, PLACES))
-        return load(file.connection, show)
-
-    assert run(cut) == run(lambda tracker, index: tracker)
-    for file in files:
-        file.close()
 
 
 def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Path) -> None:

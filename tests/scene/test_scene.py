@@ -13,18 +13,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from made_scene import CAMERA, THINGS, Shown, record
+from made_scene import CAMERA, THINGS, Shown, change, record
 
 from cuboid import cli
 from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.errors import CuboidError, FrameError, InputError, OutputError
-from cuboid.ground.core.frame import Frame
+from cuboid.ground.core.errors import CuboidError, InputError, OutputError
 from cuboid.ground.geometry import se3
-from cuboid.lab.synthetic import make_scene
-from cuboid.lab.synthetic.view import SceneView
-from cuboid.method.poses.sources import GivenPoses
 from cuboid.results.files import Results
-from cuboid.runs.scene import Scene, SceneObject, Source
+from cuboid.runs.scene import RecordingInfo, Scene, SceneObject
 from cuboid.runs.scene.checking import problems, rescue
 from cuboid.runs.scene.database import Writing, open_to_read
 from cuboid.runs.scene.schema import VERSION
@@ -32,18 +28,6 @@ from cuboid.runs.scene.session import SceneTracker
 
 # To another place, out of view from here.
 AWAY = se3.compose((1, 0, 0, 0), (20.0, 0, 0))
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("scene") / "made.cuboid"
-    record(path, Shown())
-    return path
-
-
-@pytest.fixture
-def path(made: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copy(made, tmp_path / "made.cuboid"))
 
 
 def test_objects_are_told_where_they_stand(made: Path) -> None:
@@ -73,8 +57,7 @@ def test_objects_tell_how_sure_they_are(path: Path, capfd: pytest.CaptureFixture
     found = json.loads(capfd.readouterr().out)["objects"]
     assert all(0.001 < one["height_sigma_m"] < 0.05 for one in found)
     assert [tuple(one["sides_seen"]) for one in found] == [kept[one["label"]].sides_seen for one in found]
-    with contextlib.closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("UPDATE objects SET accuracy = '[0.1, 0.1]'")
+    change(path, "UPDATE objects SET accuracy = '[0.1, 0.1]'")
     with Scene.open(path) as scene, pytest.raises(InputError, match=r"objects\.accuracy is damaged"):
         scene.objects  # noqa: B018
 
@@ -116,9 +99,9 @@ def test_a_second_recording_keeps_labels_and_names(path: Path) -> None:
 
 def test_a_run_that_was_broken_off_is_not_begun_again_on_its_own_part(path: Path) -> None:
     shown = Shown(frames=6)
-    source = Source("/again", "made", "given", 6, CAMERA, {"every": 1})
+    source = RecordingInfo("/again", "made", "given", 6, CAMERA, {"every": 1})
 
-    def begin(source: Source, **options: bool) -> SceneTracker:
+    def begin(source: RecordingInfo, **options: bool) -> SceneTracker:
         return scene.tracker(CAMERA, proposals=shown.proposals, source=source, commit_every_s=0.0, **options)
 
     with Scene.open(path) as scene:  # killed before the first commit: nothing of it was saved
@@ -186,9 +169,7 @@ def test_the_results_of_a_recording(path: Path, tmp_path: Path) -> None:
 
 def set_rig(path: Path, rig: object) -> None:
     """Store settings of a rig with the recording of a scene."""
-    settings = json.dumps({"every": 1, "rig": rig})
-    with contextlib.closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("UPDATE recordings SET settings = ?", (settings,))
+    change(path, "UPDATE recordings SET settings = ?", json.dumps({"every": 1, "rig": rig}))
 
 
 def test_a_recording_of_a_rig_may_be_long(path: Path, tmp_path: Path) -> None:
@@ -227,13 +208,9 @@ def test_other_files_are_refused_in_one_line(path: Path, tmp_path: Path) -> None
     text = tmp_path / "text.cuboid"
     text.write_text("no scene " * 100)
     other = tmp_path / "other.cuboid"
-    with sqlite3.connect(other) as connection:
-        connection.execute("CREATE TABLE t (x)")
-    connection.close()
+    change(other, "CREATE TABLE t (x)")
     newer = Path(shutil.copy(path, tmp_path / "newer.cuboid"))
-    with sqlite3.connect(newer) as connection:
-        connection.execute(f"PRAGMA user_version = {VERSION + 1}")
-    connection.close()
+    change(newer, f"PRAGMA user_version = {VERSION + 1}")
     for file, said in ((text, "is no scene file"), (other, "but no scene file"), (newer, "written by another Cuboid")):
         before = file.read_bytes()
         with pytest.raises(CuboidError, match=said):
@@ -246,9 +223,7 @@ def test_other_files_are_refused_in_one_line(path: Path, tmp_path: Path) -> None
 @pytest.mark.parametrize("version", [-(2**31), -9, -1, 0])
 def test_a_version_below_the_first_is_refused_and_nothing_is_written(version: int, path: Path, tmp_path: Path) -> None:
     spoiled = Path(shutil.copy(path, tmp_path / "spoiled.cuboid"))
-    with sqlite3.connect(spoiled) as connection:
-        connection.execute(f"PRAGMA user_version = {version}")
-    connection.close()
+    change(spoiled, f"PRAGMA user_version = {version}")
     before = spoiled.read_bytes()
     for way in (Scene.open, open_to_read, Writing):
         with pytest.raises(
@@ -262,11 +237,10 @@ def test_a_version_below_the_first_is_refused_and_nothing_is_written(version: in
 
 
 def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) -> None:
-    with sqlite3.connect(path) as connection:
+    with contextlib.closing(sqlite3.connect(path)) as connection:
         data = bytearray(connection.execute("SELECT data FROM blocks WHERE number = 1").fetchone()[0])
-        data[len(data) // 2] ^= 1
-        connection.execute("UPDATE blocks SET data = ? WHERE number = 1", (bytes(data),))
-    connection.close()
+    data[len(data) // 2] ^= 1
+    change(path, "UPDATE blocks SET data = ? WHERE number = 1", bytes(data))
     assert problems(path) == ["block 1 of the map is damaged: its check sum is wrong"]
     with pytest.raises(InputError, match="'cuboid scene check --rescue NEW' saves"):
         record(path, Shown(), "again")
@@ -307,9 +281,7 @@ def test_fine_points_are_in_the_file_in_exports_and_in_what_is_rescued(
 
 def test_a_recording_begins_without_the_map(path: Path) -> None:
     """Opening takes as long as the objects take: of the map, only what is looked at is read."""
-    with sqlite3.connect(path) as connection:
-        connection.execute("UPDATE blocks SET data = x'00'")
-    connection.close()
+    change(path, "UPDATE blocks SET data = x'00'")
     shown = Shown()
     away = [dataclasses.replace(f, T_world_camera=AWAY @ f.T_world_camera) for f in shown.frames]
     with Scene.open(path) as scene:
@@ -345,39 +317,3 @@ def test_what_can_be_read_of_a_damaged_file_is_saved(seed: int, path: Path, tmp_
         assert known <= {item.label for item in scene.all_objects}
     with pytest.raises(OutputError, match="exists; name another file"):
         rescue(path, tmp_path / "new.cuboid")
-
-
-def test_a_place_is_recognised_and_labels_go_on(tmp_path: Path) -> None:
-    """A second recording, whose poses are estimated and which begins lost, is found among the old keyframes."""
-    made = make_scene("table", 6, frames=150, camera="orbit")
-    camera = made.intrinsics(160, 120)
-    view = SceneView(made, camera)
-    frames = [view.render(k, "clean") for k in range(0, 150, 2)]
-    known: list[int] = []
-    for visit, shown in enumerate((frames[:45], frames[30:])):
-        with Scene.open(tmp_path / "s.cuboid") as scene:
-            source = Source(f"/{visit}", "made", "estimated", len(shown), camera, {})
-            tracker = scene.tracker(camera, source=source)
-            poses, found = tracker.poses(GivenPoses()), {}
-            for k, one in enumerate(shown):
-                frame = Frame(k, k / 15, one.color, one.depth_m)
-                with contextlib.suppress(FrameError):
-                    posed = poses.locate(frame)
-                    tracker.apply_correction(posed.moved)
-                    tracker.update(dataclasses.replace(frame, T_world_camera=posed.T_world_camera), posed.anchor)
-                    found[k] = posed.T_world_camera
-            if visit == 0:
-                first = frames_to_world(found[0], made.T_room_camera[0])
-                known = [item.label for item in tracker.objects]
-            else:
-                assert min(found) < 10, "recognised within ten frames"
-                again = {item.label for item in tracker.objects}
-                off = [found[k][:3, 3] - (first @ made.T_room_camera[2 * (k + 30)])[:3, 3] for k in found]
-                assert np.sqrt((np.array(off) ** 2).sum(1).mean()) < 0.03
-                assert len(found) > 0.8 * len(shown)
-    assert len(known) >= 4
-    assert len(again & set(known)) >= len(known) - 1, "labels go on"
-
-
-def frames_to_world(T_world_camera: np.ndarray, T_room_camera: np.ndarray) -> np.ndarray:
-    return T_world_camera @ np.linalg.inv(T_room_camera)

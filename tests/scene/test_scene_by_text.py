@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sqlite3
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pytest
 
 pytest.importorskip("tokenizers")
 
-from made_scene import THINGS, Shown, record
+from made_scene import THINGS, Shown, change, record
 
 from cuboid import cli
 from cuboid.method.text_search import Embeddings, TextModel
@@ -26,11 +25,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scene") / "made.cuboid"
     record(path, Shown(frames=24))
     return path
-
-
-@pytest.fixture
-def path(made: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copy(made, tmp_path / "kitchen.cuboid"))
 
 
 def thing(item) -> int:
@@ -62,8 +56,7 @@ def test_a_new_picture_is_embedded_anew(path: Path, model: Path) -> None:
         first = {item.label: score for item, score in scene.find("green", model)}
         pictures = {label: scene.picture(label) for label in first}
     one, two = first
-    with sqlite3.connect(path) as connection:
-        connection.execute("UPDATE objects SET picture = ? WHERE label = ?", (pictures[one], two))
+    change(path, "UPDATE objects SET picture = ? WHERE label = ?", pictures[one], two)
     with Scene.open(path) as scene:
         again = {item.label: score for item, score in scene.find("green", model)}
     assert again[one] == pytest.approx(first[one])
@@ -91,8 +84,7 @@ def test_while_another_one_writes_the_scene_it_is_asked_all_the_same(path: Path,
 def test_damaged_vectors_are_told(path: Path, model: Path) -> None:
     with Scene.open(path) as scene:
         scene.find("green", model)
-    with sqlite3.connect(path) as connection:
-        connection.execute("UPDATE embeddings SET picture = -5")
+    change(path, "UPDATE embeddings SET picture = -5")
     assert any("embeddings.picture is damaged" in line for line in problems(path))
 
 

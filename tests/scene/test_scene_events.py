@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made_scene import change
 
 from cuboid import cli
 from cuboid.ground.core.errors import InputError
@@ -64,8 +63,7 @@ def test_a_scene_tells_when_an_object_was_moved_and_from_where(
     assert cli.main(["scene", "show", str(path), str(item.label), "--json"]) == 0
     (shown,) = json.loads(capsys.readouterr().out)["events"]
     assert (shown["event"], shown["recording"], shown["frame"]) == ("moved", 1, event.frame)
-    with closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("DELETE FROM frames WHERE frame = ?", (event.frame,))
+    change(path, "DELETE FROM frames WHERE frame = ?", event.frame)
     rescue(path, tmp_path / "again.cuboid")
     with Scene.open(tmp_path / "again.cuboid") as scene:
         assert scene.events() == []  # its frame is lost

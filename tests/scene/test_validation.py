@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sqlite3
 import subprocess
 import sys
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_scene import CAMERA, Shown, record
+from made_scene import CAMERA, Shown, ask, change, record
 
 from cuboid.ground.core.errors import InputError
 from cuboid.runs.scene import Scene, before
@@ -22,35 +21,6 @@ from cuboid.runs.scene.localisation import JoinedPart
 from cuboid.runs.scene.packing import check_sum, unpacked
 from cuboid.runs.scene.schema import TABLES
 from cuboid.runs.scene.validation import DamagedError
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("door") / "made.cuboid"
-    record(path, Shown(frames=10))
-    return path
-
-
-@pytest.fixture
-def path(made: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copy(made, tmp_path / "made.cuboid"))
-
-
-def change(path: Path, query: str, *values: object) -> None:
-    connection = sqlite3.connect(path, isolation_level=None)
-    connection.execute("PRAGMA ignore_check_constraints = ON")
-    assert connection.execute(query, values).rowcount > 0
-    connection.close()
-
-
-def ask(path: Path) -> None:
-    """Ask all that a scene tells."""
-    with Scene.open(path) as scene:
-        for one in scene.recordings:
-            scene.poses(one.number)
-        for item in scene.all_objects:
-            scene.history(item.label)
-        scene.changes(1)
 
 
 def test_each_column_is_described(path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +22,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record(path, Shown(frames=24))
     record(path, Shown(THINGS[:1], frames=50), "again")
     return path
-
-
-@pytest.fixture
-def path(made: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copy(made, tmp_path / "kitchen.cuboid"))
 
 
 def document(page: bytes) -> dict[str, Any]:

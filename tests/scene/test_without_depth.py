@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_scene import CAMERA, THINGS, Shown
+from made_scene import CAMERA, THINGS, Shown, record
 
 from cuboid import FrameResult, Tracker
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.method.detection.types import Detections
 from cuboid.results.files import open_results
-from cuboid.runs.scene import Scene, SceneObject, Source
+from cuboid.runs.scene import RecordingInfo, Scene, SceneObject
 from cuboid.runs.scene.checking import problems
 from made_scenes import upright
 
@@ -167,13 +167,9 @@ def into_scene(
     detect: Callable[[Frame, Intrinsics], Detections] | None = None,
 ) -> set[int]:
     """Let a recording go into a scene, with a detector; return the labels that its last frame shows."""
-    source = Source("/made", "made", "given", len(frames), CAMERA, {"every": 1})
-    with Scene.open(path) as scene:
-        tracker = scene.tracker(CAMERA, proposals=others_of(shown), source=source)  # type: ignore[arg-type]
-        tracker.use_detector(detect or detector_of(shown, detected), 1)
-        for frame in frames:
-            last = tracker.update(frame)
-        return {one.label for one in last.sightings}
+    detector = detect or detector_of(shown, detected)
+    _, last = record(path, shown, frames=frames, proposals=others_of(shown), detector=detector, detector_every=1)
+    return {one.label for one in last.sightings}
 
 
 def without_depth_of(path: Path) -> list[SceneObject]:
@@ -216,11 +212,8 @@ def test_in_a_scene_it_keeps_its_label_from_one_recording_to_the_next(tmp_path: 
 
 def test_a_scene_without_a_detector_leaves_it_as_it_was(kitchen: Kitchen) -> None:
     (path, item), shown = kitchen, Shown(frames=30)
-    with Scene.open(path) as scene:
-        tracker = scene.tracker(CAMERA, proposals=others_of(shown))  # type: ignore[arg-type]
-        for frame in dark(shown):
-            tracker.update(frame)
-        assert item.label not in {one.label for one in tracker.objects}  # this recording has not seen it
+    objects, _ = record(path, shown, "again", frames=dark(shown), proposals=others_of(shown))
+    assert item.label not in {one.label for one in objects}  # this recording has not seen it
     (later,) = without_depth_of(path)
     assert (later.label, later.state, later.last_seen) == (item.label, "present", (1, 29))
 
@@ -238,12 +231,7 @@ def test_in_a_scene_it_ends_when_it_is_not_there_any_more(tmp_path: Path) -> Non
 def test_in_a_scene_its_label_stays_when_depth_comes(kitchen: Kitchen) -> None:
     path, item = kitchen
     again = Shown(frames=40)
-    source = Source("/again", "made", "given", 40, CAMERA, {"every": 1})
-    with Scene.open(path) as scene:
-        tracker = scene.tracker(CAMERA, proposals=again.proposals, source=source)
-        tracker.use_detector(detector_of(again), 1)
-        for frame in again.frames:
-            tracker.update(frame)
+    record(path, again, "again", detector=detector_of(again), detector_every=1)
     assert without_depth_of(path) == []
     with Scene.open(path) as scene:
         near = [one for one in scene.objects if np.linalg.norm(one.box.center - PLACE) < 0.1]
@@ -330,7 +318,7 @@ def test_a_run_that_was_broken_off_goes_on_with_it(tmp_path: Path) -> None:
     """After each commit the state has all of it: the same labels as in one go, box for box."""
     whole, broken, shown = tmp_path / "whole.cuboid", tmp_path / "broken.cuboid", Shown(frames=30)
     into_scene(whole, shown, dark(shown))
-    source = Source("/made", "made", "given", 30, CAMERA, {"every": 1})
+    source = RecordingInfo("/made", "made", "given", 30, CAMERA, {"every": 1})
     for part, resume in ((dark(shown)[:7], False), (dark(shown)[7:], True)):
         with Scene.open(broken) as scene:
             options = {"proposals": others_of(shown), "source": source, "resume": resume}

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 
 import pytest
 
-from cuboid.cli import main
 from cuboid.fleet.batch.sources import BatchSource, expand
 from cuboid.fleet.batch.task import head_of
 from cuboid.fleet.store.folder import StoreFolder
@@ -55,7 +54,7 @@ def answering(content: bytes) -> Iterator[str]:
         server.close()
 
 
-def refused(work: Callable[[], object]) -> None:
+def is_refused(work: Callable[[], object]) -> None:
     with pytest.raises(CuboidError) as caught:
         work()
     assert str(caught.value).isprintable()
@@ -65,23 +64,20 @@ def refused(work: Callable[[], object]) -> None:
 @pytest.mark.parametrize("answer", ANSWERS.values(), ids=ANSWERS)
 def test_a_server_that_fails_is_told_in_one_line(answer: bytes) -> None:
     with answering(answer) as url:
-        refused(lambda: head_of(BatchSource("a", f"{url}/a.zip"), {}, "1"))
-        refused(lambda: expand([f"{url}/*.zip"]))
-        refused(lambda: Tables(f"{url}/store"))
+        is_refused(lambda: head_of(BatchSource("a", f"{url}/a.zip"), {}, "1"))
+        is_refused(lambda: expand([f"{url}/*.zip"]))
+        is_refused(lambda: Tables(f"{url}/store"))
 
 
 @pytest.mark.parametrize("url", NO_URLS)
 def test_no_store_lies_at_what_is_no_url(url: str) -> None:
-    refused(lambda: Tables(url))
-    refused(lambda: StoreFolder(url).create("a", b""))
+    is_refused(lambda: Tables(url))
+    is_refused(lambda: StoreFolder(url).create("a", b""))
 
 
 @pytest.mark.parametrize("url", [*NO_URLS, "ftp://127.0.0.1/a.zip"])
-def test_what_is_no_url_of_a_recording_is_told_in_one_line(url: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["info", url]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("cuboid: error: ")
-    assert said.count("\n") == 1
+def test_what_is_no_url_of_a_recording_is_told_in_one_line(url: str, refused: Callable[..., str]) -> None:
+    refused("info", url)
 
 
 def test_a_url_that_names_no_place_makes_no_folder() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -69,20 +69,18 @@ def test_the_environment_names_the_model(
 
 
 def test_what_cannot_be_answered_is_refused(
-    capsys: pytest.CaptureFixture[str], store: str, model: Path, tmp_path: Path
+    refused: Callable[..., str], store: str, model: Path, tmp_path: Path
 ) -> None:
-    def refused(*words: str) -> str:
-        assert main(["find", store, *words]) == 2
-        return capsys.readouterr().err
-
     other = made_text_model(tmp_path / "other", image_output="else")
     assert "no object has a vector of this model; 'cuboid batch --text-model' makes them" in refused(
-        "--text", "red", "--text-model", str(other)
+        "find", store, "--text", "red", "--text-model", str(other)
     )
     wide = made_text_model(tmp_path / "wide", width=4)  # its images are those of the store
-    assert "vectors have 3 numbers, that of the text 4" in refused("--text", "red", "--text-model", str(wide))
-    assert "--text-model needs --text" in refused("--text-model", str(model))
-    assert "got an empty text" in refused("--text", " ", "--text-model", str(model))
+    assert "vectors have 3 numbers, that of the text 4" in refused(
+        "find", store, "--text", "red", "--text-model", str(wide)
+    )
+    assert "--text-model needs --text" in refused("find", store, "--text-model", str(model))
+    assert "got an empty text" in refused("find", store, "--text", " ", "--text-model", str(model))
 
 
 def test_pages_and_api_rank_where_the_server_has_a_model(address: str, store: str) -> None:

@@ -256,7 +256,7 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
 
 def load_kernels() -> None:
     """Load the kernels before a live camera starts, or compile them, and show the progress."""
-    from cuboid.runs.pipeline import warmup
+    from cuboid.runs.pipeline import ahead
 
     with counting("loading kernels") as shown:
-        warmup.load_kernels(shown)
+        ahead.compile_all(shown)

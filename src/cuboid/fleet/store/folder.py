@@ -6,7 +6,6 @@ import io
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import pyarrow.parquet as pq
 
 from cuboid.ground.core.errors import CuboidError, InputError, OutputError, one_line
 from cuboid.ground.formats.reading import MAX_BINARY_BYTES, UnreadableError, read_bytes
-from cuboid.results.files.pending import PendingFile
+from cuboid.results.files.pending import PendingFile, new_file
 
 # Packages whose errors are refusals of an object store.
 CLOUD_PACKAGES = ("botocore", "aiobotocore", "gcsfs", "azure", "aiohttp")
@@ -35,6 +34,16 @@ class StoreFolder:
     url : str
         A path, or a URL of fsspec such as ``s3://bucket/store``.
 
+    Attributes
+    ----------
+    url : str
+    local : Path or None
+        The folder's local path, or None if it is remote.
+    fs
+        The fsspec file system.
+    root : str
+        The folder's path in the file system.
+
     Raises
     ------
     InputError
@@ -45,35 +54,20 @@ class StoreFolder:
         if url.endswith("://"):
             raise InputError(f"{url}: expected a folder or URL of a store")
         self.url = url.rstrip("/") or "/"
-        _ = self.fs
+        local = os.path.abspath(self.url.removeprefix("file://"))
+        self.local = None if is_remote(self.url) else Path(local)
+        self.fs, self.root = self._remote() if self.local is None else (fsspec.filesystem("file"), local)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"url": self.url}
+    def __reduce__(self) -> tuple[type[StoreFolder], tuple[str]]:
+        return StoreFolder, (self.url,)
 
-    @cached_property
-    def _opened(self) -> tuple[Any, str]:
+    def _remote(self) -> tuple[Any, str]:
+        """Return the file system of a URL, and the folder's path in it."""
         try:
-            if not is_remote(self.url):
-                return fsspec.filesystem("file"), os.path.abspath(self.url.removeprefix("file://"))
             fs, root = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
             return fs, str(root)
         except (ImportError, ValueError, TypeError, OSError) as error:
             raise InputError(f"{self.url}: cannot be opened: {one_line(str(error))}") from None
-
-    @property
-    def fs(self) -> Any:
-        """The fsspec file system."""
-        return self._opened[0]
-
-    @property
-    def root(self) -> str:
-        """The folder's path in the file system."""
-        return self._opened[1]
-
-    @property
-    def local(self) -> Path | None:
-        """The folder's local path, or None if it is remote."""
-        return None if is_remote(self.url) else Path(self.root)
 
     def path(self, name: str) -> str:
         """Return a file's path in the file system."""
@@ -124,11 +118,8 @@ class StoreFolder:
             with refusals(f"{self.url}/{name}", "written"):
                 self.fs.pipe_file(self.path(name), content)
             return
-        file = PendingFile(self.local / name)
-        with file.writing():
-            file.path.parent.mkdir(parents=True, exist_ok=True)
-            file.partial.write_bytes(content)
-            file.show()
+        with new_file(self.local / name, force=True) as partial:
+            partial.write_bytes(content)
 
     def create(self, name: str, content: bytes) -> bool:
         """Create a file atomically; return False, without writing, if the name is already taken."""

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from distributed import Client
 
 from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.query import Tables
-from cuboid.fleet.store.schema import DONE, OBJECTS, RUNS, SIGHTINGS
+from cuboid.fleet.store.schema import BOX_COLUMNS, DONE, OBJECTS, RUNS, SIGHTINGS
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.geometry.box import Box
@@ -23,7 +24,7 @@ from cuboid.lab.evaluation.figures import figures
 from cuboid.lab.evaluation.result import BoxRows, MapBoxes
 from cuboid.lab.evaluation.truth import NAME as TRUTH
 
-_BOX = "center_x_m, center_y_m, center_z_m, length_m, width_m, height_m, qw, qx, qy, qz"
+_BOX = ", ".join(BOX_COLUMNS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,8 +158,6 @@ def _from_tables(tables: Tables, run: dict[str, Any]) -> Result:
 
 
 def _every(settings: str) -> int:
-    import msgspec
-
     return int(msgspec.json.decode(settings).get("every", 1))
 
 
@@ -167,20 +166,10 @@ def _ints(rows: Sequence[dict[str, Any]], name: str) -> np.ndarray[Any, np.dtype
 
 
 def _boxes(rows: Sequence[dict[str, Any]]) -> Float64Array:
-    return pack(
-        [
-            Box(
-                np.array([row["center_x_m"], row["center_y_m"], row["center_z_m"]]),
-                np.array([row["length_m"], row["width_m"], row["height_m"]]),
-                rotation_from_quat_wxyz(_unit(row)),
-            )
-            for row in rows
-        ]
-    )
+    return pack([_box(np.array([row[name] for name in BOX_COLUMNS], np.float64)) for row in rows])
 
 
-def _unit(row: dict[str, Any]) -> tuple[float, float, float, float]:
-    """Return the quaternion of a row, normalised: the tables have only seven digits."""
-    quat = np.array([row["qw"], row["qx"], row["qy"], row["qz"]], np.float64)
-    w, x, y, z = quat / np.linalg.norm(quat)
-    return float(w), float(x), float(y), float(z)
+def _box(numbers: Float64Array) -> Box:
+    """Return the box of the columns of a row (10,), its quaternion normalised: the tables have only seven digits."""
+    quaternion = numbers[6:] / np.linalg.norm(numbers[6:])
+    return Box(numbers[:3], numbers[3:6], rotation_from_quat_wxyz(quaternion.tolist()))

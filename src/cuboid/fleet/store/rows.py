@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from cuboid.fleet.store.indicators import indicators
-from cuboid.fleet.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES, values_of
+from cuboid.fleet.store.schema import BOX_COLUMNS, DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES, values_of
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.results import Relation, TrackedObject
 from cuboid.ground.geometry.box import Box
@@ -183,8 +183,7 @@ def _boxes(boxes: Sequence[Box]) -> list[dict[str, float]]:
         return []
     quats = quats_wxyz_from_rotations([box.rotation for box in boxes])
     values = np.hstack(([box.center for box in boxes], [box.size for box in boxes], quats))
-    names = ("center_x_m", "center_y_m", "center_z_m", "length_m", "width_m", "height_m", "qw", "qx", "qy", "qz")
-    return [dict(zip(names, row, strict=True)) for row in values.tolist()]
+    return [dict(zip(BOX_COLUMNS, row, strict=True)) for row in values.tolist()]
 
 
 def _objects(

@@ -81,6 +81,7 @@ _BOX = (
     Column("height_m", SMALL, "along the normal of its support"),
     *_several("qw qx qy qz", SMALL, "rotation from the axes of the box to the world, a unit quaternion"),
 )
+BOX_COLUMNS = tuple(column.name for column in _BOX)
 _SIDES_SIGMA = "standard deviations of `length_m`, `width_m` and `height_m`; null if unknown"
 _CENTER_SIGMA = "standard deviations of the centre; null if unknown"
 _SKIPPED = pa.list_(pa.struct([("frame", COUNT), ("reason", TEXT)]))

@@ -26,18 +26,13 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def pool_size(threads: int) -> int:
-    """Return the number of threads for a library: one of `threads` prepares frames ahead, if there are two or more."""
-    return max(1, threads - 1)
-
-
 def limit_threads(threads: int) -> None:
     """Limit the thread pool of every library to its part of `threads`; call this before importing the libraries.
 
     All threads of the process share one heap.
     """
     _share_heap()
-    threads_of_pool = pool_size(threads)
+    threads_of_pool = max(1, threads - 1)  # one of them prepares frames ahead, if there are two or more
     for name in POOLS:
         os.environ[name] = str(threads_of_pool)
     import cv2

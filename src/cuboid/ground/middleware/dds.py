@@ -33,11 +33,11 @@ from cyclonedds.util import duration
 
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.formats.ros_messages import RosMessages, request_of, response_of
-from cuboid.ground.middleware.transport import Inlet, Outlet, Qos, Request
+from cuboid.ground.middleware.transport import HISTORY_DEPTH, Inlet, Outlet, Qos, Request
 
 TOPIC, REQUEST, REPLY = "rt", "rq", "rr"
-# Number of messages stored for subscribers, and number of calls that wait for a service.
-HISTORY_DEPTH, MAX_WAITING_CALLS = 10, 10
+# Number of calls that wait for a service.
+MAX_WAITING_CALLS = 10
 # Maximum time that a writer waits for slow subscribers, seconds.
 BLOCKED_S = 0.05
 # Size of the header of a message, which holds the encoding; size of the two numbers that follow it in a service.

@@ -9,7 +9,7 @@ from typing import Any
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.extras import require
 from cuboid.ground.formats.ros_messages import RosMessages, request_of, response_of
-from cuboid.ground.middleware.transport import Outlet, PendingCalls, Qos, Request
+from cuboid.ground.middleware.transport import ANSWER_S, Outlet, PendingCalls, Qos, Request
 
 FEATURE, EXTRA = "--foxglove", "foxglove"
 HOST, PORT = "127.0.0.1", 8765
@@ -17,8 +17,6 @@ HOST, PORT = "127.0.0.1", 8765
 ENCODING, SCHEMA = "cdr", "ros2msg"
 # Number of messages that wait for a slow client; if there are more, the oldest are dropped. A map has 5 MB.
 BACKLOG = 64
-# Maximum time until the answer to a call, seconds: calls are answered between two frames, and saving takes a few.
-ANSWER_S = 30.0
 
 
 class FoxgloveServer:
@@ -49,7 +47,7 @@ class FoxgloveServer:
         self._sdk = sdk = require("foxglove", FEATURE, EXTRA)
         websocket = require("foxglove.websocket", FEATURE, EXTRA)
         self._messages, self._context = messages, sdk.Context()
-        self._calls = PendingCalls(ANSWER_S)
+        self._calls = PendingCalls()
         self._latched: dict[int, _Channel] = {}
         self._parameters: dict[str, Any] = {}
         self._change: Callable[[str, Any], None] = lambda name, value: None

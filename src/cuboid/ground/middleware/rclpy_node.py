@@ -15,12 +15,8 @@ from typing import Any
 
 from cuboid.ground.core.errors import InputError, MissingExtraError
 from cuboid.ground.formats.ros_messages import RosMessages, request_of, response_of
-from cuboid.ground.middleware.transport import Inlet, Outlet, PendingCalls, Qos, Request
+from cuboid.ground.middleware.transport import ANSWER_S, HISTORY_DEPTH, Inlet, Outlet, PendingCalls, Qos, Request
 
-# Number of messages stored for subscribers.
-HISTORY_DEPTH = 10
-# Maximum time until the answer to a call, seconds: calls are answered between two frames, and saving takes a few.
-ANSWER_S = 30.0
 THREADS = 2  # one receives messages, one waits for the answer to a call
 
 
@@ -55,7 +51,7 @@ class RclpyTransport:
         self._group: Any = groups.ReentrantCallbackGroup()
         self._arrived = threading.Condition()
         self._news = False
-        self._calls = PendingCalls(ANSWER_S)
+        self._calls = PendingCalls()
         self._executor: Any = executors.MultiThreadedExecutor(num_threads=THREADS)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._executor.spin, name="cuboid-rclpy", daemon=True)

@@ -9,6 +9,11 @@ from enum import Enum
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
+# Number of messages stored for subscribers.
+HISTORY_DEPTH = 10
+# Maximum time until the answer to a call, seconds: calls are answered between two frames, and saving takes a few.
+ANSWER_S = 30.0
+
 
 class Qos(Enum):
     """Quality of service of a topic."""
@@ -150,7 +155,7 @@ class PendingCalls:
         Maximum time until the answer, seconds; after it, the call fails.
     """
 
-    wait_s: float
+    wait_s: float = ANSWER_S
     _calls: SimpleQueue[Request] = field(default_factory=SimpleQueue)
 
     def call(self, service: str, data: bytes) -> bytes:

@@ -14,7 +14,7 @@ from cuboid.ground.formats.reading import MAX_JSON_BYTES, read_bytes
 from cuboid.inputs.readers.recording import Recording
 from cuboid.lab.evaluation.keyframes import check_frames, file_number, keyframes_from_json
 from cuboid.results.files.objects import write_json
-from cuboid.results.files.pending import PendingFile
+from cuboid.results.files.pending import replacing
 
 
 class Outdated(Exception):  # noqa: N818 - an answer to the client, not a fault
@@ -89,11 +89,9 @@ class KeyframesFile:
         return read_bytes(self.path, MAX_JSON_BYTES) if self.path.exists() else None
 
     def _write(self, document: dict[str, Any]) -> None:
-        file = PendingFile(self.path)
-        with file.writing():
-            write_json(file.partial, self._tidy(document))
-            content = file.partial.read_bytes()
-            file.show()
+        with replacing(self.path) as partial:
+            write_json(partial, self._tidy(document))
+            content = partial.read_bytes()
         self._content = content
 
     def _tidy(self, document: dict[str, Any]) -> dict[str, Any]:

@@ -8,14 +8,12 @@ from cuboid.ground.core.records import names_in, table_columns_of
 from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.results.files import Results
-from cuboid.results.files.text import DIRECTION, LENGTH, number, numbers
+from cuboid.results.files.text import CENTIMETRE, DIRECTION, LENGTH, number, numbers
 
 _LABEL, *_OTHERS = table_columns_of(TrackedObject)
 _BOX = ("length_cm", "width_cm", "height_cm", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 HEADER = ",".join(("label", *_BOX, *names_in(_OTHERS)))
 CLASS_HEADER = "name_score,names"
-# Digits after the point of sizes in centimetres: a hundredth of a millimetre.
-CENTIMETRE = 3
 
 
 def write(run: Results, path: Path) -> list[str]:

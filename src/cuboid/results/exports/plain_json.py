@@ -19,10 +19,8 @@ from cuboid.ground.core.results import SUPPORT, SupportPlane, TrackedObject
 from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.results.files import Results
 from cuboid.results.files.objects import write_json
-from cuboid.results.files.text import DIRECTION, LENGTH, rounded, rounded_list
+from cuboid.results.files.text import CENTIMETRE, DIRECTION, LENGTH, rounded, rounded_list
 
-# Digits after the point of centimetres: a hundredth of a millimetre.
-CENTIMETRE = 3
 # Corners of a box's lower face, in the order of `Box.corners`, counter-clockwise seen from above.
 FOOTPRINT = (0, 1, 3, 2)
 # Optional fields of an object that are unchanged; `kind` has another meaning here, and lengths are in centimetres.

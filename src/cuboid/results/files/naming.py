@@ -15,7 +15,7 @@ from cuboid.ground.formats.folder import EVENTS, OBJECTS, REPORT, TRACKS
 from cuboid.method.objects.naming import chosen_name
 from cuboid.results.files.gone import gone_labels
 from cuboid.results.files.objects import ObjectsFile, read_objects, write_objects
-from cuboid.results.files.pending import PendingFile, write_whole
+from cuboid.results.files.pending import replacing, write_whole
 from cuboid.results.files.rows import read_events, read_tracks
 
 # Largest number of characters of a name, which is shown beside its label.
@@ -79,10 +79,8 @@ def name_object(folder: Path, label: int, name: str) -> None:
         others = {one: text for one, text in found.gone_names.items() if one != label}
         changed = dataclasses.replace(found, gone_names=others | ({label: name} if name else {}))
         shown_name = {"name": name}
-    file = PendingFile(path)
-    with file.writing():
-        write_objects(file.partial, changed)
-        file.show()
+    with replacing(path) as partial:
+        write_objects(partial, changed)
     report = folder / REPORT
     if report.is_file():
         write_whole(report, _renamed_page(report.read_text(encoding="utf-8"), label, shown_name))

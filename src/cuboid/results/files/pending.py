@@ -77,8 +77,9 @@ def _refuse_special(path: Path) -> None:
             raise OutputError(f"{path}: is {kind_of(found)}; the output must be a file")
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file atomically; an existing one is replaced.
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield the path at which to write a file that appears at the end; an existing one is replaced.
 
     Raises
     ------
@@ -87,8 +88,20 @@ def write_whole(path: Path, content: str | bytes) -> None:
     """
     file = PendingFile(path)
     with file.writing():
-        file.partial.write_bytes(content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content)
+        yield file.partial
         file.show()
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file atomically; an existing one is replaced.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; an existing one is unchanged.
+    """
+    with replacing(path) as partial:
+        partial.write_bytes(content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content)
 
 
 def refuse_taken(path: Path, *, force: bool) -> None:
@@ -116,11 +129,9 @@ def new_file(path: Path, *, force: bool) -> Iterator[Path]:
         The file exists and `force` is not given, it is a folder, or it cannot be written.
     """
     refuse_taken(path, force=force)
-    file = PendingFile(path)
-    with file.writing():
+    with replacing(path) as partial:
         path.parent.mkdir(parents=True, exist_ok=True)
-        yield file.partial
-        file.show()
+        yield partial
 
 
 @contextlib.contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,8 +28,25 @@ AGENTS_HEADER = header_of(AgentEntry)
 BOX_CELLS = ",".join([f"{{:z.{LENGTH}f}}"] * 6 + [f"{{:z.{DIRECTION}f}}"] * 4)
 
 
+class _FrameRow:
+    """A row of a frame: its line begins with the frame and its time."""
+
+    __slots__ = ()
+    frame: int
+    timestamp_s: float
+
+    def line(self) -> str:
+        """Return the line without its end; the box follows the label, and a row of a rig ends with the camera."""
+        cells = [cell for column in columns_of(type(self)) for cell in column.cells(self)]
+        if isinstance(self, TrackRow | ProposalRow | AgentRow):
+            cells.insert(1, BOX_CELLS.format(*box_numbers(self.box)))
+        if isinstance(self, TrackRow) and self.camera:
+            cells.append(self.camera)
+        return ",".join((str(self.frame), number(self.timestamp_s, LENGTH), *cells))
+
+
 @dataclass(frozen=True, slots=True, repr=False)
-class TrackRow(Sighting):
+class TrackRow(Sighting, _FrameRow):
     """A sighting with its frame: a line of `tracks.csv`.
 
     The other attributes are those of `Sighting`; the rectangle is in pixels of the recording's color image.
@@ -52,13 +68,9 @@ class TrackRow(Sighting):
     def __repr__(self) -> str:
         return f"TrackRow(frame {self.frame}, {tag_of(self.label)}: {self.box.text()}; {self.visible:.0%} visible)"
 
-    def line(self) -> str:
-        """Return the line without its end; a row of a rig has one more column."""
-        return f"{_line(self)},{self.camera}" if self.camera else _line(self)
-
 
 @dataclass(frozen=True, slots=True, repr=False)
-class ProposalRow(Proposal3D):
+class ProposalRow(Proposal3D, _FrameRow):
     """A 3D proposal with its frame: a line of `proposals.csv`.
 
     The other attributes are those of `Proposal3D`; the rectangle is in pixels of the recording's color image.
@@ -78,13 +90,9 @@ class ProposalRow(Proposal3D):
         label = tag_of(self.label) if self.label else "no label"
         return f"ProposalRow(frame {self.frame}, {label}: {self.box.text()}; score {self.score:.2f})"
 
-    def line(self) -> str:
-        """Return the line without its end."""
-        return _line(self)
-
 
 @dataclass(frozen=True, slots=True, repr=False)
-class EventRow(ObjectEvent):
+class EventRow(ObjectEvent, _FrameRow):
     """An event with the frame that reported it: a line of `events.csv`.
 
     The other attributes are those of `ObjectEvent`.
@@ -125,13 +133,9 @@ class EventRow(ObjectEvent):
             "score": self.score,
         }
 
-    def line(self) -> str:
-        """Return the line without its end."""
-        return _of_a_frame(self, *_cells_of(self))
-
 
 @dataclass(frozen=True, slots=True)
-class AgentRow:
+class AgentRow(_FrameRow):
     """The box of something that moves and is no object (a person, a hand): a line of `agents.csv`.
 
     Attributes
@@ -150,10 +154,6 @@ class AgentRow:
 
     def __repr__(self) -> str:
         return f"AgentRow(frame {self.frame}: {self.box.text()})"
-
-    def line(self) -> str:
-        """Return the line without its end."""
-        return _of_a_frame(self, _box_cells(self.box))
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,25 +230,6 @@ def read_trajectory(path: Path) -> list[PoseRow]:
         PoseRow(row.timestamp, compose((row.qw, row.qx, row.qy, row.qz), (row.tx, row.ty, row.tz)))
         for _, row in read_lines(path, PoseEntry)
     ]
-
-
-def _line(row: TrackRow | ProposalRow) -> str:
-    label, *others = _cells_of(row)
-    return _of_a_frame(row, label, _box_cells(row.box), *others)
-
-
-def _cells_of(row: TrackRow | ProposalRow | EventRow) -> Iterator[str]:
-    """Iterate over the cells of the described fields of a row."""
-    return (cell for column in columns_of(type(row)) for cell in column.cells(row))
-
-
-def _of_a_frame(row: TrackRow | ProposalRow | EventRow | AgentRow, *cells: str) -> str:
-    """Return a line that begins with the frame and its time."""
-    return ",".join((str(row.frame), number(row.timestamp_s, LENGTH), *cells))
-
-
-def _box_cells(box: Box) -> str:
-    return BOX_CELLS.format(*box_numbers(box))
 
 
 def _box_of(line: TrackEntry | ProposalEntry | AgentEntry) -> Box:

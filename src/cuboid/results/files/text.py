@@ -11,6 +11,9 @@ from cuboid.ground.core.records import DIRECTION as DIRECTION
 from cuboid.ground.core.records import LENGTH as LENGTH
 from cuboid.ground.core.records import PIXEL as PIXEL
 
+# Digits after the point of centimetres: a hundredth of a millimetre.
+CENTIMETRE = 3
+
 
 def number(value: SupportsFloat, digits: int) -> str:
     """Return `value` with a fixed number of digits after the point, and never as a negative zero."""

@@ -149,7 +149,7 @@ class Pipeline:
             if stop():
                 return False
             if self.session is not None:
-                self.session.next_frame()
+                self.session.tracker.commit_if_due()
             skipped = self._step(decoded)
             if skipped is not None:
                 self._skip(skipped)

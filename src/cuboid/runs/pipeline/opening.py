@@ -15,11 +15,11 @@ from cuboid.inputs.readers import Recording
 from cuboid.inputs.readers.recording import PoseClock
 from cuboid.inputs.readers.usable import usable_poses
 from cuboid.inputs.recordings import opening
+from cuboid.inputs.recordings.opening import AUTO, OFF
 from cuboid.inputs.recordings.rig import RigRecording
 from cuboid.method.poses.clock import MIN_MOTIONS, PoseOffset, misfit_of, pose_offset_of, scale_misfit
 from cuboid.method.poses.motions import found_motions, levels_of_frames, telling_frames
 
-AUTO, OFF = "auto", "off"
 # Largest offset that a user may give, milliseconds: beyond it, clocks differ by more than a delay.
 MAX_GIVEN_MS = 10_000.0
 # Number of frames whose poses are read for the choice of those that are compared, and length of one stretch of them.
@@ -35,7 +35,7 @@ def open_recording(
     format: str | None = None,  # noqa: A002 - the flag's own name
     intrinsics: Sequence[float] | str | PathLike[str] | None = None,
     depth_scale: float | None = None,
-    register: str = opening.AUTO,
+    register: str = AUTO,
     pose_convention: str | None = None,
     pose_offset: str | float = AUTO,
 ) -> Recording:

@@ -6,7 +6,7 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cuboid.ground.compiling.compiletime import working_s
 from cuboid.ground.core.config import TrackerConfig
@@ -103,7 +103,12 @@ def _track(
     begun_s, taken, every, frames = working_s(), plan.recording, plan.options.every, _frames(plan)
     with ExitStack() as opened:
         corrected = plan.poses == ESTIMATED if into is None else into.corrects(plan.poses)
-        writer = _writer(opened, taken, output, results.force, corrected)
+        writer = None
+        if output is not None:
+            if real_path(output) == real_path(Path(taken.path)):
+                raise OutputError(f"{output}: is the recording itself; name another output folder")
+            rig = isinstance(taken, RigLike)
+            writer = opened.enter_context(ResultWriter(output, force=results.force, corrected=corrected, rig=rig))
         session = None if into is None else opened.enter_context(_session(plan, into))
         tracker, source = _tracking(plan, session, writer, hooks.make_tracker, shapes=results.shapes)
         if session is not None:
@@ -132,7 +137,7 @@ def _track(
             rig_watch.finish()
             warnings = (*rig_watch.warnings, *warnings)
         if session is not None:
-            warnings = (*session.warnings(), *warnings)
+            warnings = (*session.tracker.warnings(), *warnings)
         report = _report(plan, tracker, complete=complete, begun_s=begun_s, warnings=warnings)
         points = tracker.map_points()
         found = objects_file(
@@ -142,7 +147,7 @@ def _track(
             writer.finish(found, points, report, tracker.corrected_trajectory(), tracker.kept_views)
         if session is not None:
             walls = found.walls if results.relations else None
-            session.finish(complete=complete, walls=walls, settings=plan.settings())
+            session.tracker.close(complete=complete, walls=walls, settings=plan.settings())
     return RunOutcome(
         report=report,
         objects=found.objects,
@@ -171,12 +176,12 @@ def _frames(plan: Plan) -> Sequence[int]:
 
 def _session(plan: Plan, into: IntoScene) -> AbstractContextManager[SceneRun]:
     """Return the run within a scene."""
-    from cuboid.runs.scene import Source
+    from cuboid.runs.scene import RecordingInfo
 
     recording = plan.recording
     live = isinstance(recording, Stream)
     path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
-    visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, plan.settings())
+    visit = RecordingInfo(str(path), recording.format, plan.poses, frames, recording.intrinsics, plan.settings())
     return into.session(visit, plan.camera, plan.config, plan.proposals, plan.options.memory_mb)
 
 
@@ -193,7 +198,7 @@ def _tracking(
             _use_detector(mapper, plan)
         return RunningTracker(camera, plan.config, mapper, source, write, shapes=shapes), source
     session.tracker.use_detector(options.detector, plan.detector_every)
-    source = session.poses(source)
+    source = session.tracker.poses(source)
     tracker = RunningTracker(camera, plan.config, session.tracker, source, write, shapes=shapes)
     session.resume(tracker)
     return tracker, source
@@ -222,7 +227,7 @@ def _decode(
     """
     threads, live = options.threads, isinstance(recording, Stream)
     capacity = LIVE_FRAMES_AHEAD if live else FRAMES_AHEAD
-    to_prepare = pipeline.prepare if pipeline.session is None else _unchanged
+    to_prepare = pipeline.prepare if pipeline.session is None else lambda one: one
     # With three threads, decoding has one of its own; a live camera has one already.
     with closing(
         recording.decode(options.every, options.limit)
@@ -232,16 +237,13 @@ def _decode(
         yield from decoded if threads == 1 else prepare_ahead(decoded, to_prepare, capacity)
 
 
-def _unchanged(decoded: Decoded) -> Decoded:
-    return decoded
-
-
 def _report(
     plan: Plan, tracker: RunningTracker, *, complete: bool, begun_s: float, warnings: tuple[str, ...]
 ) -> RunReport:
     recording = plan.recording
     live = recording.source if isinstance(recording, Stream) else None
     used, skipped = len(tracker.T_world_camera), tuple(tracker.log.skipped)
+    classes = {"vocabulary": list(tracker.vocabulary)} if tracker.vocabulary else {}
     return RunReport(
         version=__version__,
         complete=complete,
@@ -249,7 +251,7 @@ def _report(
         format=recording.format,
         poses=tracker.poses or GIVEN,
         threads=plan.options.threads,
-        config={**plan.settings(), **_vocabulary(tracker), "tracker": tracker.config.to_dict()},
+        config={**plan.settings(), **classes, "tracker": tracker.config.to_dict()},
         frames_read=used + len(skipped),
         frames_used=used,
         skipped=skipped,
@@ -259,23 +261,6 @@ def _report(
         warnings=(*recording.warnings, *warnings),
         frames_dropped=live.dropped if live else 0,
         limits=tracker.log.limits(),
-    )
-
-
-def _vocabulary(tracker: RunningTracker) -> dict[str, Any]:
-    """Return the classes of the detector, if one was used."""
-    return {"vocabulary": list(tracker.vocabulary)} if tracker.vocabulary else {}
-
-
-def _writer(
-    opened: ExitStack, recording: RecordingLike, output: Path | None, force: bool, corrected: bool
-) -> ResultWriter | None:
-    if output is None:
-        return None
-    if real_path(output) == real_path(Path(recording.path)):
-        raise OutputError(f"{output}: is the recording itself; name another output folder")
-    return opened.enter_context(
-        ResultWriter(output, force=force, corrected=corrected, rig=isinstance(recording, RigLike))
     )
 
 

@@ -12,13 +12,13 @@ from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.frame import Frame, Intrinsics, Rig
 from cuboid.inputs.cameras.live_rig import LiveRig
 from cuboid.inputs.recordings.rig import RigRecording
+from cuboid.method.poses.sources import NO_POSE
 from cuboid.runs.pipeline.loop import Decoded
 
 if TYPE_CHECKING:
     from cuboid.inputs.readers import Recording
     from cuboid.inputs.readers.depth_camera import DepthCamera
 
-NO_POSE = "the frame has no camera pose"
 GONE = "a live camera's frames are gone; --record keeps them"
 # Name of the format, in results, for a camera whose frames were not recorded.
 FORMAT = "camera"

@@ -6,10 +6,11 @@ from cuboid.ground.core.results import SceneChange
 from cuboid.runs.scene.answers import PastRelation, SceneEvent, SceneObject, ScenePast, SceneRecording
 from cuboid.runs.scene.scene import Scene
 from cuboid.runs.scene.session import SceneTracker
-from cuboid.runs.scene.visit import Source
+from cuboid.runs.scene.visit import RecordingInfo
 
 __all__ = [
     "PastRelation",
+    "RecordingInfo",
     "Scene",
     "SceneChange",
     "SceneEvent",
@@ -17,5 +18,4 @@ __all__ = [
     "ScenePast",
     "SceneRecording",
     "SceneTracker",
-    "Source",
 ]

@@ -13,7 +13,7 @@ from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.limits import MAX_SCENE_VALUE_BYTES
 from cuboid.ground.formats.reading import kind_of, real_path
 from cuboid.ground.locks import lock_file, release
-from cuboid.results.files.pending import PendingFile
+from cuboid.results.files.pending import replacing
 from cuboid.runs.scene.schema import APPLICATION_ID, TABLES, VERSION
 from cuboid.runs.scene.validation import DamagedError
 
@@ -222,16 +222,14 @@ def _refuse_other_version(connection: sqlite3.Connection, path: Path) -> None:
 
 def _make(path: Path) -> None:
     """Create an empty scene that appears only when complete: readers find a whole scene or no file."""
-    file = PendingFile(path)
-    with file.writing(), user_errors(path):
-        connection = _connect(file.partial, "rwc")
+    with replacing(path) as partial, user_errors(path):
+        connection = _connect(partial, "rwc")
         connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         connection.execute(f"PRAGMA user_version = {VERSION}")
         connection.executescript("\n".join(table.sql(name) for name, table in TABLES.items()))
         connection.close()
-        file.show()
 
 
 def _prepare(connection: sqlite3.Connection, path: Path) -> None:

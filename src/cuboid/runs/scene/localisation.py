@@ -20,7 +20,7 @@ from cuboid.ground.core.state import Record
 from cuboid.ground.core.working import thin
 from cuboid.ground.geometry.se3 import angle, exp, inverse, mean_motion, tidied, transform, view_shift_m
 from cuboid.method.poses.estimator import PoseEstimator, PoseEstimatorState
-from cuboid.method.poses.sources import LOST, MIN_CORRECTION, NO_POSE, Posed
+from cuboid.method.poses.sources import ESTIMATED, LOST, MIN_CORRECTION, NO_POSE, Posed
 from cuboid.method.surfaces.standing import find_flat_areas
 from cuboid.method.surfaces.up import UpVote
 
@@ -35,7 +35,7 @@ SEARCH_EVERY, AGREEING, ENOUGH = 5, 2, 12
 # Two recognised frames agree if each predicts the pose of the other within these tolerances, metres and radians.
 SAME_M, SAME_RAD = 0.05, 0.05
 
-ESTIMATED, SAME_WORLD, OWN_WORLD = "estimated", "same world", "own world"
+SAME_WORLD, OWN_WORLD = "same world", "own world"
 
 
 @dataclass(frozen=True, slots=True)

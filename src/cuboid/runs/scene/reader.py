@@ -24,7 +24,7 @@ from cuboid.results.files.object_table import ObjectTable
 from cuboid.results.files.queries import MapQueries
 from cuboid.runs.scene.answers import PastRelation, SceneEvent, SceneObject, ScenePast, SceneRecording
 from cuboid.runs.scene.database import open_to_read, user_errors
-from cuboid.runs.scene.schema import BOX, DESCRIBED, MIN_PROBABILITY, TABLES, Accuracy, Classes
+from cuboid.runs.scene.schema import BOX, DESCRIBED, LEAST_SHOWN, TABLES, Accuracy, Classes
 from cuboid.runs.scene.validation import (
     Outline,
     Row,
@@ -133,8 +133,8 @@ class SceneReader(MapQueries):
                 merged[merged_into].append(label)
             begins = self._rows(("recordings.id", "recordings.first_frame"), "recordings ORDER BY id")
             found = [self._object(row, merged.get(row[0], ()), index_of, begins) for row in rows]
-            texts = self._rows(("scene.value",), "scene WHERE key = ?", (MIN_PROBABILITY,))
-            least = max((document(text, Fraction, f"scene.{MIN_PROBABILITY}") for (text,) in texts), default=0.0)
+            texts = self._rows(("scene.value",), "scene WHERE key = ?", (LEAST_SHOWN,))
+            least = max((document(text, Fraction, f"scene.{LEAST_SHOWN}") for (text,) in texts), default=0.0)
             return [
                 replace(item, state="unlikely") if item.state == "present" and item.probability < least else item
                 for item in found

@@ -22,7 +22,7 @@ from cuboid.method.boxes.uncertainty import Uncertainty
 from cuboid.method.objects.entry import MapObject, State
 from cuboid.method.objects.naming import name_scores
 from cuboid.results.files.text import LENGTH, rounded, rounded_list
-from cuboid.runs.scene.schema import BOX, DESCRIBED, MIN_PROBABILITY, TABLES, Accuracy
+from cuboid.runs.scene.schema import BOX, DESCRIBED, LEAST_SHOWN, TABLES, Accuracy
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 
 Row = tuple[Any, ...]
@@ -30,7 +30,7 @@ Row = tuple[Any, ...]
 # Minimum ratio of qualities at which a new picture replaces the old one: the object is larger or less hidden.
 BETTER = 1.5
 # Longest side of a picture, pixels; margin around the object, as a fraction of its size; JPEG quality.
-PICTURE_PX, AROUND, JPEG_QUALITY = 160, 0.15, 85
+LONGEST_PX, MARGIN_FRACTION, QUALITY = 160, 0.15, 85
 
 # Number of classes that are kept of an object (its name and the next three), and largest length of a class name.
 CLASSES, LONGEST_CLASS = 4, 100
@@ -96,7 +96,7 @@ class Rows:
         if self.planes is not None:
             connection.execute("DELETE FROM planes")
             many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*plane) for plane in self.planes))
-        connection.execute("INSERT OR REPLACE INTO scene VALUES (?, ?)", (MIN_PROBABILITY, str(self.min_probability)))
+        connection.execute("INSERT OR REPLACE INTO scene VALUES (?, ?)", (LEAST_SHOWN, str(self.min_probability)))
         many(_UPSERT, (_object_row(*row) for row in self.objects))
         many(_UPSERT, (_row_without_depth(item, label) for item, label in self.without_depth))
         many("UPDATE objects SET kind = ? WHERE label = ?", [(kind, label) for label, kind in self.kinds.items()])
@@ -249,17 +249,17 @@ def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:
     """Return a rectangle of a frame's color image, with a margin, as JPEG; empty if the crop is empty."""
     height, width = frame.color.shape[:2]
     x0, y0, x1, y1 = rect_xyxy
-    dx, dy = AROUND * (x1 - x0), AROUND * (y1 - y0)
+    dx, dy = MARGIN_FRACTION * (x1 - x0), MARGIN_FRACTION * (y1 - y0)
     left, right = max(0, int(x0 - dx)), min(width, int(np.ceil(x1 + dx)))
     top, bottom = max(0, int(y0 - dy)), min(height, int(np.ceil(y1 + dy)))
     if right - left < 2 or bottom - top < 2:
         return b""
     part = frame.color[top:bottom, left:right, ::-1]
-    scale = PICTURE_PX / max(part.shape[:2])
+    scale = LONGEST_PX / max(part.shape[:2])
     if scale < 1:
         size = max(1, round(part.shape[1] * scale)), max(1, round(part.shape[0] * scale))
         part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.uint8)
-    success, data = cv2.imencode(".jpg", np.ascontiguousarray(part), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    success, data = cv2.imencode(".jpg", np.ascontiguousarray(part), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     return data.tobytes() if success else b""
 
 

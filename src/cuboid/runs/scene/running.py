@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike
-from cuboid.ground.core.results import SceneChange, Wall
-from cuboid.method.poses.sources import Poses
+from cuboid.ground.core.results import SceneChange
 from cuboid.method.proposals.types import ProposalSource
 from cuboid.results.files import ResultWriter
 from cuboid.runs.scene.scene import Scene
 from cuboid.runs.scene.session import COMMIT_EVERY_S, SceneTracker
-from cuboid.runs.scene.visit import Source
+from cuboid.runs.scene.visit import RecordingInfo
 from cuboid.runs.tracking.running import RunningTracker
 
 # Name under which the scene keeps the skipped frames until the run ends, beside the result files.
@@ -61,13 +59,13 @@ class IntoScene:
     @contextmanager
     def session(
         self,
-        source: Source,
+        source: RecordingInfo,
         camera: Intrinsics,
         config: TrackerConfig,
         proposals: str | ProposalSource | None,
         memory_mb: float,
     ) -> Iterator[SceneRun]:
-        """Open the scene for a run; without `SceneRun.finish` the scene stays as last committed.
+        """Open the scene for a run; without `SceneTracker.close` the scene stays as last committed.
 
         Raises
         ------
@@ -122,29 +120,7 @@ class SceneRun:
             tuple((int(frame), reason) for frame, reason in self._skipped),
         )
 
-    def poses(self, given: Poses) -> Poses:
-        """Return the source of poses in the scene's world."""
-        return self.tracker.poses(given)
-
-    def warnings(self) -> tuple[str, ...]:
-        """Return warnings for the user about the recording in the scene."""
-        return self.tracker.warnings()
-
-    def next_frame(self) -> None:
-        """Commit new data if a commit is due."""
-        self.tracker.commit_if_due()
-
     def skip(self, index: int, reason: str) -> None:
         """Record that a frame was skipped."""
         self.tracker.keep(SKIPPED, f"{index}\t{reason}\n")
         self.tracker.skip(index)
-
-    def finish(
-        self, *, complete: bool, walls: Sequence[Wall] | None = None, settings: Mapping[str, Any] | None = None
-    ) -> None:
-        """Commit everything; with `complete`, the recording is finished and cannot be resumed.
-
-        With the walls of the place, the relations of the objects are noted too. The settings replace those of the
-        beginning of the run: of live cameras, they have the camera of each frame.
-        """
-        self.tracker.close(complete=complete, walls=walls, settings=settings)

@@ -13,6 +13,7 @@ from cuboid.ground.core.errors import InputError, OutputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.limits import MEMORY_MB
 from cuboid.ground.core.paths import PathLike, as_path
+from cuboid.method.poses.sources import ESTIMATED
 from cuboid.method.proposals import make_source
 from cuboid.method.proposals.types import ProposalSource
 from cuboid.results.files.naming import checked_name
@@ -20,12 +21,12 @@ from cuboid.runs.scene import before, editing
 from cuboid.runs.scene import visit as visits
 from cuboid.runs.scene.database import Writing, open_to_read, transaction, user_errors
 from cuboid.runs.scene.furniture import read_names, write_name
-from cuboid.runs.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
+from cuboid.runs.scene.localisation import OWN_WORLD, SAME_WORLD, ScenePoses
 from cuboid.runs.scene.reader import SceneReader
 from cuboid.runs.scene.saving import SceneBlockStore, has_state, load_state
 from cuboid.runs.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.runs.scene.validation import columns_of, read_rows
-from cuboid.runs.scene.visit import Source
+from cuboid.runs.scene.visit import RecordingInfo
 from cuboid.runs.tracking.posed_tracker import PosedTracker
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ class Scene(SceneReader):
         config: TrackerConfig | None = None,
         proposals: str | ProposalSource | None = None,
         *,
-        source: Source | None = None,
+        source: RecordingInfo | None = None,
         same_world: bool = True,
         resume: bool = False,
         commit_every_s: float = COMMIT_EVERY_S,
@@ -114,7 +115,7 @@ class Scene(SceneReader):
             Configuration of a new scene; an existing scene keeps its own.
         proposals : str or ProposalSource, optional
             As for `Tracker`.
-        source : Source, optional
+        source : RecordingInfo, optional
             Description of the recording that the scene stores.
         same_world : bool
             Whether given poses are in the scene's world; else `SceneTracker.poses` aligns them with it.
@@ -133,7 +134,7 @@ class Scene(SceneReader):
         OutputError
             Another process writes the scene, or it cannot be written.
         """
-        source = source or Source("", "frames", "given", 0, intrinsics, {})
+        source = source or RecordingInfo("", "frames", "given", 0, intrinsics, {})
         if self._tracker is not None:
             self._tracker.close()
         file = self._writing()
@@ -155,7 +156,7 @@ class Scene(SceneReader):
                 tracker.begin_labels(
                     1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]
                 )
-            mode = ESTIMATED if source.poses == "estimated" else SAME_WORLD if same_world else OWN_WORLD
+            mode = ESTIMATED if source.poses == ESTIMATED else SAME_WORLD if same_world else OWN_WORLD
             if resume:
                 visit = visits.resume(connection, source, str(self.path))
             else:

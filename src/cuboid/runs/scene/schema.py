@@ -126,7 +126,7 @@ def _plain_types(kind: Any) -> Iterator[Any]:
 # Columns that a new row may lack, with their values in SQL.
 WITH_DEFAULT = {"complete": "0", "next_frame": "0", "picture_share": "0", "classes": "'[]'"}
 # Key of the row of `scene` with the probability that present objects have at least.
-MIN_PROBABILITY = "min_probability"
+LEAST_SHOWN = "min_probability"
 QUATERNION = ("qw", "qx", "qy", "qz")
 BOX = ("cx", "cy", "cz", "length", "width", "height", *QUATERNION)
 _BOX: dict[str, Any] = dict(zip(BOX, (*[Metres] * 3, *[Side] * 3, *[QuaternionPart] * 4), strict=True))

@@ -21,13 +21,13 @@ from cuboid.ground.core.tolerances import DETECT_EVERY
 from cuboid.ground.geometry.se3 import inverse, transform
 from cuboid.method.detection import make_detector
 from cuboid.method.detection.types import Detector
-from cuboid.method.poses.sources import Posed, Poses
+from cuboid.method.poses.sources import ESTIMATED, GIVEN, Posed, Poses
 from cuboid.results.files.object_table import ObjectTable
 from cuboid.runs.scene import changes, editing, layout
 from cuboid.runs.scene.before import Before, write_noted
 from cuboid.runs.scene.database import Writing, transaction, user_errors
 from cuboid.runs.scene.furniture import named_furniture, of_recording
-from cuboid.runs.scene.localisation import ESTIMATED, SAME_WORLD, JoinedPart, ScenePoses
+from cuboid.runs.scene.localisation import SAME_WORLD, JoinedPart, ScenePoses
 from cuboid.runs.scene.pace import CommitTimer, Pace
 from cuboid.runs.scene.records import Records
 from cuboid.runs.scene.saving import SceneBlockStore, StateFile
@@ -350,7 +350,7 @@ class _PosesOfVisit:
     def __init__(self, poses: ScenePoses, first_frame: int, tracker: PosedTracker) -> None:
         self._poses, self._first, self._tracker = poses, first_frame, tracker
         self.given_with_frames = poses.mode != ESTIMATED
-        self.origin = "estimated" if poses.mode == ESTIMATED else "given"
+        self.origin = ESTIMATED if poses.mode == ESTIMATED else GIVEN
 
     def locate(self, frame: Frame) -> Posed:
         if not self._poses.recognised and frame.index % changes.EVERY_FRAMES == 0:

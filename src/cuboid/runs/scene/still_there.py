@@ -16,7 +16,7 @@ from cuboid.runs.scene.before import OldObject
 # carved.
 SAME_PLACE, CHANGED = 0.6, 0.15
 # A point is seen again if a frame saw a surface in its voxel or in a neighbouring one; its own voxel comes first.
-AROUND = np.array(sorted(np.ndindex(3, 3, 3), key=lambda k: (np.abs(np.array(k) - 1).sum(), k))) - 1
+NEIGHBOURS = np.array(sorted(np.ndindex(3, 3, 3), key=lambda k: (np.abs(np.array(k) - 1).sum(), k))) - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +45,8 @@ def still_there(voxels: VoxelMap, old: OldObject, first_frame: int) -> StillTher
     first_frame : int
         Only surfaces seen in this frame or a later one count as seen again.
     """
-    places = old.points.astype(np.float64) + voxels.voxel_m * AROUND[:, None]
-    rows = voxels.rows_at(places.reshape(-1, 3)).reshape(len(AROUND), -1)
+    places = old.points.astype(np.float64) + voxels.voxel_m * NEIGHBOURS[:, None]
+    rows = voxels.rows_at(places.reshape(-1, 3)).reshape(len(NEIGHBOURS), -1)
     again = (rows >= 0) & voxels.stored.seen_since(rows, first_frame)
     owner = np.where(again, voxels.stored.owner[rows], 0)
     first = np.argmax(owner > 0, axis=0)

@@ -25,7 +25,7 @@ ANY_CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class RecordingInfo:
     """The description of a recording that a scene stores.
 
     Attributes
@@ -103,7 +103,7 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def begin(connection: sqlite3.Connection, source: Source, tracker: PosedTracker, path: str) -> Visit:
+def begin(connection: sqlite3.Connection, source: RecordingInfo, tracker: PosedTracker, path: str) -> Visit:
     """Add a recording to a scene, and note the scene's present contents; pending texts of earlier runs are dropped.
 
     Raises
@@ -133,7 +133,7 @@ def begin(connection: sqlite3.Connection, source: Source, tracker: PosedTracker,
     return Visit(cursor.lastrowid, first, 0, source.settings.get("scale", 1))
 
 
-def _refuse_interrupted(connection: sqlite3.Connection, source: Source, path: str) -> None:
+def _refuse_interrupted(connection: sqlite3.Connection, source: RecordingInfo, path: str) -> None:
     """Refuse to add a recording to a scene that ends with an interrupted part of it; remove a part without frames.
 
     The frames of a live camera (a source without a number of frames) are not available any more, so that its next run
@@ -154,7 +154,7 @@ def _refuse_interrupted(connection: sqlite3.Connection, source: Source, path: st
         connection.execute("DELETE FROM recordings WHERE id = ?", (number,))
 
 
-def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
+def resume(connection: sqlite3.Connection, source: RecordingInfo, path: str) -> Visit:
     """Return the last recording of a scene, which was interrupted, to resume it.
 
     Raises

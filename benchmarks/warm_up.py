@@ -1,8 +1,7 @@
-"""A small synthetic recording, and the use of all kernels of a live run before its camera starts."""
+"""A small synthetic recording, which uses all kernels of tracking."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -76,24 +75,6 @@ class WarmUpRecording:
     def without_poses(self) -> WarmUpRecording:
         """Return the same recording without its poses."""
         return WarmUpRecording(poses=False, noise=self._noise)
-
-
-def load_kernels(progress: Callable[[int, int], None]) -> None:
-    """Load the kernels of tracking and of pose estimation, and compile the missing ones, before a live camera starts.
-
-    Otherwise the first frame does it (half a second to two minutes), and the frames that arrive meanwhile are dropped.
-
-    Parameters
-    ----------
-    progress : callable
-        Called with the number of finished steps, from 0, and the total number.
-    """
-    from cuboid.runs.tracking.tracker import Tracker
-
-    recording, tracker = WarmUpRecording(poses=False), Tracker(CAMERA, poses="estimated")
-    for index in range(MADE_FRAMES):
-        progress(index, MADE_FRAMES)
-        tracker.update(recording.read(index))
 
 
 def _pose(index: int) -> Float64Array:
