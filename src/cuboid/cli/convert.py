@@ -59,10 +59,10 @@ def run(args: argparse.Namespace) -> int:
 def _print(skipped: dict[int, str], done: str) -> None:
     out = console()
     for index, reason in list(skipped.items())[:SHOWN]:
-        out.print(f"  frame {index} left out: {reason}", markup=False)
+        out.print(f"  frame {index} left out: {reason}")
     if len(skipped) > SHOWN:
         out.print(f"  and {len(skipped) - SHOWN} others")
-    out.print(done, markup=False)
+    out.print(done)
 
 
 def _number(text: str) -> int:

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     if drawn == 0:
         raise InputError(f"{args.results}: no frame of {recording.path} is in its trajectory")
     line = f"{counted(drawn, 'frame')} drawn; video in {path}"
-    give(args, {"output": str(path), "frames": drawn}, lambda: console().print(line, markup=False))
+    give(args, {"output": str(path), "frames": drawn}, lambda: console().print(line))
     return 0
 
 

@@ -39,5 +39,5 @@ def run(args: argparse.Namespace) -> int:
     write_report(path, summary)
     objects = len(summary.found.objects)
     line = f"page with {counted(objects, 'object')} in {path}"
-    give(args, {"output": str(path), "objects": objects}, lambda: console().print(line, markup=False))
+    give(args, {"output": str(path), "objects": objects}, lambda: console().print(line))
     return 0

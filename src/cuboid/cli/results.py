@@ -91,4 +91,4 @@ def give(args: argparse.Namespace, document: Mapping[str, Any], show: Callable[[
         write_whole(Path(args.json), text)
     show()
     if args.json is not None:
-        console().print(f"all figures in {args.json}", markup=False)
+        console().print(f"all figures in {args.json}")

@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
     what = f"{counted(scene.frames, 'frame')}, {', '.join(things)}"
     line = f"{scene.name}: {what}; in {args.output}"
     document = {"output": str(args.output), "name": scene.name, **counts}
-    give(args, document, lambda: console().print(line, markup=False))
+    give(args, document, lambda: console().print(line))
     return 0
 
 
@@ -129,9 +129,7 @@ def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
         for visit in truth["visits"]:
             kinds = [change["change"] for change in visit["changes"]]
             what = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("unchanged", "moved", "gone", "new"))
-            console().print(
-                f"{visit['recording']}: {what if kinds else 'the first visit'}; in {args.output}", markup=False
-            )
+            console().print(f"{visit['recording']}: {what if kinds else 'the first visit'}; in {args.output}")
 
     give(args, {"output": str(args.output), "visits": truth["visits"]}, show)
     return 0
