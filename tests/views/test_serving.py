@@ -172,15 +172,13 @@ def test_a_connection_that_is_worked_on_is_not_cut_off(monkeypatch: pytest.Monke
     monkeypatch.setattr(serving, "MAX_CONNECTIONS", 3)
     go, begun = threading.Event(), threading.Semaphore(0)
 
-    class Handler(serving.PageHandler):
-        @staticmethod
-        def show(address: str) -> serving.Answer:
-            begun.release()
-            assert go.wait(20)
-            return "text/plain", b"done"
+    def show(address: str) -> serving.Answer:
+        begun.release()
+        assert go.wait(20)
+        return "text/plain", b"done"
 
     found: list[int] = []
-    with serving.listening_at(0, Handler) as server, answering(server):
+    with serving.listening_at(0, show) as server, answering(server):
         port = server.server_port
         asking = [threading.Thread(target=lambda: found.append(status(port))) for _ in range(3)]
         for thread in asking:
