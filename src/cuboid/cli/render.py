@@ -14,7 +14,6 @@ from cuboid.cli.tables import console
 from cuboid.ground.core.errors import InputError, counted
 
 if TYPE_CHECKING:
-    from cuboid.ground.arrays import UInt8Array
     from cuboid.results.views.encoding import VideoWriter
     from cuboid.results.views.replay import Replay
 
@@ -45,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.progress import track
 
     from cuboid.inputs.recordings.rig import RigRecording
-    from cuboid.results.views.mosaic import Mosaic
+    from cuboid.results.views.mosaic import CamerasVideo
     from cuboid.results.views.redraw import drawer
     from cuboid.results.views.replay import Replay
     from cuboid.results.views.tags import SteadyNames
@@ -56,21 +55,16 @@ def run(args: argparse.Namespace) -> int:
     cameras = [part.camera for part in recording.parts] if isinstance(recording, RigRecording) else []
     names = [camera.name for camera in cameras] or [""]
     draw = {name: drawer(args.show, args.results, replay, steady=SteadyNames()) for name in names}
-    mosaic, drawn = Mosaic(cameras) if cameras else None, 0
+    drawn = 0
     seen = replay.frames(recording.timestamp_s)
     shown = Console(stderr=True)
-    with _writer(path, replay) as video:
+    with _writer(path, replay) as writer:
+        video = CamerasVideo(writer, cameras)
         for found in track(seen, "drawing", len(replay), console=shown, transient=True, disable=not shown.is_terminal):
             frame = recording.read(found.index)
-            picture: UInt8Array | None = draw[frame.camera_name](frame, found)
-            if mosaic is not None and picture is not None:
-                picture = mosaic.add(frame.camera_name, picture)
-            if picture is not None:
-                video.add(picture)
+            video.add(frame.camera_name, draw[frame.camera_name](frame, found))
             drawn += 1
-        last = None if mosaic is None else mosaic.last()
-        if last is not None:
-            video.add(last)
+        video.finish()
     if drawn == 0:
         raise InputError(f"{args.results}: no frame of {recording.path} is in its trajectory")
     line = f"{counted(drawn, 'frame')} drawn; video in {path}"
