@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import io
 import subprocess
+from types import ModuleType
 
 from cuboid.cli import main
 
@@ -15,3 +17,11 @@ def called(*words: object) -> subprocess.CompletedProcess[str]:
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         status = main(call)
     return subprocess.CompletedProcess(call, status, out.getvalue(), err.getvalue())
+
+
+def run_command(command: ModuleType, *words: object) -> int:
+    """Run the module of a command, and return its status; a mistake of the user is raised."""
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    status: int = command.run(parser.parse_args([str(word) for word in words]))
+    return status

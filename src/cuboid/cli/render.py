@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from cuboid.cli.results import add_output, add_results, give, refuse_existing
+from cuboid.cli.results import add_finished, add_output, add_results, give, refuse_existing
 from cuboid.cli.tables import console
 from cuboid.ground.core.errors import InputError, counted
 
@@ -24,8 +24,7 @@ DEFAULT_NAMES = {"boxes": "labelled", "heat": "heat", "depth": "depth", "proposa
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument("results", type=Path, metavar="DIR", help="results of 'cuboid track'")
-    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
+    add_finished(parser)
     add_output(
         parser, type=Path, metavar="FILE", help="the video (default: a file in DIR with the name of its contents)"
     )
