@@ -54,6 +54,7 @@ class BatchProgress:
         self._say(f"{recordings}; dashboard {dashboard}")
         for source, reason in planned.broken.items():
             self._say(f"{source.name}: {reason}")
+        display.show(0, len(planned.tasks))
 
     def ended(self, one: Ended) -> None:
         """Count a recording that has ended."""
@@ -64,7 +65,8 @@ class BatchProgress:
             self._say(f"{one.head.recording}: {one.state}: {one.reason}")
         done, total = self._states.total(), len(self._planned.tasks)
         left_s = (time.monotonic() - self._begun_s) / done * (total - done)
-        self._display.show(done, total, f"{counted(self._objects, 'object')}, about {duration(left_s)} left")
+        left = f", about {duration(left_s)} left" if isinstance(self._display, Lines) else ""
+        self._display.show(done, total, f"{counted(self._objects, 'object')}{left}")
 
     def count(self, state: str) -> int:
         """Return the number of recordings that ended in this state."""
@@ -162,7 +164,7 @@ def run(args: argparse.Namespace) -> int:
         if args.dry_run:
             give(args, _plan_document(planned), lambda: _print_plan(planned))
             return 0
-        with display("batch", Console(stderr=True), "recordings") as opened:
+        with display("recordings", Console(stderr=True), "recordings") as opened:
             shown = BatchProgress(planned, opened, str(client.dashboard_link))
             try:
                 carry_out(client, planned, order, shown.ended)
