@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import socket
-import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
+from asked import asked
+from browser import answering
 from cuboid import cli, open_recording
 from cuboid.inputs.readers import Recording
 from cuboid.lab.annotation import Annotator, KeyframesFile, make_server
@@ -42,23 +42,15 @@ def file(recording: Recording, tmp_path: Path) -> KeyframesFile:
 
 @pytest.fixture
 def server(recording: Recording, file: KeyframesFile) -> Iterator[PageServer]:
-    with make_server(Annotator(recording, file, 4)) as found:
-        thread = threading.Thread(target=found.serve_forever, args=(0.01,))
-        thread.start()
+    with make_server(Annotator(recording, file, 4)) as found, answering(found):
         yield found
-        found.shutdown()
-        thread.join()
 
 
 def ask(
     server: PageServer, method: str, path: str, body: bytes | None = None, headers: Mapping[str, str] | None = None
 ) -> tuple[int, bytes]:
-    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=20)
-    connection.request(method, path, body, dict(headers or {}))
-    answer = connection.getresponse()
-    content = answer.read()
-    connection.close()
-    return answer.status, content
+    status, _, content = asked(server.server_port, path, method, body, **(headers or {}))
+    return status, content
 
 
 def own_page(server: PageServer) -> dict[str, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
-from browser import VIEWPORT, Watched, browser, pixels
+from browser import VIEWPORT, Watched, answering, browser, pixels
 from cuboid import open_recording
 from cuboid.lab.annotation import Annotator, KeyframesFile, make_server
 from cuboid.lab.evaluation import evaluate_keyframes, read_keyframes
@@ -95,15 +94,11 @@ def desk(recording: Path, watched: Watched, tmp_path: Path) -> Iterator[Desk]:
     watched.complaints.clear()
     watched.requests.clear()
     opened, path = open_recording(recording), tmp_path / "drawn.json"
-    with make_server(Annotator(opened, KeyframesFile(path, opened), EVERY)) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
+    with make_server(Annotator(opened, KeyframesFile(path, opened), EVERY)) as server, answering(server):
         desk = Desk(watched, path, f"http://localhost:{server.server_port}/")
         desk.open()
         yield desk
         watched.page.goto("about:blank")
-        server.shutdown()
-        thread.join()
 
 
 def test_ten_minutes_of_drawing(desk: Desk) -> None:

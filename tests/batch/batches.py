@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pyarrow as pa
 
 import cuboid
+from cuboid.cli.batch import add_arguments, settings_from
 from cuboid.fleet.store.query import Tables
 from cuboid.fleet.store.schema import MEASURED, RUNS, TABLES
 from fakes import write_recording
@@ -35,6 +38,13 @@ def surroundings(frame_s: float = 0.0) -> dict[str, str]:
         # As on a machine so busy that a worker takes long to come again: Dask must not give it up.
         "DASK_DISTRIBUTED__DEPLOY__LOST_WORKER_TIMEOUT": "100ms",
     }
+
+
+def settings_of(*words: object) -> dict[str, Any]:
+    """The settings of a batch that is called with these words."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    return settings_from(parser.parse_args([*map(str, words), "--output", "unused"]))
 
 
 def call(*words: object) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -13,9 +12,8 @@ from pathlib import Path
 import dask
 import pytest
 
-from batches import paint, recordings, run, states, surroundings
+from batches import paint, recordings, run, settings_of, states, surroundings
 from cuboid.cli import main
-from cuboid.cli.batch import add_arguments, settings_from
 from cuboid.fleet.batch import cluster
 from cuboid.fleet.batch.batch import Order, carry_out, plan
 from cuboid.fleet.batch.cluster import Workers
@@ -133,10 +131,8 @@ def test_the_tables_say_what_the_folders_say(store: Path) -> None:
 def test_a_result_that_dies_with_its_worker_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = recordings(tmp_path / "source", 2)
     sources = [BatchSource(path.name, str(path)) for path in sorted(folder.iterdir())]
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
     store = str(tmp_path / "store")
-    order = Order(store, settings_from(parser.parse_args([str(folder), "--output", store])))
+    order = Order(store, settings_of(folder))
     for name, value in surroundings().items():
         monkeypatch.setenv(name, value)
     ended: list[str] = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 from collections.abc import Iterator
@@ -12,9 +11,8 @@ from pathlib import Path
 import pytest
 
 import cuboid.runs.pipeline.run
-from batches import content, recordings
+from batches import content, recordings, settings_of
 from cuboid.cli import main
-from cuboid.cli.batch import add_arguments, settings_from
 from cuboid.fleet.batch.sources import BatchSource
 from cuboid.fleet.batch.task import Task, head_of, track
 from cuboid.ground.core.frame import Frame
@@ -28,9 +26,7 @@ from made_text_models import made_text_model
 def task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Task:
     monkeypatch.setattr(cuboid.runs.pipeline.run, "_tracker", FakeTracker)
     source = BatchSource("rec-00", str(recordings(tmp_path / "source", 1) / "rec-00"))
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    settings = settings_from(parser.parse_args([source.url, "--output", "unused"]))
+    settings = settings_of(source.url)
     return Task(source, head_of(source, settings, "1"), settings, str(tmp_path / "store"), tables_only=False)
 
 
@@ -94,11 +90,8 @@ def test_vectors_of_an_image_text_model_stand_in_the_table(
     source = BatchSource("made", str(tmp_path / "made"))
     write_frames(tmp_path / "made", frames())
     model = made_text_model(tmp_path / "model")
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    words = [source.url, "--output", "unused", "--text-model", str(model)]
-    settings = settings_from(parser.parse_args(words))
-    assert "text_model" not in settings_from(parser.parse_args(words[:-2]))
+    settings = settings_of(source.url, "--text-model", model)
+    assert "text_model" not in settings_of(source.url)
     store = str(tmp_path / "store")
 
     def made(recording: object, output: Path, *_: object, **__: object) -> None:

@@ -86,6 +86,11 @@ def install(monkeypatch: pytest.MonkeyPatch, name: str, members: dict[str, Any])
     return module
 
 
+def answering(kind: str, **answers: Any) -> type:
+    """Return a class whose methods return these values."""
+    return type(kind, (), {name: lambda self, value=value: value for name, value in answers.items()})
+
+
 def lacking(fake: Any, real: Any, path: str = "") -> list[str]:
     """Return what a fake has and the real one has not: what it would allow and the device would not."""
     found = []

@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from played import color_image, depth_image, install, lacking
+from played import answering, color_image, depth_image, install, lacking
 
 import cuboid
 from cuboid.ground.core.errors import FrameError, InputError
@@ -107,7 +107,7 @@ class Config:
 
 
 class Pipeline:
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: Any) -> None:
         self._k = -1
 
     def get_stream_profile_list(self, sensor: str) -> StreamProfileList:
@@ -131,17 +131,8 @@ class Pipeline:
         self._k = 99
 
 
-class DeviceInfo:
-    def get_name(self) -> str:
-        return "Gemini 335"
-
-    def get_serial_number(self) -> str:
-        return "CP15"
-
-
-class Device:
-    def get_device_info(self) -> DeviceInfo:
-        return DeviceInfo()
+DeviceInfo = answering("DeviceInfo", get_name="Gemini 335", get_serial_number="CP15")
+Device = answering("Device", get_device_info=DeviceInfo())
 
 
 class DeviceList:
@@ -150,20 +141,16 @@ class DeviceList:
     def get_count(self) -> int:
         return self.count
 
-    def get_device_by_index(self, index: int) -> Device:
+    def get_device_by_index(self, index: int) -> Any:
         return Device()
 
-    def get_device_by_serial_number(self, serial: str) -> Device:
+    def get_device_by_serial_number(self, serial: str) -> Any:
         if serial != "CP15":
             raise OBError(f"Device not found! {serial}")
         return Device()
 
 
-class Context:
-    def query_devices(self) -> DeviceList:
-        return DeviceList()
-
-
+Context = answering("Context", query_devices=DeviceList())
 CLASSES = (OBError, OBFormat, OBSensorType, OBFrameAggregateOutputMode, Config, Pipeline, Context)
 OTHERS = (VideoFrame, DepthFrame, FrameSet, StreamProfileList, DeviceInfo, Device, DeviceList)
 MEMBERS = {kind.__name__: kind for kind in CLASSES}

@@ -7,33 +7,21 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from called import called
 from cuboid import __version__
-from cuboid.cli import COMMANDS, GROUPS, main
+from cuboid.cli import COMMANDS, GROUPS
 from cuboid.results.files import read_run
 from fakes import FakeTracker, write_recording
 
-Call = Callable[..., tuple[int, str, str]]
 
-
-@pytest.fixture
-def call(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
-    """Return a function that calls the command line and gives status, output and errors."""
-    monkeypatch.setattr("cuboid.runs.pipeline.run._tracker", FakeTracker)
-
-    def run(*words: str | Path) -> tuple[int, str, str]:
-        try:
-            status = main([str(word) for word in words])
-        except SystemExit as error:
-            status = int(error.code or 0)
-        out, err = capfd.readouterr()
-        return status, out, err
-
-    return run
+def call(*words: str | Path) -> tuple[int, str, str]:
+    """Call the command line with a quick tracker; return status, output and errors."""
+    done = called(*words, tracker=FakeTracker)
+    return done.returncode, done.stdout, done.stderr
 
 
 @pytest.fixture
@@ -64,7 +52,7 @@ def test_help_names_every_command_and_loads_nothing_heavy() -> None:
     assert all(any(line.split()[: len(name.split())] == name.split() for line in shown) for name in COMMANDS)
 
 
-def test_the_help_lists_the_commands_in_groups_and_comes_without_a_command_too(call: Call) -> None:
+def test_the_help_lists_the_commands_in_groups_and_comes_without_a_command_too() -> None:
     status, shown, err = call()
     assert (status, err) == (0, "")
     assert call("--help") == (0, shown, "")
@@ -92,7 +80,7 @@ def test_a_reader_that_has_read_enough_is_no_fault(words: tuple[str, ...], recor
         assert err == b""
 
 
-def test_version(call: Call) -> None:
+def test_version() -> None:
     assert call("--version") == (0, f"cuboid {__version__}\n", "")
 
 
@@ -121,11 +109,11 @@ def test_version(call: Call) -> None:
         (("track", "no-such-folder", "--output", "o"), "no-such-folder does not exist"),
     ],
 )
-def test_a_wrong_call_is_one_line(call: Call, words: tuple[str, ...], part: str) -> None:
+def test_a_wrong_call_is_one_line(words: tuple[str, ...], part: str) -> None:
     assert_mistake(call(*words), part)
 
 
-def test_results_and_table(call: Call, recording: Path, tmp_path: Path) -> None:
+def test_results_and_table(recording: Path, tmp_path: Path) -> None:
     status, out, err = call("track", recording, "--output", tmp_path / "out")
     assert (status, err) == (0, "")
     assert "10.0 x 20.0 x 30.0" in out
@@ -137,7 +125,7 @@ def test_results_and_table(call: Call, recording: Path, tmp_path: Path) -> None:
     assert read_run(tmp_path / "out" / "run.json").frames_used == 6
 
 
-def test_options_reach_the_run(call: Call, recording: Path, tmp_path: Path) -> None:
+def test_options_reach_the_run(recording: Path, tmp_path: Path) -> None:
     words = ("--every", "2", "--limit", "2", "--scale", "2", "--threads", "1", "--set", "voxel_m=0.02")
     words += ("--min-probability", "0.65")
     assert call("track", recording, "--output", tmp_path / "out", *words)[0] == 0
@@ -152,9 +140,7 @@ def test_options_reach_the_run(call: Call, recording: Path, tmp_path: Path) -> N
     assert run.config["tracker"]["min_probability"] == 0.65
 
 
-def test_a_setting_that_does_not_exist_or_is_out_of_range_is_refused(
-    call: Call, recording: Path, tmp_path: Path
-) -> None:
+def test_a_setting_that_does_not_exist_or_is_out_of_range_is_refused(recording: Path, tmp_path: Path) -> None:
     words = ("track", recording, "--output", tmp_path / "out", "--set")
     assert_mistake(call(*words, "speed=11"), "unknown setting 'speed'")
     assert_mistake(call(*words, "voxel_m=7"), "voxel_m must lie in")
@@ -163,7 +149,7 @@ def test_a_setting_that_does_not_exist_or_is_out_of_range_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_skipped_frames_are_in_the_summary_with_their_reasons(call: Call, recording: Path, tmp_path: Path) -> None:
+def test_skipped_frames_are_in_the_summary_with_their_reasons(recording: Path, tmp_path: Path) -> None:
     (recording / "color" / "000002.png").write_bytes(b"")
     (recording / "depth" / "000004.png").unlink()
     status, out, _ = call("track", recording, "--output", tmp_path / "out")
@@ -174,7 +160,7 @@ def test_skipped_frames_are_in_the_summary_with_their_reasons(call: Call, record
     assert [frame for frame, _ in read_run(tmp_path / "out" / "run.json").skipped] == [2, 4]
 
 
-def test_more_than_half_bad_frames_is_a_mistake(call: Call, recording: Path, tmp_path: Path) -> None:
+def test_more_than_half_bad_frames_is_a_mistake(recording: Path, tmp_path: Path) -> None:
     for i in range(1, 5):
         (recording / "color" / f"{i:06d}.png").write_bytes(b"\x89PNG")
     assert_mistake(
@@ -183,7 +169,7 @@ def test_more_than_half_bad_frames_is_a_mistake(call: Call, recording: Path, tmp
     assert not (tmp_path / "out").exists()
 
 
-def test_an_output_folder_that_exists_needs_force(call: Call, recording: Path, tmp_path: Path) -> None:
+def test_an_output_folder_that_exists_needs_force(recording: Path, tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("x")
     assert_mistake(call("track", recording, "--output", tmp_path / "out"), "exists", "--force")
@@ -192,12 +178,12 @@ def test_an_output_folder_that_exists_needs_force(call: Call, recording: Path, t
     assert (tmp_path / "out" / "run.json").exists()
 
 
-def test_an_output_that_cannot_be_written_is_a_mistake(call: Call, recording: Path, tmp_path: Path) -> None:
+def test_an_output_that_cannot_be_written_is_a_mistake(recording: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert_mistake(call("track", recording, "--output", tmp_path / "file" / "out"), "cannot be written")
 
 
-def test_poses_are_needed(call: Call, tmp_path: Path) -> None:
+def test_poses_are_needed(tmp_path: Path) -> None:
     bare = write_recording(tmp_path / "bare", 3, poses=False)
     assert_mistake(call("track", bare, "--output", tmp_path / "out", "--poses", "given"), "no camera poses")
     assert_mistake(call("track", bare, "--output", tmp_path / "out", "--bridge"), "--bridge", "given poses")
@@ -205,7 +191,7 @@ def test_poses_are_needed(call: Call, tmp_path: Path) -> None:
 
 
 def test_a_fault_of_the_program_is_a_traceback(
-    call: Call, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(FakeTracker, "update", lambda self, frame, anchor: 1 / 0)
     with pytest.raises(ZeroDivisionError):
@@ -213,7 +199,7 @@ def test_a_fault_of_the_program_is_a_traceback(
     assert not (tmp_path / "out").exists()
 
 
-def test_bench_prints_stages_and_json(call: Call, tmp_path: Path) -> None:
+def test_bench_prints_stages_and_json(tmp_path: Path) -> None:
     long = write_recording(tmp_path / "long", 40)
     status, out, _ = call("bench", long)
     assert status == 0
@@ -237,6 +223,6 @@ def test_bench_prints_stages_and_json(call: Call, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [long]
 
 
-def test_bench_says_which_frames_it_could_not_use(call: Call, recording: Path) -> None:
+def test_bench_says_which_frames_it_could_not_use(recording: Path) -> None:
     (recording / "color" / "000002.png").write_bytes(b"")
     assert "1 of 6 frames skipped:" in call("bench", recording)[1]

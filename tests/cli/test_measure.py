@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from called import called
 from cuboid.cli import main
 from made_parcels import SIDES_M, UNITS_PER_M, write_parcels
 
@@ -97,15 +98,10 @@ def test_a_known_box_gives_the_error_of_scale_and_corrects_the_camera(
         (["--picture", "picture.txt"], "must be a .png or .jpg file"),
     ],
 )
-def test_a_mistake_is_one_line(
-    parcels: Path, words: list[str], message: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    try:
-        status = main(["measure", str(parcels), *words])
-    except SystemExit as ended:
-        status = int(str(ended.code))
-    assert status == 2
-    assert message in capfd.readouterr().err
+def test_a_mistake_is_one_line(parcels: Path, words: list[str], message: str) -> None:
+    done = called("measure", parcels, *words)
+    assert done.returncode == 2
+    assert message in done.stderr
 
 
 def test_one_picture_says_what_is_missing(parcels: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import av
 import numpy as np
 import pytest
 
+from called import run_command
 from cuboid.cli import render
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import InputError
@@ -37,12 +37,6 @@ def results(tmp_path: Path) -> Path:
     return output
 
 
-def call(*words: str | Path) -> int:
-    parser = argparse.ArgumentParser()
-    render.add_arguments(parser)
-    return render.run(parser.parse_args([str(word) for word in words]))
-
-
 def decode(path: Path) -> list[UInt8Array]:
     with av.open(str(path)) as container:
         return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
@@ -62,7 +56,7 @@ def decode(path: Path) -> list[UInt8Array]:
 def test_each_view_has_every_used_frame(
     results: Path, flags: tuple[str, ...], name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call(results, *flags, "--force") == 0
+    assert run_command(render, results, *flags, "--force") == 0
     shown = decode(results / name)
     assert len(shown) == 3  # 0, 4 and 6
     assert shown[0].shape == (120, 160, 3)
@@ -72,14 +66,14 @@ def test_each_view_has_every_used_frame(
 def test_the_views_differ(results: Path) -> None:
     last = []
     for flags in ((), ("--show", "depth"), ("--show", "proposals"), ("--show", "planes")):
-        call(results, *flags, "--force", "-o", results / "view.mp4")
+        run_command(render, results, *flags, "--force", "-o", results / "view.mp4")
         last.append(decode(results / "view.mp4")[-1].astype(int))
     assert all(np.abs(a - b).mean() > 0.5 for a, b in [(last[0], one) for one in last[1:]])
 
 
 def test_what_is_drawn_anew_is_what_was_drawn_in_the_run(results: Path) -> None:
     before = decode(results / "labelled.mp4")
-    call(results, "--force")
+    run_command(render, results, "--force")
     strip_px = 24  # says frames a second, which the run measured anew in every frame
     for a, b in zip(before, decode(results / "labelled.mp4"), strict=True):
         assert np.abs(a[:-strip_px].astype(int) - b[:-strip_px]).mean() < 0.5
@@ -89,8 +83,8 @@ def test_the_recording_may_have_moved(results: Path, tmp_path: Path) -> None:
     moved = tmp_path / "elsewhere"
     shutil.move(tmp_path / "recording", moved)
     with pytest.raises(InputError, match="recording"):
-        call(results, "--force")
-    assert call(results, "--recording", moved, "--force") == 0
+        run_command(render, results, "--force")
+    assert run_command(render, results, "--recording", moved, "--force") == 0
 
 
 def test_another_recording_is_refused(results: Path, tmp_path: Path) -> None:
@@ -98,22 +92,22 @@ def test_another_recording_is_refused(results: Path, tmp_path: Path) -> None:
     short = write_recording(tmp_path / "short", 3, (120, 160))
     for other, got in ((large, "7 frames of 320 x 240"), (short, "3 frames of 160 x 120")):
         with pytest.raises(InputError, match=f"expected frame 6 and 160 x 120 pixels, got {got}"):
-            call(results, "--recording", other, "--force")
+            run_command(render, results, "--recording", other, "--force")
 
 
 def test_wrong_calls_are_one_line(results: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.gif: the video's name must end with \.mp4, or give --gif"):
-        call(results, "--output", tmp_path / "a.gif")
+        run_command(render, results, "--output", tmp_path / "a.gif")
     with pytest.raises(InputError, match="expected a folder with the results"):
-        call(tmp_path / "nothing")
+        run_command(render, tmp_path / "nothing")
     (results / "tracks.csv").unlink()
     with pytest.raises(InputError, match=r"tracks\.csv: cannot be read"):
-        call(results, "--force")
+        run_command(render, results, "--force")
 
 
 def test_times_that_fit_no_frame_are_an_error_and_leave_no_video(results: Path) -> None:
     lines = (results / "trajectory.txt").read_text().splitlines()
     (results / "trajectory.txt").write_text("".join(f"9{line}\n" for line in lines))
     with pytest.raises(InputError, match=r"no frame of .* is in its trajectory"):
-        call(results, "--show", "depth")
+        run_command(render, results, "--show", "depth")
     assert not (results / "depth.mp4").exists()

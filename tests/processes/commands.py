@@ -9,14 +9,13 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from io import StringIO
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cuboid.cli import main
+from called import called
 from fakes import FakeTracker
 from slowed import slowed
 
@@ -64,19 +63,7 @@ def run(words: Sequence[str], **options: Any) -> subprocess.CompletedProcess[str
 
 def run_here(*words: object, tracker: type | None = FakeTracker) -> subprocess.CompletedProcess[str]:
     """Run a cuboid command in this process, a second sooner than in its own; with the real tracker if it is None."""
-    call = [str(word) for word in words]
-    with (
-        pytest.MonkeyPatch.context() as patched,
-        redirect_stdout(StringIO()) as out,
-        redirect_stderr(StringIO()) as err,
-    ):
-        if tracker is not None:
-            patched.setattr("cuboid.runs.pipeline.run._tracker", tracker)
-        try:
-            status = main(call)
-        except SystemExit as ended:
-            status = int(str(ended.code))
-    return subprocess.CompletedProcess(call, status, out.getvalue(), err.getvalue())
+    return called(*words, tracker=tracker)
 
 
 @contextmanager

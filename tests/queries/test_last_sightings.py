@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from called import called
 from cuboid.cli import main
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Intrinsics
@@ -104,11 +105,8 @@ def test_names_by_the_command_in_python_and_in_the_page(results: Path, capsys: p
         (["kitchen#1=bin"], "only objects of a store are named with their recording"),
         (["1=two\nlines"], "a name is one line"),
     ):
-        try:
-            assert main(["name", str(results), *words]) == 2
-        except SystemExit as error:
-            assert error.code == 2  # noqa: PT017 - the parser exits
-        assert said in capsys.readouterr().err
+        done = called("name", results, *words)
+        assert (done.returncode, said in done.stderr) == (2, True)
 
 
 def test_where_nothing_has_a_name_the_answer_says_how_to_give_one(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import http.client
 import json
 import socket
 import struct
@@ -17,6 +16,7 @@ import cv2
 import numpy as np
 import pytest
 
+from asked import asked
 from cuboid.ground.core.errors import OutputError
 from cuboid.ground.core.frame import Frame, Intrinsics, RigCamera
 from cuboid.ground.core.palette import hex_of
@@ -72,13 +72,9 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveServer]:
         yield found
 
 
-def get(server: LiveServer, path: str, host: str | None = None) -> tuple[int, bytes]:
-    connection = http.client.HTTPConnection(HOST, server.port, timeout=20)
-    connection.request("GET", path, headers={} if host is None else {"Host": host})
-    answer = connection.getresponse()
-    content = answer.read()
-    connection.close()
-    return answer.status, content
+def get(server: LiveServer, path: str, **headers: str) -> tuple[int, bytes]:
+    status, _, content = asked(server.port, path, **headers)
+    return status, content
 
 
 def ask(server: LiveServer, run: Run, path: str) -> bytes:
@@ -320,8 +316,8 @@ def test_only_this_machine_is_answered(server: LiveServer) -> None:
     status, page = get(server, "/")
     assert status == 200
     assert b"a &lt;recording&gt; - cuboid" in page
-    assert get(server, "/", host="attacker.example")[0] == 403
-    assert get(server, "/", host=f"localhost:{server.port}")[0] == 200
+    assert get(server, "/", Host="attacker.example")[0] == 403
+    assert get(server, "/", Host=f"localhost:{server.port}")[0] == 200
     for path in ("/moment", "/moment/x", "/../secret", "/map/-1", "/favicon.ico"):
         assert get(server, path)[0] == 404
     address = server._server.server_address
@@ -331,7 +327,7 @@ def test_only_this_machine_is_answered(server: LiveServer) -> None:
 def test_with_a_host_of_ones_own_any_local_name_is_answered() -> None:
     with LiveServer(LiveView(), "x", INTRINSICS, "0.0.0.0") as server:
         server.view.end(complete=True)
-        assert get(server, "/", host="robot.local:8765")[0] == 200
+        assert get(server, "/", Host="robot.local:8765")[0] == 200
     with pytest.raises(OutputError, match=r"--live: 203\.0\.113\.1 cannot be used"):
         LiveServer(LiveView(), "x", INTRINSICS, "203.0.113.1")
 

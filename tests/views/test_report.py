@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from called import run_command
 from cuboid.cli import report as command
 from cuboid.ground.core.errors import FrameError, InputError, OutputError
 from cuboid.ground.core.frame import Frame
@@ -232,20 +233,12 @@ def test_the_page_is_the_same_bytes_again_and_nothing_partial_is_left(summary: S
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.html", "b.html"]
 
 
-def call(*words: str | Path) -> int:
-    import argparse
-
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    return command.run(parser.parse_args([str(word) for word in words]))
-
-
 def test_the_command_writes_the_page_of_finished_results(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call(results, "--output", tmp_path / "with.html") == 0
+    assert run_command(command, results, "--output", tmp_path / "with.html") == 0
     assert capsys.readouterr().out == f"page with 3 objects in {tmp_path / 'with.html'}\n"
-    assert call(results, "--output", tmp_path / "without.html", "--no-pictures") == 0
+    assert run_command(command, results, "--output", tmp_path / "without.html", "--no-pictures") == 0
     pages = [(tmp_path / name).read_text().count("data:image/jpeg") for name in ("with.html", "without.html")]
     assert pages == [3 + 6 + 6 + 2, 0]  # the best picture of each object, and those through time
 
@@ -256,13 +249,13 @@ def test_results_that_do_not_fit_are_one_line(results: Path, tmp_path: Path) -> 
     lines = (broken / "trajectory.txt").read_text().splitlines(keepends=True)
     (broken / "trajectory.txt").write_text("".join(lines[:-1]))
     with pytest.raises(InputError, match=r"trajectory\.txt: expected 38 lines, one a used frame of run\.json, got 37"):
-        call(broken, "--no-pictures")
+        run_command(command, broken, "--no-pictures")
     with pytest.raises(InputError, match="expected a folder with the results"):
-        call(tmp_path / "nothing")
+        run_command(command, tmp_path / "nothing")
     with pytest.raises(InputError, match=r"must end with \.html"):
-        call(results, "--output", tmp_path / "page.pdf")
+        run_command(command, results, "--output", tmp_path / "page.pdf")
     (broken / "trajectory.txt").write_text("".join(lines))
     rows = (broken / "tracks.csv").read_text()
     (broken / "tracks.csv").write_text(rows + rows.splitlines()[1].replace("2,", "99,", 1) + "\n")
     with pytest.raises(InputError, match="frame 99 is not among the used frames"):
-        call(broken, "--no-pictures")
+        run_command(command, broken, "--no-pictures")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import http.client
 import shutil
 import socket
 import threading
@@ -14,6 +13,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser
 
+from asked import asked
 from browser import Watched, answering
 from cuboid.inputs.readers import open_recording
 from cuboid.results.files import Results
@@ -43,12 +43,7 @@ def port(results: Path) -> Iterator[int]:
 
 
 def status(port: int, path: str = "/frame/0.jpg", method: str = "GET", **headers: str) -> int:
-    connection = http.client.HTTPConnection(HOST, port, timeout=20)
-    connection.request(method, path, headers={name.replace("_", "-"): value for name, value in headers.items()})
-    answer = connection.getresponse()
-    answer.read()
-    connection.close()
-    return answer.status
+    return asked(port, path, method, **headers)[0]
 
 
 def said(port: int, content: bytes, wait_s: float = 5.0) -> bytes:
@@ -172,15 +167,13 @@ def test_a_connection_that_is_worked_on_is_not_cut_off(monkeypatch: pytest.Monke
     monkeypatch.setattr(serving, "MAX_CONNECTIONS", 3)
     go, begun = threading.Event(), threading.Semaphore(0)
 
-    class Handler(serving.PageHandler):
-        @staticmethod
-        def show(address: str) -> serving.Answer:
-            begun.release()
-            assert go.wait(20)
-            return "text/plain", b"done"
+    def show(address: str) -> serving.Answer:
+        begun.release()
+        assert go.wait(20)
+        return "text/plain", b"done"
 
     found: list[int] = []
-    with serving.listening_at(0, Handler) as server, answering(server):
+    with serving.listening_at(0, show) as server, answering(server):
         port = server.server_port
         asking = [threading.Thread(target=lambda: found.append(status(port))) for _ in range(3)]
         for thread in asking:

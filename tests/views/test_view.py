@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import http.client
 import json
 import os
 import re
@@ -21,7 +20,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
+from asked import asked
 from browser import OpenPage, Watched, answering, pixels, rect
+from called import run_command
 from cuboid.cli import serving, view
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import InputError, OutputError
@@ -50,17 +51,8 @@ def server(results: Path) -> Iterator[ThreadingHTTPServer]:
         yield found
 
 
-def get(server: ThreadingHTTPServer, path: str, host: str | None = None) -> tuple[int, str, bytes]:
-    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=20)
-    connection.request("GET", path, headers={} if host is None else {"Host": host})
-    answer = connection.getresponse()
-    content = answer.read()
-    connection.close()
-    return answer.status, answer.headers.get("Content-Type", ""), content
-
-
 def picture(server: ThreadingHTTPServer, frame: int, query: str = "") -> UInt8Array:
-    status, kind, content = get(server, f"/frame/{frame}.jpg{query}")
+    status, kind, content = asked(server.server_port, f"/frame/{frame}.jpg{query}")
     assert (status, kind) == (200, "image/jpeg")
     shown = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
     return np.asarray(shown[..., ::-1], np.uint8)
@@ -112,42 +104,36 @@ def test_it_shows_what_is_asked_for(server: ThreadingHTTPServer) -> None:
     ],
 )
 def test_nothing_else_is_given(server: ThreadingHTTPServer, path: str) -> None:
-    assert get(server, path)[0] == 404
+    assert asked(server.server_port, path)[0] == 404
 
 
 def test_only_this_machine_is_answered(server: ThreadingHTTPServer) -> None:
     assert server.server_address[0] == "127.0.0.1"
     for name, status in (("localhost:1234", 200), ("127.0.0.1", 200), ("somewhere.example", 403), ("", 403)):
-        assert get(server, "/", name)[0] == status, name
+        assert asked(server.server_port, "/", Host=name)[0] == status, name
 
 
 def test_a_port_that_is_taken_is_one_line(server: ThreadingHTTPServer, results: Path) -> None:
     with pytest.raises(OutputError, match=f"port {server.server_port} cannot be used"):
-        call(results, "--port", str(server.server_port), "--no-browser")
+        run_command(view, results, "--port", str(server.server_port), "--no-browser")
     with pytest.raises(argparse.ArgumentTypeError, match="expected a port"):
         serving.port("70000")
 
 
 def test_another_recording_or_no_results_is_one_line(results: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a folder with the results"):
-        call(tmp_path / "nothing", "--no-browser")
+        run_command(view, tmp_path / "nothing", "--no-browser")
     (tmp_path / "note.cuboid").write_text("no scene")
     with pytest.raises(InputError, match=r"note\.cuboid"):
-        call(tmp_path / "note.cuboid", "--no-browser")
+        run_command(view, tmp_path / "note.cuboid", "--no-browser")
     moved = tmp_path / "moved"
     shutil.copytree(results, moved)
     with pytest.raises(InputError, match="recording"):
-        call(moved, "--no-browser", "--recording", tmp_path / "elsewhere")
+        run_command(view, moved, "--no-browser", "--recording", tmp_path / "elsewhere")
     lines = (moved / "trajectory.txt").read_text().splitlines()
     (moved / "trajectory.txt").write_text("".join(f"9{line}\n" for line in lines))
     with pytest.raises(InputError, match=r"no frame of .* is in its trajectory"):
-        call(moved, "--no-browser")
-
-
-def call(*words: str | Path) -> int:
-    parser = argparse.ArgumentParser()
-    view.add_arguments(parser)
-    return view.run(parser.parse_args([str(word) for word in words]))
+        run_command(view, moved, "--no-browser")
 
 
 def test_the_command_says_where_and_ends_with_ctrl_c(results: Path) -> None:
@@ -158,10 +144,7 @@ def test_the_command_says_where_and_ends_with_ctrl_c(results: Path) -> None:
         line = process.stdout.readline()
         found = re.search(r"http://localhost:(\d+)/", line)
         assert found, line
-        connection = http.client.HTTPConnection(HOST, int(found[1]), timeout=20)
-        connection.request("GET", "/")
-        assert connection.getresponse().status == 200
-        connection.close()
+        assert asked(int(found[1]), "/")[0] == 200
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=20)
     assert (process.returncode, out, err) == (0, "ended\n", "")
@@ -208,13 +191,9 @@ UNNAMED = (200, '{"name": "", "name_score": null, "names": []}')
 
 
 def post(server: ThreadingHTTPServer, path: str, content: object) -> tuple[int, str]:
-    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=20)
-    head = {"Content-Type": "application/json", "Origin": f"http://{HOST}:{server.server_port}"}
-    connection.request("POST", path, json.dumps(content), head)
-    answer = connection.getresponse()
-    said = answer.read().decode()
-    connection.close()
-    return answer.status, said
+    head = {"Content_Type": "application/json", "Origin": f"http://{HOST}:{server.server_port}"}
+    status, _, said = asked(server.server_port, path, "POST", json.dumps(content).encode(), **head)
+    return status, said.decode()
 
 
 @pytest.fixture
@@ -239,7 +218,7 @@ def test_a_name_is_kept_in_the_results_and_their_page(own_server: ThreadingHTTPS
     assert [item.name for item in Results(own_results).found.objects] == [None, "milk <b>carton", None]
     page = (own_results / "report.html").read_text()
     assert '"name":"milk \\u003cb>carton"' in page
-    assert '"name":"milk \\u003cb>carton"' in get(own_server, "/")[2].decode()
+    assert '"name":"milk \\u003cb>carton"' in asked(own_server.server_port, "/")[2].decode()
     assert post(own_server, "/names", {"label": 2, "name": ""}) == UNNAMED
     assert json.loads((own_results / "objects.json").read_bytes()) == before
 

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from cuboid.cli.progress import LINE_EVERY_S
+from cuboid.cli.progress import Bar, Lines, display
 from cuboid.cli.recording import (
     add_furniture,
     add_reading_options,
@@ -35,41 +34,27 @@ if TYPE_CHECKING:
 
 
 class BatchProgress:
-    """Context manager: a progress bar on a terminal, elsewhere a line at intervals."""
+    """Shows the recordings that have ended, and counts them.
 
-    def __init__(self, planned: Plan, dashboard: str) -> None:
-        self._planned = planned
+    Parameters
+    ----------
+    planned : Plan
+    display : Bar or Lines
+    dashboard : str
+        Address of Dask's page.
+    """
+
+    def __init__(self, planned: Plan, display: Bar | Lines, dashboard: str) -> None:
+        self._planned, self._display = planned, display
         self._states: Counter[str] = Counter()
         self._frames = self._objects = 0
-        self._console = Console(stderr=True)
-        self._begun_s = self._last_s = time.monotonic()
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[state]}"),
-            TextColumn("time left"),
-            TimeRemainingColumn(),
-            console=self._console,
-            transient=True,
-            disable=not self._console.is_terminal,
-        )
-        self._task = self._bar.add_task("recordings", total=len(planned.tasks), state="")
-        self._dashboard = dashboard
-
-    def __enter__(self) -> BatchProgress:
-        recordings = counted(len(self._planned.tasks), "recording")
-        finished = f"{self._planned.done} done before" + (
-            f", {self._planned.failed} failed before" if self._planned.failed else ""
-        )
-        self._say(f"cuboid: {recordings} to track, {finished}; dashboard {self._dashboard}")
-        for source, reason in self._planned.broken.items():
-            self._say(f"cuboid: {source.name}: {reason}")
-        self._bar.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._bar.stop()
+        self._begun_s = time.monotonic()
+        before = f", {planned.failed} failed before" if planned.failed else ""
+        recordings = f"{counted(len(planned.tasks), 'recording')} to track, {planned.done} done before{before}"
+        self._say(f"{recordings}; dashboard {dashboard}")
+        for source, reason in planned.broken.items():
+            self._say(f"{source.name}: {reason}")
+        display.show(0, len(planned.tasks))
 
     def ended(self, one: Ended) -> None:
         """Count a recording that has ended."""
@@ -77,9 +62,11 @@ class BatchProgress:
         self._frames += one.frames
         self._objects += one.objects
         if one.reason is not None:
-            self._say(f"cuboid: {one.head.recording}: {one.state}: {one.reason}")
-        self._bar.update(self._task, advance=1, state=counted(self._objects, "object"))
-        self._line()
+            self._say(f"{one.head.recording}: {one.state}: {one.reason}")
+        done, total = self._states.total(), len(self._planned.tasks)
+        left_s = (time.monotonic() - self._begun_s) / done * (total - done)
+        left = f", about {duration(left_s)} left" if isinstance(self._display, Lines) else ""
+        self._display.show(done, total, f"{counted(self._objects, 'object')}{left}")
 
     def count(self, state: str) -> int:
         """Return the number of recordings that ended in this state."""
@@ -102,22 +89,8 @@ class BatchProgress:
         seconds = time.monotonic() - self._begun_s
         return printable(f"{states}{broken}{before}; {found} in {seconds:.1f} s; store {store}")
 
-    def _line(self) -> None:
-        now_s = time.monotonic()
-        if self._console.is_terminal or now_s - self._last_s < LINE_EVERY_S:
-            return
-        self._last_s = now_s
-        done, total = self._states.total(), len(self._planned.tasks)
-        left_s = (now_s - self._begun_s) / done * (total - done)
-        self._say(
-            f"cuboid: {done} of {total} recordings, {counted(self._objects, 'object')}, about {duration(left_s)} left"
-        )
-
     def _say(self, line: str) -> None:
-        if self._console.is_terminal:
-            self._bar.console.print(printable(line), markup=False, highlight=False, soft_wrap=True)
-        else:
-            print(printable(line), file=sys.stderr, flush=True)
+        self._display.print(printable(f"cuboid: {line}"))
 
 
 def duration(seconds: float) -> str:
@@ -191,7 +164,8 @@ def run(args: argparse.Namespace) -> int:
         if args.dry_run:
             give(args, _plan_document(planned), lambda: _print_plan(planned))
             return 0
-        with BatchProgress(planned, str(client.dashboard_link)) as shown:
+        with display("recordings", Console(stderr=True), "recordings") as opened:
+            shown = BatchProgress(planned, opened, str(client.dashboard_link))
             try:
                 carry_out(client, planned, order, shown.ended)
             except KeyboardInterrupt:

@@ -112,8 +112,7 @@ def _print(measured: dict[str, Any], outcome: RunOutcome) -> None:
     scale = measured["config"]["scale"]
     out.print(
         f"{frames['used']} frames of {measured['recording']} at scale {scale}, {threads}, "
-        f"{host['cpu']}, Python {host['python']}",
-        markup=False,
+        f"{host['cpu']}, Python {host['python']}"
     )
     out.print(timings_table(outcome.report.milliseconds))
     out.print(f"{measured['frames_per_second']:.1f} frames/s, {measured['peak_memory_mb']:.0f} MB at peak")
@@ -126,7 +125,7 @@ def _print(measured: dict[str, Any], outcome: RunOutcome) -> None:
             f"{drift['late_ms']:.1f} ms at 80-100 %: x {drift['ratio']:.2f}"
         )
     for line in skipped_lines(outcome.report):
-        out.print(line, markup=False)
+        out.print(line)
 
 
 def _tail_lines(measured: dict[str, Any]) -> list[str]:

@@ -130,8 +130,8 @@ def _print_board(args: argparse.Namespace) -> int:
 
     def show() -> None:
         line = f"{args.print_board}: print it at 100 %, check the length of its line, and glue it onto something flat"
-        console().print(line, markup=False, soft_wrap=True)
-        console().print(f"then: cuboid calibrate --rig A B --board {board} --output rig.json", markup=False)
+        console().print(line, soft_wrap=True)
+        console().print(f"then: cuboid calibrate --rig A B --board {board} --output rig.json")
 
     give(args, {"output": str(args.print_board), "board": str(board)}, show)
     return 0
@@ -228,7 +228,7 @@ def _print_rig(rows: Sequence[dict[str, Any]], counted: str, line: str) -> None:
     for row in rows:
         table.add_row(str(row["name"]), f"{row['error_mm']:.1f}", f"{row['error_degrees']:.2f}", str(row[counted]))
     console().print(table)
-    console().print(line, markup=False)
+    console().print(line)
 
 
 def _document(found: CalibrationResult, units: float, output: Path) -> dict[str, Any]:
@@ -293,8 +293,8 @@ def _print(found: CalibrationResult, recording: Recording, output: Path) -> None
         f"{found.pairs} pairs of {found.frames} frames: median difference of depths {1000 * found.gap_after_m:.1f} mm, "
         f"before {1000 * found.gap_before_m:.1f} mm{'' if math.isnan(found.pose_error_m) else poses}"
     )
-    out.print(_depth_line(found), markup=False)
-    out.print(f"written: {output}", markup=False)
+    out.print(_depth_line(found))
+    out.print(f"written: {output}")
 
 
 def _error(value: float, digits: int) -> str:

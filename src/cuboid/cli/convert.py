@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cuboid.cli.parser import positive
+from cuboid.cli.parser import positive, whole
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.tables import console
@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_results(results)
     results.add_argument("--to", choices=FORMS, default="plain", help="format of the new recording (default: plain)")
     cut = parser.add_argument_group("frames")
-    cut.add_argument("--first", type=_number, default=0, metavar="N", help="first frame, counted from 0")
-    cut.add_argument("--last", type=_number, metavar="N", help="last frame")
+    cut.add_argument("--first", type=whole, default=0, metavar="N", help="first frame, counted from 0")
+    cut.add_argument("--last", type=whole, metavar="N", help="last frame")
     cut.add_argument("--every", type=positive, default=1, metavar="N", help="use every N-th frame")
     add_reading(parser, thinned=False, tracked=False)
 
@@ -59,13 +59,7 @@ def run(args: argparse.Namespace) -> int:
 def _print(skipped: dict[int, str], done: str) -> None:
     out = console()
     for index, reason in list(skipped.items())[:SHOWN]:
-        out.print(f"  frame {index} left out: {reason}", markup=False)
+        out.print(f"  frame {index} left out: {reason}")
     if len(skipped) > SHOWN:
         out.print(f"  and {len(skipped) - SHOWN} others")
-    out.print(done, markup=False)
-
-
-def _number(text: str) -> int:
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"expected the number of a frame, counted from 0, got '{text}'")
-    return int(text)
+    out.print(done)

@@ -85,5 +85,5 @@ def _print(outcome: RunOutcome, output: Path) -> None:
 
     print_outcome(outcome, output)
     out = console()
-    out.print(f"the labelled picture is {output / PICTURE}", markup=False, soft_wrap=True)
-    out.print(ADVICE, markup=False, soft_wrap=not out.is_terminal)
+    out.print(f"the labelled picture is {output / PICTURE}", soft_wrap=True)
+    out.print(ADVICE, soft_wrap=not out.is_terminal)

@@ -86,7 +86,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the checks; return 1 if one of them fails."""
-    checks = [*_system(), *_packages(), *_kernels(), *_folders()]
+    checks = [
+        Check("cuboid", OK, __version__),
+        Check("python", OK, f"{platform.python_version()} on {platform.system()} {platform.machine()}"),
+        Check("threads", OK, f"{cores()} cores may be used"),
+        *_packages(),
+        *_kernels(),
+        _writable("temporary folder", Path(tempfile.gettempdir())),
+    ]
     give(args, {"checks": [asdict(check) for check in checks]}, lambda: _print(checks))
     return 1 if any(check.state == BAD for check in checks) else 0
 
@@ -95,12 +102,6 @@ def _print(checks: list[Check]) -> None:
     width = max(len(check.name) for check in checks)
     for check in checks:
         print(f"{check.state:7} {check.name:{width}}  {check.detail}")
-
-
-def _system() -> Iterator[Check]:
-    yield Check("cuboid", OK, __version__)
-    yield Check("python", OK, f"{platform.python_version()} on {platform.system()} {platform.machine()}")
-    yield Check("threads", OK, f"{cores()} cores may be used")
 
 
 def _packages() -> Iterator[Check]:
@@ -166,10 +167,6 @@ def _kernels() -> Iterator[Check]:
     came = f", {installed} with the installation" if installed else ""
     yield Check("kernels", OK, f"{ready} of {len(KERNELS)} compiled{came}{rest}")
     yield _writable("kernel cache", cache_folder())
-
-
-def _folders() -> Iterator[Check]:
-    yield _writable("temporary folder", Path(tempfile.gettempdir()))
 
 
 def _writable(name: str, folder: Path) -> Check:

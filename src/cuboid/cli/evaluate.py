@@ -107,25 +107,25 @@ def print_evaluation(found: Evaluation) -> None:
 
     out = console()
     skipped = f", {found.frames_skipped} skipped" if found.frames_skipped else ""
-    out.print(f"{found.result} against {found.truth}: {found.frames_judged} frames judged{skipped}", markup=False)
+    out.print(f"{found.result} against {found.truth}: {found.frames_judged} frames judged{skipped}")
     out.print(_map_table(found))
-    out.print(_map_line(found), markup=False)
+    out.print(_map_line(found))
     if found.identity is None:
         out.print("labels over time: not judged, since the truth has no visibility per frame")
     else:
         out.print(_identity_table(found.identity))
-        out.print(_identity_lines(found.identity), markup=False)
+        out.print(_identity_lines(found.identity))
         out.print(_reidentification_table(found.identity))
         print_reliability(found.identity.reliability[-1])
     if found.events is not None:
-        out.print(_event_lines(found.events), markup=False)
+        out.print(_event_lines(found.events))
     out.print(_objects_table(found))
     if found.names is not None:
         print_names(found.names)
     if found.relations is not None:
         out.print(_relations_table(found.relations))
     if found.heat is not None:
-        out.print(_heat_line(found.heat), markup=False)
+        out.print(_heat_line(found.heat))
 
 
 def print_visits(found: VisitsQuality) -> None:
@@ -149,7 +149,7 @@ def print_comparison(found: Evaluation) -> None:
         back = found.identity.reidentification[0]
         line += f", HOTA {found.identity.hota.hota:.3f}"
         line += f", {back.same_label} of {back.reappearances} reappearances with the old label"
-    out.print(line, markup=False)
+    out.print(line)
 
 
 def _length(value_cm: float | None) -> str:

@@ -89,9 +89,9 @@ def _print(found: Judged, means: dict[str, Interval]) -> None:
         table.add_row(title, *cells)
     out.print(table)
     for name, reason in (*found.refused.items(), *found.not_done.items()):
-        out.print(printable(f"{name}: {reason}"), markup=False)
+        out.print(printable(f"{name}: {reason}"))
     if found.without_truth:
-        out.print(f"{counted(len(found.without_truth), 'recording')} without a truth", markup=False)
+        out.print(f"{counted(len(found.without_truth), 'recording')} without a truth")
 
 
 def _print_change(
@@ -111,9 +111,9 @@ def _print_change(
     change = {scene: _hota(after[scene]) - _hota(before[scene]) for scene in before.keys() & after.keys()}
     lost = [(delta, scene) for scene, delta in sorted(change.items()) if delta < 0]
     for delta, scene in sorted(lost)[:NAMED]:
-        out.print(printable(f"{scene}: HOTA {delta:+.3f}"), markup=False)
+        out.print(printable(f"{scene}: HOTA {delta:+.3f}"))
     for scene in sorted(before.keys() ^ after.keys()):
-        out.print(printable(f"{scene}: only in one of the two versions"), markup=False)
+        out.print(printable(f"{scene}: only in one of the two versions"))
 
 
 def _hota(row: dict[str, Any]) -> float:

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     def show() -> None:
         _print(found)
         if args.plot is not None:
-            console().print(f"plot in {args.plot}", markup=False)
+            console().print(f"plot in {args.plot}")
 
     give(args, found.to_dict(), show)
     return 0
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _print(found: TrajectoryErrors) -> None:
     out = console()
-    out.print(f"{found.estimate} against {found.truth}", markup=False)
+    out.print(f"{found.estimate} against {found.truth}")
     out.print(
         f"{found.pairs} pairs of {found.estimate_poses} estimated and {found.truth_poses} true poses, at most "
         f"{found.limit_s:g} s apart; {100 * found.coverage:.1f} % of the truth estimated; "

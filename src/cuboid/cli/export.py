@@ -38,5 +38,5 @@ def run(args: argparse.Namespace) -> int:
     notes = export(Results(args.results, args.recording), args.to, output, force=args.force, **given)
     lines = "\n".join((f"{args.to} written to {output}", *notes))
     document = {"output": str(output), "form": args.to, "notes": notes}
-    give(args, document, lambda: console().print(lines, markup=False))
+    give(args, document, lambda: console().print(lines))
     return 0

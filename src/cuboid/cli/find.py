@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         _show(args, answer)
         for file, what in ((args.html, "the page with pictures"), (args.picture, "the picture of the last sighting")):
             if file is not None:
-                console().print(f"{what} is {file}", markup=False, soft_wrap=True)
+                console().print(f"{what} is {file}", soft_wrap=True)
 
     understood = {} if args.question is None else {"understood": list(answer.understood)}
     give(args, {**understood, "objects": [plain(row) for row in answer.rows]}, show)
@@ -159,16 +159,16 @@ def _show(args: argparse.Namespace, answer: Answered) -> None:
     from cuboid.services.queries.rows import last_seen_lines, tag
 
     if answer.understood:
-        console().print(f"understood: {', '.join(answer.understood)}", markup=False)
+        console().print(f"understood: {', '.join(answer.understood)}")
     if COUNT in answer.understood:
         least = "at least " if len(answer.rows) == args.limit else ""
-        console().print(f"{least}{counted(len(answer.rows), 'object')}", markup=False)
+        console().print(f"{least}{counted(len(answer.rows), 'object')}")
     if not answer.rows:
-        console().print(answer.note or "no object found", markup=False)
+        console().print(answer.note or "no object found")
     elif args.last is not None or WHERE in answer.understood:
         for row in answer.rows:
             first, *others = last_seen_lines(row)
-            console().print("\n  ".join((f"{tag(row)}: {first}", *others)), markup=False)
+            console().print("\n  ".join((f"{tag(row)}: {first}", *others)))
     else:
         console().print(_table(answer.rows))
 

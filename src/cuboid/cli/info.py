@@ -49,9 +49,9 @@ def run(args: argparse.Namespace) -> int:
 def _print(found: RecordingInfo, clock: str | None) -> None:
     out = console()
     for name, text in [*rows(found), *([] if clock is None else [("pose times", clock)])]:
-        out.print(f"{name:<{NAME_WIDTH}}{text}", markup=False, soft_wrap=True)
+        out.print(f"{name:<{NAME_WIDTH}}{text}", soft_wrap=True)
     for line in [*skipped_lines(found), *(f"warning: {warning}" for warning in found.warnings)]:
-        out.print(line, markup=False, soft_wrap=True)
+        out.print(line, soft_wrap=True)
 
 
 def rows(found: RecordingInfo) -> list[tuple[str, str]]:

@@ -34,9 +34,9 @@ def run(args: argparse.Namespace) -> int:
     def show() -> None:
         print_evaluation(found)
         if args.pictures is not None:
-            console().print(f"{counted(drawn, 'picture')} in {args.pictures}", markup=False)
+            console().print(f"{counted(drawn, 'picture')} in {args.pictures}")
         if args.give_names:
-            console().print(f"{counted(len(named), 'object')} named in {args.result}", markup=False)
+            console().print(f"{counted(len(named), 'object')} named in {args.result}")
 
     give(args, found.to_dict(), show)
     return 0
@@ -74,8 +74,7 @@ def print_evaluation(found: KeyframeEvaluation) -> None:
     at = found.at[0]
     out.print(
         f"{found.result} against {found.keyframes}\n{counted(len(found.frames), 'keyframe')} judged, "
-        f"{counted(at.rectangles, 'rectangle')} of {counted(at.objects, 'object')} to be found",
-        markup=False,
+        f"{counted(at.rectangles, 'rectangle')} of {counted(at.objects, 'object')} to be found"
     )
     if found.not_given:
         out.print(f"not judged, since the run did not read them (--every, --limit): {_frames(found.not_given)}")
@@ -87,7 +86,7 @@ def print_evaluation(found: KeyframeEvaluation) -> None:
         out.print(_funnel_table(found))
     for stage in found.funnel:
         if stage.reason:
-            out.print(f"no {stage.name}: {stage.reason}", markup=False)
+            out.print(f"no {stage.name}: {stage.reason}")
     out.print(_objects_table(found))
     if found.names is not None:
         print_names(found.names)
@@ -99,8 +98,7 @@ def print_names(names: NameQuality) -> None:
     out.print(
         f"names: {names.right} of {names.judged} objects of known classes named correctly "
         f"(accuracy {score(names.accuracy)}, top 3 {score(names.top3)}), {names.named} named "
-        f"(precision {score(names.precision)})",
-        markup=False,
+        f"(precision {score(names.precision)})"
     )
     if names.confusion:
         table = new_table("true class", "found as", "objects", left=2)

@@ -150,14 +150,14 @@ def _document(found: Measured, scale: Scale | None) -> dict[str, Any]:
 def _print(args: argparse.Namespace, found: Measured, scale: Scale | None) -> None:
     out = console()
     for one in found.measures:
-        out.print(one.text(args.units), markup=False, soft_wrap=True)
+        out.print(one.text(args.units), soft_wrap=True)
     if not found.measures:
-        out.print("nothing stands on a surface in view", markup=False)
+        out.print("nothing stands on a surface in view")
         for warning in found.warnings:
-            out.print(f"warning: {warning}", markup=False, soft_wrap=True)
+            out.print(f"warning: {warning}", soft_wrap=True)
     if scale is not None:
-        out.print(scale.text(), markup=False, soft_wrap=True)
+        out.print(scale.text(), soft_wrap=True)
     camera = "the corrected camera" if scale is not None and scale.clear else "the camera, not changed,"
     for file, what in ((args.picture, "the picture with dimensions"), (args.output, camera)):
         if file is not None:
-            out.print(f"{what} is {file}", markup=False, soft_wrap=True)
+            out.print(f"{what} is {file}", soft_wrap=True)

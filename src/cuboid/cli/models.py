@@ -75,6 +75,6 @@ def _show(rows: list[dict[str, Any]]) -> None:
         took = "-" if row["milliseconds"] is None else f"{row['milliseconds']:.0f}"
         table.add_row(row["name"], row["what"], row["license"], row["publisher"], size_mb, took, kept)
     out.print(table)
-    out.print(LEGEND, markup=False)
+    out.print(LEGEND)
     for row in rows:
-        out.print(f"{row['name']}: {row['path'] or row['url']}", markup=False, soft_wrap=True)
+        out.print(f"{row['name']}: {row['path'] or row['url']}", soft_wrap=True)

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 
     def show() -> None:
         for row in rows:
-            console().print(f"{row.get('recording', '')}{tag_of(row['label'], row['name'])}", markup=False)
+            console().print(f"{row.get('recording', '')}{tag_of(row['label'], row['name'])}")
 
     give(args, {"named": rows}, show)
     return 0

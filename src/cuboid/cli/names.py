@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from importlib import import_module
 
 # For each option with an optional value: the value if no word follows, and a test whether the next word is its value.
 OPTIONAL: dict[str, tuple[str, Callable[[str], bool]]] = {
@@ -25,25 +26,21 @@ def without_guessing(words: Sequence[str]) -> list[str]:
     return words
 
 
-def format_names() -> list[str]:
-    """Return the names of the recording layouts."""
-    from cuboid.inputs.readers import READERS
+def registered(module: str, registry: str) -> Callable[[], list[str]]:
+    """Return a function that imports a module, and returns the names in one of its registries."""
 
-    return READERS.names()
+    def names() -> list[str]:
+        found: list[str] = getattr(import_module(module), registry).names()
+        return found
 
-
-def detector_names() -> list[str]:
-    """Return the names of the registered detectors."""
-    from cuboid.method.detection import DETECTORS
-
-    return DETECTORS.names()
+    return names
 
 
-def proposal_names() -> list[str]:
-    """Return the names of the sources of 2D proposals."""
-    from cuboid.method.proposals import SOURCES
-
-    return SOURCES.names()
+# The names of recording layouts, detectors, sources of 2D proposals, and live cameras.
+format_names = registered("cuboid.inputs.readers", "READERS")
+detector_names = registered("cuboid.method.detection", "DETECTORS")
+proposal_names = registered("cuboid.method.proposals", "SOURCES")
+camera_names = registered("cuboid.inputs.cameras", "CAMERAS")
 
 
 def setting_names() -> list[str]:
@@ -65,10 +62,3 @@ def export_names() -> dict[str, str]:
 def scene_export_names() -> dict[str, str]:
     """Return the names of the formats in which results of a scene are exported, each with its purpose."""
     return {"results": "all commands that take results: a result folder", **export_names()}
-
-
-def camera_names() -> list[str]:
-    """Return the names of the live cameras."""
-    from cuboid.inputs.cameras import CAMERAS
-
-    return CAMERAS.names()

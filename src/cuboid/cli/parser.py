@@ -123,6 +123,7 @@ def number(kind: Callable[[str], N], holds: Callable[[N], bool], expected: str) 
     return read
 
 
+whole = number(int, lambda value: value >= 0, "a whole number of at least 0")
 positive = number(int, lambda value: value >= 1, "a whole number of at least 1")
 port = number(int, lambda value: 0 <= value <= 65535, "a port, 0 to 65535")
 probability = number(float, lambda value: 0 <= value <= 1, "a probability from 0 to 1")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
+from rich.progress import Progress as RichBar
 
 from cuboid.ground.compiling import compiletime
 from cuboid.ground.compiling.compiletime import working_s
@@ -146,13 +146,13 @@ def _helped() -> Iterator[None]:
 LINE_EVERY_S = 10.0
 
 
-class _Bar:
+class Bar:
     """A bar on the terminal."""
 
     def __init__(self, console: Console, what: str) -> None:
         done, state = MofNCompleteColumn(), TextColumn("{task.fields[state]}")
         columns = TextColumn("{task.description}"), BarColumn(), done, state, TimeRemainingColumn()
-        self.context = Bar(*columns, console=console, transient=True)
+        self.context = RichBar(*columns, console=console, transient=True)
         self._task, self._state = self.context.add_task(what, total=None, state=""), ""
 
     def show(self, done: int, total: int | None, state: str = "") -> None:
@@ -169,17 +169,17 @@ class _Bar:
         self.context.console.print(line, markup=False, soft_wrap=True)
 
 
-class _Lines:
+class Lines:
     """Lines on standard error at intervals; a run that is shorter than the interval prints none."""
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, what: str, unit: str) -> None:
         self.context = nullcontext()
-        self._what, self._last_s, self._printed = what, time.perf_counter(), False
+        self._what, self._unit, self._last_s, self._printed = what, unit, time.perf_counter(), False
 
     def show(self, done: int, total: int | None, state: str = "") -> None:
         """Print how much is done, if the interval since the last line, or since the beginning, is over."""
         count = f"{done}" if total is None else f"{done} of {total}"
-        self._print_at_intervals(f"{count} frames, {state}" if state else f"{self._what}, {count}")
+        self._print_at_intervals(f"{count} {self._unit}, {state}" if state else f"{self._what}, {count}")
 
     def compiling(self, text: str) -> None:
         """Print what is compiled at intervals; the first time at once."""
@@ -197,9 +197,9 @@ class _Lines:
 
 
 @contextmanager
-def _display(what: str, console: Console) -> Iterator[_Bar | _Lines]:
+def display(what: str, console: Console, unit: str = "frames") -> Iterator[Bar | Lines]:
     """Show a bar on a terminal, lines elsewhere; both tell when kernels are compiled."""
-    shown = _Bar(console, what) if console.is_terminal else _Lines(what)
+    shown = Bar(console, what) if console.is_terminal else Lines(what, unit)
     with shown.context, showing_compilation(shown.compiling):
         yield shown
 
@@ -207,7 +207,7 @@ def _display(what: str, console: Console) -> Iterator[_Bar | _Lines]:
 class _RunProgress(Progress):
     """Frames, frames per second without the first one, which loads the kernels, and the number of objects."""
 
-    def __init__(self, shown: _Bar | _Lines) -> None:
+    def __init__(self, shown: Bar | Lines) -> None:
         self._shown = shown
         self._total: int | None = None
         self._done = self._used = 0
@@ -243,14 +243,14 @@ class _RunProgress(Progress):
 @contextmanager
 def progress(console: Console | None = None) -> Iterator[Progress]:
     """Show the progress of a run, on standard error by default."""
-    with _display("tracking", console or Console(stderr=True)) as shown:
+    with display("tracking", console or Console(stderr=True)) as shown:
         yield _RunProgress(shown)
 
 
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[int, int], None]]:
     """Show the progress of other work; yields a function of the finished and the total number of parts."""
-    with _display(what, Console(stderr=True)) as shown:
+    with display(what, Console(stderr=True)) as shown:
         yield shown.show
 
 

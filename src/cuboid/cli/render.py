@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from cuboid.cli.results import add_output, add_results, give, refuse_existing
+from cuboid.cli.results import add_finished, add_output, add_results, give, refuse_existing
 from cuboid.cli.tables import console
 from cuboid.ground.core.errors import InputError, counted
 
 if TYPE_CHECKING:
-    from cuboid.ground.arrays import UInt8Array
     from cuboid.results.views.encoding import VideoWriter
     from cuboid.results.views.replay import Replay
 
@@ -25,8 +24,7 @@ DEFAULT_NAMES = {"boxes": "labelled", "heat": "heat", "depth": "depth", "proposa
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument("results", type=Path, metavar="DIR", help="results of 'cuboid track'")
-    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
+    add_finished(parser)
     add_output(
         parser, type=Path, metavar="FILE", help="the video (default: a file in DIR with the name of its contents)"
     )
@@ -45,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.progress import track
 
     from cuboid.inputs.recordings.rig import RigRecording
-    from cuboid.results.views.mosaic import Mosaic
+    from cuboid.results.views.mosaic import CamerasVideo
     from cuboid.results.views.redraw import drawer
     from cuboid.results.views.replay import Replay
     from cuboid.results.views.tags import SteadyNames
@@ -56,25 +54,20 @@ def run(args: argparse.Namespace) -> int:
     cameras = [part.camera for part in recording.parts] if isinstance(recording, RigRecording) else []
     names = [camera.name for camera in cameras] or [""]
     draw = {name: drawer(args.show, args.results, replay, steady=SteadyNames()) for name in names}
-    mosaic, drawn = Mosaic(cameras) if cameras else None, 0
+    drawn = 0
     seen = replay.frames(recording.timestamp_s)
     shown = Console(stderr=True)
-    with _writer(path, replay) as video:
+    with _writer(path, replay) as writer:
+        video = CamerasVideo(writer, cameras)
         for found in track(seen, "drawing", len(replay), console=shown, transient=True, disable=not shown.is_terminal):
             frame = recording.read(found.index)
-            picture: UInt8Array | None = draw[frame.camera_name](frame, found)
-            if mosaic is not None and picture is not None:
-                picture = mosaic.add(frame.camera_name, picture)
-            if picture is not None:
-                video.add(picture)
+            video.add(frame.camera_name, draw[frame.camera_name](frame, found))
             drawn += 1
-        last = None if mosaic is None else mosaic.last()
-        if last is not None:
-            video.add(last)
+        video.finish()
     if drawn == 0:
         raise InputError(f"{args.results}: no frame of {recording.path} is in its trajectory")
     line = f"{counted(drawn, 'frame')} drawn; video in {path}"
-    give(args, {"output": str(path), "frames": drawn}, lambda: console().print(line, markup=False))
+    give(args, {"output": str(path), "frames": drawn}, lambda: console().print(line))
     return 0
 
 

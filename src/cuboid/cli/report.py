@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cuboid.cli.results import add_output, add_results, give, refuse_existing
+from cuboid.cli.results import add_finished, add_output, add_results, give, refuse_existing
 from cuboid.cli.tables import console
 from cuboid.ground.core.errors import InputError, counted
 from cuboid.ground.formats.folder import REPORT
@@ -15,8 +15,7 @@ EXAMPLE = "cuboid report DIR --force"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument("results", type=Path, metavar="DIR", help="results of 'cuboid track'")
-    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
+    add_finished(parser)
     add_output(parser, type=Path, metavar="FILE", help="the page (default: report.html in DIR)")
     parser.add_argument(
         "--no-pictures", action="store_true", help="write no pictures of objects; the recording is not needed"
@@ -39,5 +38,5 @@ def run(args: argparse.Namespace) -> int:
     write_report(path, summary)
     objects = len(summary.found.objects)
     line = f"page with {counted(objects, 'object')} in {path}"
-    give(args, {"output": str(path), "objects": objects}, lambda: console().print(line, markup=False))
+    give(args, {"output": str(path), "objects": objects}, lambda: console().print(line))
     return 0

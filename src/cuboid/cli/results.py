@@ -23,6 +23,12 @@ def add_output(parser: argparse._ActionsContainer, **options: Any) -> None:
     parser.add_argument("-o", "--output", **options)
 
 
+def add_finished(parser: argparse.ArgumentParser, what: str = "results of 'cuboid track'") -> None:
+    """Add the folder of finished results, and `--recording`."""
+    parser.add_argument("results", type=Path, metavar="DIR", help=what)
+    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
+
+
 def add_results(parser: argparse._ActionsContainer) -> None:
     """Add `--json` (None if not given) and `--force`."""
     parser.add_argument(
@@ -91,4 +97,4 @@ def give(args: argparse.Namespace, document: Mapping[str, Any], show: Callable[[
         write_whole(Path(args.json), text)
     show()
     if args.json is not None:
-        console().print(f"all figures in {args.json}", markup=False)
+        console().print(f"all figures in {args.json}")

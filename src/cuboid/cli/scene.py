@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
 from rich.table import Table
 
 from cuboid.cli.names import scene_export_names
@@ -96,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
 def _print(lines: list[str | Table]) -> None:
     for line in lines:
         if isinstance(line, str):
-            console().print(line, markup=False)
+            console().print(line)
         else:
             console().print(line)
 
@@ -116,7 +115,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
         for item in found:
             state_text = item.state if item.merged_into is None else f"merged into {item.merged_into}"
             seen = "recording {}, frame {}".format(*item.last_seen)
-            named = (escape(printable(item.name or "")), *((state_text,) if args.all else ()))
+            named = (printable(item.name or ""), *((state_text,) if args.all else ()))
             cells = (size_cell(item, errors=errors), item.box.center_text, seen, f"{item.probability:.2f}")
             table.add_row(str(item.label), *named, *cells)
         return table
@@ -135,7 +134,7 @@ def _show(scene: Scene, args: argparse.Namespace) -> Answer:
     table = new_table("recording", "begun (UTC)", "frames", "with a pose", "poses", "whole", "path", left=2)
     for one in scene.recordings:
         whole = "yes" if one.complete else "interrupted"
-        poses, path = (escape(printable(text)) for text in (one.poses, one.path))
+        poses, path = (printable(text) for text in (one.poses, one.path))
         cells = (one.begun, str(one.frames), str(one.frames_used), poses, whole, path)
         table.add_row(str(one.number), *cells)
     document = {
@@ -197,7 +196,7 @@ def _find(scene: Scene, args: argparse.Namespace) -> Answer:
         table = new_table("label", "name", size, "position x, y, z (m)", "text score", left=2)
         for item, score in found:
             cells = (size_cell(item, errors=errors), item.box.center_text, f"{score:.3f}")
-            table.add_row(str(item.label), escape(printable(item.name or "")), *cells)
+            table.add_row(str(item.label), printable(item.name or ""), *cells)
         return table
 
     return {"objects": rows}, [sized_table(build)]
@@ -215,7 +214,7 @@ def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
         places = ("" if p is None else ", ".join(f"{value:z.2f}" for value in p) for p in (one.from_m, one.to_m))
         far = "" if one.metres is None else f"{one.metres:.2f}"
         sure = "" if one.metres is None else f"{one.sure:.2f}"
-        name = escape(printable(one.name or ""))
+        name = printable(one.name or "")
         table.add_row(str(one.recording), str(one.label), name, one.change, *places, far, sure)
     if args.pictures is None:
         return document, [table]

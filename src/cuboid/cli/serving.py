@@ -37,13 +37,13 @@ def serve(args: argparse.Namespace, what: str, page: PageServer) -> int:
 
     with page as server:
         address = f"http://localhost:{server.server_port}/"
-        console().print(f"{what} at {address} (Ctrl-C ends it)", markup=False)
+        console().print(f"{what} at {address} (Ctrl-C ends it)")
         if not args.no_browser:
             webbrowser.open(address)
         try:
             server.serve_forever()
         except KeyboardInterrupt:
-            console().print("ended", markup=False)
+            console().print("ended")
     return 0
 
 

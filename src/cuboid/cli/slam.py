@@ -59,14 +59,13 @@ def print_outcome(outcome: SlamOutcome, output: Path) -> None:
     """Print the summary of the run."""
     out, report = console(), outcome.report
     for warning in report.warnings:
-        out.print(f"warning: {warning}", markup=False, soft_wrap=not out.is_terminal)
+        out.print(f"warning: {warning}", soft_wrap=not out.is_terminal)
     for line in skipped_lines(report):
-        out.print(line, markup=False)
+        out.print(line)
     timing = report.milliseconds.get("poses")
     each = f", {timing.median_ms:.1f} ms per frame (p95 {timing.p95_ms:.1f}) without decoding" if timing else ""
     out.print(
         f"{report.frames_used} of {report.frames_read} frames tracked, {outcome.lost} lost, "
         f"{outcome.keyframes} keyframes, {outcome.loops} loops closed by appearance; "
-        f"{report.seconds:.1f} s{each}; results in {output}",
-        markup=False,
+        f"{report.seconds:.1f} s{each}; results in {output}"
     )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.parser import positive
+from cuboid.cli.parser import positive, whole
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.tables import console
 from cuboid.ground.core.errors import InputError, counted
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     scene = parser.add_argument_group("scene")
     scene.add_argument("--kind", choices=KINDS, default="table", help="kind of scene (default: table)")
     scene.add_argument(
-        "--seed", type=_seed, default=1, metavar="N", help="seed: the same seed gives the same bytes (default: 1)"
+        "--seed", type=whole, default=1, metavar="N", help="seed: the same seed gives the same bytes (default: 1)"
     )
     scene.add_argument(
         "--visits",
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
     what = f"{counted(scene.frames, 'frame')}, {', '.join(things)}"
     line = f"{scene.name}: {what}; in {args.output}"
     document = {"output": str(args.output), "name": scene.name, **counts}
-    give(args, document, lambda: console().print(line, markup=False))
+    give(args, document, lambda: console().print(line))
     return 0
 
 
@@ -129,9 +129,7 @@ def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
         for visit in truth["visits"]:
             kinds = [change["change"] for change in visit["changes"]]
             what = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("unchanged", "moved", "gone", "new"))
-            console().print(
-                f"{visit['recording']}: {what if kinds else 'the first visit'}; in {args.output}", markup=False
-            )
+            console().print(f"{visit['recording']}: {what if kinds else 'the first visit'}; in {args.output}")
 
     give(args, {"output": str(args.output), "visits": truth["visits"]}, show)
     return 0
@@ -146,12 +144,6 @@ def _rendered_as(args: argparse.Namespace) -> dict[str, Any]:
     """Return the rendering options from the arguments, for `render_recording` and `render_visits`."""
     names = ("sensor", "pose_noise", "faults", "size", "workers", "force")
     return {name: getattr(args, name) for name in names}
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 0, got '{text}'")
-    return int(text)
 
 
 def _rig(text: str) -> tuple[bool, int]:

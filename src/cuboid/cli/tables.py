@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from cuboid.ground.core.errors import counted, printable
@@ -67,8 +66,8 @@ def _lines(text: str) -> str:
 
 def console() -> Console:
     """Return the console of standard output; without a terminal it is plain text of `WIDE` characters."""
-    plain = _Console(highlight=False, soft_wrap=True)
-    return plain if plain.is_terminal else _Console(highlight=False, width=WIDE, no_color=True)
+    plain = _Console(highlight=False, markup=False, soft_wrap=True)
+    return plain if plain.is_terminal else _Console(highlight=False, markup=False, width=WIDE, no_color=True)
 
 
 def new_table(*columns: str, left: int = 1) -> Table:
@@ -111,7 +110,7 @@ def objects_table(objects: Iterable[TrackedObject]) -> Table:
         table = new_table("label", size, "position x, y, z (m)", "frames seen", "probability", *name, left=0)
         for item in found:
             cells = cells_of(item, errors=errors)
-            table.add_row(str(item.label), *cells, *((escape(printable(item.name or "")),) if name else ()))
+            table.add_row(str(item.label), *cells, *((printable(item.name or ""),) if name else ()))
         return table
 
     return sized_table(build)

@@ -257,23 +257,22 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
     else:
         out.print("no object found")
     for line in tables.furniture_lines(outcome.objects, outcome.furniture) + tables.event_lines(Results(output).events):
-        out.print(line, markup=False)
+        out.print(line)
     for warning in report.warnings:
-        out.print(f"warning: {warning}", markup=False, soft_wrap=not out.is_terminal)
+        out.print(f"warning: {warning}", soft_wrap=not out.is_terminal)
     for line in [
         *tables.skipped_lines(report),
         *tables.limit_lines(report),
         *tables.detector_lines(outcome.milliseconds),
     ]:
-        out.print(line, markup=False)
+        out.print(line)
     if report.frames_dropped:
         out.print(f"{counted(report.frames_dropped, 'frame')} of the camera dropped: the tracker was too slow for them")
     frame_ms = f", {report.milliseconds['frame'].median_ms:.1f} ms per frame" if report.frames_used else ""
     out.print(
-        f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s{frame_ms}; results in {output}",
-        markup=False,
+        f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s{frame_ms}; results in {output}"
     )
     if compiling_s() >= 1.0:
         out.print(f"compiling kernels took {compiling_s():.0f} s in addition; the next run loads them")
     video = f", and {output / VIDEO}" if (output / VIDEO).is_file() else ""
-    out.print(f"open {output / REPORT} in a browser{video}", markup=False, soft_wrap=True)
+    out.print(f"open {output / REPORT} in a browser{video}", soft_wrap=True)

@@ -6,6 +6,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from cuboid.cli.results import add_finished
 from cuboid.cli.serving import add_page, serve
 from cuboid.cli.text_model import add_text_model, serving_model
 
@@ -14,8 +15,7 @@ EXAMPLE = "cuboid view DIR"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument("results", type=Path, metavar="DIR", help="results of 'cuboid track', or a scene file")
-    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
+    add_finished(parser, "results of 'cuboid track', or a scene file")
     add_text_model(parser)
     add_page(parser)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import threading
 from http import HTTPStatus
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -18,11 +17,10 @@ from cuboid.inputs.readers.usable import usable_poses
 from cuboid.lab.annotation.propagate import propagated
 from cuboid.lab.annotation.store import KeyframesFile, Outdated
 from cuboid.results.views.pixels import encode_jpeg
-from cuboid.results.views.report.page import assembled, page_source, style
+from cuboid.results.views.report.page import assembled
 from cuboid.results.views.report.summary import label_colors
 from cuboid.results.views.serving import (
     Answer,
-    PageHandler,
     PageServer,
     Refusal,
     json_answer,
@@ -31,8 +29,10 @@ from cuboid.results.views.serving import (
 )
 
 # Scripts in the order of their dependencies; the shared ones are also used by the report.
-SHARED = ("math.js", "elements.js", "controls.js")
-SCRIPTS = ("keyframes.js", "saving.js", "pictures.js", "board.js", "card.js", "timeline.js", "annotate.js")
+SCRIPTS = (
+    *("math.js", "elements.js", "controls.js"),
+    *("keyframes.js", "saving.js", "pictures.js", "board.js", "card.js", "timeline.js", "annotate.js"),
+)
 
 PICTURE = re.compile(r"/frame/(\d{1,9})\.jpg")
 # JPEG quality; high, because rectangles are drawn to pixel accuracy and need sharp edges.
@@ -110,10 +110,8 @@ class Annotator:
                 raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
 
     def _page(self) -> str:
-        scripts = [page_source(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
-        return assembled(
-            _source("annotate.html"), style(page_source("page.css"), _source("annotate.css")), scripts, self._document()
-        )
+        styles, package = ["page.css", "annotate.css"], "cuboid.lab.annotation"
+        return assembled("annotate.html", styles, SCRIPTS, self._document(), package=package)
 
     def _document(self) -> dict[str, Any]:
         K = self._recording.intrinsics
@@ -138,10 +136,6 @@ class Annotator:
         return sorted({*frames} - usable_poses(self._posed, frames).keys())
 
 
-def _source(name: str) -> str:
-    return (files("cuboid.lab.annotation") / "page" / name).read_text(encoding="utf-8")
-
-
 def make_server(annotator: Annotator, port: int = 0) -> PageServer:
     """Return a server of the page on the local address; `serve_forever` starts it.
 
@@ -156,9 +150,4 @@ def make_server(annotator: Annotator, port: int = 0) -> PageServer:
     OutputError
         The port is taken.
     """
-
-    class Handler(PageHandler):
-        show = staticmethod(annotator.show)
-        take = staticmethod(annotator.take)
-
-    return listening_at(port, Handler)
+    return listening_at(port, annotator.show, annotator.take)

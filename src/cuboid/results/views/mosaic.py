@@ -11,11 +11,40 @@ import numpy as np
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.frame import RigCamera
 from cuboid.results.views.drawing import DARK, WHITE
+from cuboid.results.views.encoding import VideoWriter
 from cuboid.results.views.tags import unit_of
 from cuboid.results.views.text import put_text
 
 # Size of a camera's name in its picture, and distance from the corner, pixels of an image 640 pixels wide.
 NAME_PX, MARGIN_PX = 16, 10
+
+
+class CamerasVideo:
+    """Writes the pictures of a camera into a video; those of a rig's cameras side by side.
+
+    Parameters
+    ----------
+    video : VideoWriter
+        Closed by its owner.
+    cameras : sequence of RigCamera
+        Cameras of the rig; empty without one.
+    """
+
+    def __init__(self, video: VideoWriter, cameras: Sequence[RigCamera] = ()) -> None:
+        self._video = video
+        self._mosaic = Mosaic(cameras) if cameras else None
+
+    def add(self, name: str, picture: UInt8Array) -> None:
+        """Add the next picture of a camera; a video of a rig gets one when it is complete."""
+        complete = picture if self._mosaic is None else self._mosaic.add(name, picture)
+        if complete is not None:
+            self._video.add(complete)
+
+    def finish(self) -> None:
+        """Add the last picture of a rig."""
+        last = None if self._mosaic is None else self._mosaic.last()
+        if last is not None:
+            self._video.add(last)
 
 
 class Mosaic:

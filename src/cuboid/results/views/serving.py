@@ -38,6 +38,10 @@ LARGEST_HEAD = 16_000
 MAX_BYTES = 16 << 20
 
 Answer = tuple[str, bytes]
+# Returns content type and content for an address; None if there is no content.
+Show = Callable[[str], Answer | None]
+# Returns the same for JSON that was sent to an address.
+Take = Callable[[str, bytes], Answer | None]
 
 
 def headers(*, forms: bool = False) -> dict[str, str]:
@@ -71,33 +75,19 @@ class Refusal(Exception):  # noqa: N818 - an answer, not a fault
 
 
 class PageHandler(BaseHTTPRequestHandler):
-    """Answers GET requests, and POST requests of pages that may send data, under the names of this machine.
+    """Answers GET requests, and POST requests of pages that may send data, under the names of this machine."""
 
-    Attributes
-    ----------
-    show : callable
-        Returns content type and content for an address; None if there is no content.
-    take : callable or None
-        Returns the same for JSON that was sent to an address; with None, POST is refused.
-    names : tuple of str
-        Accepted host names of this machine. If empty, numeric addresses and names of a local network are accepted, but
-        no name that another site could own and direct to this machine.
-    """
-
-    show: Callable[[str], Answer | None]
-    take: Callable[[str, bytes], Answer | None] | None = None
-    names: tuple[str, ...] = LOCAL_NAMES
     timeout = SILENT_S
     server: PageServer
 
     def do_GET(self) -> None:
         """Answer, unless the request is from another site or too long."""
         if self._is_taken():
-            self._answer(lambda: self.show(self.path))
+            self._answer(lambda: self.server.show(self.path))
 
     def do_POST(self) -> None:
         """Accept the data that a page of this server sends."""
-        take = self.take
+        take = self.server.take
         if not self._is_taken():
             return
         if take is None:
@@ -135,7 +125,7 @@ class PageHandler(BaseHTTPRequestHandler):
             name = urlsplit(address).hostname or ""
         except ValueError:
             return False
-        return name in self.names if self.names else _is_local(name)
+        return name in self.server.names if self.server.names else _is_local(name)
 
     def _answer(self, find: Callable[[], Answer | None]) -> None:
         self.server.enter(self.connection, Phase.WORKING)
@@ -169,16 +159,30 @@ class PageServer(ThreadingHTTPServer):
 
     A client has a time limit for sending its request, and another for receiving the answer. If there are too many
     connections, a new one replaces the connection whose client has kept the server waiting longest.
+
+    Parameters
+    ----------
+    address : (str, int)
+        Host and port; 0 chooses a free port.
+    show : Show
+    take : Take or None
+        With None, POST is refused.
+    names : tuple of str
+        Accepted host names of this machine. If empty, numeric addresses and names of a local network are accepted, but
+        no name that another site could own and direct to this machine.
     """
 
     daemon_threads = True
     block_on_close = False
     request_queue_size = MAX_CONNECTIONS
 
-    def __init__(self, address: tuple[str, int], handler: type[PageHandler]) -> None:
+    def __init__(
+        self, address: tuple[str, int], show: Show, take: Take | None = None, names: tuple[str, ...] = LOCAL_NAMES
+    ) -> None:
+        self.show, self.take, self.names = show, take, names
         self._connections: dict[Any, tuple[Phase, float]] = {}  # phase of each, and the time at which it began
         self._lock = threading.Lock()
-        super().__init__(address, handler)
+        super().__init__(address, PageHandler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer in a new thread; refuse the request if all allowed connections are in the phase WORKING."""
@@ -233,8 +237,8 @@ class PageServer(ThreadingHTTPServer):
             super().handle_error(request, client_address)  # type: ignore[arg-type]
 
 
-def listening(host: str, ports: Sequence[int], handler: type[PageHandler]) -> PageServer:
-    """Return a server at the first free port of `ports`.
+def listening(host: str, ports: Sequence[int], show: Show, *, names: tuple[str, ...]) -> PageServer:
+    """Return a server at the first free port of `ports`; the other parameters are those of `PageServer`.
 
     Raises
     ------
@@ -243,14 +247,14 @@ def listening(host: str, ports: Sequence[int], handler: type[PageHandler]) -> Pa
     """
     for port in ports[:-1]:
         try:
-            return PageServer((host, port), handler)
+            return PageServer((host, port), show, names=names)
         except OSError:
             continue
-    return PageServer((host, ports[-1]), handler)
+    return PageServer((host, ports[-1]), show, names=names)
 
 
-def listening_at(port: int, handler: type[PageHandler]) -> PageServer:
-    """Return a server at a port of the loopback address; 0 chooses a free port.
+def listening_at(port: int, show: Show, take: Take | None = None) -> PageServer:
+    """Return a server at a port of the loopback address; the parameters are those of `PageServer`.
 
     Raises
     ------
@@ -258,7 +262,7 @@ def listening_at(port: int, handler: type[PageHandler]) -> PageServer:
         The port is in use.
     """
     try:
-        return PageServer((HOST, port), handler)
+        return PageServer((HOST, port), show, take)
     except OSError as error:
         raise OutputError(f"port {port} cannot be used: {error.strerror}; omit --port to use a free one") from error
 

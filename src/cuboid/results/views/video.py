@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import OutputError
 from cuboid.ground.core.frame import Frame, Intrinsics, RigCamera
 from cuboid.ground.core.results import FrameResult, TrackedObject, names_of
 from cuboid.results.views.drawing import Status, draw_frame, hidden_objects
 from cuboid.results.views.encoding import Mp4Writer
-from cuboid.results.views.mosaic import Mosaic
+from cuboid.results.views.mosaic import CamerasVideo
 from cuboid.results.views.tags import SteadyNames
 
 # RGB-D cameras run at 30 frames/s. If only every n-th frame is used, the video keeps the speed of the scene, down to
@@ -55,7 +54,7 @@ class VideoView:
     def __init__(self, path: Path, intrinsics: Intrinsics, fps: float, cameras: Sequence[RigCamera] = ()) -> None:
         self._intrinsics = intrinsics
         self._writer = Mp4Writer(path, fps)
-        self._mosaic = Mosaic(cameras) if cameras else None
+        self._video = CamerasVideo(self._writer, cameras)
         self._steady: dict[str, SteadyNames] = {}
 
     def show(self, frame: Frame, result: FrameResult, objects: Sequence[TrackedObject]) -> None:
@@ -67,11 +66,7 @@ class VideoView:
             The file cannot be written.
         """
         hidden = hidden_objects(result.sightings, objects)
-        status = Status(
-            frame=frame.index,
-            seen=len(result.sightings),
-            known=result.objects_known,
-        )
+        status = Status(frame.index, seen=len(result.sightings), known=result.objects_known)
         picture = draw_frame(
             frame.color,
             result.T_world_camera,
@@ -82,11 +77,7 @@ class VideoView:
             names=names_of(objects),
             steady=self._steady.setdefault(frame.camera_name, SteadyNames()),
         )
-        self._add(picture if self._mosaic is None else self._mosaic.add(frame.camera_name, picture))
-
-    def _add(self, picture: UInt8Array | None) -> None:
-        if picture is not None:
-            self._writer.add(picture)
+        self._video.add(frame.camera_name, picture)
 
     def close(self, complete: bool) -> None:
         """Finish the file with the frames shown so far.
@@ -103,6 +94,5 @@ class VideoView:
             The file cannot be written; only for a complete run.
         """
         with contextlib.nullcontext() if complete else contextlib.suppress(OutputError):
-            if self._mosaic is not None:
-                self._add(self._mosaic.last())
+            self._video.finish()
             self._writer.close()

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from importlib.resources import files
 from typing import Any
 from urllib.parse import quote, urlencode
 
 from cuboid.ground.core.errors import InputError
-from cuboid.results.views.report.page import assembled, page_source, style
+from cuboid.results.views.report.page import assembled
 from cuboid.results.views.report.pictures import jpeg_address
 from cuboid.services.queries.cards import Card, cards_html
 from cuboid.services.queries.filters import Filters
@@ -214,9 +213,9 @@ def page_html(
         "answer": searched.answer,
         "main": searched.cards + below,
     }
-    scripts = [page_source("elements.js"), _source("search.js")]
     data = {"title": name, "running": running, **(document or {})}
-    return assembled(_source("search.html"), style(_source("search.css")), scripts, data, content)
+    scripts = ["elements.js", "search.js"]
+    return assembled("search.html", ["search.css"], scripts, data, content, package="cuboid.services.queries")
 
 
 def found_page(rows: Sequence[Mapping[str, Any]], title: str) -> str:
@@ -241,7 +240,3 @@ def _inside(row: Mapping[str, Any]) -> str | None:
     """Return the picture of a row as a data URL."""
     picture = row.get("picture")
     return jpeg_address(picture) if picture else None
-
-
-def _source(name: str) -> str:
-    return (files("cuboid.services.queries") / "page" / name).read_text(encoding="utf-8")

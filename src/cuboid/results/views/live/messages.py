@@ -6,8 +6,6 @@ import base64
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
-from functools import cache
-from importlib.resources import files
 from typing import Any
 
 import cv2
@@ -23,7 +21,7 @@ from cuboid.results.views.dimensions import add_dimensions
 from cuboid.results.views.drawing import draw_frame, hidden_objects
 from cuboid.results.views.live.watch import CameraView, Moment
 from cuboid.results.views.pixels import encode_jpeg
-from cuboid.results.views.report.page import SHARED, assembled, page_source, style
+from cuboid.results.views.report.page import SHARED, assembled
 from cuboid.results.views.report.points import STEP_M, spacing, stepped, thinned
 from cuboid.results.views.report.summary import (
     TURN_DIGITS,
@@ -35,8 +33,7 @@ from cuboid.results.views.report.summary import (
 from cuboid.results.views.tags import TAG_PX, Rect
 from cuboid.results.views.text import ink
 
-# The scripts of this page, in addition to the scripts shared with the report.
-SCRIPTS = ("follow.js", "live.js")
+SCRIPTS = (*SHARED, "follow.js", "live.js")
 
 # 1.8 MB per map: a forwarded port in a local network transfers it in a fraction of a second.
 MAX_POINTS = 150_000
@@ -72,8 +69,7 @@ def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pos
         "points": {"count": 0, "total": 0, "low": [0.0, 0.0, 0.0], "step_m": STEP_M, "spacing_m": 0.01},
         **(_scene(moment) if moment is not None else {"up": None, "objects": [], "events": [], "planes": []}),
     }
-    scripts = [page_source(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
-    return assembled(_source("live.html"), style(page_source("page.css"), _source("live.css")), scripts, document)
+    return assembled("live.html", ["page.css", "live.css"], SCRIPTS, document, package="cuboid.results.views.live")
 
 
 def moment_message(moment: Moment, intrinsics: Intrinsics, measured: int | None = None) -> bytes:
@@ -206,8 +202,3 @@ def _small(color: UInt8Array, intrinsics: Intrinsics) -> tuple[UInt8Array, Intri
     # At half the size or less, each pixel is a mean. Above that, averaging costs more than all other steps.
     how = cv2.INTER_AREA if 2 * small[0] <= width else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(color, small, interpolation=how), np.uint8), camera
-
-
-@cache
-def _source(name: str) -> str:
-    return (files("cuboid.results.views.live") / "page" / name).read_text(encoding="utf-8")

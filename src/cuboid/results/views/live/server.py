@@ -13,7 +13,7 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.results import MapPoints
 from cuboid.results.views.live.messages import end_message, map_message, moment_message, page_of, spacing_of, warm_up
 from cuboid.results.views.live.watch import LiveView, RateLimiter
-from cuboid.results.views.serving import HOST, LOCAL_NAMES, Answer, PageHandler, PageServer, listening, path_and_query
+from cuboid.results.views.serving import HOST, LOCAL_NAMES, Answer, listening, path_and_query
 
 # The first port is the same in every run, so that a forwarded port can stay; if it is in use, one of the next is used.
 PORT = 8765
@@ -62,12 +62,11 @@ class LiveServer:
         self._lock = threading.Lock()
         self._worker = ThreadPoolExecutor(1, "live view")  # one thread: each new thread would load the fonts
         self._packed: dict[tuple[str, int | None], tuple[int, bytes]] = {}
-
-        class Handler(PageHandler):
-            show = staticmethod(self._answer)
+        try:
             names = LOCAL_NAMES if host in LOCAL_NAMES else ()
-
-        self._server = _listening(host, Handler)
+            self._server = listening(host, (*PORTS, 0), self._answer, names=names)
+        except OSError as error:
+            raise OutputError(f"--live: {host} cannot be used: {error.strerror or error}") from error
         self.port = int(self._server.server_address[1])
         self._thread = threading.Thread(target=self._server.serve_forever, name="live view", daemon=True)
 
@@ -141,11 +140,3 @@ def charged(limiter: RateLimiter, make: Callable[[], bytes]) -> bytes:
     """Return the result of `make`, and charge its processor time to a limiter."""
     with limiter.charged():
         return make()
-
-
-def _listening(host: str, handler: type[PageHandler]) -> PageServer:
-    """Return a server at the first free port."""
-    try:
-        return listening(host, (*PORTS, 0), handler)
-    except OSError as error:
-        raise OutputError(f"--live: {host} cannot be used: {error.strerror or error}") from error

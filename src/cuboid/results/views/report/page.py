@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from html import escape
 from importlib.resources import files
 from typing import Any
@@ -12,6 +13,9 @@ from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.results.files.naming import page_json
 from cuboid.results.files.pending import write_whole
 from cuboid.results.views.report.summary import Summary
+
+# The package with the files that pages share.
+REPORT = "cuboid.results.views.report"
 
 # Scripts in the order of their dependencies; the live page has the shared ones too.
 SHARED = (
@@ -57,52 +61,57 @@ def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
     -------
     str
     """
-    document = {**summary.to_dict(), "live": live}
-    return assembled(
-        page_source("page.html"), style(page_source("page.css")), [page_source(name) for name in SCRIPTS], document
-    )
-
-
-def page_source(name: str) -> str:
-    """Return the text of a file of the page: HTML, style or script."""
-    return (files("cuboid.results.views.report") / "page" / name).read_text(encoding="utf-8")
-
-
-def style(*parts: str) -> str:
-    """Return the style of a page: first the palette and elements that all pages share, then its own parts."""
-    return "\n".join((page_source("base.css"), *parts))
+    return assembled("page.html", ["page.css"], SCRIPTS, {**summary.to_dict(), "live": live})
 
 
 def assembled(
-    html: str, css: str, scripts: Sequence[str], document: Mapping[str, Any], content: Mapping[str, str] | None = None
+    html: str,
+    styles: Sequence[str],
+    scripts: Sequence[str],
+    document: Mapping[str, Any],
+    content: Mapping[str, str] | None = None,
+    *,
+    package: str = REPORT,
 ) -> str:
-    """Return a page assembled from its parts.
+    """Return a page assembled from files in the folder ``page`` of its package, or else from those of the report.
 
     Parameters
     ----------
     html : str
-        With placeholders in double braces for the head of all pages, mark, view (the scene in 3D with its toolbar),
-        data and script.
-    css : str
-        From `style`.
+        File with placeholders in double braces for the head of all pages, mark, view (the scene in 3D with its
+        toolbar), data and script.
+    styles : sequence of str
+        Files that follow the palette and the elements of all pages.
     scripts : sequence of str
-        In the order of their dependencies; they share one scope, apart from the global one.
+        Files in the order of their dependencies; they share one scope, apart from the global one.
     document : mapping
         The data of the scripts, ready for JSON; its "title" is the title of the page.
     content : mapping of str to str, optional
         HTML of further placeholders.
+    package : str
     """
-    together = "\n".join(scripts)
+
+    def joined(names: Iterable[str]) -> str:
+        return "\n".join(_source(package, name) for name in names)
+
     parts = {
         "title": escape(f"{document['title']} - cuboid"),
-        "style": css,
-        "mark": page_source("mark.svg"),
-        "view": page_source("view.html"),
+        "style": joined(["base.css", *styles]),
+        "mark": _source(REPORT, "mark.svg"),
+        "view": _source(REPORT, "view.html"),
         "data": page_json(document),
-        "script": f'"use strict";\n(() => {{\n{together}\n}})();',
+        "script": f'"use strict";\n(() => {{\n{joined(scripts)}\n}})();',
         **(content or {}),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], html.replace("{{head}}\n", page_source("head.html")))
+    page = _source(package, html).replace("{{head}}\n", _source(REPORT, "head.html"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], page)
+
+
+@cache
+def _source(package: str, name: str) -> str:
+    """Return the text of a file of a page: that of the package, else that of the report."""
+    own = files(package) / "page" / name
+    return (own if own.is_file() else files(REPORT) / "page" / name).read_text(encoding="utf-8")
 
 
 def write_report(path: PathLike, summary: Summary) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -21,7 +22,7 @@ from cuboid.results.views.redraw import KINDS, Draw, drawer
 from cuboid.results.views.replay import Replay, ReplayedFrame
 from cuboid.results.views.report.page import page_of
 from cuboid.results.views.report.summary import Summary, summarise
-from cuboid.results.views.serving import Answer, PageHandler, PageServer, json_answer, listening_at, path_and_query
+from cuboid.results.views.serving import Answer, PageServer, json_answer, listening_at, path_and_query
 
 PICTURES = "/frame"
 NAMES = "/names"
@@ -161,12 +162,7 @@ def make_server(viewer: Viewer, port: int = 0) -> PageServer:
     OutputError
         The port is in use.
     """
-
-    class Handler(PageHandler):
-        show = staticmethod(lambda address: _answer(viewer, address))
-        take = staticmethod(lambda address, content: _take(viewer, address, content))
-
-    return listening_at(port, Handler)
+    return listening_at(port, partial(_answer, viewer), partial(_take, viewer))
 
 
 def _answer(viewer: Viewer, address: str) -> Answer | None:
