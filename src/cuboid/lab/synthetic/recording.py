@@ -22,7 +22,6 @@ from functools import partial
 from itertools import chain
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -35,6 +34,7 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.formats.folder import ResultFolder, writing
 from cuboid.ground.geometry import se3
+from cuboid.inputs.recordings.converting import png
 from cuboid.inputs.recordings.rig import RIG_FILE
 from cuboid.lab.synthetic import truth
 from cuboid.lab.synthetic.faults import named, spoil
@@ -45,12 +45,11 @@ from cuboid.lab.synthetic.scene import FRAMES_PER_S, Scene, SceneObject
 from cuboid.lab.synthetic.sensors import SENSORS
 from cuboid.lab.synthetic.view import Rendered, SceneView
 from cuboid.results.files.text import LENGTH, number
+from cuboid.results.views.pixels import encode_jpeg
 
 # Units of the depth images: 0.2 mm, a seventh of a structured-light step at 0.7 m; up to 13 m.
 DEPTH_UNITS_PER_M = 5000
 RECORDING_JPEG_QUALITY = 92
-# Fast, and a few percent larger than with the best compression.
-RECORDING_PNG_COMPRESSION = 1
 # Every n-th frame and pixel contributes to the labelled cloud.
 CLOUD_EVERY_FRAMES, CLOUD_EVERY_PIXELS = 5, 3
 # Minimum image size: below it an object has only a few pixels.
@@ -229,20 +228,13 @@ def _write_rig(folder: Path, scene: Scene, size: tuple[int, int], fractions: Flo
 
 def encode_color(color: UInt8Array) -> bytes:
     """Return an RGB image (H, W, 3) as JPEG."""
-    return _encode(".jpg", color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, RECORDING_JPEG_QUALITY])
+    return encode_jpeg(color, RECORDING_JPEG_QUALITY)
 
 
 def encode_depth(depth_m: Float32Array) -> bytes:
     """Return depth in metres (H, W) as a 16-bit PNG in `DEPTH_UNITS_PER_M`."""
     units = np.rint(np.minimum(depth_m * np.float32(DEPTH_UNITS_PER_M), 65534)).astype(np.uint16)
-    return _encode(".png", units, [cv2.IMWRITE_PNG_COMPRESSION, RECORDING_PNG_COMPRESSION])
-
-
-def _encode(suffix: str, image: npt.NDArray[Any], options: list[int]) -> bytes:
-    done, data = cv2.imencode(suffix, np.ascontiguousarray(image), options)
-    if not done:
-        raise RuntimeError(f"OpenCV cannot write {suffix}")
-    return data.tobytes()
+    return png(units)
 
 
 def _check(sensor: str, pose_noise: str, size: tuple[int, int]) -> None:
