@@ -41,7 +41,7 @@ from cuboid.lab.synthetic.faults import named, spoil
 from cuboid.lab.synthetic.paths import POSE_NOISES
 from cuboid.lab.synthetic.raycast import EXTRA, MODULES
 from cuboid.lab.synthetic.rigs import document, name_of, of_camera
-from cuboid.lab.synthetic.scene import FRAMES_PER_S, Scene, SceneObject
+from cuboid.lab.synthetic.scene import FRAMES_PER_S, Scene, SceneObject, require_known
 from cuboid.lab.synthetic.sensors import SENSORS
 from cuboid.lab.synthetic.view import Rendered, SceneView
 from cuboid.results.files.text import LENGTH, number
@@ -88,9 +88,8 @@ class _Renderer:
     """Renders frames of a scene into the files of a folder."""
 
     def __init__(self, scene: Scene, size: tuple[int, int], sensor: str, folder: Path) -> None:
-        count = 1 if scene.rig is None else scene.rig.cameras
-        self._views = [SceneView(scene, scene.intrinsics(*size, camera=k)) for k in range(count)]
-        self._folders = [folder] if scene.rig is None else [folder / name_of(k) for k in range(count)]
+        self._views = [SceneView(scene, scene.intrinsics(*size, camera=k)) for k in range(scene.cameras)]
+        self._folders = [camera for camera, _ in _cameras(scene, folder)]
         self._T_world_room = scene.T_world_room
         self._sensor = sensor
 
@@ -164,7 +163,7 @@ def render_recording(
     path = as_path(path)
     _check(sensor, pose_noise, size)
     require(MODULES[0], "cuboid synth", EXTRA)  # raised here, not in the rendering processes
-    named(faults, scene.frames // (1 if scene.rig is None else scene.rig.cameras))
+    named(faults, scene.frames // scene.cameras)
     if force and (path / truth.TRUTH).is_file():
         with writing(path):
             shutil.rmtree(path)
@@ -238,10 +237,8 @@ def encode_depth(depth_m: Float32Array) -> bytes:
 
 
 def _check(sensor: str, pose_noise: str, size: tuple[int, int]) -> None:
-    if sensor not in SENSORS:
-        raise InputError(f"no sensor is called '{sensor}'; there are {', '.join(SENSORS)}")
-    if pose_noise not in POSE_NOISES:
-        raise InputError(f"no pose noise is called '{pose_noise}'; there are {', '.join(POSE_NOISES)}")
+    require_known("sensor", sensor, SENSORS)
+    require_known("pose noise", pose_noise, POSE_NOISES)
     if size[0] < SMALLEST_SIZE[0] or size[1] < SMALLEST_SIZE[1]:
         raise InputError(f"images must be at least {SMALLEST_SIZE[0]}x{SMALLEST_SIZE[1]}, got {size[0]}x{size[1]}")
 
