@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.core.frame import Frame, Intrinsics
+from cuboid.ground.core.frame import Intrinsics
 from cuboid.inputs.calibration.known_cameras import CAMERAS, layouts
 from cuboid.inputs.recordings.opening import open_recording
 from cuboid.lab.synthetic.kinds import make_scene
-from cuboid.lab.synthetic.recording import DEPTH_UNITS_PER_M
+from cuboid.lab.synthetic.recording import DEPTH_UNITS_PER_M, encode_color, encode_depth
 from cuboid.lab.synthetic.view import SceneView
-from made_scenes import write_plain
 
 SIZE = (424, 240)
 FRAMES = 8
@@ -28,12 +27,11 @@ def write(folder, color, depth, apart_m):
     T[0, 3] = apart_m
     seen = SceneView(scene, color)
     measured = SceneView(replace(scene, T_room_camera=scene.T_room_camera @ T), depth)
-    frames = [
-        Frame(k, k / 30, seen.render(at, "clean").color, measured.render(at, "clean").depth_m, None)
-        for k, at in enumerate(np.linspace(0, len(scene.T_room_camera) - 1, FRAMES).astype(int).tolist())
-    ]
-    write_plain(folder, color, frames, DEPTH_UNITS_PER_M)
-    (folder / "camera.json").unlink()
+    for name in ("color", "depth"):
+        (folder / name).mkdir(parents=True)
+    for k, frame in enumerate(np.linspace(0, len(scene.T_room_camera) - 1, FRAMES).astype(int).tolist()):
+        (folder / "color" / f"{k}.jpg").write_bytes(encode_color(seen.render(frame, "clean").color))
+        (folder / "depth" / f"{k}.png").write_bytes(encode_depth(measured.render(frame, "clean").depth_m))
     return folder
 
 
