@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from cuboid import Tracker, open_recording
@@ -22,7 +20,7 @@ from cuboid.results.files import Results
 from cuboid.results.views.report import pictures_of
 from cuboid.results.views.report.pictures import last_sightings
 from cuboid.runs.scene import RecordingInfo, Scene
-from made_scenes import cast, look_at, upright
+from made_scenes import cast, look_at, upright, write_plain
 from worlds import FLOOR, TABLE
 
 CAMERA = Intrinsics(136.0, 136.0, 79.5, 59.5, 160, 120)
@@ -75,26 +73,10 @@ def room(begin_s: float, without: str = "") -> Room:
     return Room(frames, hits)
 
 
-def write_recording(path: Path, made: Room) -> Path:
-    """Write the frames as a recording in the plain layout."""
-    for folder in ("color", "depth"):
-        (path / folder).mkdir(parents=True)
-    times = []
-    for frame in made.frames:
-        cv2.imwrite(str(path / "color" / f"{frame.index:06d}.png"), frame.color[..., ::-1])
-        depth = np.rint(np.asarray(frame.depth_m) * 1000).astype(np.uint16)
-        cv2.imwrite(str(path / "depth" / f"{frame.index:06d}.png"), depth)
-        times.append(f"{frame.index} {frame.timestamp_s:.6f}")
-    camera = {name: getattr(CAMERA, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    (path / "camera.json").write_text(json.dumps({**camera, "depth_units_per_metre": 1000}))
-    (path / "timestamps.txt").write_text("\n".join(times) + "\n")
-    return path
-
-
 def track(folder: Path, name: str, begin_s: float) -> Path:
     """Write a recording and its results into a folder, name the objects, and return the folder of the results."""
     made = room(begin_s)
-    recording = open_recording(write_recording(folder / name, made))
+    recording = open_recording(write_plain(folder / name, CAMERA, made.frames, posed=False))
     tracker = Tracker(CAMERA, proposals=made.proposals)
     for frame in made.frames:
         tracker.update(frame)

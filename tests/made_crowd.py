@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import cv2
@@ -13,6 +12,7 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.palette import color_of
 from cuboid.ground.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 from cuboid.ground.geometry.box import Box
+from cuboid.inputs.readers.calibration import write_camera
 from cuboid.results.files import ObjectsFile, ResultWriter, RunReport, Timing
 from cuboid.results.views.projection import visible_rect
 from fakes import write_recording
@@ -70,8 +70,7 @@ def write_crowd(folder: Path, count: int, warnings: tuple[str, ...] = ()) -> Pat
     """Write recording and results below a folder; return the folder of the results."""
     objects = crowd(count)
     recording = write_recording(folder / "recording", FRAMES, (CAMERA.height, CAMERA.width))
-    sides = {name: getattr(CAMERA, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    (recording / "camera.json").write_text(json.dumps({**sides, "depth_units_per_metre": 1000}))
+    write_camera(recording / "camera.json", CAMERA, 1000)
     for i in range(FRAMES):
         picture = np.full((CAMERA.height, CAMERA.width, 3), 150, np.uint8)
         for item in sorted(objects, key=lambda item: -item.box.center[1]):

@@ -6,12 +6,10 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from cuboid.ground.core.frame import Intrinsics
-from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
-from made_scenes import cast, look_at, upright
+from cuboid.ground.core.frame import Frame, Intrinsics
+from made_scenes import cast, look_at, upright, write_plain
 
 WIDE, SMALL = Intrinsics(270.0, 270.0, 159.5, 119.5, 320, 240), Intrinsics(200.0, 202.0, 118.0, 92.0, 240, 184)
 TABLE = upright((0.0, 0.0), (1.6, 1.2, 0.05), z=-0.05)
@@ -29,25 +27,14 @@ def write_camera(
     path: Path, camera: Intrinsics, poses: Sequence[np.ndarray], times_s: Sequence[float], *, posed: bool = False
 ) -> Path:
     """Write a recording in the plain layout: a frame at each pose and time."""
-    for folder in ("color", "depth"):
-        (path / folder).mkdir(parents=True)
-    lines = []
-    for k, T in enumerate(poses):
+    frames = []
+    for k, (T, time_s) in enumerate(zip(poses, times_s, strict=True)):
         depth, hit = cast((TABLE, *THINGS), T, camera)
         rng = np.random.default_rng([camera.width, k])
         depth = np.where(depth > 0, depth + rng.normal(size=depth.shape) * 1e-3 * depth**2, 0.0)
         color = ((hit[..., None] * np.array([53, 97, 31]) + 90) % 256).astype(np.uint8)
-        cv2.imwrite(str(path / "color" / f"{k:06d}.png"), color[..., ::-1])
-        cv2.imwrite(str(path / "depth" / f"{k:06d}.png"), np.round(depth * 5000).astype(np.uint16))
-        w, x, y, z = quat_wxyz_from_rotation(T[:3, :3])
-        lines.append(f"{k} " + " ".join(f"{value:.9f}" for value in (*T[:3, 3], x, y, z, w)))
-    if posed:
-        (path / "poses.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    times = "".join(f"{k} {time_s:.6f}\n" for k, time_s in enumerate(times_s))
-    (path / "timestamps.txt").write_text(times, encoding="utf-8")
-    pinhole = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    (path / "camera.json").write_text(json.dumps({**pinhole, "depth_units_per_metre": 5000}), encoding="utf-8")
-    return path
+        frames.append(Frame(k, time_s, color, depth.astype(np.float32), T))
+    return write_plain(path, camera, frames, 5000, posed=posed)
 
 
 def rig_document(kind: str = "fixed", poses: Sequence[np.ndarray] | None = POSES) -> dict[str, object]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numba
 import numpy as np
 
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry.box import Box
+from cuboid.inputs.recordings.converting import PlainWriter
 
 CAMERA = Intrinsics(270.0, 270.0, 159.5, 119.5, 320, 240)
 # Where no box is, and by the number of the box.
@@ -91,3 +94,15 @@ def frame_of(
     color = COLORS[hit + 1]
     shown = T_world_camera if T_shown is None else T_shown
     return Frame(index, index / 30, color, np.where(depth > 0, noisy, 0).astype(np.float32), shown)
+
+
+def write_plain(
+    path: Path, camera: Intrinsics, frames: Iterable[Frame], units_per_metre: float = 1000, *, posed: bool = True
+) -> Path:
+    """Write frames as a recording in the plain layout."""
+    path.mkdir(parents=True, exist_ok=True)
+    writer = PlainWriter(path, camera, units_per_metre)
+    for frame in frames:
+        writer.add(frame if posed else replace(frame, T_world_camera=None))
+    writer.finish()
+    return path

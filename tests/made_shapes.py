@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from cuboid.ground.core.frame import Frame
@@ -14,7 +12,7 @@ from cuboid.ground.geometry.box import Box
 from cuboid.method.shapes.keeping import ViewKeeper
 from cuboid.results.files import ObjectsFile, ResultWriter
 from fakes import run_report
-from made_scenes import CAMERA, frame_of, look_at, upright
+from made_scenes import CAMERA, frame_of, look_at, upright, write_plain
 
 UNITS = 5000
 FRAMES = 14
@@ -32,15 +30,7 @@ def frames() -> list[Frame]:
 
 def write_frames(folder: Path, taken: list[Frame]) -> None:
     """Write a plain recording without poses."""
-    (folder / "color").mkdir(parents=True)
-    (folder / "depth").mkdir()
-    names = ("fx", "fy", "cx", "cy", "width", "height")
-    camera = {name: getattr(CAMERA, name) for name in names} | {"depth_units_per_metre": UNITS}
-    (folder / "camera.json").write_text(json.dumps(camera))
-    for frame in taken:
-        cv2.imwrite(str(folder / "color" / f"{frame.index:06d}.png"), frame.color[..., ::-1])
-        depth = np.rint(frame.depth_m * UNITS).astype(np.uint16)
-        cv2.imwrite(str(folder / "depth" / f"{frame.index:06d}.png"), depth)
+    write_plain(folder, CAMERA, taken, UNITS, posed=False)
 
 
 def map_points() -> MapPoints:

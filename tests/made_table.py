@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from cuboid.ground.core.frame import Frame
-from cuboid.ground.geometry.se3 import quat_wxyz_from_rotation
-from made_scenes import CAMERA, frame_of, look_at, upright
+from made_scenes import CAMERA, frame_of, look_at, upright, write_plain
 
 LENGTH_M, WIDTH_M, HEIGHT_M = 1.1, 0.7, 0.6
 THICK_M, LEG_M = 0.04, 0.06
@@ -40,19 +37,4 @@ def table_frames(count: int = 24, first_angle: float = 0.0) -> Iterator[Frame]:
 
 def write_table(path: Path, count: int = 24, first_angle: float = 0.0) -> Path:
     """Write the frames as a recording in the plain layout."""
-    for folder in ("color", "depth"):
-        (path / folder).mkdir(parents=True)
-    lines = []
-    for frame in table_frames(count, first_angle):
-        name = f"{frame.index:06d}.png"
-        cv2.imwrite(str(path / "color" / name), frame.color[..., ::-1])
-        cv2.imwrite(str(path / "depth" / name), np.round(frame.depth_m * 1000).astype(np.uint16))
-        T = frame.T_world_camera
-        assert T is not None
-        w, x, y, z = quat_wxyz_from_rotation(T[:3, :3])
-        numbers = (*T[:3, 3], x, y, z, w)
-        lines.append(" ".join([str(frame.index), *(f"{value:.9f}" for value in numbers)]))
-    (path / "poses.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    camera = {name: getattr(CAMERA, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    (path / "camera.json").write_text(json.dumps({**camera, "depth_units_per_metre": 1000}), encoding="utf-8")
-    return path
+    return write_plain(path, CAMERA, table_frames(count, first_angle))

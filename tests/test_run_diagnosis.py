@@ -25,7 +25,7 @@ from cuboid.results.files import RunReport
 from cuboid.runs.pipeline.options import ResultOptions, TrackOptions
 from cuboid.runs.pipeline.run import track_recording
 from cuboid.runs.tracking.diagnosis import RunFacts, diagnose
-from made_scenes import CAMERA, cast, look_at, upright
+from made_scenes import CAMERA, cast, look_at, upright, write_plain
 
 FRAMES = 24
 
@@ -188,21 +188,14 @@ def test_depth_that_is_nearly_empty_is_named(good: Path, tmp_path: Path) -> None
 
 def test_a_wall_alone_has_no_object_and_says_why(tmp_path: Path) -> None:
     folder = tmp_path / "wall"
-    for name in ("color", "depth"):
-        (folder / name).mkdir(parents=True)
     wall = [upright((0.0, 3.0), (20.0, 0.2, 20.0), z=-10.0)]
-    rng = np.random.default_rng(1)
+    rng, frames = np.random.default_rng(1), []
     for k in range(24):
-        depth, _ = cast(wall, look_at((0.02 * k, 1.0, 1.5), (0.02 * k, 3.0, 1.5)))
-        noisy = np.where(depth > 0, depth + rng.normal(size=depth.shape) * 0.002, 0)
-        cv2.imwrite(str(folder / "depth" / f"{k}.png"), np.round(noisy * 1000).astype(np.uint16))
-        cv2.imwrite(str(folder / "color" / f"{k}.png"), rng.integers(0, 255, (240, 320, 3), np.uint8))
-    size = {"width": CAMERA.width, "height": CAMERA.height}
-    camera = {"fx": CAMERA.fx, "fy": CAMERA.fy, "cx": CAMERA.cx, "cy": CAMERA.cy, **size, "depth_units_per_metre": 1000}
-    (folder / "camera.json").write_text(json.dumps(camera))
-    half = np.sqrt(0.5)  # the camera looks along the world's y, its z is up
-    poses = [f"{k} {0.02 * k} 1.0 1.5 {-half} 0 0 {half}" for k in range(24)]
-    (folder / "poses.txt").write_text("\n".join(poses))
+        T = look_at((0.02 * k, 1.0, 1.5), (0.02 * k, 3.0, 1.5))
+        depth, _ = cast(wall, T)
+        noisy = np.where(depth > 0, depth + rng.normal(size=depth.shape) * 0.002, 0).astype(np.float32)
+        frames.append(Frame(k, k / 30, rng.integers(0, 255, (240, 320, 3), np.uint8), noisy, T))
+    write_plain(folder, CAMERA, frames)
     warnings = report_of(folder, tmp_path / "out").warnings
     assert len(warnings) == 1
     assert warnings[0].startswith("no object found")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cuboid.cli import main
-from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.geometry.se3 import angle, exp, inverse
 from cuboid.inputs.calibration.board import DICTIONARY, Board, board_of, board_pdf
 from cuboid.inputs.calibration.board_fit import BoardFit, BoardSeen, fit_board
@@ -19,7 +19,7 @@ from cuboid.inputs.recordings.opening import open_recording
 from cuboid.inputs.recordings.rig import RigRecording
 from made_rigs import POSES as RIG_POSES
 from made_rigs import WIDE, write_camera
-from made_scenes import look_at
+from made_scenes import look_at, write_plain
 
 BOARD = Board()
 CAMERAS = (Intrinsics(610.0, 612.0, 321.3, 238.1, 640, 480), Intrinsics(560.0, 560.0, 318.0, 242.5, 640, 480))
@@ -62,22 +62,15 @@ def picture(K: Intrinsics, T_camera_board: np.ndarray, rng: np.random.Generator)
 def write_board_recording(path: Path, K: Intrinsics, T_world_camera: np.ndarray, late_s: float) -> Path:
     """Write a recording of a board that lies still at three places, 15 frames a second, with a floor as depth."""
     rng = np.random.default_rng(K.width + round(1000 * late_s))
-    for folder in ("color", "depth"):
-        (path / folder).mkdir(parents=True)
     rays = np.stack([*np.meshgrid(np.arange(K.width), np.arange(K.height))], -1)
     directions = np.dstack([(rays[..., 0] - K.cx) / K.fx, (rays[..., 1] - K.cy) / K.fy, np.ones(rays.shape[:2])])
     floor_m = -T_world_camera[2, 3] / (directions @ T_world_camera[2, :3])
-    lines = []
+    frames = []
     for k in range(9):
-        color = picture(K, inverse(T_world_camera) @ PLACES[k // 3], rng)
+        color = picture(K, inverse(T_world_camera) @ PLACES[k // 3], rng)[..., ::-1]
         depth_m = floor_m + rng.normal(0, 1e-3, floor_m.shape) * floor_m**2
-        cv2.imwrite(str(path / "color" / f"{k:06d}.png"), color)
-        cv2.imwrite(str(path / "depth" / f"{k:06d}.png"), np.round(depth_m * 1000).astype(np.uint16))
-        lines.append(f"{k} {k // 3 + (k % 3) / 15 + late_s:.6f}")
-    (path / "timestamps.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    pinhole = {name: getattr(K, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    (path / "camera.json").write_text(json.dumps({**pinhole, "depth_units_per_metre": 1000}), encoding="utf-8")
-    return path
+        frames.append(Frame(k, k // 3 + (k % 3) / 15 + late_s, color, depth_m.astype(np.float32), None))
+    return write_plain(path, K, frames)
 
 
 def test_a_board_gives_the_poses_within_a_millimetre(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,15 +13,15 @@ import pytest
 
 import cuboid
 from cuboid.cli import main
-from cuboid.ground.core.frame import Intrinsics
+from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.inputs.calibration.registering import register_recording, registration_warning
 from cuboid.inputs.readers import open_recording
 from cuboid.lab.synthetic import render_recording
 from cuboid.lab.synthetic.kinds import make_scene
-from cuboid.lab.synthetic.recording import DEPTH_UNITS_PER_M, encode_color, encode_depth
-from cuboid.lab.synthetic.truth import pose_lines
+from cuboid.lab.synthetic.recording import DEPTH_UNITS_PER_M
 from cuboid.lab.synthetic.view import SceneView
 from cuboid.results.files import open_results, read_run
+from made_scenes import write_plain
 
 COLOR = Intrinsics(262.5, 262.5, 160.0, 120.0, 320, 240)
 # A depth camera of a longer focal length, 3 cm to the left, that looks a little higher: as 7-Scenes has it.
@@ -42,19 +42,13 @@ def make(folder, T_color_depth, depth, named=COLOR, places=FRAMES):
     frames = np.linspace(0, len(scene.T_room_camera) - 1, places).astype(int).repeat(FRAMES // places)
     seen = SceneView(scene, COLOR)
     measured = SceneView(replace(scene, T_room_camera=scene.T_room_camera @ T_color_depth), depth)
-    for name in ("color", "depth"):
-        (folder / name).mkdir(parents=True)
-    truth = []
+    truth, taken = [], []
     for k, frame in enumerate(frames.tolist()):
         color = seen.render(frame, "clean")
         truth.append(color.depth_m)
-        (folder / "color" / f"{k}.jpg").write_bytes(encode_color(color.color))
-        (folder / "depth" / f"{k}.png").write_bytes(encode_depth(measured.render(frame, "clean").depth_m))
-    camera = {name: getattr(named, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    (folder / "camera.json").write_text(json.dumps(camera | {"depth_units_per_metre": DEPTH_UNITS_PER_M}))
-    lines = pose_lines([str(k) for k in range(FRAMES)], scene.T_room_camera[frames])
-    (folder / "poses.txt").write_text(lines)
-    return folder, truth
+        depth_m = measured.render(frame, "clean").depth_m
+        taken.append(Frame(k, k / 30, color.color, depth_m, scene.T_room_camera[frame]))
+    return write_plain(folder, named, taken, DEPTH_UNITS_PER_M), truth
 
 
 @pytest.fixture(scope="module")
@@ -290,10 +284,4 @@ def test_a_recording_without_edges_tells_nothing(tmp_path):
 
 
 def make_flat(root, color=np.full((240, 320, 3), 90, np.uint8), depth_m=np.full((240, 320), 1.5, np.float32)):  # noqa: B008
-    for name in ("color", "depth"):
-        (root / name).mkdir()
-    (root / "color" / "0.jpg").write_bytes(encode_color(color))
-    (root / "depth" / "0.png").write_bytes(encode_depth(depth_m))
-    camera = {name: getattr(COLOR, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    (root / "camera.json").write_text(json.dumps(camera | {"depth_units_per_metre": DEPTH_UNITS_PER_M}))
-    return root
+    return write_plain(root, COLOR, [Frame(0, 0.0, color, depth_m, None)], DEPTH_UNITS_PER_M)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cuboid.ground.core.errors import InputError
+from cuboid.ground.formats.truth_file import EventOfTruth
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import pack
 from cuboid.ground.geometry.se3 import compose
@@ -13,7 +14,7 @@ from cuboid.lab.evaluation.events import event_quality, labels_on_agents, object
 from cuboid.lab.evaluation.matching import FrameOverlap
 from cuboid.lab.evaluation.result import BoxRows
 from cuboid.lab.evaluation.scope import Scope
-from cuboid.lab.evaluation.truth import Path3D, Truth, TruthAgent, TruthEvent, TruthObject
+from cuboid.lab.evaluation.truth import Path3D, Truth, TruthAgent, TruthObject
 from cuboid.results.files.rows import EVENTS_HEADER, EventRow, read_events
 
 HERE, THERE = np.array([0.0, 0, 0]), np.array([0.5, 0, 0])
@@ -32,7 +33,8 @@ def box(place):
 def truth(tmp_path):
     path = Path3D(np.array([0, 50]), np.array([at(HERE), at(THERE)]))
     objects = (TruthObject(1, "mug", True, box(THERE), path=path), TruthObject(2, "can", True, box((1.0, 0, 0))))
-    events = (TruthEvent("moved", 1, 45, 55, HERE, THERE), TruthEvent("gone", 2, 70, 80, np.array([1.0, 0, 0]), None))
+    moved = EventOfTruth(event="moved", id=1, begin=45, end=55, begun_at=tuple(HERE), to=tuple(THERE))
+    events = (moved, EventOfTruth(event="gone", id=2, begin=70, end=80, begun_at=(1.0, 0.0, 0.0)))
     agent = TruthAgent(SIZE, Path3D(np.array([0]), at((2.0, 0, 0))[None]))
     return Truth(tmp_path, "made", 100, objects, None, (), np.ones((100, 2)), events, (agent,))
 

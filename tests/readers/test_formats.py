@@ -119,6 +119,23 @@ def test_the_frames_are_those_of_which_it_was_made_in_any_order(tmp_path: Path, 
         np.testing.assert_allclose(recording.up_camera(1), pose(1)[:3, :3].T @ UP[name], atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("name", "poses"),
+    [
+        ("plain", "poses.txt"),
+        ("tum", "groundtruth.txt"),
+        ("7-scenes", "*.pose.txt"),
+        ("uw-rgbd-scenes-v2", "pc/*.pose"),
+    ],
+)
+def test_without_its_poses_it_is_a_recording_without(tmp_path: Path, name: str, poses: str) -> None:
+    path, _ = written(name, tmp_path / "recording")
+    change(tmp_path / "recording", {poses: None})
+    recording = open_recording(path)
+    assert not recording.has_poses
+    assert recording.read(0).T_world_camera is None
+
+
 def test_bonn_carries_the_poses_of_the_markers_to_the_camera(tmp_path: Path) -> None:
     path, frames = written("bonn", tmp_path / "recording", 3)
     recording = open_recording(path)

@@ -16,18 +16,13 @@ def test_a_whole_recording(plain):
     assert recording.intrinsics == Intrinsics(**CAMERA)
     assert recording.has_poses
     assert not recording.has_timestamps
+    assert recording.warnings == ()
     frame = recording.read(3)
     assert (frame.index, frame.timestamp_s) == (3, pytest.approx(0.1))
     np.testing.assert_array_equal(frame.color, color_image(3))
     np.testing.assert_allclose(frame.depth_m[5, [0, 1, 40]], [0, 1.03, 2.0], rtol=1e-6)
     assert frame.depth_m.dtype == np.float32
     np.testing.assert_allclose(frame.T_world_camera[:3, 3], [0.3, 0, 0])
-
-
-def test_no_poses_file_is_a_recording_without_poses(tmp_path):
-    recording = open_recording(make_plain(tmp_path, poses=False).path)
-    assert not recording.has_poses
-    assert recording.read(0).T_world_camera is None
 
 
 @pytest.mark.parametrize("name", ["groundtruth.txt", "Poses.txt", "poses.csv", "pose/", "sparse/"])
@@ -106,10 +101,6 @@ def test_a_stray_image_is_left_out_and_named(plain, stray):
     recording = open_recording(plain.path)
     assert len(recording) == 5
     assert recording.warnings == (f"1 image left out, whose name does not fit those of the others: color/{stray}",)
-
-
-def test_a_whole_recording_has_no_warnings(plain):
-    assert open_recording(plain.path).warnings == ()
 
 
 def test_two_names_with_the_same_number(plain):

@@ -8,7 +8,6 @@ import pytest
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.inputs.calibration.registering import find_misregistration
 from cuboid.inputs.readers import open_recording
-from cuboid.inputs.readers.bag import Bag
 
 BAGS = "bags are read with rosbags: pip install '.[ros]'"
 
@@ -54,16 +53,3 @@ def test_a_recording_of_the_realsense_sdk(data_dir):
     assert frame.color.shape == (480, 640, 3)
     assert np.median(frame.depth_m[frame.depth_m > 0]) == pytest.approx(1.35, abs=0.2)
     assert find_misregistration([frame]).off_px < 10  # the ends of surfaces lie where color shows edges
-
-
-def test_what_lies_in_the_file_of_the_realsense_sdk(data_dir):
-    pytest.importorskip("rosbags", reason=BAGS)
-    bag = Bag([data_dir / "containers" / "realsense" / "single_depth_color_640x480.bag"])
-    stems = {"Depth": "/device_0/sensor_0/Depth_0", "Color": "/device_0/sensor_1/Color_0"}
-    for kind, count, encoding in (("Depth", 2, "mono16"), ("Color", 1, "rgb8")):
-        stem = stems[kind]
-        assert (len(bag.times(f"{stem}/image/data")), len(bag.times(f"{stem}/info/camera_info"))) == (count, 1)
-        image = bag.first(f"{stem}/image/data")
-        assert (image.encoding, image.width, image.height) == (encoding, 640, 480)
-        assert bag.first(f"{stem}/tf/0") is not None
-    assert bag.first("/device_0/sensor_0/option/Depth Units/value").data == pytest.approx(0.001)

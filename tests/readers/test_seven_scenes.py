@@ -11,7 +11,7 @@ from cuboid.inputs.readers import open_recording
 MATRIX = "60 0 31.5\n0 61 23.5\n0 0 1\n"
 
 
-def make_sequence(folder, frames=4, poses=True, shape=(48, 64)):
+def make_sequence(folder, frames=4, shape=(48, 64)):
     made = Made(
         folder,
         lambda k: folder / f"frame-{k:06d}.color.png",
@@ -19,7 +19,7 @@ def make_sequence(folder, frames=4, poses=True, shape=(48, 64)):
         1000.0,
     )
     write_frames(made, frames, shape)
-    for k in range(frames if poses else 0):
+    for k in range(frames):
         T = np.eye(4)
         T[0, 3] = k
         np.savetxt(pose_file(made, k), T)
@@ -98,10 +98,3 @@ def test_rounding_of_a_matrix_is_mended(tmp_path):
     T = open_recording(tmp_path).read(0).T_world_camera
     np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(T, turned, atol=1e-3)
-
-
-def test_no_pose_files_are_a_recording_without_poses(tmp_path):
-    make_sequence(tmp_path, poses=False)
-    recording = open_recording(tmp_path, intrinsics=(60, 60, 32, 24))
-    assert not recording.has_poses
-    assert recording.read(0).T_world_camera is None

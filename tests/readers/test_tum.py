@@ -91,12 +91,6 @@ def test_poses_that_are_none_are_gaps(tmp_path):
     np.testing.assert_allclose(open_recording(made.path).read(0).T_world_camera, np.eye(4), atol=1e-12)
 
 
-def test_no_ground_truth_is_a_recording_without_poses(tmp_path):
-    recording = open_recording(make_tum(tmp_path).path)
-    assert not recording.has_poses
-    assert recording.read(0).depth_m[0, 1] == pytest.approx(1.0)
-
-
 def test_color_at_twice_the_rate_gives_no_bad_frames(tmp_path):
     made = make_tum(tmp_path, frames=8, depth_later_s=0)
     write_list(made, "depth", [(k / 30, k) for k in range(0, 8, 2)])

@@ -112,16 +112,6 @@ def test_poses_by_number_in_a_part_of_a_scene(tmp_path):
         recording.read(3)
 
 
-def test_without_pose_file_and_with_an_empty_one(tmp_path):
-    made = make_scene(tmp_path)
-    recording = open_recording(made.path)
-    assert not recording.has_poses
-    assert recording.read(0).T_world_camera is None
-    write_poses(made, "\n")
-    with pytest.raises(InputError, match=r"01\.pose is empty"):
-        open_recording(made.path)
-
-
 def test_jpg_counts_and_png_goes_before_it(tmp_path):
     made = make_scene(tmp_path)
     for k in range(2):

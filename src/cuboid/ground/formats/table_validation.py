@@ -27,6 +27,12 @@ def header_of(kind: type[Row], separator: str = ",") -> str:
     return separator.join(kind.__struct_fields__)
 
 
+def column_names(path: Path) -> list[str]:
+    """Return the names in the first line of a CSV."""
+    with closing(text_lines(path)) as lines:
+        return [name.strip() for name in next(lines, "").split(",")]
+
+
 def read_table(path: Path, kind: type[R], *, any_order: bool = False) -> Iterator[tuple[int, R]]:
     """Iterate over the rows of a CSV with a header.
 

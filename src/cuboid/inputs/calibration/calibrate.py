@@ -130,15 +130,15 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
         found = fine.solve(pinhole, WITH_CENTER, FINE_STEPS)
         pinhole = coarse.solve(_tried(coarse, begin, TRIED_DEPTHS), WITH_DEPTH, COARSE_STEPS).pinhole
         scaled = fine.solve(pinhole, WITH_DEPTH, FINE_STEPS)
-        measured, measured_error = scaled.pinhole.depth_scale, float(_errors(scaled)[DEPTH])
+        measured, measured_error = scaled.pinhole.depth_scale, float(errors_of(scaled)[DEPTH])
         if is_scale_off(scaled, found, ERRORS):
             found = scaled
     return CalibrationResult(
         start=start,
         intrinsics=_certain_intrinsics(found, start),
         depth_scale=found.pinhole.depth_scale,
-        focal_error=float(_errors(found)[FOCAL]),
-        center_error_px=(float(_errors(found)[CENTER_X]), float(_errors(found)[CENTER_Y])),
+        focal_error=float(errors_of(found)[FOCAL]),
+        center_error_px=(float(errors_of(found)[CENTER_X]), float(errors_of(found)[CENTER_Y])),
         measured_depth_scale=measured,
         depth_scale_error=measured_error,
         pose_error_m=float("nan") if estimated else float(found.pose_error[0]),
@@ -162,7 +162,7 @@ def is_scale_off(scaled: Solution, found: Solution, errors: float) -> bool:
     """
     as_good = scaled.disagreement < AS_GOOD * found.disagreement
     off = abs(float(np.log(scaled.pinhole.depth_scale)))
-    return as_good and off > max(DEPTH_SCALE_OFF, errors * float(_errors(scaled)[DEPTH]))
+    return as_good and off > max(DEPTH_SCALE_OFF, errors * float(errors_of(scaled)[DEPTH]))
 
 
 def best_of_tried(
@@ -215,7 +215,7 @@ def _tried(coarse: Problem, begin: ScaledPinhole, depths: Float64Array = ALONE) 
 
 def _certain_intrinsics(found: Solution, start: Intrinsics) -> Intrinsics:
     """Return the intrinsics; raise InputError if the focal length is too uncertain."""
-    pinhole, error = found.pinhole, _errors(found)[FOCAL]
+    pinhole, error = found.pinhole, errors_of(found)[FOCAL]
     if error > WORST_FOCAL_ERROR:
         raise InputError(
             f"the recording does not tell the focal length: {pinhole.fx:.0f} px fits best, but within "
@@ -224,7 +224,7 @@ def _certain_intrinsics(found: Solution, start: Intrinsics) -> Intrinsics:
     return replace(start, fx=pinhole.fx, fy=pinhole.fy, cx=pinhole.cx, cy=pinhole.cy)
 
 
-def _errors(found: Solution) -> Float64Array:
+def errors_of(found: Solution) -> Float64Array:
     """Return standard errors, with `MIN_ERROR` included."""
     errors: Float64Array = np.hypot(found.error, MIN_ERROR)
     return errors

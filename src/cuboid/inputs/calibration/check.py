@@ -12,18 +12,18 @@ from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.inputs.calibration.calibrate import (
     DEPTH_SCALE_OFF,
     FOCAL_ONLY,
-    MIN_ERROR,
     MIN_PAIRS,
     TRIED_DEPTHS,
     WITH_CENTER,
     WITH_DEPTH,
     best_of_tried,
+    errors_of,
     is_scale_off,
     spread_out,
 )
 from cuboid.inputs.calibration.comparing import DEPTH, FOCAL
 from cuboid.inputs.calibration.pairs import SHORT_MOTIONS_RAD, choose_pairs
-from cuboid.inputs.calibration.solving import Problem, Solution
+from cuboid.inputs.calibration.solving import Problem
 from cuboid.inputs.calibration.views import ScaledPinhole, build_view, factors
 from cuboid.inputs.readers.usable import posed_frames
 
@@ -111,9 +111,9 @@ def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: b
     else:
         found = problem.solve(best_of_tried(problem, in_use, TRIED), WITH_CENTER, FIT_STEPS)
         scaled = problem.solve(best_of_tried(problem, in_use, TRIED, TRIED_DEPTHS, every=3), WITH_DEPTH, FIT_STEPS)
-        scale_off = is_scale_off(scaled, found, CLEARLY_ERRORS) and _error(scaled, DEPTH) <= WORST_SCALE_ERROR
+        scale_off = is_scale_off(scaled, found, CLEARLY_ERRORS) and float(errors_of(scaled)[DEPTH]) <= WORST_SCALE_ERROR
         found = scaled if scale_off else found
-    error = _error(found, FOCAL)
+    error = float(errors_of(found)[FOCAL])
     # a wrong depth scale can look like a wrong focal length: this one is off with any depth scale
     off = min(abs(float(np.log(one.pinhole.fx / in_use.fx))) for one in (found, scaled))
     least = CLEARLY_OFF_SHORT if short else CLEARLY_OFF_ESTIMATED if estimated else CLEARLY_OFF
@@ -124,12 +124,7 @@ def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: b
         focal_off, scale_off = focal_off and clear, scale_off and clear
     if not scale_off:
         return Verdict(focal_off, found.pinhole.fx, error)
-    return Verdict(focal_off, found.pinhole.fx, error, found.pinhole.depth_scale, _error(found, DEPTH))
-
-
-def _error(found: Solution, parameter: int) -> float:
-    """Return the relative standard error of the focal length or of the depth scale."""
-    return float(np.hypot(found.error[parameter], MIN_ERROR[parameter]))
+    return Verdict(focal_off, found.pinhole.fx, error, found.pinhole.depth_scale, float(errors_of(found)[DEPTH]))
 
 
 def intrinsics_warning(

@@ -24,7 +24,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.ground.arrays import Float64Array, UInt8Array
+from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers.image_folder import images_in
@@ -32,7 +32,7 @@ from cuboid.inputs.readers.images import decode_color
 from cuboid.inputs.readers.phone import SAME_FOCAL, confident_depth, depth_size_of, phone_cameras, shrink_factor, shrunk
 from cuboid.inputs.readers.posetext import TimedPose, Trajectory, parse_numbers, parsed_lines
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
-from cuboid.inputs.readers.tum import associate
+from cuboid.inputs.readers.tum import associate, pose_later
 
 DEPTH_UNITS_PER_METRE = 1000.0
 # Folders of color, the first existing one is used: resolution similar to other phones' videos; as depth; much higher.
@@ -83,7 +83,7 @@ def read(path: Path) -> Listing:
                 else partial(confident_depth, depth, path / CONFIDENCE / depth.name, MIN_CONFIDENCE),
                 timestamp_s=time_s,
                 pose=None if trajectory is None else partial(trajectory.at, time_s),
-                pose_after=None if trajectory is None else partial(_later, trajectory, time_s),
+                pose_after=None if trajectory is None else partial(pose_later, trajectory.at, time_s),
                 fault=None if k in pairs else f"color without depth: none of the time of {folder}/{color.name}",
             )
         )
@@ -91,10 +91,6 @@ def read(path: Path) -> Listing:
     if size == depth_size:
         calibration = Calibration(*K, size, cameras.name)
     return Listing(frames, DEPTH_UNITS_PER_METRE, calibration, camera_folders=(path,), up_world=(0.0, 0.0, 1.0))
-
-
-def _later(trajectory: Trajectory, time_s: float, after_s: float) -> Float64Array:
-    return trajectory.at(time_s + after_s)
 
 
 def _by_time(folder: Path) -> list[tuple[float, Path]]:

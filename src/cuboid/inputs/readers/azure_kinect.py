@@ -22,8 +22,8 @@ from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers.depth_camera import DepthCamera
-from cuboid.inputs.readers.images import COLOR_FLAGS, decode_bytes
-from cuboid.inputs.readers.matroska import MAGIC, Block, Matroska, Track, list_matroska, read_span
+from cuboid.inputs.readers.images import COLOR_FLAGS, decode_bytes, head_of, image_span
+from cuboid.inputs.readers.matroska import MAGIC, Block, Matroska, Track, list_matroska
 from cuboid.inputs.readers.posetext import pose_from_matrix
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 from cuboid.inputs.readers.tum import associate
@@ -60,13 +60,7 @@ RAW_COLOR = {
 
 def recognises(path: Path) -> bool:
     """Tell whether this is a Matroska file with the tracks of a Kinect."""
-    if path.suffix.lower() != ".mkv" or not path.is_file():
-        return False
-    try:
-        with path.open("rb") as file:
-            head = file.read(1 << 16)
-    except OSError:
-        return False
+    head = head_of(path, 1 << 16) if path.suffix.lower() == ".mkv" else b""
     return (head.startswith(MAGIC) and b"K4A_DEPTH_MODE" in head) or (b"DEPTH" in head and b"COLOR" in head)
 
 
@@ -127,11 +121,7 @@ def _depth(path: Path, block: Block, track: Track) -> npt.NDArray[np.uint16]:
 def _data(path: Path, block: Block, what: str) -> tuple[bytes, str]:
     """Return the bytes of a block and its name in messages."""
     name = f"{what} image at {block.time_ns * 1e-9:.3f} s"
-    try:
-        data = read_span(path, block.offset, block.length)
-    except OSError as error:
-        raise FrameError(f"{name} cannot be read: {error.strerror}") from None
-    return data, name
+    return image_span(path, block.offset, block.length, name), name
 
 
 def _code(track: Track) -> bytes:
@@ -145,11 +135,11 @@ def _calibration(path: Path, found: Matroska, color: tuple[int, int], depth: tup
         raise InputError(f"{path}: has no attachment {CALIBRATION}: it was not written by k4arecorder, or is cut short")
     offset, length = found.attachments[name]
     try:
-        document: Any = json.loads(read_span(path, offset, min(length, MAX_CALIBRATION_BYTES)).rstrip(b"\0"))
+        document: Any = json.loads(image_span(path, offset, min(length, MAX_CALIBRATION_BYTES), name).rstrip(b"\0"))
         cameras = {camera["Purpose"]: camera for camera in document["CalibrationInformation"]["Cameras"]}
         color_K, color_D, T_color = _camera(cameras[PURPOSES["color"]], COLOR_MODES, color)
         depth_K, depth_D, T_depth = _camera(cameras[PURPOSES["depth"]], DEPTH_MODES, depth)
-    except (ValueError, KeyError, TypeError, IndexError, OSError, FrameError) as error:
+    except (ValueError, KeyError, TypeError, IndexError, FrameError) as error:
         raise InputError(f"{path}: its {CALIBRATION} cannot be used: {type(error).__name__}: {error}") from None
     camera = DepthCamera(*depth_K, depth, T_color @ np.linalg.inv(T_depth), depth_D)
     return Calibration(*color_K, color, f"{CALIBRATION} in the file", color_D, camera)

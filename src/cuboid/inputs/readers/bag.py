@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import weakref
+from bisect import bisect_left
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -18,6 +19,7 @@ from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.core.extras import missing
 from cuboid.ground.formats.stored import local_file
 from cuboid.inputs.readers.bag_mcap import Times, mcap_times
+from cuboid.inputs.readers.images import head_of
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -32,11 +34,7 @@ KEPT_MESSAGES = 6
 def is_bag_file(path: Path) -> bool:
     """Tell whether a file is a bag, by its name's ending and its first bytes."""
     magic = MAGIC.get(path.suffix)
-    if magic is None or not path.is_file():
-        return False
-    with suppress(OSError), path.open("rb") as file:
-        return file.read(len(magic)) == magic
-    return False
+    return magic is not None and head_of(path, len(magic)) == magic
 
 
 class Bag:
@@ -153,7 +151,8 @@ class Bag:
         indexes: Any = getattr(owner, "indexes", None)
         if indexes is not None:  # rosbags would walk the whole index up to the message
             whole = indexes[connection.id]
-            indexes[connection.id] = whole[_position(whole, time_ns) :][:1]
+            first = bisect_left(whole, time_ns, key=lambda entry: entry.time)
+            indexes[connection.id] = whole[first : first + 1]
         try:
             messages = reader.messages([connection], time_ns, time_ns + 1)
             for _, _, data in messages:
@@ -229,12 +228,3 @@ def _close_all(readers: list[AnyReader]) -> None:
 
 def _line(fault: Exception) -> str:
     return " ".join(str(fault).split())[:160] or type(fault).__name__
-
-
-def _position(entries: Sequence[Any], time_ns: int) -> int:
-    """Return the index of the first entry at or after a time."""
-    low, high = 0, len(entries)
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (middle + 1, high) if entries[middle].time < time_ns else (low, middle)
-    return low

@@ -11,9 +11,10 @@ from cuboid.ground.core.errors import InputError
 
 def camera_of(info: Any, rectified: bool, topic: str) -> tuple[tuple[float, float, float, float], tuple[float, ...]]:
     """Return fx, fy, cx, cy and the distortion of a CameraInfo; raise InputError if it has no camera."""
-    K = [float(value) for value in np.asarray(getattr(info, "K", getattr(info, "k", ()))).reshape(-1)]
-    P = [float(value) for value in np.asarray(getattr(info, "P", getattr(info, "p", ()))).reshape(-1)]
-    D = [float(value) for value in np.asarray(getattr(info, "D", getattr(info, "d", ()))).reshape(-1)]
+    K, P, D = (
+        np.asarray(getattr(info, name, getattr(info, name.lower(), ())), np.float64).reshape(-1).tolist()
+        for name in "KPD"
+    )
     if rectified and len(P) == 12 and P[0] > 0:
         K, D = [P[0], P[1], P[2], P[4], P[5], P[6], *K[6:]], []
     numbers = (K[0], K[4], K[2], K[5]) if len(K) >= 9 else (0.0, 0.0, 0.0, 0.0)

@@ -23,7 +23,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.ground.geometry import se3
 from cuboid.inputs.readers.documents import read_object
-from cuboid.inputs.readers.image_folder import images_in
+from cuboid.inputs.readers.image_folder import images_by_number
 from cuboid.inputs.readers.posetext import pose_from_matrix
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
@@ -43,7 +43,7 @@ def read(path: Path) -> Listing:
     folder, file = _color(path), path / CAMERAS
     assert folder is not None, "recognises"
     cameras = {int(key): value for key, value in read_object(file).items() if key.isdigit() and isinstance(value, dict)}
-    colors, depths = (_by_number(one) for one in (folder, path / "depth"))
+    colors, depths = (images_by_number(one) for one in (folder, path / "depth"))
     numbers = sorted(colors.keys() | depths.keys())
     first = next((number for number in numbers if number in cameras), None)
     if first is None:
@@ -65,10 +65,6 @@ def read(path: Path) -> Listing:
 
 def _color(path: Path) -> Path | None:
     return next((path / name for name in COLOR_FOLDERS if (path / name).is_dir()), None)
-
-
-def _by_number(folder: Path) -> dict[int, Path]:
-    return {int(file.stem): file for file in images_in(folder) if file.stem.isdigit()}
 
 
 def _camera(camera: dict[str, Any], where: str) -> tuple[tuple[float, float, float, float], float]:

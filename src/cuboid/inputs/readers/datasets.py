@@ -80,7 +80,13 @@ from cuboid.inputs.readers.documents import read_object
 from cuboid.inputs.readers.image_folder import images_in
 from cuboid.inputs.readers.images import decode_depth, image_dimensions
 from cuboid.inputs.readers.netpbm import read_netpbm
-from cuboid.inputs.readers.posetext import numbered_rows, parse_numbers, pose_from_matrix, pose_from_quaternion
+from cuboid.inputs.readers.posetext import (
+    numbered_rows,
+    parse_numbers,
+    pinhole_of,
+    pose_from_matrix,
+    pose_from_quaternion,
+)
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader, has_file
 
 # The files of each kind (color, depth, pose), by the number in their names.
@@ -289,7 +295,8 @@ def _info(path: Path, files: Files) -> Cameras:
     width, height, depth_width, depth_height = map(int, sizes[:4])
     matrices = (numbers(name, 16, "the 16 numbers of a camera matrix") for name in INFO_CAMERAS)
     color, depth = (
-        _pinhole(np.reshape(one, (4, 4)), f"{file}: {name}") for one, name in zip(matrices, INFO_CAMERAS, strict=True)
+        pinhole_of(np.reshape(one, (4, 4)).tolist(), f"{file}: {name}")
+        for one, name in zip(matrices, INFO_CAMERAS, strict=True)
     )
     camera = DepthCamera(*depth, (depth_width, depth_height), np.eye(4))
     return Calibration(*color, (width, height), INFO, depth_camera=camera), sizes[4]
@@ -328,14 +335,7 @@ def _camera_matrix(path: Path) -> tuple[float, float, float, float]:
     rows = [row for _, row in numbered_rows(path, None, "numbers")]
     if len(rows) not in (3, 4) or any(len(row) != len(rows) for row in rows):
         raise InputError(f"{path}: expected a 4x4 matrix, got {len(rows)} rows")
-    return _pinhole(np.array(rows), str(path))
-
-
-def _pinhole(K: Float64Array, where: str) -> tuple[float, float, float, float]:
-    fx, fy, cx, cy = (float(value) for value in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
-    if not np.isfinite(K).all() or min(fx, fy) <= 0:
-        raise InputError(f"{where}: expected the matrix fx 0 cx, 0 fy cy, ... with fx, fy > 0")
-    return fx, fy, cx, cy
+    return pinhole_of(rows, path)
 
 
 # --- the data sets

@@ -41,13 +41,9 @@ def recognises(path: Path) -> bool:
     if not all((path / name).is_dir() for name in ("rgb", "depth")) or not (path / ASSOCIATIONS).is_file():
         return False
     try:
-        return any(LINE.fullmatch(line) for _, line in zip(range(3), _lines(path), strict=False))
+        return any(LINE.fullmatch(line) for _, line in list(data_lines(path / ASSOCIATIONS))[:3])
     except InputError:
         return False
-
-
-def _lines(path: Path) -> list[str]:
-    return [line for _, line in data_lines(path / ASSOCIATIONS)]
 
 
 def read(path: Path) -> Listing:

@@ -57,6 +57,11 @@ def images_in(folder: Path) -> list[Path]:
     return [folder / name for name in fitting(sorted(name for name in names_in(folder) if is_image(name)))]
 
 
+def images_by_number(folder: Path) -> dict[int, Path]:
+    """Return the images in a folder whose names are numbers; raises as `images_in` does."""
+    return {int(file.stem): file for file in images_in(folder) if file.stem.isdigit()}
+
+
 def counted_endings(names: Iterable[str]) -> str:
     """Return counts of file suffixes, the most frequent first: "400 .jpg, 1 .txt"; without hidden files."""
     endings = Counter(os.path.splitext(name)[1].lower() for name in names if not name.startswith("."))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -168,6 +169,25 @@ def image_bytes(path: Path, what: str) -> bytes:
         return read_bytes(path, MAX_IMAGE_BYTES)
     except UnreadableError as error:
         raise FrameError(f"{what} {'is missing' if error.missing else error.reason}") from None
+
+
+def head_of(path: Path, length: int) -> bytes:
+    """Return the first bytes of a file; none if there is no file that can be read."""
+    with suppress(OSError):
+        if path.is_file():
+            with path.open("rb") as file:
+                return file.read(length)
+    return b""
+
+
+def image_span(path: Path, offset: int, length: int, what: str) -> bytes:
+    """Return the bytes of an image within a file, fewer if the file ends earlier; raise FrameError if unreadable."""
+    try:
+        with path.open("rb") as file:
+            file.seek(offset)
+            return file.read(length)
+    except OSError as error:
+        raise FrameError(f"{what} cannot be read: {error.strerror}") from None
 
 
 def decode_bytes(data: bytes, what: str, flags: int) -> npt.NDArray[Any]:

@@ -83,13 +83,6 @@ def list_matroska(path: Path) -> Matroska:
     return found
 
 
-def read_span(path: Path, offset: int, length: int) -> bytes:
-    """Return bytes of a file; fewer if the file ends earlier."""
-    with path.open("rb") as file:
-        file.seek(offset)
-        return file.read(length)
-
-
 @dataclass(slots=True)
 class _State:
     """The last values that were read; they apply to the following blocks."""

@@ -57,7 +57,7 @@ def read(path: Path) -> Listing:
     pairs, note = pair_images(colors, depths)
     numbers = [pair.number for pair in pairs]
     notes = [] if note is None else [note]
-    poses = _poses(path / "poses.txt", numbers, notes) if (path / "poses.txt").is_file() else None
+    poses = _numbered_lines(path / "poses.txt", POSE_FIELDS, numbers, notes) if (path / "poses.txt").is_file() else None
     times_s = _times_s(path / "timestamps.txt", numbers, notes)
     frames = [
         FrameEntry(
@@ -119,10 +119,6 @@ def _numbered_lines(path: Path, fields: str, numbers: list[Decimal], notes: list
             f"{path}: no line begins with the number of a frame; {begins}, the frames' numbers are {numbers[0]}, ..."
         )
     return rows
-
-
-def _poses(path: Path, numbers: list[Decimal], notes: list[str]) -> dict[Decimal, PoseLine]:
-    return _numbered_lines(path, POSE_FIELDS, numbers, notes)
 
 
 def _times_s(path: Path, numbers: list[Decimal], notes: list[str]) -> dict[Decimal, float]:

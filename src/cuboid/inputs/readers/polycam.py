@@ -20,7 +20,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
@@ -63,7 +62,7 @@ def read(path: Path) -> Listing:
     depths = {file.stem: file for file in images_in(folder / "depth")}
     names = sorted(colors.keys() | depths.keys(), key=lambda name: (len(name), name))
     cameras, faults = _cameras(folder / f"{corrected}cameras", names)
-    K = _median(cameras)
+    K = {name: float(np.median([one[name] for one in cameras.values()])) for name in _CAMERA}
     size = (int(K["width"]), int(K["height"]))
     for name, one in cameras.items():
         if abs(one["fx"] / K["fx"] - 1) > SAME_FOCAL or (one["width"], one["height"]) != size:
@@ -73,7 +72,9 @@ def read(path: Path) -> Listing:
     frames = [
         FrameEntry(
             color=partial(_color, colors[name], factor) if name in colors else None,
-            depth=partial(_depth, depths[name], folder / "confidence" / f"{name}.png") if name in depths else None,
+            depth=partial(confident_depth, depths[name], folder / "confidence" / f"{name}.png", 1)
+            if name in depths
+            else None,
             timestamp_s=cameras[name]["timestamp"] if name in cameras and "timestamp" in cameras[name] else None,
             pose=partial(_pose, cameras.get(name, {}), name, faults.get(name, "")),
             fault=faults.get(name),
@@ -99,10 +100,6 @@ def _cameras(folder: Path, names: list[str]) -> tuple[dict[str, dict[str, float]
     return cameras, faults
 
 
-def _median(cameras: dict[str, dict[str, float]]) -> dict[str, float]:
-    return {name: float(np.median([one[name] for one in cameras.values()])) for name in _CAMERA}
-
-
 def _camera(path: Path) -> dict[str, float]:
     """Return the numbers of one camera; raise InputError if one is missing."""
     document = read_object(path)
@@ -117,10 +114,6 @@ def _camera(path: Path) -> dict[str, float]:
 
 def _color(file: Path, factor: int) -> UInt8Array:
     return shrunk(decode_color(file, f"images/{file.name}"), factor)
-
-
-def _depth(file: Path, confidence: Path) -> npt.NDArray[np.uint16]:
-    return confident_depth(file, confidence, least=1)
 
 
 def _pose(camera: dict[str, float], name: str, fault: str) -> Float64Array:

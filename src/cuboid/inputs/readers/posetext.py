@@ -68,10 +68,10 @@ def numbered_rows(path: Path, count: int | None, expected: str) -> list[tuple[in
     return list(parsed_lines(path, lambda line: parse_numbers(line, count or len(line.split()), expected)))
 
 
-def pinhole_of(rows: Sequence[Sequence[float]], path: Path) -> tuple[float, float, float, float]:
+def pinhole_of(rows: Sequence[Sequence[float]], where: object) -> tuple[float, float, float, float]:
     """Return fx, fy, cx, cy of the rows of a camera matrix; raise InputError if it is none."""
-    if len(rows) != 3 or not np.isfinite(rows).all() or min(rows[0][0], rows[1][1]) <= 0:
-        raise InputError(f"{path}: expected the matrix fx 0 cx, 0 fy cy, 0 0 1 with fx, fy > 0")
+    if not rows or len(rows) != len(rows[0]) or not np.isfinite(rows).all() or min(rows[0][0], rows[1][1]) <= 0:
+        raise InputError(f"{where}: expected the matrix fx 0 cx, 0 fy cy, 0 0 1 with fx, fy > 0")
     return rows[0][0], rows[1][1], rows[0][2], rows[1][2]
 
 

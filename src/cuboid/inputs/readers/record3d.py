@@ -28,7 +28,7 @@ from cuboid.ground.formats.reading import UnreadableError, names_in, opened
 from cuboid.ground.formats.stored import local_file
 from cuboid.inputs.readers.depth_camera import check_number
 from cuboid.inputs.readers.documents import read_object
-from cuboid.inputs.readers.image_folder import images_in
+from cuboid.inputs.readers.image_folder import images_by_number
 from cuboid.inputs.readers.images import MAX_IMAGE_BYTES, MAX_PIXELS, decode_color
 from cuboid.inputs.readers.phone import T_OPENGL_OPENCV, UP_WORLD, phone_cameras, shrink_factor, shrunk
 from cuboid.inputs.readers.posetext import pose_from_quaternion
@@ -54,7 +54,7 @@ def read(path: Path) -> Listing:
         for name in names_in(path / "depth")
         if (match := DEPTH_FILE.fullmatch(name))
     }
-    colors = {int(one.stem): one for one in images_in(path / "rgb") if one.stem.isdigit()}
+    colors = images_by_number(path / "rgb")
     depth_size = next((found for number in sorted(depths) if (found := _exr_size(depths[number]))), None)
     if depth_size is None:
         raise InputError(f"{path}: no image of depth/ can be read")

@@ -21,8 +21,7 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float64Array, UInt8Array
 from cuboid.ground.core.errors import FrameError, InputError
 from cuboid.inputs.readers.depth_camera import DepthCamera
-from cuboid.inputs.readers.images import COLOR_FLAGS, decode_bytes
-from cuboid.inputs.readers.matroska import read_span
+from cuboid.inputs.readers.images import COLOR_FLAGS, decode_bytes, head_of, image_span
 from cuboid.inputs.readers.posetext import pose_from_matrix
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
@@ -38,13 +37,7 @@ IMAGE_FILES = (1, 2)  # color as PNG, as JPEG
 
 def recognises(path: Path) -> bool:
     """Tell whether this is a .sens file of the known version."""
-    if path.suffix != ".sens" or not path.is_file():
-        return False
-    try:
-        with path.open("rb") as file:
-            return file.read(4) == struct.pack("<I", VERSION)
-    except OSError:
-        return False
+    return path.suffix == ".sens" and head_of(path, 4) == struct.pack("<I", VERSION)
 
 
 def read(path: Path) -> Listing:
@@ -109,27 +102,21 @@ def _calibration(path: Path, matrices: Float64Array, size: tuple[int, int], dept
 
 
 def _color(path: Path, k: int, offset: int, length: int) -> UInt8Array:
-    data = _data(path, k, offset, length)
-    return np.asarray(decode_bytes(data, f"color image of frame {k}", COLOR_FLAGS), np.uint8)
+    name = f"color image of frame {k}"
+    return np.asarray(decode_bytes(image_span(path, offset, length, name), name, COLOR_FLAGS), np.uint8)
 
 
 def _depth(path: Path, k: int, offset: int, length: int, size: tuple[int, int], form: int) -> npt.NDArray[np.uint16]:
-    data, expected = _data(path, k, offset, length), 2 * size[0] * size[1]
+    name, expected = f"depth image of frame {k}", 2 * size[0] * size[1]
+    data = image_span(path, offset, length, name)
     if form == ZLIB:
         try:
             data = zlib.decompressobj().decompress(data, expected)
         except zlib.error as error:
-            raise FrameError(f"depth image of frame {k} cannot be decoded: {error}") from None
+            raise FrameError(f"{name} cannot be decoded: {error}") from None
     if len(data) != expected:
-        raise FrameError(f"depth image of frame {k} has {len(data)} bytes, expected {size[0]}x{size[1]} of 16 bits")
+        raise FrameError(f"{name} has {len(data)} bytes, expected {size[0]}x{size[1]} of 16 bits")
     return np.frombuffer(data, "<u2").astype(np.uint16).reshape(size[1], size[0])
-
-
-def _data(path: Path, k: int, offset: int, length: int) -> bytes:
-    try:
-        return read_span(path, offset, length)
-    except OSError as error:
-        raise FrameError(f"frame {k} cannot be read: {error.strerror}") from None
 
 
 def _pose(values: tuple[float, ...], k: int) -> Float64Array:

@@ -20,7 +20,7 @@ from pathlib import Path
 from cuboid.ground.arrays import UInt8Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.formats.table_validation import data_lines
-from cuboid.inputs.readers.image_folder import images_in
+from cuboid.inputs.readers.image_folder import images_by_number
 from cuboid.inputs.readers.phone import UP_WORLD, confident_depth, depth_size_of, phone_cameras, shrink_factor, shrunk
 from cuboid.inputs.readers.posetext import PoseLine, parse_numbers, parsed_lines, pinhole_of, pose_of_frame
 from cuboid.inputs.readers.reader import READERS, FrameEntry, Listing, Reader
@@ -43,7 +43,7 @@ def read(path: Path) -> Listing:
     if not (path / VIDEO).is_file():
         raise InputError(f"{path}: {VIDEO} is missing: without it a recording of Stray Scanner has no color")
     video = VideoFile(path / VIDEO)
-    depths = {int(file.stem): file for file in images_in(path / "depth") if file.stem.isdigit()}
+    depths = images_by_number(path / "depth")
     depth_size = depth_size_of((depths[number] for number in sorted(depths)), path)
     (poses, times_s), factor = _odometry(path / ODOMETRY), shrink_factor(video.size)
     frames = [

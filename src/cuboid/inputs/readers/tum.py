@@ -137,11 +137,12 @@ def _entry(
         timestamp_s=time_s,
         pose=None if pose is None else partial(pose, time_s),
         fault=fault,
-        pose_after=None if pose is None else partial(_later, pose, time_s),
+        pose_after=None if pose is None else partial(pose_later, pose, time_s),
     )
 
 
-def _later(pose: Callable[[float], Float64Array], time_s: float, after_s: float) -> Float64Array:
+def pose_later(pose: Callable[[float], Float64Array], time_s: float, after_s: float) -> Float64Array:
+    """Return the pose of a later time."""
     return pose(time_s + after_s)
 
 

@@ -55,8 +55,10 @@ class RecordingWriter(Protocol):
         """Close open files."""
 
 
-class _Folder:
-    """Common parts of both folder writers."""
+class PlainWriter:
+    """Writer of the plain folder (docs/recordings.md): images named by the frame's number in the recording."""
+
+    color, poses, key = "color", "poses.txt", "number"
 
     def __init__(
         self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
@@ -65,7 +67,8 @@ class _Folder:
         self._intrinsics = intrinsics
         self._units = units_per_metre
         self._up_world = up_world
-        self._frames: list[tuple[int, float, Float64Array | None]] = []
+        # Of each frame: its key, time in seconds, and pose.
+        self._frames: list[tuple[str, float, Float64Array | None]] = []
 
     def __enter__(self) -> Self:
         return self
@@ -73,60 +76,46 @@ class _Folder:
     def __exit__(self, *error: object) -> None:
         return None
 
-    def _note(self, frame: Frame) -> None:
-        self._frames.append((frame.index, frame.timestamp_s, frame.T_world_camera))
+    def add(self, frame: Frame) -> None:
+        """Write color and depth."""
+        key, name = self._named(frame)
+        for kind, image in ((self.color, frame.color[..., ::-1]), ("depth", as_units(frame.depth_m, self._units))):
+            (self._folder / kind).mkdir(exist_ok=True)
+            (self._folder / kind / f"{name}.png").write_bytes(png(image))
+        self._frames.append((key, frame.timestamp_s, frame.T_world_camera))
+
+    def finish(self) -> None:
+        """Write the camera, the times and the poses."""
+        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units, up_world=self._up_world)
+        self._write_times()
+        poses = [f"{key} {pose_text(T)}" for key, _, T in self._frames if T is not None]
+        if poses:
+            self._write(self.poses, [f"# {self.key} tx ty tz qx qy qz qw", *poses])
+
+    def _named(self, frame: Frame) -> tuple[str, str]:
+        """Return the key of a frame in text files, and the name of its images."""
+        return str(frame.index), f"{frame.index:06d}"
+
+    def _write_times(self) -> None:
+        self._write("timestamps.txt", [f"{key} {time_s:.6f}" for key, time_s, _ in self._frames])
 
     def _write(self, name: str, lines: Sequence[str]) -> None:
         text = "".join(line + "\n" for line in lines)
         (self._folder / name).write_text(text, encoding="utf-8", newline="\n")
 
 
-class PlainWriter(_Folder):
-    """Writer of the plain folder (docs/recordings.md)."""
+class TumWriter(PlainWriter):
+    """Writer of the TUM RGB-D format, with an additional `camera.json`; images are named by their time."""
 
-    def add(self, frame: Frame) -> None:
-        """Write color and depth, named by the frame's number in the recording."""
-        for name, image in (("color", frame.color[..., ::-1]), ("depth", as_units(frame.depth_m, self._units))):
-            (self._folder / name).mkdir(exist_ok=True)
-            (self._folder / name / f"{frame.index:06d}.png").write_bytes(png(image))
-        self._note(frame)
+    color, poses, key = "rgb", "groundtruth.txt", "timestamp"
 
-    def finish(self) -> None:
-        """Write the camera, the times and the poses."""
-        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units, up_world=self._up_world)
-        self._write("timestamps.txt", [f"{index} {time_s:.6f}" for index, time_s, _ in self._frames])
-        poses = [f"{index} {pose_text(T)}" for index, _, T in self._frames if T is not None]
-        if poses:
-            self._write("poses.txt", ["# number tx ty tz qx qy qz qw", *poses])
+    def _named(self, frame: Frame) -> tuple[str, str]:
+        return (f"{frame.timestamp_s:.6f}",) * 2
 
-
-class TumWriter(_Folder):
-    """Writer of the TUM RGB-D format, with an additional `camera.json`."""
-
-    def __init__(
-        self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
-    ) -> None:
-        super().__init__(folder, intrinsics, TUM_UNITS, up_world)
-        self._names: list[str] = []
-
-    def add(self, frame: Frame) -> None:
-        """Write color and depth; the file names are timestamps."""
-        name = f"{frame.timestamp_s:.6f}.png"
-        for kind, image in (("rgb", frame.color[..., ::-1]), ("depth", as_units(frame.depth_m, self._units))):
-            (self._folder / kind).mkdir(exist_ok=True)
-            (self._folder / kind / name).write_bytes(png(image))
-        self._names.append(name)
-        self._note(frame)
-
-    def finish(self) -> None:
-        """Write the lists, the camera and the poses."""
+    def _write_times(self) -> None:
         for kind in ("rgb", "depth"):
-            lines = [f"{name.removesuffix('.png')} {kind}/{name}" for name in self._names]
+            lines = [f"{key} {kind}/{key}.png" for key, _, _ in self._frames]
             self._write(f"{kind}.txt", ["# timestamp filename", *lines])
-        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units, up_world=self._up_world)
-        poses = [f"{time_s:.6f} {pose_text(T)}" for _, time_s, T in self._frames if T is not None]
-        if poses:
-            self._write("groundtruth.txt", ["# timestamp tx ty tz qx qy qz qw", *poses])
 
 
 def _mcap_writer(
@@ -139,7 +128,7 @@ def _mcap_writer(
 
 WRITERS: dict[str, Callable[[Path, Intrinsics, float, Float64Array | None], RecordingWriter]] = {
     "plain": PlainWriter,
-    "tum": TumWriter,
+    "tum": lambda folder, intrinsics, _, up_world: TumWriter(folder, intrinsics, TUM_UNITS, up_world),
     "mcap": _mcap_writer,
 }
 

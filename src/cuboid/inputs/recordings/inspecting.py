@@ -12,7 +12,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import FrameError
 from cuboid.ground.core.plausible import field_of_view_warning, scale_warning
 from cuboid.ground.core.skipped import SkippedKind, skipped_kinds
-from cuboid.inputs.calibration.registering import Misregistration, find_misregistration
+from cuboid.inputs.calibration.registering import find_misregistration
 from cuboid.inputs.readers import Recording
 
 # Number of decoded frames, evenly spaced, and of frames whose poses are examined.
@@ -130,7 +130,7 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
     near, far = np.median(ranges, axis=0).tolist() if ranges else (None, None)
     scale = scale_warning(float(np.median(medians)), recording.depth_units_per_metre) if medians else None
     doubts = [one for one in (scale, field_of_view_warning(K)) if one is not None]
-    misregistration = _misregistration(unposed, kept)
+    misregistration = find_misregistration([unposed.read(index) for index in kept[:: max(1, len(kept) // 12)]])
     return RecordingInfo(
         path=str(recording.path),
         format=recording.format,
@@ -189,7 +189,3 @@ def _times(recording: Recording) -> tuple[float | None, float | None, int]:
     if usual <= 0:
         return None, float(times[-1] - times[0]) if len(times) else None, 0
     return 1 / usual, float(times[-1] - times[0]), int((steps > GAP_STEPS * usual).sum())
-
-
-def _misregistration(recording: Recording, frames: Sequence[int]) -> Misregistration | None:
-    return find_misregistration([recording.read(index) for index in frames[:: max(1, len(frames) // 12)]])

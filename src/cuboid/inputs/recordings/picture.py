@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.paths import as_path
@@ -48,9 +47,6 @@ def open_picture(
     for image in images:
         if not image.is_file():
             raise InputError(f"{image}: no such file; expected a color and a depth image")
-    listing = Listing([FrameEntry(*images)], camera_folders=_folders(*images))
+    folders = tuple(dict.fromkeys(image.parent for image in images))
+    listing = Listing([FrameEntry(*images)], camera_folders=folders)
     return Recording(path, FORMAT, listing, *choose(listing, intrinsics, depth_scale, path))
-
-
-def _folders(*images: Path) -> tuple[Path, ...]:
-    return tuple(dict.fromkeys(image.parent for image in images))

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from cuboid.ground.core.errors import InputError
-from cuboid.ground.formats.reading import text_lines
 from cuboid.ground.formats.rows_files import BoxerEntry
-from cuboid.ground.formats.table_validation import read_table
+from cuboid.ground.formats.table_validation import column_names, read_table
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import rotation_from_quat_wxyz
 
@@ -52,8 +50,7 @@ def is_boxer(path: Path) -> bool:
     """
     if path.suffix.lower() != ".csv":
         return False
-    with closing(text_lines(path)) as lines:
-        names = [name.strip() for name in next(iter(lines), "").split(",")]
+    names = column_names(path)
     if names[0] == "time_ns" and set(names) >= RECT_COLUMNS:
         raise InputError(
             f"{path}: is Boxer's table of 2D boxes in images; expected the table of its 3D boxes, with the columns "

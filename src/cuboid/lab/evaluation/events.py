@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.ground.formats.truth_file import EventOfTruth
 from cuboid.ground.geometry.overlap import overlap_min_matrix, pack
 from cuboid.lab.evaluation.clear import Pairs
 from cuboid.lab.evaluation.matching import FrameOverlap, ratio
 from cuboid.lab.evaluation.result import BoxRows, IntArray
-from cuboid.lab.evaluation.truth import Truth, TruthEvent
+from cuboid.lab.evaluation.truth import Truth
 from cuboid.results.files.rows import EventRow
 
 # A reported event is correct if it comes after the start of a true event, and at most this many frames after its end
@@ -84,13 +85,13 @@ def event_quality(
     return EventQuality(true, len(counted), right, precision, recall, delay, (), missed, tuple(wrong))
 
 
-def _matches(row: EventRow, event: TruthEvent, number: int | None) -> bool:
+def _matches(row: EventRow, event: EventOfTruth, number: int | None) -> bool:
     """Return whether a reported event, of the object with id `number`, matches a true one."""
     if row.event != event.event or number != event.id or not event.begin <= row.frame <= event.end + LATEST_FRAMES:
         return False
-    if event.to_m is None:
+    if event.to is None:
         return True
-    return row.to_m is not None and float(np.linalg.norm(row.to_m - event.to_m)) <= PLACE_M
+    return row.to_m is not None and float(np.linalg.norm(row.to_m - event.to)) <= PLACE_M
 
 
 def objects_of_labels(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], ids: Sequence[int]) -> dict[int, int]:

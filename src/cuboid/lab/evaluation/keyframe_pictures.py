@@ -13,6 +13,7 @@ from cuboid.ground.formats.folder import writing
 from cuboid.inputs.readers.recording import Recording
 from cuboid.lab.evaluation.keyframe_scores import JudgedFrame
 from cuboid.lab.evaluation.rectangles import Outcome
+from cuboid.results.views.pixels import encode_jpeg
 from cuboid.results.views.tags import TAG_PX, place_tag, put_tag
 from cuboid.results.views.text import Color, ink, put_text
 
@@ -48,11 +49,8 @@ def write_pictures(folder: Path, frames: tuple[JudgedFrame, ...], recording: Rec
         except FrameError:
             continue
         path = folder / f"{frame.keyframe.frame:06d}.jpg"
-        _, data = cv2.imencode(
-            ".jpg", draw_judged(color, frame)[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JUDGED_JPEG_QUALITY]
-        )
         with writing(path):
-            path.write_bytes(data.tobytes())
+            path.write_bytes(encode_jpeg(draw_judged(color, frame), JUDGED_JPEG_QUALITY))
         written += 1
     return written
 

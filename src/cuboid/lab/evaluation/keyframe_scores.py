@@ -184,7 +184,7 @@ def scores_at(frames: Sequence[JudgedFrame], k: int, probability: Mapping[int, f
     """Return the figures at threshold number `k`; `probability` is that of each label."""
     at = [frame.at[k] for frame in frames]
     outcomes = Counter(outcome for judgement in at for outcome in judgement.outcomes)
-    rectangles, found = (sum(int(which.sum()) for which in each) for each in zip(*_counts(at), strict=True))
+    rectangles, found = sum(int(one.counts.sum()) for one in at), sum(int(one.found.sum()) for one in at)
     false = outcomes[Outcome.FALSE]
     labels = _labels(frames, k)
     repeated = [found_labels for found_labels in labels.values() if len(found_labels) > 1]
@@ -234,10 +234,6 @@ def _labels_and_objects(frames: Sequence[JudgedFrame], k: int) -> tuple[IntArray
                 label.append(int(frame.sightings.label[n]))
                 item.append(object_of.get(n, NO_OBJECT))
     return np.array(label, np.int64), np.array(item, np.int64)
-
-
-def _counts(at: Sequence[FrameJudgement]) -> list[tuple[BoolArray, BoolArray]]:
-    return [(judgement.counts, judgement.found) for judgement in at]
 
 
 def _labels(frames: Sequence[JudgedFrame], k: int) -> dict[int, list[int]]:

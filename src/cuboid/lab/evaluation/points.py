@@ -18,6 +18,7 @@ from cuboid.ground.formats.rows_files import LabelEntry
 from cuboid.ground.formats.table_validation import read_lines
 from cuboid.ground.geometry.overlap import pack
 from cuboid.ground.geometry.se3 import MAX_FROM_ORIGIN_M
+from cuboid.lab.evaluation.average_precision import average_precision
 from cuboid.lab.evaluation.matching import ratio
 from cuboid.lab.evaluation.truth import Truth
 
@@ -153,20 +154,13 @@ def heat_quality(xyz: Float64Array, heat: npt.NDArray[np.floating], cloud: Label
     judged = ~_aside(cloud.xyz, truth)
     spots, hot = cloud.xyz[judged], cloud.on_object[judged]
     value, near = _nearest_heat(xyz, heat, spots)
-    # Points sorted by falling heat; a threshold lies below the last of equally hot points.
-    order = np.argsort(-value, kind="stable")
-    hits, taken = hot[order].cumsum(), np.arange(1, len(order) + 1)
-    last = np.flatnonzero(np.diff(-value[order], append=np.inf) > 0)
-    last = last[value[order][last] > 0]
-    total = int(hot.sum())
-    curve = tuple(_at(float(bound), int((value >= bound).sum()), hits, total) for bound in CURVE_HEATS)
-    precision = hits[last] / taken[last]
-    envelope = np.maximum.accumulate(precision[::-1])[::-1]
+    total, warm = int(hot.sum()), value > 0
+    curve = tuple(_at(float(bound), hot[value >= bound], total) for bound in CURVE_HEATS)
     return HeatQuality(
         points=len(spots),
         object_points=total,
         mapped=ratio(int(near.sum()), len(spots)),
-        ap=ratio(float((np.diff(hits[last], prepend=0) * envelope).sum()), total),
+        ap=average_precision(value[warm], hot[warm], total),
         best=max((at for at in curve if at.f is not None), key=lambda at: at.f or 0.0, default=None),
         curve=curve,
     )
@@ -183,10 +177,11 @@ def _nearest_heat(
     return np.append(heat, 0.0)[nearest], near  # spots without a neighbour have the index after the last point
 
 
-def _at(heat: float, taken: int, hits: npt.NDArray[np.int64], total: int) -> HeatAt:
-    right = int(hits[taken - 1]) if taken else 0
-    f = ratio(2 * right, taken + total) if total else None
-    return HeatAt(heat, ratio(right, taken), ratio(right, total), f)
+def _at(heat: float, taken: npt.NDArray[np.bool_], total: int) -> HeatAt:
+    """Return the scores of the points that are taken, each on an object or not, (N,)."""
+    right = int(taken.sum())
+    f = ratio(2 * right, len(taken) + total) if total else None
+    return HeatAt(heat, ratio(right, len(taken)), ratio(right, total), f)
 
 
 def _aside(points: Float64Array, truth: Truth) -> npt.NDArray[np.bool_]:

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.values import Fraction, FrameNumber, Label
 from cuboid.ground.formats.folder import TRACKS
-from cuboid.ground.formats.reading import text_lines
-from cuboid.ground.formats.table_validation import Row, read_table
+from cuboid.ground.formats.table_validation import Row, column_names, read_table
 from cuboid.results.files import Results
 
 COLUMN = "probability"
@@ -41,7 +40,7 @@ def read_probabilities(path: Path, frame: npt.NDArray[np.int64], label: npt.NDAr
         A file is malformed; the message names file and line.
     """
     table = path / TRACKS if path.is_dir() else path
-    has_column = COLUMN in _header(table)
+    has_column = COLUMN in column_names(table)
     rows = read_table(table, ProbabilityEntry, any_order=True) if has_column else ()
     of_row = {(row.frame, row.label): row.probability for _, row in rows}
     values = [of_row.get(key) for key in zip(frame.tolist(), label.tolist(), strict=True)]
@@ -55,11 +54,3 @@ def of_labels(label: npt.NDArray[np.int64], probability: Float64Array) -> dict[i
     """Return the probability of each label at its last sighting; the sightings (N,) are in frame order."""
     known = ~np.isnan(probability)
     return dict(zip(label[known].tolist(), probability[known].tolist(), strict=True))
-
-
-def _header(path: Path) -> list[str]:
-    lines = text_lines(path)
-    try:
-        return [name.strip() for name in next(iter(lines), "").split(",")]
-    finally:
-        lines.close()

@@ -15,8 +15,9 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.results import RELATIONS, Relation, SupportPlane
 from cuboid.ground.core.tolerances import DRIFT_M
 from cuboid.ground.core.values import RelationKind
+from cuboid.ground.formats.relations import RelationOfTruth
 from cuboid.lab.evaluation.matching import ratio
-from cuboid.lab.evaluation.truth import Truth, TruthObject, TruthRelation
+from cuboid.lab.evaluation.truth import Truth, TruthObject
 from cuboid.method.relations import Wall
 
 # A found surface matches a true one if their distance at the object is at most SAME_SURFACE_M, metres, and the cosine
@@ -125,7 +126,7 @@ class _Surfaces:
             for kind, surfaces in (("plane", planes), ("wall", walls))
         }
 
-    def key_of(self, relation: TruthRelation) -> Key:
+    def key_of(self, relation: RelationOfTruth) -> Key:
         """Return the key of a true relation, with the first of the surfaces in the same plane."""
         to = relation.to
         if isinstance(to, str):

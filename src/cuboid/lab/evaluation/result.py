@@ -187,23 +187,13 @@ def read_boxes(path: Path, kind: type[BoxEntry] | type[OwnBoxEntry] = BoxEntry) 
         The file cannot be read, lacks a column, or a row is malformed; the message names file and line.
     """
     rows = [_numbers(row) for _, row in read_table(path, kind, any_order=True)]
-    table = np.array(rows).reshape(-1, 2 + 15)
-    table = table[np.argsort(table[:, 0], kind="stable")]
-    found = BoxRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
-    if kind is BoxEntry:
-        _refuse_twice(path, found)
-    return found
+    return BoxRows(*_columns(path, np.array(rows).reshape(-1, 2 + 15), unique=kind is BoxEntry))
 
 
 def read_rects(path: Path, kind: type[RectEntry] | type[OwnRectEntry] = RectEntry) -> RectRows:
     """Read the rectangles of a CSV; with `RectEntry`, labels are unique per frame. Raises as `read_boxes`."""
     rows = [(row.frame, row.label, row.x0, row.y0, row.x1, row.y1) for _, row in read_table(path, kind, any_order=True)]
-    table = np.array(rows, np.float64).reshape(-1, 6)
-    table = table[np.argsort(table[:, 0], kind="stable")]
-    found = RectRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
-    if kind is RectEntry:
-        _refuse_twice(path, found)
-    return found
+    return RectRows(*_columns(path, np.array(rows, np.float64).reshape(-1, 6), unique=kind is RectEntry))
 
 
 def _numbers(row: BoxEntry | OwnBoxEntry) -> list[float]:
@@ -211,11 +201,15 @@ def _numbers(row: BoxEntry | OwnBoxEntry) -> list[float]:
     return [row.frame, row.label, row.cx, row.cy, row.cz, row.length, row.width, row.height, *turn.ravel()]
 
 
-def _refuse_twice(path: Path, rows: BoxRows | RectRows) -> None:
-    pairs, count = np.unique(np.stack([rows.frame, rows.label], axis=1), axis=0, return_counts=True)
-    if (count > 1).any():
+def _columns(path: Path, table: Float64Array, *, unique: bool) -> tuple[IntArray, IntArray, Float64Array]:
+    """Return frame, label and rest of the rows of a table (N, C), in frame order; refuse a label twice in a frame."""
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    sightings = table[:, :2].astype(np.int64)
+    pairs, count = np.unique(sightings, axis=0, return_counts=True)
+    if unique and (count > 1).any():
         frame, label = pairs[count > 1][0]
         raise InputError(f"{path}: label {label} stands more than once in frame {frame}")
+    return sightings[:, 0], sightings[:, 1], table[:, 2:]
 
 
 def _last_boxes(rows: BoxRows) -> MapBoxes:

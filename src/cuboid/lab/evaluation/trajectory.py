@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.paths import PathLike
+from cuboid.ground.geometry.se3 import assembled
 from cuboid.lab.evaluation.timed_poses import TimedPoses, read_poses
 from cuboid.results.files.text import plain
 
@@ -194,10 +196,7 @@ def rigid_fit(xyz_a: Float64Array, xyz_b: Float64Array) -> Float64Array:
     mean_a, mean_b = xyz_a.mean(0), xyz_b.mean(0)
     left, _, right = np.linalg.svd((xyz_a - mean_a).T @ (xyz_b - mean_b))
     rotation = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
-    T_a_b = np.eye(4)
-    T_a_b[:3, :3] = rotation
-    T_a_b[:3, 3] = mean_a - rotation @ mean_b
-    return T_a_b
+    return assembled(rotation, mean_a - rotation @ mean_b)
 
 
 def drift(T_est: Float64Array, T_true: Float64Array, travelled: Float64Array, within: float) -> Drift:
@@ -226,25 +225,13 @@ def drift(T_est: Float64Array, T_true: Float64Array, travelled: Float64Array, wi
     moved = _relative(T_est[begins], T_est[ends])
     error = _relative(_relative(T_true[begins], T_true[ends]), moved)
     shift_cm = 100.0 * np.linalg.norm(error[:, :3, 3], axis=1)
-    return Drift(len(begins), Errors.of(shift_cm / length), Errors.of(np.degrees(_angles(error)) / length))
+    turned_deg = np.degrees(Rotation.from_matrix(error[:, :3, :3]).magnitude())
+    return Drift(len(begins), Errors.of(shift_cm / length), Errors.of(turned_deg / length))
 
 
 def _relative(T_world_a: Float64Array, T_world_b: Float64Array) -> Float64Array:
     """Return T_a_b (N, 4, 4)."""
-    R_a = T_world_a[:, :3, :3].transpose(0, 2, 1)
-    T_a_b = np.zeros_like(T_world_b)
-    T_a_b[:, :3, :3] = R_a @ T_world_b[:, :3, :3]
-    T_a_b[:, :3, 3] = np.einsum("nij,nj->ni", R_a, T_world_b[:, :3, 3] - T_world_a[:, :3, 3])
-    T_a_b[:, 3, 3] = 1.0
-    return T_a_b
-
-
-def _angles(T: Float64Array) -> Float64Array:
-    """Return the angles (N,) of the rotations of rigid motions (N, 4, 4), radians, to full precision near 0 too."""
-    R = T[:, :3, :3]
-    sine = np.linalg.norm(np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]]), axis=0)
-    angles: Float64Array = np.arctan2(sine, np.trace(R, axis1=1, axis2=2) - 1.0)
-    return angles
+    return np.asarray(np.linalg.solve(T_world_a, T_world_b))
 
 
 def _nearest(values: Float64Array, among: Float64Array) -> IntArray:

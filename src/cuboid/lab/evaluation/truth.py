@@ -15,8 +15,8 @@ import numpy.typing as npt
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.errors import printable
 from cuboid.ground.core.paths import PathLike, as_path
-from cuboid.ground.core.values import RelationKind
 from cuboid.ground.formats.json_validation import read_json
+from cuboid.ground.formats.relations import RelationOfTruth
 from cuboid.ground.formats.truth_file import (
     BoxOfTruth,
     EventOfTruth,
@@ -63,28 +63,6 @@ class TruthObject:
     def at(self, frame: int) -> Box:
         """Return the object's box in a frame."""
         return self.box if self.path is None else self.path.at(frame, self.box.size)
-
-
-@dataclass(frozen=True, slots=True)
-class TruthRelation:
-    """A true relation.
-
-    Attributes
-    ----------
-    subject : int
-        Id of the object.
-    kind : str
-        Kind of the relation: one of `core.results.RELATIONS`.
-    to : int or str
-        Id of the other object; "plane:k" or "wall:k" for one of the truth's planes or walls.
-    judged : bool
-        False if it is undecided whether the relation holds.
-    """
-
-    subject: int
-    kind: RelationKind
-    to: int | str
-    judged: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,29 +116,6 @@ class Path3D:
 
 
 @dataclass(frozen=True, slots=True)
-class TruthEvent:
-    """An event of an object while the camera runs.
-
-    Attributes
-    ----------
-    event : str
-        "appeared", "moved", "gone" or "back".
-    id : int
-    begin, end : int
-        Frames in which the object leaves its place, and in which it is at rest again or out of the scene.
-    from_m, to_m : (3,) float64 or None
-        Centre of its box before and after; None if it was not, or is not, in the scene.
-    """
-
-    event: str
-    id: int
-    begin: int
-    end: int
-    from_m: Float64Array | None
-    to_m: Float64Array | None
-
-
-@dataclass(frozen=True, slots=True)
 class TruthAgent:
     """A rigid part of a person.
 
@@ -192,11 +147,11 @@ class Truth:
         Places where detections count neither way.
     visibility : (frames, objects) float64 or None
         Visible fraction of each object in each frame, 0..1; None if the file does not give it.
-    events : tuple of TruthEvent or None
+    events : sequence of EventOfTruth or None
         Events of objects, in the order of their ends; None if the file does not list them.
     agents : tuple of TruthAgent
         People, in rigid parts.
-    relations : tuple of TruthRelation or None
+    relations : sequence of RelationOfTruth or None
         None if the file does not list them.
     planes, walls : tuple of ((3,) float64, float)
         Normal and offset of the surfaces in relations.
@@ -209,9 +164,9 @@ class Truth:
     region: JudgedRegion | None
     ignored: tuple[Box, ...]
     visibility: Float64Array | None
-    events: tuple[TruthEvent, ...] | None = None
+    events: Sequence[EventOfTruth] | None = None
     agents: tuple[TruthAgent, ...] = ()
-    relations: tuple[TruthRelation, ...] | None = None
+    relations: Sequence[RelationOfTruth] | None = None
     planes: tuple[tuple[Float64Array, float], ...] = ()
     walls: tuple[tuple[Float64Array, float], ...] = ()
 
@@ -256,13 +211,11 @@ def read_truth(path: PathLike) -> Truth:
         region=None if document.judged_region is None else _region(document.judged_region),
         ignored=tuple(map(_box, document.ignore or ())),
         visibility=None if seen is None else _visibility(seen, [item.id for item in objects]),
-        events=None if document.events is None else tuple(map(_event, document.events)),
+        events=document.events,
         agents=tuple(
             TruthAgent(np.array(part.size), _path(part.moves)) for part in document.agents or () if part.moves
         ),
-        relations=None
-        if document.relations is None
-        else tuple(TruthRelation(row.subject, row.kind, row.to, row.judged) for row in document.relations),
+        relations=document.relations,
         planes=tuple((np.array(plane.normal), plane.offset) for plane in document.planes),
         walls=tuple((np.array(wall.normal), wall.offset) for wall in document.walls),
     )
@@ -275,11 +228,6 @@ def _box(item: BoxOfTruth) -> Box:
 def _path(moves: Sequence[Move]) -> Path3D:
     poses = np.array([compose(turn, place) for _, *rest in moves for place, turn in [(rest[:3], rest[3:])]])
     return Path3D(np.array([frame for frame, *_ in moves], np.int64), poses)
-
-
-def _event(item: EventOfTruth) -> TruthEvent:
-    places = (None if at is None else np.array(at) for at in (item.begun_at, item.to))
-    return TruthEvent(item.event, item.id, item.begin, item.end, *places)
 
 
 def _region(item: RegionOfTruth) -> JudgedRegion:

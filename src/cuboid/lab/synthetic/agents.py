@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
+from cuboid.ground.geometry.se3 import assembled
 from cuboid.lab.synthetic.material import Material, Texture, two_paints
 from cuboid.lab.synthetic.mesh import box, lathe, merged, shift, tube, turn
 from cuboid.lab.synthetic.scene import Agent
@@ -69,9 +70,7 @@ def _along(start: Float64Array, end: Float64Array) -> Float64Array:
     z = (end - start) / np.linalg.norm(end - start)
     x = np.cross((0.0, 0.0, 1.0), z)
     x /= max(float(np.linalg.norm(x)), 1e-9)
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.column_stack([x, np.cross(z, x), z]), start
-    return T
+    return assembled(np.column_stack([x, np.cross(z, x), z]), start)
 
 
 def walker(rng: np.random.Generator, steps: Float64Array) -> list[Agent]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import cv2
@@ -25,10 +24,6 @@ def _color(folder: Path, frame: int) -> Path:
 
 def _depth(folder: Path, frame: int) -> Path:
     return folder / "depth" / f"{frame:06d}.png"
-
-
-def _fill(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
 
 
 def _cut(path: Path) -> None:
@@ -79,36 +74,32 @@ def _scale_depth(folder: Path, frame: int) -> None:
     path.write_text(json.dumps(camera) + "\n", encoding="utf-8")
 
 
-Fault = Callable[[Path, int], None]
+Fault = Callable[[Path, int], object]
 
 # Faults of a single frame.
-FRAME_FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {
-        "truncated-color": lambda folder, k: _cut(_color(folder, k)),
-        "truncated-depth": lambda folder, k: _cut(_depth(folder, k)),
-        "empty-color": lambda folder, k: _fill(_color(folder, k), b""),
-        "empty-depth": lambda folder, k: _fill(_depth(folder, k), b""),
-        "damaged-depth": lambda folder, k: _flip(_depth(folder, k)),
-        "no-image": lambda folder, k: _fill(_color(folder, k), b"no image\n" * 40),
-        "color-only": lambda folder, k: _depth(folder, k).unlink(),
-        "depth-only": lambda folder, k: _color(folder, k).unlink(),
-        "other-size": _halve,
-        "zero-depth": lambda folder, k: _rewrite(_depth(folder, k), np.zeros_like),
-        "nan-pose": lambda folder, k: _edit_pose(folder, k, lambda w: [w[0], "nan", *w[2:]]),
-        "inf-pose": lambda folder, k: _edit_pose(folder, k, lambda w: [w[0], "inf", *w[2:]]),
-        "non-rigid-pose": lambda folder, k: _edit_pose(folder, k, lambda w: [*w[:7], "2.5"]),
-        "no-pose": lambda folder, k: _edit_pose(folder, k, lambda w: None),
-    }
-)
+FRAME_FAULTS: Mapping[str, Fault] = {
+    "truncated-color": lambda folder, k: _cut(_color(folder, k)),
+    "truncated-depth": lambda folder, k: _cut(_depth(folder, k)),
+    "empty-color": lambda folder, k: _color(folder, k).write_bytes(b""),
+    "empty-depth": lambda folder, k: _depth(folder, k).write_bytes(b""),
+    "damaged-depth": lambda folder, k: _flip(_depth(folder, k)),
+    "no-image": lambda folder, k: _color(folder, k).write_bytes(b"no image\n" * 40),
+    "color-only": lambda folder, k: _depth(folder, k).unlink(),
+    "depth-only": lambda folder, k: _color(folder, k).unlink(),
+    "other-size": _halve,
+    "zero-depth": lambda folder, k: _rewrite(_depth(folder, k), np.zeros_like),
+    "nan-pose": lambda folder, k: _edit_pose(folder, k, lambda w: [w[0], "nan", *w[2:]]),
+    "inf-pose": lambda folder, k: _edit_pose(folder, k, lambda w: [w[0], "inf", *w[2:]]),
+    "non-rigid-pose": lambda folder, k: _edit_pose(folder, k, lambda w: [*w[:7], "2.5"]),
+    "no-pose": lambda folder, k: _edit_pose(folder, k, lambda w: None),
+}
 # Faults of the end of the recording, or of all of it.
-WHOLE_FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {
-        "few-poses": _drop_last_poses,
-        "no-intrinsics": lambda folder, k: (folder / "camera.json").unlink(),
-        "wrong-depth-scale": _scale_depth,
-    }
-)
-FAULTS: Mapping[str, Fault] = MappingProxyType({**FRAME_FAULTS, **WHOLE_FAULTS})
+WHOLE_FAULTS: Mapping[str, Fault] = {
+    "few-poses": _drop_last_poses,
+    "no-intrinsics": lambda folder, k: (folder / "camera.json").unlink(),
+    "wrong-depth-scale": _scale_depth,
+}
+FAULTS: Mapping[str, Fault] = {**FRAME_FAULTS, **WHOLE_FAULTS}
 # Fraction of the frames, at the end, whose poses "few-poses" removes.
 FEW_POSES_FRACTION = 0.1
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
 from typing import NamedTuple, TypedDict
 
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
-from cuboid.ground.core.errors import InputError
 from cuboid.lab.synthetic.containers import build_containers, build_sideboard
 from cuboid.lab.synthetic.draft import OBJECT_GAP_M, Draft, add_middle_table, add_room, circling, finish, on_floor
 from cuboid.lab.synthetic.interiors import build_bookshelf, build_desk, build_kitchen
@@ -20,7 +18,7 @@ from cuboid.lab.synthetic.paths import CAMERAS, MAX_STEP_M, MAX_STEP_RAD, around
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.places import build_bin, build_counter, build_overhead, build_shelf, build_stacks
 from cuboid.lab.synthetic.plain_places import build_alone, build_floor, build_toybox, build_tray
-from cuboid.lab.synthetic.scene import Scene, Surface
+from cuboid.lab.synthetic.scene import Scene, Surface, require_known
 from cuboid.lab.synthetic.shapes import MAKERS, Model
 
 Builder = Callable[[Draft], None]
@@ -169,33 +167,31 @@ class Kind(NamedTuple):
 
 
 # The seed of a scene includes the position of its kind: append new kinds.
-KINDS: Mapping[str, Kind] = MappingProxyType(
-    {
-        "table": Kind(build_table, 160, path_table),
-        "occluders": Kind(build_occluders, 200),
-        "leave": Kind(build_leave, 220, path_leave),
-        "tables": Kind(build_tables, 360, path_tables),
-        "clutter": Kind(build_clutter, 160, path_table),
-        "room": Kind(build_room, 460, path_room),
-        "overhead": Kind(build_overhead, 90),
-        "bin": Kind(build_bin, 120),
-        "counter": Kind(build_counter, 120),
-        "stacks": Kind(build_stacks, 160),
-        "shelf": Kind(build_shelf, 120),
-        "moving": Kind(build_moving, 420),
-        "containers": Kind(build_containers, 160),
-        "sideboard": Kind(build_sideboard, 120),
-        "desk": Kind(build_desk, 160),
-        "kitchen": Kind(build_kitchen, 160),
-        "bookshelf": Kind(build_bookshelf, 140),
-        "toybox": Kind(build_toybox, 120),
-        "floor": Kind(build_floor, 160),
-        "tray": Kind(build_tray, 160),
-        "alone": Kind(build_alone, 140),
-    }
-)
-WAYS: Mapping[str, Builder] = MappingProxyType({name: kind.way for name, kind in KINDS.items() if kind.way})
-FRAMES: Mapping[str, int] = MappingProxyType({name: kind.frames for name, kind in KINDS.items()})
+KINDS: Mapping[str, Kind] = {
+    "table": Kind(build_table, 160, path_table),
+    "occluders": Kind(build_occluders, 200),
+    "leave": Kind(build_leave, 220, path_leave),
+    "tables": Kind(build_tables, 360, path_tables),
+    "clutter": Kind(build_clutter, 160, path_table),
+    "room": Kind(build_room, 460, path_room),
+    "overhead": Kind(build_overhead, 90),
+    "bin": Kind(build_bin, 120),
+    "counter": Kind(build_counter, 120),
+    "stacks": Kind(build_stacks, 160),
+    "shelf": Kind(build_shelf, 120),
+    "moving": Kind(build_moving, 420),
+    "containers": Kind(build_containers, 160),
+    "sideboard": Kind(build_sideboard, 120),
+    "desk": Kind(build_desk, 160),
+    "kitchen": Kind(build_kitchen, 160),
+    "bookshelf": Kind(build_bookshelf, 140),
+    "toybox": Kind(build_toybox, 120),
+    "floor": Kind(build_floor, 160),
+    "tray": Kind(build_tray, 160),
+    "alone": Kind(build_alone, 140),
+}
+WAYS: Mapping[str, Builder] = {name: kind.way for name, kind in KINDS.items() if kind.way}
+FRAMES: Mapping[str, int] = {name: kind.frames for name, kind in KINDS.items()}
 
 
 class SceneOptions(TypedDict, total=False):
@@ -238,12 +234,10 @@ def make_scene(
     InputError
         The kind, the camera or the style is unknown.
     """
-    if kind not in KINDS:
-        raise InputError(f"no kind of scene is called '{kind}'; there are {', '.join(KINDS)}")
-    if camera is not None and camera not in CAMERAS:
-        raise InputError(f"no camera is called '{camera}'; there are {', '.join(CAMERAS)}")
-    if style not in STYLES:
-        raise InputError(f"no style is called '{style}'; there are {', '.join(STYLES)}")
+    require_known("kind of scene", kind, KINDS)
+    require_known("style", style, STYLES)
+    if camera is not None:
+        require_known("camera", camera, CAMERAS)
     rng = np.random.default_rng([seed, list(KINDS).index(kind)])
     drawn = tuple(CAMERAS)[int(rng.integers(len(CAMERAS)))]
     T_world_room, focal = random_motion(rng), float(rng.uniform(525, 600))

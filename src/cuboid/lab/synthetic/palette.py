@@ -85,9 +85,8 @@ def finish(rng: np.random.Generator, look: Material) -> Material:
 
 def object_material(rng: np.random.Generator, extent: Extent, color: Color | None) -> Material:
     """Draw the material of an object's main part; `color` is its main color, by default any."""
-    names = tuple(_ROUND if extent.round else _FLAT)
-    weights = np.array([(_ROUND if extent.round else _FLAT)[name] for name in names])
-    recipe = names[int(rng.choice(len(names), p=weights / weights.sum()))]
+    weights = np.array([of_round if extent.round else of_flat for _, of_round, of_flat in _RECIPES])
+    recipe = _RECIPES[int(rng.choice(len(_RECIPES), p=weights / weights.sum()))][0]
     look = finish(rng, recipe(rng, color or tint(rng), extent))
     layers = list(look.layers)
     if rng.random() < 0.3:  # a logo, or a sticker
@@ -222,27 +221,17 @@ _PATTERNED = _all_over(
     Texture.ZIGZAG, Texture.STRIPED_CLOTH, Texture.FLOWERS, Texture.CHECKED_CLOTH, low_m=0.012, high_m=0.035
 )
 _CLOUDY = _all_over(Texture.VEINS, Texture.BLOTCHES, Texture.MARBLE, low_m=0.02, high_m=0.06)
-# Recipes of round and of other bodies, with their weights.
-_ROUND: dict[Recipe, float] = {
-    _plain: 2,
-    _SPECKLED: 3,
-    _PATTERNED: 2,
-    _CLOUDY: 2,
-    _zones: 4,
-    _rings: 2,
-    _label: 5,
-    _sides: 1,
-    _woody: 1.5,
-}
-_FLAT: dict[Recipe, float] = {
-    _plain: 1.5,
-    _SPECKLED: 1,
-    _PATTERNED: 2.5,
-    _CLOUDY: 2,
-    _zones: 2,
-    _label: 3,
-    _sides: 1.5,
-    _packaging: 7,
-    _cardboard: 2,
-    _woody: 1.5,
-}
+# Recipes with their weights for round and for other bodies.
+_RECIPES: tuple[tuple[Recipe, float, float], ...] = (
+    (_plain, 2, 1.5),
+    (_SPECKLED, 3, 1),
+    (_PATTERNED, 2, 2.5),
+    (_CLOUDY, 2, 2),
+    (_zones, 4, 2),
+    (_rings, 2, 0),
+    (_label, 5, 3),
+    (_sides, 1, 1.5),
+    (_packaging, 0, 7),
+    (_cardboard, 0, 2),
+    (_woody, 1.5, 1.5),
+)

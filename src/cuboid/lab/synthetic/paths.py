@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -61,10 +60,7 @@ def look_at(eye: npt.ArrayLike, target: npt.ArrayLike) -> Float64Array:
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
-    T = np.eye(4)
-    T[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
-    T[:3, 3] = place
-    return T
+    return se3.assembled(np.column_stack([right, np.cross(forward, right), forward]), place)
 
 
 def fly(waypoints: npt.ArrayLike, frames: int, style: Style, rng: np.random.Generator, *, whole: bool) -> Float64Array:
@@ -172,7 +168,7 @@ def jumps(T_world_camera: Float64Array, rng: np.random.Generator) -> Float64Arra
     return wrong
 
 
-POSE_NOISES: Mapping[str, PoseNoise] = MappingProxyType({"none": none, "drift": drift, "jumps": jumps})
+POSE_NOISES: Mapping[str, PoseNoise] = {"none": none, "drift": drift, "jumps": jumps}
 
 
 def _small(translation: Float64Array, rotation_rad: Float64Array) -> Float64Array:

@@ -22,7 +22,6 @@ from functools import partial
 from itertools import chain
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -35,22 +34,22 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.paths import PathLike, as_path
 from cuboid.ground.formats.folder import ResultFolder, writing
 from cuboid.ground.geometry import se3
+from cuboid.inputs.recordings.converting import png
 from cuboid.inputs.recordings.rig import RIG_FILE
 from cuboid.lab.synthetic import truth
 from cuboid.lab.synthetic.faults import named, spoil
 from cuboid.lab.synthetic.paths import POSE_NOISES
 from cuboid.lab.synthetic.raycast import EXTRA, MODULES
 from cuboid.lab.synthetic.rigs import document, name_of, of_camera
-from cuboid.lab.synthetic.scene import FRAMES_PER_S, Scene, SceneObject
+from cuboid.lab.synthetic.scene import FRAMES_PER_S, Scene, SceneObject, require_known
 from cuboid.lab.synthetic.sensors import SENSORS
 from cuboid.lab.synthetic.view import Rendered, SceneView
 from cuboid.results.files.text import LENGTH, number
+from cuboid.results.views.pixels import encode_jpeg
 
 # Units of the depth images: 0.2 mm, a seventh of a structured-light step at 0.7 m; up to 13 m.
 DEPTH_UNITS_PER_M = 5000
 RECORDING_JPEG_QUALITY = 92
-# Fast, and a few percent larger than with the best compression.
-RECORDING_PNG_COMPRESSION = 1
 # Every n-th frame and pixel contributes to the labelled cloud.
 CLOUD_EVERY_FRAMES, CLOUD_EVERY_PIXELS = 5, 3
 # Minimum image size: below it an object has only a few pixels.
@@ -89,9 +88,8 @@ class _Renderer:
     """Renders frames of a scene into the files of a folder."""
 
     def __init__(self, scene: Scene, size: tuple[int, int], sensor: str, folder: Path) -> None:
-        count = 1 if scene.rig is None else scene.rig.cameras
-        self._views = [SceneView(scene, scene.intrinsics(*size, camera=k)) for k in range(count)]
-        self._folders = [folder] if scene.rig is None else [folder / name_of(k) for k in range(count)]
+        self._views = [SceneView(scene, scene.intrinsics(*size, camera=k)) for k in range(scene.cameras)]
+        self._folders = [camera for camera, _ in _cameras(scene, folder)]
         self._T_world_room = scene.T_world_room
         self._sensor = sensor
 
@@ -165,7 +163,7 @@ def render_recording(
     path = as_path(path)
     _check(sensor, pose_noise, size)
     require(MODULES[0], "cuboid synth", EXTRA)  # raised here, not in the rendering processes
-    named(faults, scene.frames // (1 if scene.rig is None else scene.rig.cameras))
+    named(faults, scene.frames // scene.cameras)
     if force and (path / truth.TRUTH).is_file():
         with writing(path):
             shutil.rmtree(path)
@@ -229,27 +227,18 @@ def _write_rig(folder: Path, scene: Scene, size: tuple[int, int], fractions: Flo
 
 def encode_color(color: UInt8Array) -> bytes:
     """Return an RGB image (H, W, 3) as JPEG."""
-    return _encode(".jpg", color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, RECORDING_JPEG_QUALITY])
+    return encode_jpeg(color, RECORDING_JPEG_QUALITY)
 
 
 def encode_depth(depth_m: Float32Array) -> bytes:
     """Return depth in metres (H, W) as a 16-bit PNG in `DEPTH_UNITS_PER_M`."""
     units = np.rint(np.minimum(depth_m * np.float32(DEPTH_UNITS_PER_M), 65534)).astype(np.uint16)
-    return _encode(".png", units, [cv2.IMWRITE_PNG_COMPRESSION, RECORDING_PNG_COMPRESSION])
-
-
-def _encode(suffix: str, image: npt.NDArray[Any], options: list[int]) -> bytes:
-    done, data = cv2.imencode(suffix, np.ascontiguousarray(image), options)
-    if not done:
-        raise RuntimeError(f"OpenCV cannot write {suffix}")
-    return data.tobytes()
+    return png(units)
 
 
 def _check(sensor: str, pose_noise: str, size: tuple[int, int]) -> None:
-    if sensor not in SENSORS:
-        raise InputError(f"no sensor is called '{sensor}'; there are {', '.join(SENSORS)}")
-    if pose_noise not in POSE_NOISES:
-        raise InputError(f"no pose noise is called '{pose_noise}'; there are {', '.join(POSE_NOISES)}")
+    require_known("sensor", sensor, SENSORS)
+    require_known("pose noise", pose_noise, POSE_NOISES)
     if size[0] < SMALLEST_SIZE[0] or size[1] < SMALLEST_SIZE[1]:
         raise InputError(f"images must be at least {SMALLEST_SIZE[0]}x{SMALLEST_SIZE[1]}, got {size[0]}x{size[1]}")
 

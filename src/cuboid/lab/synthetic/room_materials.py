@@ -147,12 +147,5 @@ def _laminate(rng: np.random.Generator) -> Material:
 
 
 _TOPS: tuple[Callable[[np.random.Generator], Material], ...] = (
-    _grained,
-    _grained,
-    _boards,
-    _tablecloth,
-    _tablecloth,
-    _stone,
-    _painted,
-    _laminate,
+    *(_grained, _grained, _boards, _tablecloth, _tablecloth, _stone, _painted, _laminate),
 )

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
 from cuboid.ground.arrays import Float64Array
+from cuboid.ground.core.errors import InputError
 from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry import se3
 from cuboid.ground.geometry.box import Box
 from cuboid.lab.synthetic.footprint import hull, is_round, smallest_rectangle
 from cuboid.lab.synthetic.light import ColorCamera, Light
-from cuboid.lab.synthetic.mesh import Mesh
+from cuboid.lab.synthetic.mesh import Mesh, turn
 from cuboid.lab.synthetic.shapes import Model
 
 FRAMES_PER_S = 30.0
+
+
+def require_known(what: str, name: str, known: Collection[str]) -> None:
+    """Raise InputError unless a name is known; `what` says what it is the name of."""
+    if name not in known:
+        raise InputError(f"no {what} is called '{name}'; there are {', '.join(known)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,6 +239,11 @@ class Scene:
         return len(self.T_room_camera)
 
     @property
+    def cameras(self) -> int:
+        """Number of cameras."""
+        return 1 if self.rig is None else self.rig.cameras
+
+    @property
     def T_world_camera(self) -> Float64Array:
         """True poses, (N, 4, 4)."""
         poses: Float64Array = self.T_world_room @ self.T_room_camera
@@ -252,12 +265,10 @@ class Scene:
         points = placed.mesh().vertices
         center, size, angle = smallest_rectangle(hull(points[:, :2]))
         low, high = float(points[:, 2].min()), float(points[:, 2].max())
-        c, s = np.cos(angle), np.sin(angle)
-        rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         return Box(
             center=se3.transform(self.T_world_room, (*center, (low + high) / 2)),
             size=np.array([*size, high - low]),
-            rotation=self.T_world_room[:3, :3] @ rotation,
+            rotation=self.T_world_room[:3, :3] @ turn(angle)[:3, :3],
         )
 
     def is_round(self, placed: Placed) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 
 import numpy as np
 
@@ -15,14 +14,12 @@ from cuboid.lab.synthetic.sensor_effects import Seen
 
 Sensor = Callable[[Seen, Intrinsics, np.random.Generator], Float32Array]
 
-SENSORS: Mapping[str, Sensor] = MappingProxyType(
-    {
-        "structured-light": structured_light,
-        "time-of-flight": time_of_flight,
-        "clean": clean,
-        "kinect-v1": kinect_v1,
-        "realsense-d435": realsense_d435,
-        "azure-kinect": azure_kinect,
-        "iphone-lidar": iphone_lidar,
-    }
-)
+SENSORS: Mapping[str, Sensor] = {
+    "structured-light": structured_light,
+    "time-of-flight": time_of_flight,
+    "clean": clean,
+    "kinect-v1": kinect_v1,
+    "realsense-d435": realsense_d435,
+    "azure-kinect": azure_kinect,
+    "iphone-lidar": iphone_lidar,
+}

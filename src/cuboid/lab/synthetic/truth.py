@@ -19,6 +19,7 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.results import MapPoints
 from cuboid.ground.geometry import se3
 from cuboid.ground.geometry.box import Box
+from cuboid.lab.synthetic.mesh import shift
 from cuboid.lab.synthetic.relations import true_relations, true_walls
 from cuboid.lab.synthetic.scene import FRAMES_PER_S, Agent, Scene, SceneEvent, SceneObject
 from cuboid.results.files.ply import write_map
@@ -108,24 +109,18 @@ def _moves(scene: Scene, path: Float64Array, T_model_box: Float64Array) -> list[
     return rows
 
 
-def _pose(box: Box) -> Float64Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = box.rotation, box.center
-    return T
-
-
 def _moved_object(scene: Scene, body: SceneObject) -> dict[str, Any]:
     if body.path is None:
         return {}
-    T_world_model = scene.T_world_room @ body.T_room_model
-    return {"moves": _moves(scene, body.path, se3.inverse(T_world_model) @ _pose(scene.box(body)))}
+    T_world_model, box = scene.T_world_room @ body.T_room_model, scene.box(body)
+    return {"moves": _moves(scene, body.path, se3.inverse(T_world_model) @ se3.assembled(box.rotation, box.center))}
 
 
 def _agent(scene: Scene, body: Agent) -> dict[str, Any]:
     vertices = body.model.mesh().vertices
     low, high = vertices.min(0), vertices.max(0)
     path = np.repeat(body.T_room_model[None], scene.frames, 0) if body.path is None else body.path
-    moves = _moves(scene, path, _pose(Box((low + high) / 2, high - low, np.eye(3))))
+    moves = _moves(scene, path, shift((low + high) / 2))
     return {"name": body.model.name, "size": rounded_list(high - low, LENGTH), "moves": moves}
 
 

@@ -25,7 +25,7 @@ from cuboid.lab.synthetic.mesh import shift, turn
 from cuboid.lab.synthetic.paths import CAMERAS
 from cuboid.lab.synthetic.placement import Arrangement
 from cuboid.lab.synthetic.recording import Progress, Shown, render_recording
-from cuboid.lab.synthetic.scene import Scene, SceneObject
+from cuboid.lab.synthetic.scene import Scene, SceneObject, require_known
 from cuboid.lab.synthetic.shapes import Model
 from cuboid.results.files.pending import write_whole
 from cuboid.results.files.text import LENGTH, rounded, rounded_list
@@ -70,8 +70,7 @@ def make_visits(
     InputError
         The kind, the camera or the style is unknown, or the kind has no visits.
     """
-    if style not in STYLES:
-        raise InputError(f"no style is called '{style}'; there are {', '.join(STYLES)}")
+    require_known("style", style, STYLES)
     scenes = [make_scene(kind, seed, frames=frames, camera=camera, meshes=meshes)]
     if kind not in WAYS:
         raise InputError(f"a scene of the kind '{kind}' cannot be visited again; there are {', '.join(WAYS)}")
