@@ -69,7 +69,7 @@ class Profile:
 
     def has_lid(self, voxel_m: float) -> bool:
         """Return whether the top of a body of revolution is narrower than its wall."""
-        return LID_VOXELS * voxel_m < self.inset_m[0, AXIS] < np.inf
+        return bool(LID_VOXELS * voxel_m < self.inset_m[0, AXIS] < np.inf)
 
 
 def rounded_profile(
