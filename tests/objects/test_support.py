@@ -199,6 +199,7 @@ HANDLE = grid((0.29, 0.31), (0.14, 0.16), (0.03, 0.07))
     [
         (wall(200.0, 350.0), True),
         (np.concatenate([wall(200.0, 350.0), HANDLE]), True),
+        (np.concatenate([wall(195.0, 265.0), *(HANDLE - [0.0, 0.02 * k, 0.0] for k in range(3))]), True),
         (wall(0.0, 180.0, radius_m=0.04, x_m=0.215), False),  # a can beside it
         (wall(200.0, 350.0, radius_m=0.015), False),  # a pen in it
         (wall(0.0, 180.0, low_m=0.1), False),  # another one on top of it

@@ -16,14 +16,12 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import JUMP_M, MIN_READINGS, OUTLIER_FRACTION
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.fit import DIRECTIONS, box_within, fit_box, plane_axes, reach_of
-from cuboid.method.boxes.kernels.bodies import find_body
+from cuboid.method.boxes.kernels.bodies import MIN_BODY, find_body
 from cuboid.method.boxes.kernels.revolve import widest_layer
 from cuboid.method.boxes.quantiles import quantile
 
 # This fraction of a body's radius is reached by the rim points of its widest layer; see `widest_layer`.
 FULL_LAYER_FRACTION = 0.9
-# Two pieces are parts of one body if at least this fraction of each lies on its wall: others are a handle or a floor.
-SAME_WALL_FRACTION = 0.6
 # Points that stick out belong to the object if less than this fraction of them are outliers.
 MAX_STRAYS = 0.5
 
@@ -96,8 +94,8 @@ def share_wall(
 ) -> bool:
     """Return whether two pieces are parts of the wall of one body of revolution.
 
-    In each layer that both reach, their points lie on one circle around one axis. Two bodies side by side do not have
-    one circle, a thing in a bowl is not on its wall, and two that stand on each other share no layers.
+    In each layer that both reach, their points lie on one circle around one axis, but for a handle. Two bodies side by
+    side do not have one circle, a thing in a bowl is not on its wall, and two that stand on each other share no layers.
 
     Parameters
     ----------
@@ -126,7 +124,7 @@ def share_wall(
         of_first, both = (layer == k) & ~of_second, layer == k
         if of_first.any() and (both & of_second).any():
             on_wall |= both & (np.abs(distance - np.median(distance[of_first])) < off_m)
-    return bool(min(on_wall[of_second].mean(), on_wall[~of_second].mean()) >= SAME_WALL_FRACTION)
+    return bool(min(on_wall[of_second].mean(), on_wall[~of_second].mean()) >= MIN_BODY)
 
 
 def _lengthwise(away: Float64Array, trust: Float64Array) -> float:
