@@ -22,6 +22,8 @@ from cuboid.method.boxes.quantiles import quantile
 
 # This fraction of a body's radius is reached by the rim points of its widest layer; see `widest_layer`.
 FULL_LAYER_FRACTION = 0.9
+# Points of one wall lie within this of it, layers: a circle that is less exact also fits two things side by side.
+MAX_WALL_OFF = 0.5
 # Points that stick out belong to the object if less than this fraction of them are outliers.
 MAX_STRAYS = 0.5
 
@@ -117,7 +119,7 @@ def share_wall(
     trust, box = np.ones(len(plan)), fit_box(points, normal, offset, 0.0)
     center, part = np.empty(2), np.empty(len(plan), bool)
     off_m = find_body(plan, layer, trust, _footprint(box, first_axis, second_axis), noise_m, True, center, part)
-    if not off_m:
+    if not 0.0 < off_m <= MAX_WALL_OFF * layer_m:
         return False
     distance, on_wall = np.hypot(*(plan - center).T), np.zeros(len(plan), bool)
     for k in np.unique(layer):
