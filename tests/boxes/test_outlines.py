@@ -51,7 +51,7 @@ def test_a_body_under_a_narrower_lid_is_as_wide_as_the_body(pose: np.ndarray, he
     picture = Picture(color.astype(np.uint8), depth_m.astype(np.float32), CAMERA, inverse(pose), 1e-3)
     whole = Box(body.center + np.array([0.0, 0.0, 0.025]), body.size + np.array([-0.004, -0.004, 0.05]), body.rotation)
     profile, rim_m = profile_and_rim(whole, points)
-    assert rounded_profile(whole, points, rim_m, VOXEL_M) is not None
+    assert rounded_profile(whole, points, rim_m, VOXEL_M, hollow=False) is not None
     found = top_sides(whole, picture, rim_m, profile=profile)
     # From the side, the lid hides the far end of the width: this is left to depth.
     clear = np.array([True, pose is ABOVE])
@@ -64,7 +64,21 @@ def test_a_box_ends_where_its_top_does(pose: np.ndarray) -> None:
     carton = upright((0.05, -0.03), (0.2, 0.12, 0.08), 0.3)
     points, _, _ = seen_points([carton], pose)
     _, rim_m = profile_and_rim(carton, points)
-    assert rounded_profile(carton, points, rim_m, VOXEL_M) is None
+    assert rounded_profile(carton, points, rim_m, VOXEL_M, hollow=False) is None
+
+
+@pytest.mark.parametrize(("lid_m", "has_lid"), [(0.043, True), (0.049, False)])
+def test_a_flat_lid_on_a_wider_jar_is_not_its_outline(lid_m: float, has_lid: bool) -> None:
+    # From above and a little aside: the lid, and half of the wall below it.
+    turn, rise = np.meshgrid(np.linspace(0.0, np.pi, 16), np.arange(0.005, 0.1, 0.01))
+    wall = np.column_stack([0.05 * np.cos(turn.ravel()), 0.05 * np.sin(turn.ravel()), rise.ravel()])
+    across = np.stack(np.meshgrid(*2 * [np.arange(-0.05, 0.051, 0.005)]), -1).reshape(-1, 2)
+    across = across[np.hypot(*across.T) < lid_m]
+    edge = np.linspace(0.0, 2.0 * np.pi, 60)
+    flat = np.concatenate([across, lid_m * np.column_stack([np.cos(edge), np.sin(edge)])])
+    points = np.concatenate([wall, np.column_stack([flat, np.full(len(flat), 0.12)])])
+    jar = upright((0.0, 0.0), (0.1, 0.1, 0.12), 0.0)
+    assert (rounded_profile(jar, points, 0.0, VOXEL_M, hollow=False) is not None) == has_lid
 
 
 def ball(radius_m: float, eye: np.ndarray) -> tuple[Box, np.ndarray]:

@@ -73,12 +73,13 @@ def test_a_round_top_has_its_diameter() -> None:
     assert found[0] == found[1] == pytest.approx(0.12, abs=0.5 * PIXEL_M)
 
 
-def test_the_outermost_circle_is_the_outline_of_a_can_with_a_lid() -> None:
+@pytest.mark.parametrize("lid_m", [0.056, 0.057, 0.0575])
+def test_the_outermost_circle_is_the_outline_of_a_can_with_a_lid(lid_m: float) -> None:
     can = upright((0.02, 0.01), (0.12, 0.12, 0.08), 0.1)
     seen = picture(ABOVE, can, round_top=True)
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
     world = CAMERA.points(u, v, np.full(u.shape, 0.8)) @ ABOVE[:3, :3].T + ABOVE[:3, 3]
-    lid = np.hypot(world[..., 0] - 0.02, world[..., 1] - 0.01) < 0.056  # of another color, and a stronger edge
+    lid = np.hypot(world[..., 0] - 0.02, world[..., 1] - 0.01) < lid_m  # of another color, and a stronger edge
     color = np.where(lid[..., None], np.array([60, 140, 150]), seen.color).astype(np.uint8)
     found = top_sides(wrong(can, -0.007, -0.007), replace(seen, color=color), 0.0)
     assert found[0] == found[1] == pytest.approx(0.12, abs=0.5 * PIXEL_M)
@@ -114,8 +115,15 @@ def test_views_follow_the_axes_of_the_box_and_end_when_the_object_grows() -> Non
     turned = Box(TRUE.center, TRUE.size[[1, 0, 2]], TRUE.rotation[:, [1, 0, 2]] * [1.0, -1.0, 1.0])
     np.testing.assert_array_equal(along_axes(views, TRUE, turned), [[0.12, 0.2, 2e-3, 1e-3]])
     assert not len(along_axes(views, TRUE, wrong(TRUE, 0.0, 0.0, 0.4)))
-    assert len(still_valid(views, TRUE, wrong(TRUE, 0.01, 0.0), VOXEL_M)) == 1
+    assert len(still_valid(views, TRUE, wrong(TRUE, 0.003, 0.0), VOXEL_M)) == 1
     assert not len(still_valid(views, TRUE, wrong(TRUE, 0.1, 0.0), VOXEL_M))
+
+
+@pytest.mark.parametrize(("side_m", "is_lid"), [(0.195, False), (0.193, True), (0.207, False)])
+def test_a_side_much_shorter_than_that_of_depth_is_of_a_lid(side_m: float, is_lid: bool) -> None:
+    views = np.array([[side_m, np.nan, 1.5e-3, np.nan]])
+    assert len(still_valid(views, TRUE, TRUE, VOXEL_M)) == (0 if is_lid else 1)
+    np.testing.assert_allclose(with_sides(TRUE, views, VOXEL_M).size[0], TRUE.size[0] if is_lid else side_m)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,14 @@ from made_maps import box_of, grid, map_of, shell
 
 from cuboid.ground.geometry.box import Box
 from cuboid.method.objects.entry import MapObject
-from cuboid.method.objects.support import above_support_rim, encloses, find_attachment, find_coaxial, seen_part
+from cuboid.method.objects.support import (
+    above_support_rim,
+    encloses,
+    find_attachment,
+    find_coaxial,
+    find_other_wall,
+    seen_part,
+)
 
 UP = np.array([0.0, 0.0, 1.0])
 TABLE = grid((0.0, 0.6), (0.0, 0.4), (-0.01, 0.0))
@@ -172,3 +179,35 @@ def test_things_that_touch_stand_apart_or_show_free_space_between_do_not_share_a
     assert find_coaxial(on_top, UP, [pot], 0.01) == 0
     # The box of an object beneath which free space was seen ends at its lowest points.
     assert find_coaxial(entry(1, LEAVES), UP, [pot], 0.01) == 0
+
+
+def wall(
+    first_deg: float, last_deg: float, radius_m: float = 0.045, low_m: float = 0.0, x_m: float = 0.3
+) -> np.ndarray:
+    """Points on a part of an upright round wall, 10 cm high."""
+    turn = np.arange(np.radians(first_deg), np.radians(last_deg), 0.008 / radius_m)
+    angle, height = (k.ravel() for k in np.meshgrid(turn, np.arange(low_m + 0.005, low_m + 0.1, 0.01)))
+    return np.column_stack([x_m + radius_m * np.cos(angle), 0.2 + radius_m * np.sin(angle), height])
+
+
+MUG = wall(0.0, 190.0)
+HANDLE = grid((0.29, 0.31), (0.14, 0.16), (0.03, 0.07))
+
+
+@pytest.mark.parametrize(
+    ("other", "is_one"),
+    [
+        (wall(200.0, 350.0), True),
+        (np.concatenate([wall(200.0, 350.0), HANDLE]), True),
+        (np.concatenate([wall(195.0, 265.0), *(HANDLE - [0.0, 0.02 * k, 0.0] for k in range(3))]), True),
+        (wall(0.0, 180.0, radius_m=0.04, x_m=0.215), False),  # a can beside it
+        (wall(200.0, 350.0, radius_m=0.015), False),  # a pen in it
+        (wall(0.0, 180.0, low_m=0.1), False),  # another one on top of it
+        (grid((0.26, 0.34), (0.11, 0.15), (0.0, 0.1)), False),  # a box before it
+    ],
+)
+def test_the_near_and_the_far_wall_of_a_mug_are_one_and_no_two_things_are(other: np.ndarray, is_one: bool) -> None:
+    smaller, larger = sorted([entry(1, MUG), entry(2, other)], key=lambda one: len(one.points))
+    found = find_other_wall(smaller, UP, 0.0, [larger], 0.01)
+    assert found == (larger.number if is_one else 0)
+    assert find_other_wall(larger, UP, 0.0, [smaller], 0.01) == 0, "the smaller part is held by the larger one"

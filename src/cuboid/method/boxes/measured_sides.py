@@ -19,6 +19,9 @@ GROWTH, GROWTH_SAME = 1.5, 2.0
 MAX_VIEWS = 12
 # A side moves by at most this, voxels: a larger change is that of an object of which more is seen now.
 MAX_MOVE_VOXELS = 2.0
+# Depth widens a side by up to two pixels at each end, see `top_edges`, and one pixel is the standard deviation of a
+# length between clear edges. A side that is shorter than that of the depth by more is of an upper part, such as a lid.
+MAX_SHORTER_SIGMAS = 4.0
 # Two boxes have the same axes within this angle, radians: the fit of a direction is exact to one degree.
 SAME_AXES_RAD = np.radians(5.0)
 
@@ -60,10 +63,11 @@ def measured(box: Box, views_m: Float64Array, voxel_m: float) -> tuple[Float64Ar
     for axis in range(2):
         good = views_m[~np.isnan(views_m[:, axis])]
         weights = good[:, 2 + axis] ** -2.0
-        side_m = _weighted_median(good[:, axis], weights)
-        if abs(side_m - box.size[axis]) <= MAX_MOVE_VOXELS * voxel_m:
-            # Errors of views of the same edges are alike.
-            sides_m[axis], sigma_m[axis] = side_m, _weighted_median(good[:, 2 + axis], weights)
+        # Errors of views of the same edges are alike.
+        side_m, side_sigma_m = _weighted_median(good[:, axis], weights), _weighted_median(good[:, 2 + axis], weights)
+        longer_m, limit_m = side_m - box.size[axis], MAX_MOVE_VOXELS * voxel_m
+        if -min(limit_m, MAX_SHORTER_SIGMAS * side_sigma_m) <= longer_m <= limit_m:
+            sides_m[axis], sigma_m[axis] = side_m, side_sigma_m
     return sides_m, sigma_m
 
 

@@ -33,6 +33,12 @@ WIDE_FRACTION = 0.65
 # is no lower than its middle.
 ROUNDED_VOXELS, MIN_DROP_VOXELS = 0.8, 0.03
 
+# The wall of a round body is known more exactly than its single sides, because all points of a layer tell its radius: a
+# top that ends this far inside of the wall, voxels, is a lid, even if its rim is as high as its middle.
+LID_VOXELS = 0.5
+# The box of a body of revolution has equal sides, but for rounding; see `revolved`.
+EQUAL_SIDES_M = 1e-4
+
 # Column of a round body, beside those of length and width.
 AXIS = 2
 
@@ -61,16 +67,29 @@ class Profile:
         level_m = self.inset_m[0, :AXIS]
         return bool(level_m[np.isfinite(level_m)].max(initial=0.0) > ROUNDED_VOXELS * voxel_m)
 
+    def has_lid(self, voxel_m: float) -> bool:
+        """Return whether the top of a body of revolution is narrower than its wall."""
+        return bool(LID_VOXELS * voxel_m < self.inset_m[0, AXIS] < np.inf)
 
-def rounded_profile(box: Box, points: Float32Array | Float64Array, rim_m: float, voxel_m: float) -> Profile | None:
+
+def rounded_profile(
+    box: Box, points: Float32Array | Float64Array, rim_m: float, voxel_m: float, *, hollow: bool
+) -> Profile | None:
     """Return the profile of a body that is wider below its top, None for others; see `profile_of`.
 
-    `rim_m` is the drop of its rim, see `rims.rim_drop_m`.
+    `rim_m` is the drop of its rim, and `hollow` tells whether its top is one around a hollow; see `rims`.
     """
-    if rim_m <= MIN_DROP_VOXELS * voxel_m:
+    is_lower, may_have_lid = rim_m > MIN_DROP_VOXELS * voxel_m, is_of_revolution(box) and not hollow
+    profile = profile_of(box, points, voxel_m) if is_lower or may_have_lid else None
+    if profile is None:
         return None
-    profile = profile_of(box, points, voxel_m)
-    return profile if profile is not None and profile.is_narrow_above(voxel_m) else None
+    rounded = is_lower and profile.is_narrow_above(voxel_m)
+    return profile if rounded or (may_have_lid and profile.has_lid(voxel_m)) else None
+
+
+def is_of_revolution(box: Box) -> bool:
+    """Return whether a box is that of a body of revolution, see `revolved`: its level sides are equal."""
+    return float(box.size[0] - box.size[1]) < EQUAL_SIDES_M
 
 
 def profile_of(box: Box, points: Float32Array | Float64Array, voxel_m: float) -> Profile | None:

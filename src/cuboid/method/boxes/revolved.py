@@ -15,13 +15,15 @@ import numpy as np
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.tolerances import JUMP_M, MIN_READINGS, OUTLIER_FRACTION
 from cuboid.ground.geometry.box import Box
-from cuboid.method.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of
-from cuboid.method.boxes.kernels.bodies import find_body
+from cuboid.method.boxes.fit import DIRECTIONS, box_within, fit_box, plane_axes, reach_of
+from cuboid.method.boxes.kernels.bodies import MIN_BODY, find_body
 from cuboid.method.boxes.kernels.revolve import widest_layer
 from cuboid.method.boxes.quantiles import quantile
 
 # This fraction of a body's radius is reached by the rim points of its widest layer; see `widest_layer`.
 FULL_LAYER_FRACTION = 0.9
+# Points of one wall lie within this of it, layers: a circle that is less exact also fits two things side by side.
+MAX_WALL_OFF = 0.5
 # Points that stick out belong to the object if less than this fraction of them are outliers.
 MAX_STRAYS = 0.5
 
@@ -87,6 +89,44 @@ def revolved(
         towards = _lengthwise(plan[beyond] - center, trust[beyond])
     middle = float(normal @ box.center)
     return box_within(low, high, middle - box.size[2] / 2.0, middle + box.size[2] / 2.0, normal, towards)
+
+
+def share_wall(
+    first: Float64Array, second: Float64Array, plane: tuple[Float64Array, float], noise_m: float, layer_m: float
+) -> bool:
+    """Return whether two pieces are parts of the wall of one body of revolution.
+
+    In each layer that both reach, their points lie on one circle around one axis, but for a handle. Two bodies side by
+    side do not have one circle, a thing in a bowl is not on its wall, and two that stand on each other share no layers.
+
+    Parameters
+    ----------
+    first, second : (N, 3) float64
+        Points of the pieces, world, metres.
+    plane, noise_m, layer_m
+        As for `revolved`.
+    """
+    normal, offset = plane
+    points = np.concatenate([first, second])
+    height = points @ normal + offset
+    side = height < quantile(height, 1.0 - 2.0 * OUTLIER_FRACTION) - JUMP_M
+    of_second = (np.arange(len(points)) >= len(first))[side]
+    layer = np.floor((height[side] - height.min()) / layer_m).astype(np.int64)
+    if np.bincount(of_second, minlength=2).min() < MIN_READINGS:
+        return False
+    first_axis, second_axis = plane_axes(normal)
+    plan = points[side] @ np.array([first_axis, second_axis]).T
+    trust, box = np.ones(len(plan)), fit_box(points, normal, offset, 0.0)
+    center, part = np.empty(2), np.empty(len(plan), bool)
+    off_m = find_body(plan, layer, trust, _footprint(box, first_axis, second_axis), noise_m, True, center, part)
+    if not 0.0 < off_m <= MAX_WALL_OFF * layer_m:
+        return False
+    distance, on_wall = np.hypot(*(plan - center).T), np.zeros(len(plan), bool)
+    for k in np.unique(layer):
+        of_first, both = (layer == k) & ~of_second, layer == k
+        if of_first.any() and (both & of_second).any():
+            on_wall |= both & (np.abs(distance - np.median(distance[of_first])) < off_m)
+    return bool(min(on_wall[of_second].mean(), on_wall[~of_second].mean()) >= MIN_BODY)
 
 
 def _lengthwise(away: Float64Array, trust: Float64Array) -> float:

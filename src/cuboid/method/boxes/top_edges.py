@@ -19,7 +19,7 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.core.tolerances import BIAS_M, SIGMAS
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.kernels.top_edges import color_steps, sums_along
-from cuboid.method.boxes.profile import Profile, outline
+from cuboid.method.boxes.profile import Profile, is_of_revolution, outline
 from cuboid.method.boxes.rims import LOWER_RIM, WALL_M
 
 # An edge lies within this many pixels of where depth has it, and within this fraction of the shorter side; a smaller
@@ -53,8 +53,6 @@ HALF_WIDTH = 2.0
 # Sides that face the camera at this cosine are seen: depth tells where they are, and the edge below them is that of a
 # shadow as well.
 SEEN_FACING = 0.35
-# The box of a body of revolution has equal sides, but for rounding; see `revolved`.
-EQUAL_SIDES_M = 1e-4
 # Edges of the outline of a rounded body that is not round are within this many times the reach: depth ends long before
 # its far side does.
 OUTLINE_REACH = 1.5
@@ -154,12 +152,12 @@ def top_sides(
     reach = math.floor(min(REACH_PX, REACH_FRACTION * float(box.size[:2].min()) / pixel_m) / STEP_PX)
     if reach < MIN_REACH_PX / STEP_PX:
         return unknown
-    view = _View(picture, box, middle, pixel_m, reach, hollow, profile)
+    view = _View(picture, box, middle, pixel_m, reach, hollow, profile, LAG if profile is None else OUTLINE_LAG)
     longer = view if profile is None else replace(view, reach=round(OUTLINE_REACH * reach))
     found, stands_out, is_disc = *_rectangle(longer), False
     if abs(box.size[0] - box.size[1]) < REACH_PX * pixel_m:
         disc, rim = _disc(view)
-        of_revolution = profile is not None and box.size[0] - box.size[1] < EQUAL_SIDES_M
+        of_revolution = profile is not None and is_of_revolution(box)
         if of_revolution or rim > stands_out:
             found, is_disc = disc, True
     if profile is None:
@@ -190,11 +188,7 @@ class _View:
     reach: int
     hollow: bool = False
     profile: Profile | None = None
-
-    @property
-    def lag(self) -> int:
-        """Half of the distance of two points whose colors are compared, points."""
-        return LAG if self.profile is None else OUTLINE_LAG
+    lag: int = LAG
 
     @property
     def front_m(self) -> float:
@@ -254,10 +248,16 @@ def _disc(view: _View) -> tuple[Float64Array, float]:
     places, wide = view.outline(2, view.top + outward * diameter_m / 2.0, outward)
     rim = _Edge(view, places[wide], outward[wide], moved[:, wide])
     best = int(np.argmax(rim.stands_out))
-    # An inner circle of a top may stand out most around a wrong centre: all centres count.
-    offset_m = rim.outermost_m(rim.means.max(0) if view.profile is None else rim.means[best])
+    stands_out = float(rim.stands_out[best])
+    form = best
+    if view.profile is None:
+        # A lid and the rim around it have one centre, and are two pixels apart: around that centre both stand out, so
+        # that the sum of squares is largest.
+        rim = _Edge(replace(view, lag=OUTLINE_LAG), places[wide], outward[wide], moved[:, wide])
+        form = int(np.argmax((rim.means**2).sum(1)))
+    offset_m = rim.outermost_m(rim.means[form])
     found_m = diameter_m + 2.0 * offset_m if offset_m >= -rim.max_widened_m else math.nan
-    return np.full(2, found_m), float(rim.stands_out[best])
+    return np.full(2, found_m), stands_out
 
 
 class _Edge:

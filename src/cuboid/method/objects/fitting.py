@@ -28,7 +28,14 @@ from cuboid.method.objects.entry import MapObject
 from cuboid.method.objects.objectness import area_fraction
 from cuboid.method.objects.outline import ends_above
 from cuboid.method.objects.store import ObjectStore
-from cuboid.method.objects.support import above_support_rim, encloses, find_attachment, find_coaxial, seen_part
+from cuboid.method.objects.support import (
+    above_support_rim,
+    encloses,
+    find_attachment,
+    find_coaxial,
+    find_other_wall,
+    seen_part,
+)
 from cuboid.method.objects.validity import too_large
 from cuboid.method.surfaces.plane import Plane
 from cuboid.method.surfaces.planes import PlaneTracker
@@ -113,7 +120,7 @@ class Fitting:
             voxel_m = self._voxels.voxel_m
             drops = side_drops(entry.box, entry.points, voxel_m)
             rim_m, hollow = rim_drop_m(drops), is_hollow(drops, voxel_m)
-            profile = rounded_profile(entry.box, entry.points, rim_m, voxel_m)
+            profile = rounded_profile(entry.box, entry.points, rim_m, voxel_m, hollow=hollow)
             view_m = top_sides(entry.box, picture, rim_m, steps_m(drops, voxel_m), hollow=hollow, profile=profile)
             sides_m = with_view(entry.sides_m, view_m)
             self._store.count_measured(entry)
@@ -166,8 +173,10 @@ class Fitting:
         self._add_coincidences(entry, neighbours)
         holder = 0
         if rests is not None:
-            holder = find_attachment(entry, *rests, neighbours, self._voxels) or find_coaxial(
-                entry, rests[0], neighbours, self._voxels.voxel_m
+            holder = (
+                find_attachment(entry, *rests, neighbours, self._voxels)
+                or find_coaxial(entry, rests[0], neighbours, self._voxels.voxel_m)
+                or find_other_wall(entry, *rests, neighbours, self._voxels.voxel_m)
             )
         labelled = [o for o in neighbours if o.confirmed]
         separate = [o for o in labelled if not self._is_rather_part(entry, o)]

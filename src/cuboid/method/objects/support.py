@@ -13,6 +13,7 @@ from cuboid.ground.core.tolerances import DRIFT_M, JUMP_M, MIN_READINGS, OUTLIER
 from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.fit import plane_axes
 from cuboid.method.boxes.quantiles import quantile
+from cuboid.method.boxes.revolved import share_wall
 from cuboid.method.heatmap.voxel_map import VoxelMap
 from cuboid.method.objects.distances import points_near
 from cuboid.method.objects.entry import MapObject
@@ -123,6 +124,36 @@ def find_coaxial(entry: MapObject, normal: Float64Array, others: Iterable[MapObj
         top = float(normal @ lower.center + lower.size[2] / 2.0)
         foot = float(normal @ upper.box.center - upper.box.size[2] / 2.0)
         if above.foot_m(normal, -top) > resolution_m and foot <= top + DRIFT_M:
+            return other.number
+    return 0
+
+
+def find_other_wall(
+    entry: MapObject, normal: Float64Array, offset: float, others: Iterable[MapObject], voxel_m: float
+) -> int:
+    """Return the number of a larger object that is another part of the wall of one body of revolution; 0: none.
+
+    From above, a camera sees the outside of the near wall of a mug and the inside of its far wall, with a jump of depth
+    between them.
+
+    Parameters
+    ----------
+    entry : MapObject
+        The smaller part, with its points.
+    normal, offset
+        Of the supporting plane, as for `find_attachment`.
+    others : iterable of MapObject
+        Nearby objects.
+    voxel_m : float
+        Edge of a voxel, metres.
+    """
+    points = entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS].astype(np.float64)
+    for other in others:
+        # Points of adjacent voxels are at most two voxels apart.
+        if len(other.points) < len(entry.points) or not points_near(entry.points, other.points, 2.0 * voxel_m):
+            continue
+        larger = other.points[:: 1 + len(other.points) // SAMPLE_POINTS].astype(np.float64)
+        if share_wall(larger, points, (normal, offset), entry.noise_m, voxel_m):
             return other.number
     return 0
 
