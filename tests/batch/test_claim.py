@@ -19,7 +19,7 @@ from cuboid.ground.core.errors import OutputError
 
 @pytest.fixture(params=["folder", "object store"])
 def place(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StoreFolder]:
-    monkeypatch.setattr(claim, "POLL_S", 0.01)
+    monkeypatch.setattr(claim, "LOCK_POLL_S", 0.01)
     monkeypatch.setattr(claim, "RENEW_S", 0.01)
     yield StoreFolder(str(tmp_path / "store") if request.param == "folder" else "memory://fleet/store")
     fsspec.filesystem("memory").store.clear()
@@ -69,7 +69,7 @@ def test_the_lock_of_a_killed_batch_ends(tmp_path: Path) -> None:
 
 
 def test_on_an_object_store_a_lock_that_nobody_renews_expires(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(claim, "POLL_S", 0.01)
+    monkeypatch.setattr(claim, "LOCK_POLL_S", 0.01)
     monkeypatch.setattr(claim, "EXPIRE_S", 0.05)
     place = StoreFolder("memory://fleet/killed")
     assert place.create(LOCK, b"of a batch that was killed")

@@ -9,12 +9,12 @@ from cuboid.ground.geometry.box import Box
 from cuboid.method.boxes.fit import ARC_DESIGNS, ARC_SOLVERS, ARCS, DIRECTIONS, plane_axes
 from cuboid.method.boxes.kernels.resting import (
     BETTER_SIDES,
-    EQUAL_SIDES_M,
     MISSING_M,
     REST_M,
     RIVAL_AREA,
     ROUND_RADIUS,
     ROUND_RESIDUAL,
+    SAME_LENGTH_M,
 )
 
 BINS = 256
@@ -72,7 +72,7 @@ def numpy_around(low: np.ndarray, high: np.ndarray, bottom: float, top: float, n
     a, b = turn, turn + len(DIRECTIONS) // 2
     u, v = (c * first + s * second for c, s in (DIRECTIONS[a], DIRECTIONS[b]))
     size, center = [extent[a], extent[b]], [middle[a], middle[b]]
-    if extent[a] < extent[b] - EQUAL_SIDES_M:
+    if extent[a] < extent[b] - SAME_LENGTH_M:
         u, v, size, center = v, -u, [extent[b], extent[a]], [middle[b], -middle[a]]
     axes = np.array([u, v, normal]).T
     return Box(axes @ np.array([*center, (top + bottom) / 2.0]), np.array([*size, max(top - bottom, 0.0)]), axes)

@@ -12,7 +12,7 @@ from cuboid.ground.core.frame import Intrinsics
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.se3 import inverse
 from cuboid.method.boxes.measured_sides import (
-    MAX_VIEWS,
+    MAX_SIDE_VIEWS,
     along_axes,
     measured,
     still_valid,
@@ -144,9 +144,9 @@ def test_an_object_is_measured_the_rarer_the_longer_it_was_seen(
 def test_views_without_an_edge_are_not_kept_and_near_ones_replace_those_from_afar() -> None:
     far, near = np.array([0.19, 0.11, 5e-3, 5e-3]), np.array([0.2, 0.12, 1e-3, 1e-3])
     views = np.zeros((0, 4))
-    for _ in range(MAX_VIEWS + 3):
+    for _ in range(MAX_SIDE_VIEWS + 3):
         views = with_view(with_view(views, far), np.full(4, np.nan))
-    assert len(views) == MAX_VIEWS
+    assert len(views) == MAX_SIDE_VIEWS
     for count in (1, 2):
         views = with_view(views, near)
         assert np.count_nonzero(views[:, 0] == near[0]) == count

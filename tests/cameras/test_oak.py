@@ -12,7 +12,7 @@ from played import answering, color_image, depth_image, install, lacking
 
 import cuboid
 from cuboid.ground.core.errors import InputError
-from cuboid.inputs.cameras.oak import COLOR, DEPTH, WAITING, calibration_of, shot_of
+from cuboid.inputs.cameras.oak import COLOR, DEPTH, WAITING_MESSAGES, calibration_of, shot_of
 
 K = [[64.0, 0.0, 32.0], [0.0, 64.0, 24.0], [0.0, 0.0, 1.0]]
 
@@ -63,7 +63,7 @@ class Port:
         other.linked.append(self)
 
     def createOutputQueue(self, maxSize: int, blocking: bool) -> MessageQueue:
-        assert (maxSize, blocking) == (WAITING, False)
+        assert (maxSize, blocking) == (WAITING_MESSAGES, False)
         return MessageQueue()
 
 
@@ -218,7 +218,7 @@ def test_messages_of_the_library_are_paired_and_read() -> None:
     sync.setRunOnHost(True)
     sync.setSyncThreshold(timedelta(milliseconds=10))
     feeds = {name: sync.inputs[name].createInputQueue() for name in (COLOR, DEPTH)}
-    queue = sync.out.createOutputQueue(maxSize=WAITING, blocking=False)
+    queue = sync.out.createOutputQueue(maxSize=WAITING_MESSAGES, blocking=False)
     pipeline.start()
     color, depth = dai.ImgFrame(), dai.ImgFrame()
     color.setCvFrame(np.ascontiguousarray(color_image(3)[..., ::-1]), dai.ImgFrame.Type.BGR888i)

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cuboid.cli import tables
-from cuboid.cli.tables import EVENTS_SHOWN, event_lines, new_table, sized_table
+from cuboid.cli.tables import EVENTS_PRINTED, event_lines, new_table, sized_table
 from cuboid.results.files.rows import EventRow
 
 HEADINGS = ("map, IoU", "precision", "recall", "F1", "AP", "found", "wrong", "mean IoU", "centre off", "size off")
@@ -45,7 +45,7 @@ def test_events_are_told_in_lines_and_many_are_counted() -> None:
     gone = EventRow("gone", 1, here, None, 1.0, 300, 10.0)
     assert event_lines([moved, gone]) == ["frame 120: object 3 moved 50 cm", "frame 300: object 1 gone"]
     lines = event_lines([gone] * 20)
-    assert len(lines) == EVENTS_SHOWN + 1
+    assert len(lines) == EVENTS_PRINTED + 1
     assert lines[-1] == "and 12 other events, in events.csv"
 
 

@@ -9,7 +9,14 @@ import pytest
 
 from cuboid.ground.core.tolerances import JUMP_SIGMAS
 from cuboid.method.surfaces.frame_segments import border_evidence
-from cuboid.method.surfaces.kernels.borders import GROOVE_RAD, GROOVE_SIGMAS, MAX_REACH_M, REACH_M, REACH_PX, borders
+from cuboid.method.surfaces.kernels.borders import (
+    DIRECTION_REACH_PX,
+    GROOVE_RAD,
+    GROOVE_SIGMAS,
+    MAX_REACH_M,
+    REACH_M,
+    borders,
+)
 
 FOCAL, NOISE, JUMP_M = 300.0, 1e-4, 0.01
 SHAPE = 40, 60
@@ -41,10 +48,10 @@ def slow(depth: np.ndarray, claim: np.ndarray) -> tuple[np.ndarray, ...]:
             if abs(z0 - z1) > JUMP_M + JUMP_SIGMAS * NOISE * z * z:
                 found[1][pair] += 1
                 continue
-            if REACH_PX * z / FOCAL > MAX_REACH_M:
+            if DIRECTION_REACH_PX * z / FOCAL > MAX_REACH_M:
                 found[3][pair] += 1
                 continue
-            reach = max(REACH_PX, int(REACH_M * FOCAL / z))
+            reach = max(DIRECTION_REACH_PX, int(REACH_M * FOCAL / z))
             before, behind = p - reach * step, q + reach * step
             if (before < 0).any() or (behind >= depth.shape).any():
                 continue
@@ -81,7 +88,7 @@ def test_surfaces_part_at_a_groove_and_continue_at_a_convex_edge(angle_deg: floa
 
 
 def test_pixels_that_are_too_coarse_for_a_shape_are_counted_apart() -> None:
-    far_m = MAX_REACH_M * FOCAL / REACH_PX
+    far_m = MAX_REACH_M * FOCAL / DIRECTION_REACH_PX
     for z, none in ((0.9 * far_m, False), (1.1 * far_m, True)):
         _, parting, continuing, coarse = counted(np.full(SHAPE, z), HALVES)
         assert (parting[0, 1], coarse[0, 1] > 0, continuing[0, 1] > 0) == (0, none, not none)

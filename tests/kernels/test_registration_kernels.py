@@ -6,7 +6,7 @@ import pytest
 
 from cuboid.inputs.readers.kernels.registration import (
     COVERS_PX,
-    NEAREST_M,
+    NEAREST_COLOR_M,
     NOISE_PER_M,
     STEEPEST,
     project_depth,
@@ -51,7 +51,7 @@ def projected(depth, T, K):
     """The truth of `project_depth`: each reading as a point, moved, seen."""
     points = np.concatenate([rays() * depth[..., None], depth[..., None]], axis=2).astype(np.float64)
     moved = points @ T[:3, :3].T + T[:3, 3]
-    seen = (depth > 0) & (moved[..., 2] > NEAREST_M)
+    seen = (depth > 0) & (moved[..., 2] > NEAREST_COLOR_M)
     z = np.where(seen, moved[..., 2], 1)
     return np.stack([K[0] * moved[..., 0] / z + K[2], K[1] * moved[..., 1] / z + K[3], np.where(seen, z, 0)], -1)
 

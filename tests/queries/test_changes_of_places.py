@@ -9,7 +9,7 @@ import numpy as np
 
 from cuboid.ground.core.results import ObjectEvent, TrackedObject
 from cuboid.services.queries.answers import MapChange
-from cuboid.services.queries.changes import KEPT, MOVED_M, ChangeLog
+from cuboid.services.queries.changes import KEPT_CHANGES, MOVED_M, ChangeLog
 from made_place import OBJECTS
 
 
@@ -61,7 +61,7 @@ def test_the_list_is_bounded() -> None:
     def flip(objects: Sequence[TrackedObject]) -> None:
         log.update(objects)
 
-    for k in range(KEPT):
+    for k in range(KEPT_CHANGES):
         flip(OBJECTS[: 1 + k % 2])
-    assert len(log.after(0)) <= KEPT
-    assert log.last >= KEPT - 1
+    assert len(log.after(0)) <= KEPT_CHANGES
+    assert log.last >= KEPT_CHANGES - 1

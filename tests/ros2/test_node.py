@@ -27,7 +27,7 @@ from cuboid.cli import main
 from cuboid.ground.formats.ros_messages import RosMessages, request_of, response_of
 from cuboid.ground.middleware.dds import DdsTransport, WireTypes
 from cuboid.ground.middleware.transport import Qos
-from cuboid.inputs.cameras.ros2 import WAITING
+from cuboid.inputs.cameras.ros2 import WAITING_IMAGES
 from cuboid.runs.tracking.tracker import Tracker
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -239,7 +239,7 @@ def check_diagnostics(listener: Listener) -> None:
     assert int(values["pairs"]) == used >= FRAMES // 2
     images = int(values["color images"]) + int(values["depth images"])
     # An image may still wait for a partner that the network has lost.
-    assert 0 <= images - 2 * used - int(values["images without partner"]) <= WAITING
+    assert 0 <= images - 2 * used - int(values["images without partner"]) <= WAITING_IMAGES
     assert ns(array.header) == STAMPS_NS[-1], "the clock is that of the simulation"
 
 

@@ -23,7 +23,7 @@ from cuboid.results.files import Results
 from cuboid.runs.scene import RecordingInfo, Scene, SceneObject
 from cuboid.runs.scene.checking import problems, rescue
 from cuboid.runs.scene.database import Writing, open_to_read
-from cuboid.runs.scene.schema import VERSION
+from cuboid.runs.scene.schema import SCENE_VERSION
 from cuboid.runs.scene.session import SceneTracker
 
 # To another place, out of view from here.
@@ -210,7 +210,7 @@ def test_other_files_are_refused_in_one_line(path: Path, tmp_path: Path) -> None
     other = tmp_path / "other.cuboid"
     change(other, "CREATE TABLE t (x)")
     newer = Path(shutil.copy(path, tmp_path / "newer.cuboid"))
-    change(newer, f"PRAGMA user_version = {VERSION + 1}")
+    change(newer, f"PRAGMA user_version = {SCENE_VERSION + 1}")
     for file, said in ((text, "is no scene file"), (other, "but no scene file"), (newer, "written by another Cuboid")):
         before = file.read_bytes()
         with pytest.raises(CuboidError, match=said):
@@ -227,7 +227,8 @@ def test_a_version_below_the_first_is_refused_and_nothing_is_written(version: in
     before = spoiled.read_bytes()
     for way in (Scene.open, open_to_read, Writing):
         with pytest.raises(
-            InputError, match=f"written by another Cuboid .scene version {version}.; this one reads version {VERSION}"
+            InputError,
+            match=f"written by another Cuboid .scene version {version}.; this one reads version {SCENE_VERSION}",
         ) as found:
             way(spoiled)
         assert "\n" not in str(found.value)

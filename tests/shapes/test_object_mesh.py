@@ -16,7 +16,7 @@ from cuboid.ground.core.results import MapPoints, Sighting
 from cuboid.ground.geometry.box import Box
 from cuboid.method.shapes import ObjectMesh, object_mesh
 from cuboid.method.shapes.keeping import APART_RAD, ViewKeeper
-from cuboid.method.shapes.views import MAX_VIEWS, Candidate, chosen
+from cuboid.method.shapes.views import MAX_FUSED_VIEWS, Candidate, chosen
 from cuboid.results.files import Results
 from made_scenes import CAMERA, look_at, upright
 from made_shapes import BOXES, FRAMES
@@ -103,11 +103,11 @@ def test_views_are_of_many_sides_and_only_from_where_it_stands_now() -> None:
     seen[230] = Candidate(230, box, 0.1, poses[230])
     taken = chosen(seen, box)
     frames = [one.frame for one in taken]
-    assert len(frames) == MAX_VIEWS
+    assert len(frames) == MAX_FUSED_VIEWS
     assert frames == sorted(frames)
     assert min(frames) >= 20
     assert 230 not in frames
-    assert sum(frame >= 200 for frame in frames) >= MAX_VIEWS - 2
+    assert sum(frame >= 200 for frame in frames) >= MAX_FUSED_VIEWS - 2
 
 
 def test_kept_views_make_the_same_mesh_without_the_recording(run: Results, tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_the_number_of_kept_views_is_bounded() -> None:
         T = look_at(box.center + 0.9 * eye / np.linalg.norm(eye), box.center)
         keeper.add(frame, T, [Sighting(1, box, None, 0.9, np.zeros(4))])
     kept = keeper._views[1]
-    assert 10 < len(kept) <= MAX_VIEWS
+    assert 10 < len(kept) <= MAX_FUSED_VIEWS
     assert keeper._bytes == sum(view.size for view in kept)
     assert keeper._apart_rad[1] > APART_RAD
     keeper.add(frame, T, [Sighting(1, upright((0.5, 0.5), (0.1, 0.1, 0.1)), None, 0.9, np.zeros(4))])
@@ -166,7 +166,7 @@ def test_views_that_are_left_out_are_a_warning_of_the_run(tmp_path: Path, monkey
         return tuple(line for line in cuboid.open_results(tmp_path / name).report.warnings if "views" in line)
 
     assert saved("whole") == ()
-    monkeypatch.setattr("cuboid.method.shapes.keeping.MAX_BYTES", 100_000)
+    monkeypatch.setattr("cuboid.method.shapes.keeping.MAX_VIEW_BYTES", 100_000)
     (line,) = saved("small")
     assert re.match(r"\d+ views of 2 objects were left out: together, views are limited to 0 MB", line)
 

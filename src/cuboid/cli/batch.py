@@ -104,7 +104,7 @@ def duration(seconds: float) -> str:
 EXAMPLE = "cuboid batch RECORDINGS --output STORE"
 
 # --dry-run names this many recordings, and prints the number of the others.
-NAMED = 20
+RECORDINGS_NAMED = 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -216,10 +216,10 @@ def _before(planned: Plan) -> dict[str, Any]:
 
 
 def _print_plan(planned: Plan) -> None:
-    for task in planned.tasks[:NAMED]:
+    for task in planned.tasks[:RECORDINGS_NAMED]:
         print(f"would track {task.source.name}  ({task.source.url})")
-    if len(planned.tasks) > NAMED:
-        print(f"and {len(planned.tasks) - NAMED} more")
+    if len(planned.tasks) > RECORDINGS_NAMED:
+        print(f"and {len(planned.tasks) - RECORDINGS_NAMED} more")
     for source, reason in planned.broken.items():
         print(f"cannot be listed: {source.name}: {reason}")
     print(

@@ -22,7 +22,7 @@ _COUNTS = ("switches", "fragments", "merges", "false_alarms")
 SHOWN = {**dict.fromkeys(_FRACTIONS + _TRACKING, 3), **dict.fromkeys(_COUNTS, 2), "ms_frame": 1}
 
 # A comparison lists this many scenes with the largest losses.
-NAMED = 10
+SCENES_NAMED = 10
 
 
 def add_store(parser: argparse.ArgumentParser) -> None:
@@ -110,7 +110,7 @@ def _print_change(
     out.print(table)
     change = {scene: _hota(after[scene]) - _hota(before[scene]) for scene in before.keys() & after.keys()}
     lost = [(delta, scene) for scene, delta in sorted(change.items()) if delta < 0]
-    for delta, scene in sorted(lost)[:NAMED]:
+    for delta, scene in sorted(lost)[:SCENES_NAMED]:
         out.print(printable(f"{scene}: HOTA {delta:+.3f}"))
     for scene in sorted(before.keys() ^ after.keys()):
         out.print(printable(f"{scene}: only in one of the two versions"))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from cuboid.lab.evaluation.reliability import Reliability
 
 # Number of frames of a list that are named.
-NAMED = 8
+FRAMES_NAMED = 8
 
 
 def run(args: argparse.Namespace) -> int:
@@ -121,8 +121,8 @@ def print_reliability(found: Reliability) -> None:
 
 
 def _frames(frames: tuple[int, ...]) -> str:
-    more = f" and {len(frames) - NAMED} more" if len(frames) > NAMED else ""
-    return f"{'frame' if len(frames) == 1 else 'frames'} {', '.join(map(str, frames[:NAMED]))}{more}"
+    more = f" and {len(frames) - FRAMES_NAMED} more" if len(frames) > FRAMES_NAMED else ""
+    return f"{'frame' if len(frames) == 1 else 'frames'} {', '.join(map(str, frames[:FRAMES_NAMED]))}{more}"
 
 
 def _scores_table(found: KeyframeEvaluation) -> Table:

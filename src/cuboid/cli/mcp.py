@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cuboid.method.text_search import TextModel
 
 EXAMPLE = "cuboid mcp kitchen.cuboid"
-PORT = 8766
+MCP_PORT = 8766
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--http", action="store_true", help="serve over HTTP, at /mcp; else over standard input and output"
     )
-    add_address(parser, PORT)
+    add_address(parser, MCP_PORT)
     add_text_model(parser)
 
 

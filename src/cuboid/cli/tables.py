@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cuboid.results.files.rows import EventRow
 
 # Width without a terminal: tables take the width they need, and no cell is cut.
-WIDE = 200
+UNCUT_WIDTH = 200
 
 # A table that is too wide shortens its texts, but never to fewer characters than this.
 TEXT_KEPT = 12
@@ -29,7 +29,7 @@ TEXT_KEPT = 12
 KINDS_SHOWN = 8
 
 # Number of events that are shown; events.csv has all.
-EVENTS_SHOWN = 8
+EVENTS_PRINTED = 8
 
 
 class _Console(Console):
@@ -40,7 +40,7 @@ class _Console(Console):
         for item in objects:
             if (
                 isinstance(item, Table)
-                and self.measure(item, options=self.options.update(width=WIDE)).maximum > self.width
+                and self.measure(item, options=self.options.update(width=UNCUT_WIDTH)).maximum > self.width
             ):
                 _wrap_headings(item)
         super().print(*(_lines(item) if isinstance(item, str) else item for item in objects), **options)
@@ -65,9 +65,9 @@ def _lines(text: str) -> str:
 
 
 def console() -> Console:
-    """Return the console of standard output; without a terminal it is plain text of `WIDE` characters."""
+    """Return the console of standard output; without a terminal it is plain text of `UNCUT_WIDTH` characters."""
     plain = _Console(highlight=False, markup=False, soft_wrap=True)
-    return plain if plain.is_terminal else _Console(highlight=False, markup=False, width=WIDE, no_color=True)
+    return plain if plain.is_terminal else _Console(highlight=False, markup=False, width=UNCUT_WIDTH, no_color=True)
 
 
 def new_table(*columns: str, left: int = 1) -> Table:
@@ -119,11 +119,11 @@ def objects_table(objects: Iterable[TrackedObject]) -> Table:
 def event_lines(events: Sequence[EventRow]) -> list[str]:
     """Return the lines about events of objects in view of the camera."""
     lines = []
-    for one in events[:EVENTS_SHOWN]:
+    for one in events[:EVENTS_PRINTED]:
         far = "" if one.metres is None else f" {one.metres * 100:.0f} cm"
         lines.append(f"frame {one.frame}: object {one.label} {one.event}{far if one.event == 'moved' else ''}")
-    if len(events) > EVENTS_SHOWN:
-        lines.append(f"and {counted(len(events) - EVENTS_SHOWN, 'other event')}, in {EVENTS}")
+    if len(events) > EVENTS_PRINTED:
+        lines.append(f"and {counted(len(events) - EVENTS_PRINTED, 'other event')}, in {EVENTS}")
     return lines
 
 

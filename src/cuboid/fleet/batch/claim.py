@@ -22,7 +22,7 @@ LOCK = ".batch.lock"
 RENEW_S = 10.0
 EXPIRE_S = 60.0
 # Interval at which a waiting batch checks the lock, seconds.
-POLL_S = 1.0
+LOCK_POLL_S = 1.0
 
 
 @contextmanager
@@ -69,7 +69,7 @@ def _locked(path: Path, waiting: Callable[[], None]) -> int:
         if not called:
             waiting()
             called = True
-        time.sleep(POLL_S)
+        time.sleep(LOCK_POLL_S)
 
 
 @contextmanager
@@ -103,7 +103,7 @@ def _take(place: StoreFolder, content: bytes, waiting: Callable[[], None]) -> No
         elif now_s - since_s > EXPIRE_S:
             place.remove([LOCK])
             continue
-        time.sleep(POLL_S)
+        time.sleep(LOCK_POLL_S)
 
 
 def _renew(place: StoreFolder, holder: str, ended: threading.Event) -> None:

@@ -18,7 +18,7 @@ from cuboid.ground.version import __version__
 MEMORY_LIMIT = "4GiB"
 
 # Number of killed workers after which a recording is set aside.
-ATTEMPTS = 3
+MAX_KILLED_WORKERS = 3
 
 # Number of retries of a task after a random failure, for example of the network.
 RETRIES = 2
@@ -26,7 +26,7 @@ RETRIES = 2
 # A worker may be started this many times more than one task may kill it, if no task ends between.
 STARTS = 20
 
-CONNECT_S = 20
+CONNECT_S = 20.0
 
 # States of a nanny that starts no worker anymore.
 ENDING = (Status.closing, Status.closed, Status.closing_gracefully, Status.failed)
@@ -60,7 +60,7 @@ class Workers:
     scheduler: str | None = None
     count: int | None = None
     memory_limit: str = MEMORY_LIMIT
-    attempts: int = ATTEMPTS
+    attempts: int = MAX_KILLED_WORKERS
 
     @contextmanager
     def connected(self) -> Iterator[Client]:

@@ -15,7 +15,7 @@ from cuboid.ground.core.errors import InputError, one_line
 from cuboid.ground.formats.reading import real_path
 from cuboid.ground.formats.stored import ARCHIVE_ENDINGS, located
 from cuboid.inputs.readers import READERS
-from cuboid.inputs.readers.locate import LEVELS
+from cuboid.inputs.readers.locate import FOLDER_LEVELS
 
 WILD = frozenset("*?[")
 LIST_ENDINGS = (".txt", ".list")
@@ -79,7 +79,7 @@ def _expand(word: str, *, alone: bool) -> list[BatchSource]:
         return _beneath(_fixed(path), [one for one in matches if os.path.isdir(one) or _may_be_recording(one)], word)
     if not os.path.isdir(path) or _recognised(path):
         return [BatchSource(os.path.basename(path), path)]
-    if not alone and not _deeper(path, LEVELS):
+    if not alone and not _deeper(path, FOLDER_LEVELS):
         return [BatchSource(os.path.basename(path), path)]
     start = path if alone else os.path.dirname(path)
     return [BatchSource(os.path.relpath(one, start), one) for one in _inside(path)]
@@ -90,7 +90,7 @@ def _inside(folder: str) -> list[str]:
     entries = [entry for entry in sorted(os.scandir(folder), key=lambda entry: entry.name) if _counts(entry)]
     if not entries:
         raise InputError(f"{folder} holds no recordings")
-    return [one for entry in entries for one in (_deeper(entry.path, LEVELS - 1) or [entry.path])]
+    return [one for entry in entries for one in (_deeper(entry.path, FOLDER_LEVELS - 1) or [entry.path])]
 
 
 def _deeper(path: str, levels: int) -> list[str]:

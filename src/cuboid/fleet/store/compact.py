@@ -21,10 +21,10 @@ from cuboid.ground.core.errors import InputError, one_line
 from cuboid.ground.formats.reading import UnreadableError
 
 # Gathered files of at least this size are not rewritten: this bounds the cost of adding to a day.
-LARGE_BYTES = 32 << 20
+LARGE_FILE_BYTES = 32 << 20
 
 # Number of manifests that are kept: a reader that has just looked up the newest one still finds it.
-KEPT = 2
+KEPT_MANIFESTS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def compact(place: StoreFolder) -> Compaction:
     old = {name for names in before.gathered.values() for name in names}
     place.remove(sorted(old - {name for names in files.values() for name in names}))
     place.remove(name for part in before.parts for name in part.names().values())
-    place.remove(manifest_name(number) for number in manifests(place)[:-KEPT])
+    place.remove(manifest_name(number) for number in manifests(place)[:-KEPT_MANIFESTS])
     return Compaction(len(before.parts), count, sum(map(len, files.values())))
 
 
@@ -91,7 +91,7 @@ def _gather(place: StoreFolder, before: StoreFiles) -> tuple[dict[str, list[str]
         kept: list[str] = []
         for name in before.gathered.get(table, ()):
             day = PurePosixPath(name).parent.name
-            if day in days and place.fs.size(place.path(name)) < LARGE_BYTES:
+            if day in days and place.fs.size(place.path(name)) < LARGE_FILE_BYTES:
                 days[day].append(name)
             else:
                 kept.append(name)

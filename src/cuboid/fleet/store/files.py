@@ -23,7 +23,7 @@ from cuboid.ground.formats.json_validation import checked
 
 MANIFESTS = "_manifests"
 # Maximum number of attempts to read a store that is being compacted.
-ATTEMPTS = 5
+READ_ATTEMPTS = 5
 _PART = re.compile(r"(?P<table>\w+)/(?P<day>day=[\d-]{10})/(?P<key>(?:part|fail)-[0-9a-f]{20})\.parquet")
 # A gathered file lies in the folder of a table and day: no other files are opened or removed.
 _Gathered = Annotated[str, msgspec.Meta(pattern=r"^\w+/day=[\d-]{10}/gathered-[0-9a-f]{20}\.parquet\Z")]
@@ -119,7 +119,7 @@ def store_files(place: StoreFolder, *, every_key: bool = False) -> StoreFiles:
     InputError
         The store cannot be read, or it is of another version.
     """
-    for _ in range(ATTEMPTS):
+    for _ in range(READ_ATTEMPTS):
         try:
             return _files_now(place, every_key)
         except FileNotFoundError as error:  # gathered into another file meanwhile

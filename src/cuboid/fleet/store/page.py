@@ -30,7 +30,7 @@ SEARCH, RECORDINGS = ".", "recordings"
 # Columns for cards, as SQL.
 PAGE_COLUMNS = ("relations", "picture is not null as has_picture")
 # Seconds after which a page asks again: a batch may add recordings.
-EVERY_S = 15
+ASK_AGAIN_S = 15
 
 # Number of recordings on the page, the worst first, and of further ones; `cuboid sql` has all.
 WORST, MORE = 10, 490
@@ -88,7 +88,7 @@ def objects_page(tables: Tables, query: Mapping[str, str], model: TextModel | No
         found,
         links={"Objects": "", "Recordings": RECORDINGS},
         form=search_form(asked, fields, SURFACES, StoreObjects(tables).names()),
-        document={"every_s": EVERY_S},
+        document={"every_s": ASK_AGAIN_S},
     )
     return page, found.status
 

@@ -11,7 +11,7 @@ import duckdb
 import msgspec
 import pyarrow as pa
 
-from cuboid.fleet.store.files import ATTEMPTS, StoreFiles, store_files
+from cuboid.fleet.store.files import READ_ATTEMPTS, StoreFiles, store_files
 from cuboid.fleet.store.folder import StoreFolder
 from cuboid.fleet.store.schema import ALL_OBJECTS, DONE, OBJECTS, RUNS, TABLES
 from cuboid.ground.core.errors import InputError, one_line
@@ -57,7 +57,7 @@ class Tables:
         self._open()
 
     def _open(self) -> None:
-        for attempt in range(ATTEMPTS):
+        for attempt in range(READ_ATTEMPTS):
             self._files, self._names = store_files(self._place), read_names(self._place)
             if self._files.empty:
                 fault = "expected a store that 'cuboid batch' wrote, found no runs in it"
@@ -68,7 +68,7 @@ class Tables:
                 self._connect()
                 return
             except (duckdb.Error, UnreadableError) as error:
-                if attempt == ATTEMPTS - 1 or store_files(self._place) == self._files:
+                if attempt == READ_ATTEMPTS - 1 or store_files(self._place) == self._files:
                     raise InputError(f"{self.url}: is damaged: {_first_line(error)}") from None
                 # otherwise the files were gathered meanwhile: try again
 
@@ -144,7 +144,7 @@ class Tables:
         return rows
 
     def _asked(self, answer: Callable[[], Found]) -> Found:
-        for _ in range(ATTEMPTS):
+        for _ in range(READ_ATTEMPTS):
             try:
                 return answer()
             except duckdb.Error as error:

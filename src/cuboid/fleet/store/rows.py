@@ -31,7 +31,7 @@ from cuboid.services.queries.looking import CALENDAR_S
 from cuboid.services.queries.rows import CENTER, SIDES, sigma_names
 
 # Maximum side of a picture in a table, pixels, and JPEG quality: enough for a list; a million pictures take 3 GB.
-PICTURE_PX, PICTURE_QUALITY = 120, 75
+THUMBNAIL_PX, THUMBNAIL_QUALITY = 120, 75
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,7 +289,7 @@ def _pictures(best: Picture | None, last: Picture | None) -> dict[str, Any]:
 def _small(picture: Picture) -> bytes:
     """Return a picture in the size of the tables, JPEG."""
     color = np.asarray(cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
-    return encode_jpeg(shrunk(color, PICTURE_PX)[..., ::-1], PICTURE_QUALITY)
+    return encode_jpeg(shrunk(color, THUMBNAIL_PX)[..., ::-1], THUMBNAIL_QUALITY)
 
 
 def _embedding(row: Mapping[str, Any], embeddings: Embeddings | None) -> dict[str, Any]:

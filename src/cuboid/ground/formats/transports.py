@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 BLOCK_BYTES, BLOCKS_KEPT = 256 << 10, 32
 FILES_OPEN = 8
 # Seconds without an answer after which a server counts as gone.
-CONNECT_S, ANSWER_S = 20.0, 60.0
+CONNECT_S, SERVER_ANSWER_S = 20.0, 60.0
 ATTEMPTS = 3
 ABSENT, FORBIDDEN = (404, 410), (401, 403, 407)
 
@@ -171,10 +171,10 @@ def _filesystem(scheme: str, name: str) -> Any:
         if scheme in ("http", "https"):
             import aiohttp
 
-            timeout = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_S, sock_read=ANSWER_S)
+            timeout = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_S, sock_read=SERVER_ANSWER_S)
             options["client_kwargs"] = {"timeout": timeout}
         elif scheme == "s3":
-            options["config_kwargs"] = {"connect_timeout": CONNECT_S, "read_timeout": ANSWER_S}
+            options["config_kwargs"] = {"connect_timeout": CONNECT_S, "read_timeout": SERVER_ANSWER_S}
         _, *asked = inspect.signature(fsspec.get_filesystem_class(scheme).__init__).parameters.values()
         if any(one.default is one.empty and one.kind is one.POSITIONAL_OR_KEYWORD for one in asked):
             raise ValueError(f"{scheme} needs to know a server")

@@ -19,7 +19,7 @@ from cuboid.inputs.calibration.registering import WORTH_A_WARNING, misregistrati
 from cuboid.inputs.readers import Calibration, DepthCamera, Recording
 
 # A width times a height of this ratio is 16:9, of the other 4:3; sizes in use differ from them by less than 2 %.
-WIDE, NARROW, SAME_SHAPE = 16.0 / 9.0, 4.0 / 3.0, 0.02
+WIDE_RATIO, NARROW, SAME_SHAPE = 16.0 / 9.0, 4.0 / 3.0, 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +45,16 @@ class KnownCamera:
 
 
 CAMERAS = (
-    KnownCamera("Intel RealSense D435", {WIDE: 90.0, NARROW: 79.6}, {WIDE: 69.4, NARROW: 55.0}, 0.015),
-    KnownCamera("Intel RealSense D415", {WIDE: 69.4, NARROW: 55.0}, {WIDE: 69.4, NARROW: 55.0}, 0.015),
-    KnownCamera("Intel RealSense D455", {WIDE: 90.0, NARROW: 79.6}, {WIDE: 90.0, NARROW: 73.7}, 0.059),
-    KnownCamera("Intel RealSense L515", {NARROW: 70.0}, {WIDE: 70.4, NARROW: 55.0}, 0.0, 4000.0),
+    KnownCamera("Intel RealSense D435", {WIDE_RATIO: 90.0, NARROW: 79.6}, {WIDE_RATIO: 69.4, NARROW: 55.0}, 0.015),
+    KnownCamera("Intel RealSense D415", {WIDE_RATIO: 69.4, NARROW: 55.0}, {WIDE_RATIO: 69.4, NARROW: 55.0}, 0.015),
+    KnownCamera("Intel RealSense D455", {WIDE_RATIO: 90.0, NARROW: 79.6}, {WIDE_RATIO: 90.0, NARROW: 73.7}, 0.059),
+    KnownCamera("Intel RealSense L515", {NARROW: 70.0}, {WIDE_RATIO: 70.4, NARROW: 55.0}, 0.0, 4000.0),
     KnownCamera("Kinect for Xbox 360", {NARROW: 57.3}, {NARROW: 62.7}, -0.025),
     KnownCamera("Kinect for Xbox One", {(512, 424): 70.1}, {(1920, 1080): 84.1}, -0.052),
     KnownCamera(
         "Azure Kinect",
         {(640, 576): 64.8, (320, 288): 64.8, (512, 512): 90.9, (1024, 1024): 90.9},
-        {WIDE: 92.9, NARROW: 92.9},
+        {WIDE_RATIO: 92.9, NARROW: 92.9},
         0.032,
     ),
     KnownCamera("OAK-D", {1.6: 71.9, (1280, 720): 71.9}, {(1920, 1080): 68.8, (3840, 2160): 68.8}, 0.0375),

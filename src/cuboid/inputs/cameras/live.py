@@ -23,7 +23,7 @@ from cuboid.inputs.readers import calibration as calibrations
 from cuboid.inputs.readers.images import depth_in_metres
 
 # Time without frames after which a camera counts as gone, seconds; most need one or two seconds to start.
-SILENCE_S = 10.0
+CAMERA_SILENCE_S = 10.0
 # The option that says which of several devices is meant; of other cameras it is "serial".
 DEVICE_OPTIONS = {"oak": "id", "record3d": "id", "ros2": "color"}
 
@@ -56,7 +56,7 @@ class LiveCamera:
         *,
         record: PathLike | None = None,
         form: str = "plain",
-        silence_s: float = SILENCE_S,
+        silence_s: float = CAMERA_SILENCE_S,
         capacity: int = FRAMES_WAITING,
         changed: threading.Condition | None = None,
     ) -> None:
@@ -98,7 +98,7 @@ class LiveCamera:
     def __exit__(self, *error: object) -> None:
         self.close()
         if self._thread is not None:
-            self._thread.join(timeout=min(self._silence_s, SILENCE_S))
+            self._thread.join(timeout=min(self._silence_s, CAMERA_SILENCE_S))
         self._driver.close()
 
     def close(self) -> None:

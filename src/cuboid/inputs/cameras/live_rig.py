@@ -25,7 +25,7 @@ from cuboid.ground.formats.folder import writing
 from cuboid.ground.formats.rig_file import FIXED, RigDocument
 from cuboid.inputs.cameras.driver import CAMERAS, Driver, Shot
 from cuboid.inputs.cameras.latest import POLL_S
-from cuboid.inputs.cameras.live import SILENCE_S, LiveCamera, camera_from
+from cuboid.inputs.cameras.live import CAMERA_SILENCE_S, LiveCamera, camera_from
 from cuboid.inputs.recordings.rig import RIG_FILE, late_warnings, read_rig, rig_settings
 
 # A frame waits this long at most for an earlier one of another camera, seconds: the delays of two cameras, from the
@@ -353,7 +353,7 @@ def open_cameras(cameras: str, rig: PathLike, *, record: PathLike | None = None,
 
             def make(driver: Driver, place: Path | None = place) -> LiveCamera:
                 return LiveCamera(
-                    driver, record=place, form=form, silence_s=SILENCE_S, capacity=CAPACITY, changed=changed
+                    driver, record=place, form=form, silence_s=CAMERA_SILENCE_S, capacity=CAPACITY, changed=changed
                 )
 
             found.append(opened.enter_context(camera_from(camera, make)))

@@ -32,7 +32,7 @@ SIZE, RATE_HZ = "640x400", "30"
 STEREO_SIZE = (640, 400)
 COLOR, DEPTH = "color", "depth"
 # Number of messages that wait in depthai's queue; dropped frames are counted in the queue of `LiveCamera`.
-WAITING = 2
+WAITING_MESSAGES = 2
 # Maximum waiting time for the first images, seconds: most devices need less.
 FIRST_S = 10.0
 MILLIMETRES = 1000.0
@@ -114,7 +114,7 @@ def build(dai: Any, pipeline: Any, size: tuple[int, int], rate: int) -> Any:
     sync.setSyncThreshold(timedelta(seconds=0.5 / rate))
     image.link(sync.inputs[COLOR])
     depth.link(sync.inputs[DEPTH])
-    return sync.out.createOutputQueue(maxSize=WAITING, blocking=False)
+    return sync.out.createOutputQueue(maxSize=WAITING_MESSAGES, blocking=False)
 
 
 def calibration_of(color: Any, name: str) -> Calibration:

@@ -27,7 +27,7 @@ PIP = "record3d"
 # Minimum ARKit confidence (0 low, 1 medium, 2 high) of a reading.
 MIN_CONFIDENCE = 1
 # Maximum waiting time for the first frame, seconds: the app may first ask its user.
-FIRST_S = 20.0
+FIRST_FRAME_S = 20.0
 
 
 class Record3D:
@@ -65,8 +65,8 @@ class Record3D:
         self._stream.on_stream_stopped = self._stopped.set
         self._stream.connect(chosen)
         try:
-            if not self._arrived.wait(FIRST_S):
-                raise InputError(f"{self.name}: gave no frame for {FIRST_S:g} s; start its USB streaming")
+            if not self._arrived.wait(FIRST_FRAME_S):
+                raise InputError(f"{self.name}: gave no frame for {FIRST_FRAME_S:g} s; start its USB streaming")
             self.calibration = self._first_calibration()
         except BaseException:
             self.close()

@@ -37,7 +37,7 @@ OPTIONS = ("color", "depth", "info", "domain")
 DISCOVERY_S, FIRST_S = 5.0, 10.0
 # Maximum number of images of one kind that the transport keeps, and that wait for their partner: at 30 Hz those of a
 # second, during which a busy machine may not run the receiving thread.
-WAITING = 30
+WAITING_IMAGES = 30
 TICK_S = 0.01
 # An image waits no longer than this for the transforms of its time, seconds.
 POSE_WAIT_S = 0.25
@@ -109,9 +109,9 @@ class RosCamera:
         self.name = f"ROS 2 {chosen['color']}"
         self._kinds = {kind: topics[topic] for kind, topic in chosen.items()}
         self._inlets: dict[str, Inlet] = {
-            kind: transport.inlet(topic, topics[topic], Qos.SENSOR, WAITING) for kind, topic in chosen.items()
+            kind: transport.inlet(topic, topics[topic], Qos.SENSOR, WAITING_IMAGES) for kind, topic in chosen.items()
         }
-        self._waiting: dict[str, deque[Any]] = {kind: deque(maxlen=WAITING) for kind in chosen}
+        self._waiting: dict[str, deque[Any]] = {kind: deque(maxlen=WAITING_IMAGES) for kind in chosen}
         self._stamps_ns: OrderedDict[float, int] = OrderedDict()
         self._posing: tuple[Any, Any, float] | None = None
         self.calibration = self._calibration(chosen["color"], info)
@@ -164,7 +164,7 @@ class RosCamera:
         for kind, inlet in self._inlets.items():
             while (data := inlet.take()) is not None:
                 self.received[kind] += 1
-                self.unpaired += len(self._waiting[kind]) == WAITING
+                self.unpaired += len(self._waiting[kind]) == WAITING_IMAGES
                 self._waiting[kind].append(self._messages.decode(data, self._kinds[kind]))
         colors, depths = self._waiting["color"], self._waiting["depth"]
         while colors and depths:

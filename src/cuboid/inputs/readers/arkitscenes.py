@@ -42,7 +42,7 @@ NAME = re.compile(r"\d+_(\d+\.\d+)")
 DEPTH_FILE = re.compile(rf"{NAME.pattern}\.png")
 MIN_CONFIDENCE = 1
 # Color and depth are taken at the same time; their timestamps may differ in the last digit.
-WITHIN_S = 0.005
+SAME_TIME_S = 0.005
 # Number of camera files that are read to find the median camera.
 CAMERAS_READ = 25
 # Poses come 0.1 s apart.
@@ -65,7 +65,7 @@ def read(path: Path) -> Listing:
     folder = _color_folder(path)
     assert folder is not None, "recognises"
     colors, depths = _by_time(path / folder), _by_time(path / DEPTH)
-    pairs = associate([time_s for time_s, _ in colors], [time_s for time_s, _ in depths], WITHIN_S)
+    pairs = associate([time_s for time_s, _ in colors], [time_s for time_s, _ in depths], SAME_TIME_S)
     cameras = path / f"{folder}_intrinsics"
     K, size = _usual_camera(cameras, [file for _, file in colors])
     depth_size = depth_size_of((file for _, file in depths), path, DEPTH)

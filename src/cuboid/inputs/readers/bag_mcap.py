@@ -14,7 +14,7 @@ import numpy.typing as npt
 # A MessageIndex record: operation code and length, channel, bytes of the array; then pairs of log time and offset.
 _HEADER, _ENTRY_BYTES = struct.Struct("<BQHI"), 16
 # Maximum size of the indexes after a chunk; only damaged files exceed it.
-MAX_BYTES = 1 << 26
+MAX_INDEX_BYTES = 1 << 26
 
 Times = npt.NDArray[np.int64]
 
@@ -43,7 +43,7 @@ def mcap_times(owner: Any) -> dict[int, Times]:
     ]
     _announce(owner.bio, [(start, length) for start, length, _ in parts])
     for start, length, offsets in parts:
-        if length > MAX_BYTES:
+        if length > MAX_INDEX_BYTES:
             raise ValueError(f"{length} bytes of message indexes at byte {start}")
         owner.bio.seek(start)
         data = owner.bio.read(length)

@@ -27,7 +27,7 @@ AT_FIRST_NS = 40_000_000
 # Maximum length of a chain of transforms; a longer one contains a cycle.
 LONGEST_CHAIN = 64
 # Maximum gap between two transforms for interpolation; elsewhere the nearest one within NEAREST_WITHIN_S is used.
-LARGEST_GAP_S, NEAREST_WITHIN_S = 1.0, 0.05
+LARGEST_TRANSFORM_GAP_S, NEAREST_WITHIN_S = 1.0, 0.05
 # The quaternion of a transform must have length 1 to within this.
 QUATERNION_LENGTH_TOLERANCE = 0.01
 
@@ -238,7 +238,7 @@ def _at(edges: list[Edge], time_s: float, child: str) -> Float64Array:
     after = int(np.searchsorted(times_s[order], time_s))
     if 0 < after < len(order):
         before_s, after_s = times_s[order[after - 1]], times_s[order[after]]
-        if after_s - before_s <= LARGEST_GAP_S:
+        if after_s - before_s <= LARGEST_TRANSFORM_GAP_S:
             fraction = (time_s - before_s) / (after_s - before_s)
             return se3.interpolate(transforms[order[after - 1]], transforms[order[after]], float(fraction))
     nearest = int(np.argmin(np.abs(times_s - time_s)))
@@ -246,6 +246,6 @@ def _at(edges: list[Edge], time_s: float, child: str) -> Float64Array:
         raise FrameError(
             f"no camera pose at {time_s:.3f} s: the nearest transform of '{child or 'the camera'}' is "
             f"{abs(times_s[nearest] - time_s):.3f} s away (at most {NEAREST_WITHIN_S:g} s, or between two at most "
-            f"{LARGEST_GAP_S:g} s apart)"
+            f"{LARGEST_TRANSFORM_GAP_S:g} s apart)"
         )
     return transforms[nearest]

@@ -27,7 +27,7 @@ from cuboid.ground.arrays import Float64Array
 from cuboid.inputs.readers.posetext import Trajectory
 from cuboid.inputs.readers.reader import READERS, Calibration, Listing, Reader
 from cuboid.inputs.readers.tum import BONN, has_lists, list_frames
-from cuboid.inputs.readers.tum import DEPTH_UNITS_PER_METRE as TUM_UNITS_PER_METRE
+from cuboid.inputs.readers.tum import TUM_UNITS_PER_METRE as TUM_UNITS_PER_METRE
 
 # All values are from the dataset's page.
 CALIBRATION = Calibration(
@@ -49,7 +49,7 @@ _T_M = np.array(
     ]
 )
 SCALE = float(np.cbrt(np.linalg.det(_T_M[:3, :3])))
-DEPTH_UNITS_PER_METRE = TUM_UNITS_PER_METRE / SCALE
+TUM_UNITS_PER_METRE = TUM_UNITS_PER_METRE / SCALE
 
 
 def _without_scale(T: Float64Array) -> Float64Array:
@@ -70,7 +70,7 @@ def recognises(path: Path) -> bool:
 
 def read(path: Path) -> Listing:
     """List the frames; raise InputError if a line of a list or of the trajectory has another format."""
-    return Listing(list_frames(path, _pose_at), DEPTH_UNITS_PER_METRE, CALIBRATION, camera_folders=(path,))
+    return Listing(list_frames(path, _pose_at), TUM_UNITS_PER_METRE, CALIBRATION, camera_folders=(path,))
 
 
 def _pose_at(trajectory: Trajectory, time_s: float) -> Float64Array:

@@ -19,7 +19,7 @@ NAMES = (
     *("calibration.json", "calib.json"),
 )
 # Depth of nested objects that is searched.
-LEVELS = 3
+NESTED_LEVELS = 3
 FOCAL, CENTER = (("fx", "fy"),), (("cx", "cy"), ("ppx", "ppy"))
 MATRICES = ("k", "camera_matrix", "intrinsic_matrix", "intrinsics", "intrinsic", "cam_k")
 SIZES = (("width", "height"), ("w", "h"), ("image_width", "image_height"))
@@ -57,7 +57,7 @@ def _cameras(document: Mapping[str, Any], where: str, level: int = 0) -> Iterato
         size = _pair(fields, SIZES)
         yield where, (K, None if size is None else (int(size[0]), int(size[1])))
         return
-    if level < LEVELS:
+    if level < NESTED_LEVELS:
         for name, value in fields.items():
             if isinstance(value, dict):
                 yield from _cameras(value, f"{where}/{name}", level + 1)
@@ -103,5 +103,5 @@ def _scale(document: Mapping[str, Any], level: int = 0) -> float | None:
         value = _number(fields.get(name))
         if value is not None:
             return value if value >= 1.0 else 1.0 / value
-    nested = (value for value in fields.values() if isinstance(value, dict) and level < LEVELS)
+    nested = (value for value in fields.values() if isinstance(value, dict) and level < NESTED_LEVELS)
     return next((found for one in nested if (found := _scale(one, level + 1)) is not None), None)

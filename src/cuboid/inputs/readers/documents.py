@@ -10,7 +10,7 @@ from cuboid.ground.core.errors import InputError
 from cuboid.ground.formats.reading import read_bytes
 
 # Maximum size of a document, bytes: enough for a pose of every frame of an hour.
-MAX_BYTES = 256 << 20
+MAX_DOCUMENT_BYTES = 256 << 20
 
 
 def read_object(path: Path) -> dict[str, Any]:
@@ -21,7 +21,7 @@ def read_object(path: Path) -> dict[str, Any]:
     InputError
         The file cannot be read, is too large, is not JSON, or contains something else.
     """
-    return parse_object(read_bytes(path, MAX_BYTES), str(path))
+    return parse_object(read_bytes(path, MAX_DOCUMENT_BYTES), str(path))
 
 
 def parse_object(data: bytes, where: str) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from cuboid.ground.formats.table_validation import data_lines
 from cuboid.inputs.readers.posetext import PoseLine, numbered_rows, pose_of_frame
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
-DEPTH_UNITS_PER_METRE = 5000.0
+TUM_UNITS_PER_METRE = 5000.0
 ASSOCIATIONS, TRAJECTORY_ENDING = "associations.txt", ".gt.freiburg"
 LINE = re.compile(r"(\d+)\s+(depth/\S+)\s+\d+\s+(rgb/\S+)")
 CALIBRATION = Calibration(481.20, 480.00, 319.50, 239.50, (640, 480), "published for ICL-NUIM")
@@ -58,7 +58,7 @@ def read(path: Path) -> Listing:
             raise InputError(f"{where}: expected '0 depth/0.png 0 rgb/0.png', got {shown(line)}")
         pose = None if poses is None or file is None else partial(_pose, poses, int(match[1]), file.name)
         frames.append(FrameEntry(path / match[3], path / match[2], pose=pose))
-    return Listing(frames, DEPTH_UNITS_PER_METRE, CALIBRATION, camera_folders=(path,))
+    return Listing(frames, TUM_UNITS_PER_METRE, CALIBRATION, camera_folders=(path,))
 
 
 def _poses(path: Path) -> dict[int, PoseLine]:

@@ -15,9 +15,9 @@ from cuboid.inputs.readers.reader import FrameEntry
 IMAGE_ENDINGS = (".png", ".jpg", ".jpeg")
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 # Number of left-out images that a message names.
-NAMED = 4
+IMAGES_NAMED = 4
 # Number of kinds of files that a message names.
-KINDS = 4
+KINDS_NAMED = 4
 
 
 def is_image(name: str) -> bool:
@@ -65,7 +65,7 @@ def images_by_number(folder: Path) -> dict[int, Path]:
 def counted_endings(names: Iterable[str]) -> str:
     """Return counts of file suffixes, the most frequent first: "400 .jpg, 1 .txt"; without hidden files."""
     endings = Counter(os.path.splitext(name)[1].lower() for name in names if not name.startswith("."))
-    return ", ".join(f"{count} {ending}" for ending, count in endings.most_common(KINDS) if ending)
+    return ", ".join(f"{count} {ending}" for ending, count in endings.most_common(KINDS_NAMED) if ending)
 
 
 def left_out(frames: Iterable[FrameEntry]) -> list[Path]:
@@ -96,9 +96,9 @@ def left_out_warning(recording: Path, files: Sequence[Path]) -> str | None:
     if not files:
         return None
     names = ", ".join(
-        str(file.relative_to(recording) if file.is_relative_to(recording) else file) for file in files[:NAMED]
+        str(file.relative_to(recording) if file.is_relative_to(recording) else file) for file in files[:IMAGES_NAMED]
     )
-    more = f" and {len(files) - NAMED} more" if len(files) > NAMED else ""
+    more = f" and {len(files) - IMAGES_NAMED} more" if len(files) > IMAGES_NAMED else ""
     one = len(files) == 1
     return (
         f"{len(files)} image{'' if one else 's'} left out, whose name{' does' if one else 's do'} not fit those of the "

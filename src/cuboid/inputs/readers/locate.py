@@ -101,9 +101,9 @@ def _pattern(name: str) -> str:
 
 
 # A user may name a dataset's folder: recordings lie up to two folders deeper (rgbd-scenes-v2/imgs/scene_01).
-LEVELS = 2
+FOLDER_LEVELS = 2
 # Maximum number of recordings that a message lists if there are several.
-NAMED = 8
+RECORDINGS_LISTED = 8
 
 
 def open_recording(
@@ -200,14 +200,14 @@ def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, 
     """Return the single recording at or below a path; folders inside a recording do not count."""
     found: list[tuple[str, Reader, Path]] = []
     level = [given]
-    for depth in range(LEVELS + 1):
+    for depth in range(FOLDER_LEVELS + 1):
         inner = []
         for path in level:
             here = [(name, reader, path) for name, reader in readers if reader.recognises(path)]
             if len(here) > 1:
                 here = [one for one in here if not one[1].gives_way(path)] or here
             found += here
-            if not here and depth < LEVELS:
+            if not here and depth < FOLDER_LEVELS:
                 inner += _inside(path, {ending for _, reader in readers for ending in reader.files})
         level = inner
     if not found:
@@ -218,8 +218,8 @@ def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, 
 def _only_one(found: list[tuple[str, Reader, Path]], given: Path) -> tuple[str, Reader, Path]:
     paths = list(dict.fromkeys(path for _, _, path in found))
     if len(paths) > 1:
-        names = ", ".join(str(path.relative_to(given)) for path in paths[:NAMED])
-        more = f" and {len(paths) - NAMED} more" if len(paths) > NAMED else ""
+        names = ", ".join(str(path.relative_to(given)) for path in paths[:RECORDINGS_LISTED])
+        more = f" and {len(paths) - RECORDINGS_LISTED} more" if len(paths) > RECORDINGS_LISTED else ""
         raise InputError(f"{given} holds {len(paths)} recordings, name one of them: {names}{more}")
     if len(found) > 1:
         formats = " and ".join(f"'{name}'" for name, _, _ in found)

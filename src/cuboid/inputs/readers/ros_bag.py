@@ -45,7 +45,7 @@ DEPTH_WORDS = ("aligned_depth_to_color", "depth_registered", "depth")
 COLOR_WORDS = ("color", "rgb", "image")
 NEITHER = ("infra", "/ir/", "confidence", "mask", "fisheye", "theora", "ffmpeg")
 # Maximum difference between header times and log times from the same clock.
-SAME_CLOCK_S = 5.0
+SAME_LOG_CLOCK_S = 5.0
 
 
 def recognises(path: Path) -> bool:
@@ -181,7 +181,7 @@ def _depth(bag: Bag, topic: str, time_ns: int) -> Any:
 def _pose(bag: Bag, topic: str, time_ns: int, transforms: Transforms, after_s: float = 0.0) -> Float64Array:
     message = bag.read(topic, time_ns)
     taken_s = stamp_s(message)
-    time_s = taken_s if abs(taken_s - time_ns * 1e-9) < SAME_CLOCK_S else time_ns * 1e-9
+    time_s = taken_s if abs(taken_s - time_ns * 1e-9) < SAME_LOG_CLOCK_S else time_ns * 1e-9
     return transforms.pose(frame_name(message.header.frame_id), time_ns + round(1e9 * after_s), time_s + after_s)
 
 

@@ -25,7 +25,7 @@ from cuboid.inputs.readers.images import COLOR_FLAGS, decode_bytes, head_of, ima
 from cuboid.inputs.readers.posetext import pose_from_matrix
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
-VERSION = 4
+SENS_VERSION = 4
 # The sensor's name is no longer than this.
 MAX_NAME_BYTES = 1 << 12
 _MATRICES = struct.Struct("<64f")  # intrinsics and extrinsics of color, then of depth, 4x4 each
@@ -37,7 +37,7 @@ IMAGE_FILES = (1, 2)  # color as PNG, as JPEG
 
 def recognises(path: Path) -> bool:
     """Tell whether this is a .sens file of the known version."""
-    return path.suffix == ".sens" and head_of(path, 4) == struct.pack("<I", VERSION)
+    return path.suffix == ".sens" and head_of(path, 4) == struct.pack("<I", SENS_VERSION)
 
 
 def read(path: Path) -> Listing:

@@ -34,7 +34,7 @@ from cuboid.ground.core.errors import InputError, shown
 from cuboid.inputs.readers.posetext import Trajectory, parse_time, parsed_lines
 from cuboid.inputs.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
-DEPTH_UNITS_PER_METRE = 5000.0
+TUM_UNITS_PER_METRE = 5000.0
 # Color and depth of one frame are at most this far apart in time (seconds): more than half the 33 ms between
 # two images, so that each finds a partner where none was dropped; the dataset's own tool has the same.
 ASSOCIATE_WITHIN_S = 0.02
@@ -65,7 +65,7 @@ def has_lists(path: Path) -> bool:
 def read(path: Path) -> Listing:
     """List the frames; InputError where a list or the trajectory has a line of another form."""
     frames = list_frames(path, lambda trajectory, time_s: trajectory.at(time_s))
-    return Listing(frames, DEPTH_UNITS_PER_METRE, _published(path), camera_folders=(path,))
+    return Listing(frames, TUM_UNITS_PER_METRE, _published(path), camera_folders=(path,))
 
 
 def list_frames(path: Path, pose_at: Callable[[Trajectory, float], Float64Array]) -> list[FrameEntry]:

@@ -30,7 +30,7 @@ from cuboid.inputs.readers.depth_camera import DepthCamera
 # Units per metre of depth that has no integer values in the recording's units: a fifth of a millimetre, up to 13 m.
 CARRIED_UNITS = 5000.0
 # Minimum units per metre of depth in integers; with fewer, depth is in fractions.
-MIN_UNITS = 100.0
+MIN_INTEGER_UNITS = 100.0
 TUM_UNITS = 5000.0
 # PNG compression level: a few percent larger than the best, in a tenth of the time.
 PNG_EFFORT = 1
@@ -223,7 +223,7 @@ def _read(recording: Recording, index: int, skipped: dict[int, str]) -> Frame | 
 
 def units_kept(units_per_metre: float, depth_camera: DepthCamera | None) -> float:
     """Return the units per metre for writing depth: the recording's own if depth still has integer values in them."""
-    return units_per_metre if depth_camera is None and units_per_metre >= MIN_UNITS else CARRIED_UNITS
+    return units_per_metre if depth_camera is None and units_per_metre >= MIN_INTEGER_UNITS else CARRIED_UNITS
 
 
 def as_units(depth_m: Float32Array, units_per_metre: float) -> npt.NDArray[np.uint16]:

@@ -29,7 +29,7 @@ TOP_VOXELS = 1.5
 # Points at most this far below the outermost ones, voxels, may belong to the noise of a flat top.
 TOP_THICK_VOXELS = 4.0
 # The middle of a top is this fraction of its core, per side: half of the area.
-MIDDLE_FRACTION = 0.7
+MIDDLE_OF_CORE = 0.7
 # The heights of the parts of a flat top differ by less than this beyond noise, metres: systematic errors of
 # depth.
 FLAT_M = 0.002
@@ -66,7 +66,7 @@ def to_top(box: Box, points: Float64Array, readings: Float64Array, voxel_m: floa
     near, rim = layer & (out < 1.0), layer & (out >= 1.0)
     weight = readings * near
     # The middle, the border, and the halves towards each side.
-    middle = near & (out < MIDDLE_FRACTION)
+    middle = near & (out < MIDDLE_OF_CORE)
     halves = [near & (sign * local[:, axis] > 0.0) for axis in (0, 1) for sign in (1.0, -1.0)]
     parts = [middle, near & ~middle, *halves]
     if not all(readings[part].sum() > 0.0 for part in parts):

@@ -32,9 +32,9 @@ GROUND_SEEN_FRACTION = 0.2
 REST_SEEN_FRACTION = 0.5
 # A foot carries the middle of its object. It may be narrower than the object, as a stem or a pot, but free space
 # beneath this middle part of the footprint, as a fraction of each side, shows that there is no foot.
-MIDDLE_FRACTION = 0.5
+CARRIED_FRACTION = 0.5
 # Sample places on the ground beneath a box, per side, as fractions of the box from its middle.
-_STEPS = MIDDLE_FRACTION * ((np.arange(MIN_READINGS) + 0.5) / MIN_READINGS - 0.5)
+_STEPS = CARRIED_FRACTION * ((np.arange(MIN_READINGS) + 0.5) / MIN_READINGS - 0.5)
 _ALONG, _ACROSS = (places.reshape(-1, 1) for places in np.meshgrid(_STEPS, _STEPS))
 # Sample places in a disc of unit diameter, (N, 2), 1/16 apart.
 _DISC = (np.mgrid[:16, :16].reshape(2, -1).T + 0.5) / 16.0 - 0.5

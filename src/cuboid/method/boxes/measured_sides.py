@@ -16,9 +16,9 @@ from cuboid.method.boxes.faces import lengthwise
 # second one if the frame is from the same viewpoint: its errors are those of the last view, but for noise.
 GROWTH, GROWTH_SAME = 1.5, 2.0
 # Largest number of views that are kept: with these, the median hardly changes.
-MAX_VIEWS = 12
+MAX_SIDE_VIEWS = 12
 # A side moves by at most this, voxels: a larger change is that of an object of which more is seen now.
-MAX_MOVE_VOXELS = 2.0
+MAX_CHANGE_VOXELS = 2.0
 # Depth widens a side by up to two pixels at each end, see `top_edges`, and one pixel is the standard deviation of a
 # length between clear edges. A side that is shorter than that of the depth by more is of an upper part, such as a lid.
 MAX_SHORTER_SIGMAS = 4.0
@@ -48,7 +48,7 @@ def with_view(views_m: Float64Array, view_m: Float64Array) -> Float64Array:
     if np.isnan(view_m[:2]).all():
         return views_m
     views_m = np.vstack([views_m, view_m])
-    if len(views_m) <= MAX_VIEWS:
+    if len(views_m) <= MAX_SIDE_VIEWS:
         return views_m
     information = np.nansum(views_m[:, 2:] ** -2.0, axis=1)
     return np.delete(views_m, int(information.argmin()), axis=0)
@@ -65,7 +65,7 @@ def measured(box: Box, views_m: Float64Array, voxel_m: float) -> tuple[Float64Ar
         weights = good[:, 2 + axis] ** -2.0
         # Errors of views of the same edges are alike.
         side_m, side_sigma_m = _weighted_median(good[:, axis], weights), _weighted_median(good[:, 2 + axis], weights)
-        longer_m, limit_m = side_m - box.size[axis], MAX_MOVE_VOXELS * voxel_m
+        longer_m, limit_m = side_m - box.size[axis], MAX_CHANGE_VOXELS * voxel_m
         if -min(limit_m, MAX_SHORTER_SIGMAS * side_sigma_m) <= longer_m <= limit_m:
             sides_m[axis], sigma_m[axis] = side_m, side_sigma_m
     return sides_m, sigma_m

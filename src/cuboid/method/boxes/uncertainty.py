@@ -30,11 +30,11 @@ NORMALS = np.array([[sign * (k == axis) for k in range(3)] for axis in range(3) 
 
 # Smallest cosine between a side's outward normal and the direction to a camera that saw the side: at 75 degrees and
 # more, readings are too few and too noisy to show a face.
-MIN_FACING = 0.26
+MIN_SIDE_FACING = 0.26
 # A face was seen if its points cover at least this fraction of it: its lower part is often hidden.
 MIN_COVERED_FRACTION = 0.25
 # Points within this distance of a side, voxels, belong to it.
-NEAR_VOXELS = 1.2
+BESIDE_VOXELS = 1.2
 # Error of an edge, pixels of the working image: stereo widens near surfaces by about as much, and time of flight loses
 # as much there. All edges of an object move outwards, or all inwards.
 EDGE_PX = 1.25
@@ -50,15 +50,15 @@ FACE_SIGMAS = 2.5
 # from above, and only from one side, where its far end is hidden; the same of the diameter of a body of revolution.
 # They were chosen on made balls, bottles, jars, cups and soft boxes; see BENCHMARK.md, "Measures".
 ROUNDED_AROUND_VOXELS, ROUNDED_TOP_VOXELS, ROUNDED_SIDE_VOXELS = 0.25, 0.45, 0.8
-ROUND_VOXELS = 0.3
+ROUND_BODY_VOXELS = 0.3
 # The same of a top that was not seen from above: more voxels show it than a side.
-TOP_VOXELS = 0.15
+SEEN_TOP_VOXELS = 0.15
 # Further views of a top do not make it more exact: their errors are alike.
 MAX_TOP_VIEWS = 3
 # The sides of the box around a body of revolution differ by at most this, voxels.
 SAME_SIDES_VOXELS = 0.1
 # Layers of a body at least this wide, as a fraction of the widest one, show whether it is round.
-WIDE_FRACTION = 0.7
+WIDE_LAYER_FRACTION = 0.7
 # Systematic error of depth as a fraction of the depth, and so of lengths: calibration and temperature.
 SCALE_FRACTION = 0.001
 
@@ -121,18 +121,18 @@ def uncertainty_of(
     """
     local, half = (points - box.center) @ box.rotation, box.size / 2.0
     facing = -(directions @ box.rotation) @ NORMALS.T if len(directions) else np.zeros((1, 6))
-    views = np.maximum(1, np.count_nonzero(facing > MIN_FACING, axis=0))
+    views = np.maximum(1, np.count_nonzero(facing > MIN_SIDE_FACING, axis=0))
     above = len(directions) > 0 and float((-(directions @ box.up)).max()) >= FROM_ABOVE
     coarse_m = 0.0 if above else OBLIQUE_VOXELS * voxel_m
     face_m = np.sqrt(((FACE_SIGMAS * noise_m) ** 2 + MIN_SIGMA_M**2) / views + coarse_m**2)
-    top_m = 0.0 if above else TOP_VOXELS * voxel_m / math.sqrt(min(int(views[4]), MAX_TOP_VIEWS))
+    top_m = 0.0 if above else SEEN_TOP_VOXELS * voxel_m / math.sqrt(min(int(views[4]), MAX_TOP_VIEWS))
     face_m[4] = math.sqrt(face_m[4] ** 2 - coarse_m**2 + top_m**2)
     edge_m = float(np.hypot(coarse_m, EDGE_PX * pixel_m))
     sigma, edges, seen = np.empty(6), np.zeros(6, bool), []
     for k, name in enumerate(SIDES):
         axis = k // 2
-        near = half[axis] - NORMALS[k, axis] * local[:, axis] < NEAR_VOXELS * voxel_m
-        if facing[:, k].max() > MIN_FACING and _covered(local[near], half, axis, voxel_m):
+        near = half[axis] - NORMALS[k, axis] * local[:, axis] < BESIDE_VOXELS * voxel_m
+        if facing[:, k].max() > MIN_SIDE_FACING and _covered(local[near], half, axis, voxel_m):
             seen.append(name)
             sigma[k] = face_m[k]
         elif name == "-z" and rests:
@@ -147,13 +147,15 @@ def uncertainty_of(
     size_m2 = (pairs**2).sum(1) + together_m2
     # The outline of a rounded object is wider than what depth shows of it, by a part of a voxel.
     drops = side_drops(box, points, voxel_m)
-    from_around = bool((facing[:, :4].max(0) > MIN_FACING).all())
+    from_around = bool((facing[:, :4].max(0) > MIN_SIDE_FACING).all())
     rounded = ROUNDED_AROUND_VOXELS if from_around else ROUNDED_TOP_VOXELS if above else ROUNDED_SIDE_VOXELS
     rounded_m = rounded * voxel_m
     size_m2[:2] += min(LOWER_RIM * rim_drop_m(drops), rounded_m) ** 2
     if is_round(box, local, voxel_m):  # the seen part of the circle determines the hidden part
         wall_m = WALL_M if is_hollow(drops, voxel_m) else 0.0
-        size_m2[:2] = 2.0 * (FACE_SIGMAS * noise_m) ** 2 / views[:4].max() + (ROUND_VOXELS * voxel_m) ** 2 + wall_m**2
+        size_m2[:2] = (
+            2.0 * (FACE_SIGMAS * noise_m) ** 2 / views[:4].max() + (ROUND_BODY_VOXELS * voxel_m) ** 2 + wall_m**2
+        )
     size_m2[:2] = np.where(np.isnan(level_sigma_m), size_m2[:2], level_sigma_m**2)
     size_m = np.sqrt(size_m2 + (SCALE_FRACTION * box.size) ** 2)
     pairs[:2] = np.minimum(pairs[:2], size_m[:2, None])
@@ -173,10 +175,10 @@ def is_round(box: Box, local: Float64Array, voxel_m: float) -> bool:
     layers = np.bincount(layer) > 0
     outer = np.zeros(len(layers))
     np.maximum.at(outer, layer, radius)
-    rim = radius > outer[layer] - NEAR_VOXELS * voxel_m
+    rim = radius > outer[layer] - BESIDE_VOXELS * voxel_m
     count = np.bincount(layer[rim], minlength=len(layers))
     mean = np.bincount(layer[rim], radius[rim], len(layers)) / np.maximum(count, 1)
-    wide = rim & (mean[layer] > WIDE_FRACTION * mean.max())
+    wide = rim & (mean[layer] > WIDE_LAYER_FRACTION * mean.max())
     off = radius[wide] - mean[layer[wide]]
     sector = np.floor((np.arctan2(local[wide, 1], local[wide, 0]) / (2.0 * np.pi) + 0.5) * SECTORS).astype(np.int64)
     of_sector = np.bincount(sector % SECTORS, minlength=SECTORS)

@@ -24,7 +24,7 @@ from cuboid.method.poses.pyramid import Level, levels_of
 
 # A surface that has rested for the first time is still, seconds: a thing that is set down is found within a second, and
 # a hand seldom stops for longer. Frames are stored at the second interval, seconds.
-REST_S, EVERY_S = 0.5, 0.1
+REST_S, STORED_EVERY_S = 0.5, 0.1
 # Step between the examined pixels, in both directions; a smaller group of adjacent ones may be noise.
 STEP, MIN_GROUP = 2, 40
 # Two poses within half a second err by this fraction of the motion between them, at most by twice the drift of a map.
@@ -90,7 +90,7 @@ class Motion:
 
     def __init__(self, noise_per_m: float) -> None:
         self._noise_per_m = noise_per_m
-        self._references: deque[_Reference] = deque(maxlen=int(REST_S / EVERY_S))
+        self._references: deque[_Reference] = deque(maxlen=int(REST_S / STORED_EVERY_S))
         # T_world_camera of the last frame.
         self._T_last: Float64Array = np.eye(4)
 
@@ -100,12 +100,12 @@ class Motion:
 
     def find(self, image: WorkingImage, T_world_camera: Float64Array, time_s: float) -> UInt8Array | None:
         """Return which readings (h, w) of the next frame move, as 1; None if none does."""
-        while self._references and not 0.0 <= time_s - self._references[0].time_s <= REST_S + EVERY_S:
+        while self._references and not 0.0 <= time_s - self._references[0].time_s <= REST_S + STORED_EVERY_S:
             self._references.popleft()
         view = _View(image, T_world_camera)
         moving = self._moving(view) if self._references else None
         self._T_last = T_world_camera
-        if not self._references or time_s - self._references[-1].time_s >= EVERY_S:
+        if not self._references or time_s - self._references[-1].time_s >= STORED_EVERY_S:
             self._references.append(_reference(view, time_s))
         if moving is None:
             return None

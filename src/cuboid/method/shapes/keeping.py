@@ -7,8 +7,8 @@
       000000.png            depth of the view, 16 bits, in units of 0.2 mm
       000000.jpg            color of the view
 
-A view is kept if the camera sees the object from a new side. If an object has more than `MAX_VIEWS` views, the minimum
-angle between them is increased.
+A view is kept if the camera sees the object from a new side. If an object has more than `MAX_FUSED_VIEWS` views, the
+minimum angle between them is increased.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import Sighting, TrackedObject
 from cuboid.ground.geometry.box import Box
 from cuboid.ground.geometry.overlap import iou_matrix, pack, unpack
-from cuboid.method.shapes.views import MAX_VIEWS, MIN_VISIBLE, Candidate, ObjectView, chosen, view_of
+from cuboid.method.shapes.views import MAX_FUSED_VIEWS, MIN_VISIBLE, Candidate, ObjectView, chosen, view_of
 
 # Two views of an object differ if the angle between their directions is at least APART_RAD, radians, or if the camera's
 # distance from the object has become less than NEARER times the earlier one.
 APART_RAD, NEARER = 0.1, 0.7
-# Factor by which the minimum angle grows when an object has more than `MAX_VIEWS` views.
+# Factor by which the minimum angle grows when an object has more than `MAX_FUSED_VIEWS` views.
 WIDER = 1.3
 # Maximum size of all views of a run, bytes: about a hundred objects of common size.
-MAX_BYTES = 256 << 20
+MAX_VIEW_BYTES = 256 << 20
 # Units of depth per metre (16 bits then reach 13 m); quality of the JPEG.
-DEPTH_UNITS_PER_M, JPEG_QUALITY = 5000, 90
+DEPTH_UNITS_PER_M, VIEW_JPEG_QUALITY = 5000, 90
 INDEX = "views.json"
 # Date of every file in the archive: the same run must give the same bytes.
 DATE = (1980, 1, 1, 0, 0, 0)
@@ -101,7 +101,7 @@ class ViewKeeper:
             return ()
         return (
             f"{count} views of {objects} object{'s' if objects > 1 else ''} were left out: together, views are limited "
-            f"to {MAX_BYTES >> 20} MB; meshes of these objects may have holes without the recording",
+            f"to {MAX_VIEW_BYTES >> 20} MB; meshes of these objects may have holes without the recording",
         )
 
     def add(self, frame: Frame, T_world_camera: Float64Array, sightings: Sequence[Sighting]) -> None:
@@ -124,13 +124,13 @@ class ViewKeeper:
             return
         at = round(camera.cx - view.camera.cx), round(camera.cy - view.camera.cy)
         png, jpeg = _encoded(view)
-        if self._bytes + len(png) + len(jpeg) > MAX_BYTES:
+        if self._bytes + len(png) + len(jpeg) > MAX_VIEW_BYTES:
             self._left_out[seen.label] = self._left_out.get(seen.label, 0) + 1
             return
         of_rig = None if frame.camera is None else camera
         views.append(KeptView(frame.index, seen.box, seen.visible, T_world_camera, at, png, jpeg, of_rig))
         self._bytes += views[-1].size
-        while len(views) > MAX_VIEWS:
+        while len(views) > MAX_FUSED_VIEWS:
             self._apart_rad[seen.label] *= WIDER
             views = self._drop(seen.label, _spread(views, seen.box, self._apart_rad[seen.label]))
 
@@ -234,4 +234,4 @@ def _encoded(view: ObjectView) -> tuple[bytes, bytes]:
     units = np.rint(np.minimum(view.depth_m * np.float32(DEPTH_UNITS_PER_M), 65535)).astype(np.uint16)
     png = cv2.imencode(".png", units, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
     bgr = np.ascontiguousarray(view.color[..., ::-1])
-    return png, cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+    return png, cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, VIEW_JPEG_QUALITY])[1].tobytes()

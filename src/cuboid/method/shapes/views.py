@@ -26,7 +26,7 @@ RIM_PIXELS = 6
 # Minimum visible fraction of the object's near side in a view: a view with less mainly shows the occluder.
 MIN_VISIBLE = 0.3
 # Maximum number of fused views: 48 views reduce the noise to a seventh, and more views only add time.
-MAX_VIEWS = 48
+MAX_FUSED_VIEWS = 48
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,9 +122,9 @@ def chosen(candidates: Sequence[Candidate], box: Box, most: int | None = None) -
     box : Box
         Final box of the object.
     most : int, optional
-        Maximum number of frames; default `MAX_VIEWS`.
+        Maximum number of frames; default `MAX_FUSED_VIEWS`.
     """
-    most = most or MAX_VIEWS
+    most = most or MAX_FUSED_VIEWS
     here = [one for one in _since_it_stands(candidates, box) if one.visible >= MIN_VISIBLE]
     if len(here) <= most:
         return here

@@ -42,7 +42,7 @@ LEVEL_COS = float(np.cos(DRIFT_RAD / 2.0))
 # objects have nothing else to stand on.
 FRAMES_IN_USE = 3
 # A plane lies on top of a box if its distance from the top is at most REACH_M plus this fraction of the box's height.
-TOP_FRACTION = 0.1
+ON_TOP_FRACTION = 0.1
 # A plane extends beyond a box whose footprint is less than this fraction of the plane.
 BEYOND_FRACTION = 0.5
 
@@ -427,7 +427,7 @@ class PlaneTracker:
 
     def has_plane_on_top(self, box: Box) -> bool:
         """Return whether a supporting plane lies on top of an upright box: the box is furniture or a part of it."""
-        return any(True for _ in self._planes_on_top_of(box, REACH_M + TOP_FRACTION * box.size[2]))
+        return any(True for _ in self._planes_on_top_of(box, REACH_M + ON_TOP_FRACTION * box.size[2]))
 
     def is_extended_by_plane(self, box: Box) -> bool:
         """Return whether a plane at the height of an upright box's top extends beyond it, as at the side of a shelf."""

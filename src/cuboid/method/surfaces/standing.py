@@ -29,12 +29,12 @@ from cuboid.method.surfaces.plane_rules import largest_level
 # Depth ripples by at most this times z squared, beyond JUMP_M: ten standard deviations of the depth noise.
 RIPPLE_PER_M = MIXED_PER_M
 # Smallest fraction, of the readings off all areas or of an image, that counts as evidence.
-ENOUGH = 0.02
+ENOUGH_FRACTION = 0.02
 # An area of at most this fraction of another one may be the face of an object that stands on it.
-FACE_FRACTION = 0.2
-# A piece stands on an area if more than TOUCH_FRACTION of its outline meets the area and more than FREE_FRACTION ends
-# in depth jumps; its clearness grows from 0 when both together cover HALF of the outline.
-TOUCH_FRACTION, FREE_FRACTION, HALF = 0.2, 0.1, 0.5
+MAX_FACE_FRACTION = 0.2
+# A piece stands on an area if more than TOUCH_FRACTION of its outline meets the area and more than FREE_END_FRACTION
+# ends in depth jumps; its clearness grows from 0 when both together cover HALF of the outline.
+TOUCH_FRACTION, FREE_END_FRACTION, HALF = 0.2, 0.1, 0.5
 # A region stands on an area that surrounds it in the image, i.e. begins at this fraction of its outline.
 AROUND_FRACTION = 0.9
 # Normals within 12 degrees of each other have the same direction (cosine).
@@ -84,13 +84,13 @@ def find_flat_areas(image: DepthImage, config: TrackerConfig) -> FlatAreas:
     on = np.empty(depth_m.shape, np.int8)
     kernel.lie_on(depth_m, camera.pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
     # A far smaller area may be the face of an object on the larger one.
-    faces = area_m2 <= FACE_FRACTION * area_m2[:, None]
-    off = max(ENOUGH * depth_m.size, float(np.count_nonzero(on == kernel.SURFACE)))
+    faces = area_m2 <= MAX_FACE_FRACTION * area_m2[:, None]
+    off = max(ENOUGH_FRACTION * depth_m.size, float(np.count_nonzero(on == kernel.SURFACE)))
     for readings_of in (_standing_readings, _surrounded_readings):
         for small in np.unique(faces, axis=0):
             supports = np.flatnonzero((faces == small).all(1))
             evidence[supports] = readings_of(depth_m, camera, planes, on, small, config)[supports]
-        if evidence.max() >= ENOUGH * off:
+        if evidence.max() >= ENOUGH_FRACTION * off:
             break
     return FlatAreas(normal, area_m2, np.minimum(1.0, evidence / off))
 
@@ -289,7 +289,7 @@ def _clearness(
     touch = np.take_along_axis(touches, beneath[:, None], 1)[:, 0]
     judged = np.maximum(1, touches.sum(1) + others.sum(1))
     free = others[:, kernel.FREE]
-    both = (touch > TOUCH_FRACTION * judged) & (free > FREE_FRACTION * judged)
+    both = (touch > TOUCH_FRACTION * judged) & (free > FREE_END_FRACTION * judged)
     return beneath, np.where(both, np.maximum(0.0, ((touch + free) / judged - HALF) / (1.0 - HALF)), 0.0)
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cuboid.ground.arrays import Float64Array
 from cuboid.ground.core.state import Record
-from cuboid.method.surfaces.standing import ENOUGH, SAME_COS, FlatAreas
+from cuboid.method.surfaces.standing import ENOUGH_FRACTION, SAME_COS, FlatAreas
 
 # A direction nearer than 45 degrees to another one is a noisy version of it: real ones are at right angles (cosine).
 NOISE_COS = math.sqrt(0.5)
@@ -108,7 +108,7 @@ class UpVote(Record):
             return self.up is not None
         likely, near_up = self._likelihood(), self.seen[:, :3] @ self.up > NOISE_COS
         clear = likely[near_up].max(initial=0.0) >= MIN_LIKELIHOOD_RATIO * likely[~near_up].max(initial=0.0)
-        return bool(self.votes >= MIN_VOTES and clear and self._mean_evidence(near_up) >= ENOUGH)
+        return bool(self.votes >= MIN_VOTES and clear and self._mean_evidence(near_up) >= ENOUGH_FRACTION)
 
     def _mean_evidence(self, directions: npt.NDArray[np.bool_]) -> float:
         """Return the largest evidence among some directions (N,), as a weighted mean over all votes."""
@@ -117,8 +117,8 @@ class UpVote(Record):
     def _best(self) -> Float64Array | None:
         """Return the direction (3,) that is up according to all evidence so far; None while it is unknown.
 
-        A direction becomes up if at least the fraction `ENOUGH` of the readings off flat areas, as a mean over all
-        votes, shows objects that stand in it; up becomes unknown below half of that. Level areas in the images count
+        A direction becomes up if at least the fraction `ENOUGH_FRACTION` of the readings off flat areas, as a mean over
+        all votes, shows objects that stand in it; up becomes unknown below half of that. Level areas in the images count
         as just enough evidence for the images' up: the side of a shelf rises from its back as an object rises from a
         table.
         """
@@ -126,13 +126,13 @@ class UpVote(Record):
             return self._level(self.measured / norm)
         likely = self._likelihood()
         near_up = np.zeros(len(likely), bool) if self.up is None else self.seen[:, :3] @ self.up > NOISE_COS
-        confirmed = self.up is not None and self._mean_evidence(near_up) >= HELD_FRACTION * ENOUGH
+        confirmed = self.up is not None and self._mean_evidence(near_up) >= HELD_FRACTION * ENOUGH_FRACTION
         level = self._level_in_images()
         if confirmed:
             held = likely[near_up].max(initial=0.0)
         else:
-            held = 0.0 if level is None else ENOUGH * self.votes * float(self._constancy(level))
-        enough = self.seen[:, 4] >= ENOUGH * self.votes
+            held = 0.0 if level is None else ENOUGH_FRACTION * self.votes * float(self._constancy(level))
+        enough = self.seen[:, 4] >= ENOUGH_FRACTION * self.votes
         best = int(np.argmax(likely * enough)) if enough.any() else -1
         if best >= 0 and not near_up[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
             return np.asarray(self.seen[best, :3])

@@ -19,7 +19,7 @@ from cuboid.results.files.objects import write_json
 from cuboid.results.files.text import LENGTH, PIXEL, rounded, rounded_list
 
 CATEGORY = 1
-VIDEO = 1
+VIDEO_ID = 1
 
 
 def write(run: Results, path: Path) -> list[str]:
@@ -32,7 +32,7 @@ def write(run: Results, path: Path) -> list[str]:
             "file_name": names.get(frame, f"{frame:06d}"),
             "width": K.width,
             "height": K.height,
-            "video_id": VIDEO,
+            "video_id": VIDEO_ID,
             "frame_index": frame,
             "timestamp": rounded(pose.timestamp_s, LENGTH),
         }
@@ -42,7 +42,7 @@ def write(run: Results, path: Path) -> list[str]:
     categories = _categories(run)
     document = {
         "info": {"description": f"Objects found by cuboid {run.report.version} in {run.report.recording}"},
-        "videos": [{"id": VIDEO, "name": Path(run.report.recording).name, "width": K.width, "height": K.height}],
+        "videos": [{"id": VIDEO_ID, "name": Path(run.report.recording).name, "width": K.width, "height": K.height}],
         "categories": [
             {"id": CATEGORY, "name": "object", "supercategory": "object"},
             *({"id": number, "name": name, "supercategory": "object"} for name, number in categories.items()),
@@ -85,7 +85,7 @@ def _track(run: Results, label: int, categories: Mapping[str, int]) -> dict[str,
     return {
         "id": label,
         "category_id": _category(ended, categories),
-        "video_id": VIDEO,
+        "video_id": VIDEO_ID,
         "merged_into": merged_into,
         **name,
     }

@@ -14,7 +14,7 @@ from cuboid.ground.core.results import TrackedObject
 from cuboid.ground.core.sizes import size_text, unseen_text
 
 # Width of the plan in a notebook, pixels; free margin around the objects, fraction of the width.
-PLAN_PX, MARGIN = 320, 0.08
+PLAN_PX, PLAN_MARGIN = 320, 0.08
 # Length and width along the axes of the box, and height along the normal of its support.
 SIZE_HEADING = "length x width x height (cm)"
 # With half the 95 % interval of each.
@@ -75,9 +75,9 @@ class ObjectTable(list[TrackedObject]):
         feet = [item.box.corners()[[0, 1, 3, 2]][:, sides] for item in self]
         low = np.min([foot.min(axis=0) for foot in feet], axis=0)
         high = np.max([foot.max(axis=0) for foot in feet], axis=0)
-        scale = PLAN_PX * (1 - 2 * MARGIN) / max(float((high - low).max()), 1e-6)
-        height = (high[1] - low[1]) * scale + 2 * MARGIN * PLAN_PX
-        placed = [(foot - low) * scale + MARGIN * PLAN_PX for foot in feet]
+        scale = PLAN_PX * (1 - 2 * PLAN_MARGIN) / max(float((high - low).max()), 1e-6)
+        height = (high[1] - low[1]) * scale + 2 * PLAN_MARGIN * PLAN_PX
+        placed = [(foot - low) * scale + PLAN_MARGIN * PLAN_PX for foot in feet]
         shapes = "".join(_shape(item, foot, height) for item, foot in zip(self, placed, strict=True))
         return f'<svg width="{PLAN_PX}" height="{height:.0f}" style="background:#fafafa">{shapes}</svg>'
 

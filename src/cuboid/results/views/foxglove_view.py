@@ -15,7 +15,7 @@ from cuboid.results.views.live.watch import TrackerView
 from cuboid.results.views.ros_stream import OK, RosStream, StreamSettings, stamp_of
 
 # The map has 5 MB; it is sent again after this time, seconds.
-MAP_EVERY_S = 2.0
+MAP_SENT_EVERY_S = 2.0
 DIAGNOSE_EVERY_S = 1.0
 
 
@@ -49,7 +49,7 @@ class FoxgloveView:
         self._server = FoxgloveServer(messages, host, port)
         self.port = self._server.port
         self._stream = RosStream(messages, [self._server], intrinsics, pictures=[self._server], cameras=cameras)
-        self._stream.settings = StreamSettings(map_every_s=MAP_EVERY_S)
+        self._stream.settings = StreamSettings(map_every_s=MAP_SENT_EVERY_S)
         self._frames, self._diagnosed_s = 0, float("-inf")
 
     def __enter__(self) -> Self:

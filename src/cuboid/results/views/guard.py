@@ -12,7 +12,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from cuboid.results.views.serving import MAX_BYTES, headers
+from cuboid.results.views.serving import MAX_BODY_BYTES, headers
 
 COOKIE = "cuboid-token"
 # Methods that change nothing.
@@ -25,7 +25,7 @@ class Guard:
     """Accepts requests with the token, and sends the security headers of pages to browsers.
 
     WebSockets and requests other than GET are accepted only from programs and from pages of this server. A request
-    whose body is larger than `MAX_BYTES`, or of unknown length, is refused before the body is read.
+    whose body is larger than `MAX_BODY_BYTES`, or of unknown length, is refused before the body is read.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Guard:
         request = Request(scope)
         answer: Awaitable[None] | None = None
         if _too_large(request):
-            large = f"expected a body of at most {MAX_BYTES} bytes, and its Content-Length"
+            large = f"expected a body of at most {MAX_BODY_BYTES} bytes, and its Content-Length"
             # the connection ends with the answer: the server would read the body to find the next request
             answer = PlainTextResponse(large, 413, {"Connection": "close"})(scope, receive, send)
         elif request.method not in self._methods:
@@ -89,7 +89,7 @@ class Guard:
 def _too_large(request: Request) -> bool:
     """Return whether a request has a body that is too large, or does not tell its length."""
     length = request.headers.get("content-length", "0")
-    known = length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= MAX_BYTES
+    known = length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= MAX_BODY_BYTES
     return "transfer-encoding" in request.headers or not known
 
 

@@ -16,7 +16,7 @@ from cuboid.results.views.tags import unit_of
 from cuboid.results.views.text import put_text
 
 # Size of a camera's name in its picture, and distance from the corner, pixels of an image 640 pixels wide.
-NAME_PX, MARGIN_PX = 16, 10
+NAME_PX, NAME_MARGIN_PX = 16, 10
 
 
 class CamerasVideo:
@@ -91,7 +91,7 @@ class Mosaic:
         y, x = (height - fitted.shape[0]) // 2, (width - fitted.shape[1]) // 2
         tile[y : y + fitted.shape[0], x : x + fitted.shape[1]] = fitted
         unit = unit_of(width)
-        margin = round(MARGIN_PX * unit)
+        margin = round(NAME_MARGIN_PX * unit)
         named = np.ascontiguousarray(tile)
         put_text(named, name, margin, margin, max(1, round(NAME_PX * unit)), WHITE)
         tile[:] = named

@@ -20,7 +20,7 @@ HEAT_FRACTION = 0.80
 
 # Depths of the two ends of the colormap, metres: the range that indoor depth cameras measure well. Equal steps of
 # color are equal steps of disparity, as in the sensor, so that near objects get most of the colors.
-NEAREST_M, FARTHEST_M = 0.5, 5.0
+NEAREST_SHOWN_M, FARTHEST_M = 0.5, 5.0
 
 # The relief: direction of the light in the camera frame (a unit vector), its fraction of the brightness, brightness of
 # the farthest and the nearest surface, and side of the window in pixels that averages the noise of the depth.
@@ -87,7 +87,7 @@ def depth_picture(depth_m: Float32Array, intrinsics: Intrinsics) -> UInt8Array:
     """
     measured = depth_m > 0
     disparity = np.reciprocal(np.where(measured, depth_m, np.float32(FARTHEST_M)))
-    level = np.clip((disparity - 1.0 / FARTHEST_M) / (1.0 / NEAREST_M - 1.0 / FARTHEST_M), 0.0, 1.0)
+    level = np.clip((disparity - 1.0 / FARTHEST_M) / (1.0 / NEAREST_SHOWN_M - 1.0 / FARTHEST_M), 0.0, 1.0)
     light = (1.0 - SHADED_FRACTION) + SHADED_FRACTION * _lit(depth_m, disparity, intrinsics)
     brightness = (DARKEST + (BRIGHTEST - DARKEST) * level) * light
     picture = _colors((255.0 * brightness).astype(np.uint8), cv2.COLORMAP_BONE)

@@ -21,7 +21,7 @@ UNNAMED = "object"
 CUBE, LINE_LIST, TEXT_VIEW_FACING = 1, 5, 9
 ADD, DELETE = 0, 2
 CUBE_ALPHA = 0.25
-LINE_M, TEXT_M = 0.004, 0.05
+OUTLINE_M, TEXT_M = 0.004, 0.05
 FLOAT32 = 7  # of sensor_msgs/PointField
 # A picture of 640x480 takes about 50 kB at this quality, and text in it stays clean.
 JPEG_QUALITY = 85
@@ -115,7 +115,7 @@ def object_markers(
     make: RosMessages, label: int, name: str, box: Box, up: Float64Array | None, time_ns: int, frame: str
 ) -> list[Any]:
     """Return an object as visualization_msgs/Marker: its cube, its edges and its text; parameters as in `detection`."""
-    T, line = box_pose(box), np.array([LINE_M, 0.0, 0.0])
+    T, line = box_pose(box), np.array([OUTLINE_M, 0.0, 0.0])
     ends = (CORNER_SIGNS * (box.size / 2.0))[np.array(EDGES)].reshape(-1, 3)
     above = np.eye(4)
     above[:3, 3] = box.center + (box.size[2] / 2.0 + TEXT_M) * (box.up if up is None else up)

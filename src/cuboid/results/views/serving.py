@@ -27,7 +27,7 @@ LOCAL_ENDINGS = (".local", ".lan", ".internal", ".home.arpa", ".localdomain")
 # Largest number of connections at once; a browser opens 6.
 MAX_CONNECTIONS = 128
 # Time limits of a client, seconds: silence, sending a request, and receiving an answer. Beyond them it is disconnected.
-SILENT_S = 10.0
+CLIENT_SILENT_S = 10.0
 SENDING_S = 10.0
 TAKING_S = 60.0
 # The longest address, and the largest header of a request, bytes; browsers send about 1 kB.
@@ -35,7 +35,7 @@ LONGEST_ADDRESS = 2_000
 LARGEST_HEAD = 16_000
 
 # Largest request body, bytes; a page of this program sends some kilobytes.
-MAX_BYTES = 16 << 20
+MAX_BODY_BYTES = 16 << 20
 
 Answer = tuple[str, bytes]
 # Returns content type and content for an address; None if there is no content.
@@ -77,7 +77,7 @@ class Refusal(Exception):  # noqa: N818 - an answer, not a fault
 class PageHandler(BaseHTTPRequestHandler):
     """Answers GET requests, and POST requests of pages that may send data, under the names of this machine."""
 
-    timeout = SILENT_S
+    timeout = CLIENT_SILENT_S
     server: PageServer
 
     def do_GET(self) -> None:
@@ -97,7 +97,7 @@ class PageHandler(BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length", "")
         if "Origin" not in self.headers or self.headers.get_content_type() != "application/json":
             self.send_error(HTTPStatus.FORBIDDEN)
-        elif not (length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= MAX_BYTES):
+        elif not (length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= MAX_BODY_BYTES):
             self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
             content = self.rfile.read(int(length))

@@ -34,9 +34,9 @@ from cuboid.runs.tracking.posed_tracker import PosedTracker
 POINTS = 300
 # A place was seen before if at least KNOWN_GROUND of an object's footprint was seen. The place was empty if at least
 # STOOD of the object's points are higher than ABOVE_M metres above the plane, and less than STOOD of these lie in cells
-# (side CELL_M metres) that were occupied without a label. Other objects may have been part of the background, or too
-# low to tell from the plane: they do not count as new.
-KNOWN_GROUND, STOOD, ABOVE_M, CELL_M = 0.5, 0.5, 0.02, 0.02
+# (side FOOTPRINT_CELL_M metres) that were occupied without a label. Other objects may have been part of the
+# background, or too low to tell from the plane: they do not count as new.
+KNOWN_GROUND, STOOD, ABOVE_M, FOOTPRINT_CELL_M = 0.5, 0.5, 0.02, 0.02
 
 Cells = npt.NDArray[np.int64]
 Ground = tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]
@@ -229,7 +229,7 @@ def _together(cells: Sequence[Cells]) -> Cells:
 
 def _numbers_of(points: Float32Array) -> Cells:
     """Return a number for the cell of each point (N, 3)."""
-    return keys_of(np.floor(points.astype(np.float64) / CELL_M).astype(np.int64))
+    return keys_of(np.floor(points.astype(np.float64) / FOOTPRINT_CELL_M).astype(np.int64))
 
 
 def _cell_keys(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

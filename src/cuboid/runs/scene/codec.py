@@ -24,7 +24,7 @@ R = TypeVar("R", bound=Record)
 AnyArray = npt.NDArray[Any]
 
 # An array larger than this, bytes, has its own row in the file, which is written only when the array changes.
-LARGE_BYTES = 512
+LARGE_ARRAY_BYTES = 512
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +137,7 @@ def _encoded(cls: Any, values: tuple[Any, ...]) -> Part:
             raise TypeError(f"{cls.__name__}.{name} cannot be saved: it holds a {type(value).__name__}")
         if value.dtype.kind not in "biuf" or min(value.strides, default=1) < 0:
             raise TypeError(f"{cls.__name__}.{name} cannot be saved: it is an array of {value.dtype}")
-        if value.nbytes <= LARGE_BYTES:
+        if value.nbytes <= LARGE_ARRAY_BYTES:
             return form_of(value), value.tobytes()
         place = name if name not in arrays else f"{name} {len(arrays)}"
         arrays[place] = form_of(value), value

@@ -14,7 +14,7 @@ from cuboid.ground.core.limits import MAX_SCENE_VALUE_BYTES
 from cuboid.ground.formats.reading import kind_of, real_path
 from cuboid.ground.locks import lock_file, release
 from cuboid.results.files.pending import replacing
-from cuboid.runs.scene.schema import APPLICATION_ID, TABLES, VERSION
+from cuboid.runs.scene.schema import APPLICATION_ID, SCENE_VERSION, TABLES
 from cuboid.runs.scene.validation import DamagedError
 
 # The writing process holds a lock on the file with this suffix beside the scene.
@@ -214,9 +214,9 @@ def _refuse_other_version(connection: sqlite3.Connection, path: Path) -> None:
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     if application != APPLICATION_ID:
         raise InputError(f"{path}: is a database, but no scene file of Cuboid")
-    if version != VERSION:
+    if version != SCENE_VERSION:
         raise InputError(
-            f"{path}: was written by another Cuboid (scene version {version}); this one reads version {VERSION}"
+            f"{path}: was written by another Cuboid (scene version {version}); this one reads version {SCENE_VERSION}"
         )
 
 
@@ -227,7 +227,7 @@ def _make(path: Path) -> None:
         connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        connection.execute(f"PRAGMA user_version = {VERSION}")
+        connection.execute(f"PRAGMA user_version = {SCENE_VERSION}")
         connection.executescript("\n".join(table.sql(name) for name, table in TABLES.items()))
         connection.close()
 

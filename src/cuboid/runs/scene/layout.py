@@ -30,8 +30,8 @@ MIN_MET = 5
 # metres or OTHER_RAD radians.
 OTHER_M, OTHER_RAD, CLEARER = 0.1, 0.2, 1.5
 # At least SAME_FRACTION of the part's points within AROUND_M metres of a place must have a point of the scene within
-# SAME_M metres.
-AROUND_M, SAME_M, SAME_FRACTION = 1.0, 0.03, 0.5
+# MATCHED_POINT_M metres.
+AROUND_M, MATCHED_POINT_M, SAME_FRACTION = 1.0, 0.03, 0.5
 # Maximum number of hypotheses, those of the most similar pairs.
 MAX_HYPOTHESES = 500
 
@@ -78,7 +78,7 @@ def same_place(
     scene_points = scene_points[np.linalg.norm(scene_points - transform(T_scene_seen, center), axis=1) < 1.5 * AROUND_M]
     if not len(near) or not len(scene_points):
         return False
-    distance, _ = cKDTree(scene_points).query(moved, distance_upper_bound=SAME_M)
+    distance, _ = cKDTree(scene_points).query(moved, distance_upper_bound=MATCHED_POINT_M)
     return bool(np.isfinite(distance).mean() >= SAME_FRACTION)
 
 

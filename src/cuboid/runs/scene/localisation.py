@@ -29,9 +29,9 @@ ASIDE_M = 200.0
 # Maximum number of frames of a new part without a level surface; after them the up direction of the images is used.
 MAX_FRAMES_WITHOUT_UP = 30
 # A recording with its own poses: place recognition runs every SEARCH_EVERY frames until AGREEING recognised frames
-# agree (a single one may be shifted along a wall), then for its keyframes until ENOUGH frames are recognised: each has
-# an error of a centimetre, with a lever arm as long as the room.
-SEARCH_EVERY, AGREEING, ENOUGH = 5, 2, 12
+# agree (a single one may be shifted along a wall), then for its keyframes until ENOUGH_KNOWN are recognised: each
+# has an error of a centimetre, with a lever arm as long as the room.
+SEARCH_EVERY, AGREEING, ENOUGH_KNOWN = 5, 2, 12
 # Two recognised frames agree if each predicts the pose of the other within these tolerances, metres and radians.
 SAME_M, SAME_RAD = 0.05, 0.05
 
@@ -281,7 +281,7 @@ class ScenePoses:
         if not self._own:
             raise FrameError(LOST)
         due = number is not None or (not self._aligned and frame.index % SEARCH_EVERY == 0)
-        if due and not (self._aligned and len(self._seen_as) >= ENOUGH):
+        if due and not (self._aligned and len(self._seen_as) >= ENOUGH_KNOWN):
             self._recognise(frame)
             T_part_camera = tidied(self._T_part_recording @ frame.T_world_camera)
         self._estimator.anchor_frame(frame.index, T_part_camera, self._own[-1])

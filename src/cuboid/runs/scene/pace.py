@@ -6,7 +6,7 @@ import time
 from threading import Event
 
 # Processor time of one stretch of work, and minimum wall-clock rest after it, seconds.
-STRETCH_S, REST_S = 0.002, 0.02
+STRETCH_S, MIN_REST_S = 0.002, 0.02
 # Maximum fraction of processor time for commits, however large the scene. To keep it, a commit waits at most
 # LONGEST_WAIT times the requested interval.
 COMMIT_FRACTION, LONGEST_WAIT = 0.05, 5.0
@@ -79,7 +79,7 @@ class Pace:
         # Where other programs use the processor, processor time advances slower than the clock.
         until_s = min(self._until_s, time.monotonic() + worked_s * self._stretched)
         while (left_s := due_s - time.process_time()) > 0.0 and not self._hurry.is_set():
-            rest_s = min(max(left_s, REST_S), until_s - time.monotonic())
+            rest_s = min(max(left_s, MIN_REST_S), until_s - time.monotonic())
             if rest_s <= 0.0:
                 break
             self._hurry.wait(rest_s)

@@ -39,7 +39,7 @@ from cuboid.method.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 # "CUBD": the application ID in the header of the file.
 APPLICATION_ID = 0x43554244
 # Version of the tables and of the states in them.
-VERSION = 2
+SCENE_VERSION = 2
 
 Whole: TypeAlias = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 Key: TypeAlias = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]

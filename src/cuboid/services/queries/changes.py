@@ -16,7 +16,7 @@ from cuboid.services.queries.answers import MapChange
 from cuboid.services.queries.looking import vector
 
 # Number of the latest changes that are kept, for clients that request the changes after a number.
-KEPT = 10_000
+KEPT_CHANGES = 10_000
 # An object has moved when the centre of its box is this far, metres, from its last reported position: while more of an
 # object is seen, its box grows and shifts by less.
 MOVED_M = 2.0 * DRIFT_M
@@ -30,7 +30,7 @@ class ChangeLog:
         self._at: dict[int, Float64Array] = {}
         self._began = False
         self._lock = threading.Lock()
-        self._kept: deque[MapChange] = deque(maxlen=KEPT)
+        self._kept: deque[MapChange] = deque(maxlen=KEPT_CHANGES)
         self._listeners: list[Callable[[Sequence[MapChange]], None]] = []
         self.last = 0
 

@@ -17,15 +17,15 @@ from cuboid.services.queries.answers import FreePlace, Vector
 from cuboid.services.queries.looking import vector
 
 # Side of a cell of the plan, metres; larger on surfaces that would have more than `MAX_CELLS` along a side.
-CELL_M, MAX_CELLS = 0.01, 400
+PLAN_CELL_M, MAX_CELLS = 0.01, 400
 # Minimum distance of a place from objects and from the edge, metres: the typical error of boxes.
 CLEARANCE_M = 0.01
 # Number of tested directions of the length, over half a turn.
 DIRECTIONS = 12
 # An object whose top is at most this high above the surface, metres, does not stand on it.
-FLAT_M = 0.005
+FLAT_OBJECT_M = 0.005
 # Places whose distances differ by less than this, metres, count as equally near; the first direction is taken.
-SAME_M = 0.005
+EQUALLY_NEAR_M = 0.005
 
 
 def free_place(
@@ -59,7 +59,7 @@ def free_place(
     feet = Footprints.of(boxes, up)
     outline = plane.extent @ feet.ground
     low = outline.min(0)
-    cell_m = max(CELL_M, float(np.ptp(outline, axis=0).max()) / MAX_CELLS)
+    cell_m = max(PLAN_CELL_M, float(np.ptp(outline, axis=0).max()) / MAX_CELLS)
     free = _plan(outline, feet, -plane.offset, height, low, cell_m)
     wanted = (plane.extent.mean(0) if near is None else near) @ feet.ground
     found = _nearest(free, (wanted - low) / cell_m, length / cell_m, width / cell_m)
@@ -80,7 +80,7 @@ def _plan(
     columns, rows = np.ceil(np.ptp(outline, axis=0) / cell_m).astype(int) + 3
     plan = np.zeros((int(rows), int(columns)), np.uint8)
     cv2.fillPoly(plan, [_cells(outline, low, cell_m)], 1)
-    blocks = (feet.high > level_m + FLAT_M) & (feet.low < level_m + height_m)
+    blocks = (feet.high > level_m + FLAT_OBJECT_M) & (feet.low < level_m + height_m)
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     for k in np.flatnonzero(blocks):
         local = corners * (feet.half[k] + CLEARANCE_M)
@@ -104,7 +104,7 @@ def _nearest(
             continue
         away = np.hypot(columns - wanted[0], rows - wanted[1])
         k = int(np.argmin(away))
-        if best is None or away[k] < best[0] - SAME_M / CELL_M:
+        if best is None or away[k] < best[0] - EQUALLY_NEAR_M / PLAN_CELL_M:
             best = float(away[k]), (int(columns[k]), int(rows[k])), float(turn)
     return None if best is None else best[1:]
 

@@ -41,7 +41,7 @@ COLORED = 0.3
 SHAPE_BINS, SHAPE_PAIRS = 16, 2048
 DIGITS = 3
 # Largest number of points used for colors; more points do not change the result.
-MAX_POINTS = 2000
+MAX_COLOR_POINTS = 2000
 # Linear RGB of each value of a byte.
 _LINEAR = linear_rgb(np.arange(256) / 255.0)
 
@@ -55,7 +55,7 @@ def color_fractions(rgb: UInt8Array) -> Float32Array:
     if not len(rgb):
         return np.zeros(len(COLOR_WORDS), np.float32)
     typical, owner = _typical()
-    some = rgb[:: -(-len(rgb) // MAX_POINTS)]
+    some = rgb[:: -(-len(rgb) // MAX_COLOR_POINTS)]
     lab = oklab(_LINEAR[some])
     apart = (typical**2).sum(axis=1) - 2.0 * lab @ typical.T  # without |lab|^2, common to all words
     words = owner[apart.argmin(axis=1)]

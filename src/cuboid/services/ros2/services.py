@@ -30,7 +30,7 @@ from cuboid.services.ros2.commands import Answer, AnyCommand, Cloud, Name, Query
 
 TEXT = "std_msgs/msg/String"
 # Maximum number of waiting commands.
-WAITING = 10
+WAITING_COMMANDS = 10
 # Type of each service, and the function from its request to a command.
 SERVICES: dict[str, tuple[str, Callable[[Any], AnyCommand]]] = {
     "save": ("cuboid_ros/srv/Save", lambda request: Save(folder=request.folder)),
@@ -81,7 +81,7 @@ class NodeServices:
     ) -> None:
         self._messages, self._carriers, self._stream, self._node = messages, carriers, stream, node
         self._answer, self._now_ns = answer, now_ns
-        self._commands = transport.inlet(f"/{node}/command", TEXT, Qos.RELIABLE, WAITING, wakes=False)
+        self._commands = transport.inlet(f"/{node}/command", TEXT, Qos.RELIABLE, WAITING_COMMANDS, wakes=False)
         self._answers = transport.outlet(f"/{node}/answer", TEXT, Qos.RELIABLE)
         for carrier in carriers:
             for name, (kind, _) in SERVICES.items():

@@ -29,7 +29,7 @@ from cuboid.services.service.openapi import SOCKET, openapi
 # The map is compared with what it was this often, seconds: people and planners act more slowly.
 REFRESH_S = 0.25
 # Maximum number of changes that wait for one client; a slower client is disconnected, and may connect again.
-WAITING = 256
+WAITING_CHANGES = 256
 # Close code: try again later.
 TOO_SLOW = 1013
 
@@ -114,7 +114,7 @@ async def _changes(place: Place, socket: WebSocket) -> None:
     except ValueError as error:
         await socket.close(POLICY_VIOLATION, f"after: {error}")
         return
-    waiting: asyncio.Queue[MapChange] = asyncio.Queue(WAITING)
+    waiting: asyncio.Queue[MapChange] = asyncio.Queue(WAITING_CHANGES)
     loop, slow = asyncio.get_running_loop(), asyncio.Event()
 
     def take(changes: Sequence[MapChange]) -> None:

@@ -23,7 +23,7 @@ from cuboid.services.queries.looking import vector
 from cuboid.services.service.updates import Update
 
 # Updates are at least this far apart, seconds, and take no more than this fraction of the tracker's processor time.
-EVERY_S, FRACTION = 0.1, 0.02
+UPDATE_EVERY_S, FRACTION = 0.1, 0.02
 # The last message: nothing follows.
 END = b""
 # Events that wait for the next update; of more, the oldest are dropped.
@@ -41,7 +41,7 @@ class MapFeed:
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
-        self._moments, self._maps = RateLimiter(EVERY_S, FRACTION), RateLimiter(MAP_EVERY_S, MAP_FRACTION)
+        self._moments, self._maps = RateLimiter(UPDATE_EVERY_S, FRACTION), RateLimiter(MAP_EVERY_S, MAP_FRACTION)
         self._pictures = BestPictures()
         self._sent_states: dict[int, tuple[object, ...]] = {}
         self._events: list[ObjectEvent] = []

@@ -21,9 +21,9 @@ NICE = 5
 # How long the end of a run waits for its last update to be taken, then for the process to end, seconds.
 END_S, LEAVE_S = 2.0, 5.0
 # How long clients may still take the last changes, seconds.
-FAREWELL_S = 0.5
+LAST_CHANGES_S = 0.5
 # Connections at once; more are refused.
-MAX_CONNECTIONS = 256
+MAX_CLIENTS = 256
 
 
 class ServedRun:
@@ -100,7 +100,7 @@ def answer_about_run(
         log_level="warning",
         server_header=False,
         access_log=False,
-        limit_concurrency=MAX_CONNECTIONS,
+        limit_concurrency=MAX_CLIENTS,
         timeout_graceful_shutdown=1,
     )
     server = uvicorn.Server(config)
@@ -111,7 +111,7 @@ def answer_about_run(
                 place.changes.add_events(source.take(pickle.loads(content)))
         source.end()
         place.refresh()
-        threading.Event().wait(FAREWELL_S)
+        threading.Event().wait(LAST_CHANGES_S)
         server.should_exit = True
 
     threading.Thread(target=take_updates, name="updates", daemon=True).start()

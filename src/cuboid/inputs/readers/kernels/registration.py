@@ -16,7 +16,7 @@ COVERS_PX = 0.6
 STEEPEST = 5.7
 NOISE_PER_M = SIGMAS * DEPTH_NOISE_PER_M
 # Points nearer to the color camera than this, metres, have no pixel in its image.
-NEAREST_M = 0.02
+NEAREST_COLOR_M = 0.02
 
 
 @kernel
@@ -52,7 +52,7 @@ def project_depth(
                 continue
             x, y = rays[r, c, 0] * z, rays[r, c, 1] * z
             depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-            if not depth > NEAREST_M:  # NaN too
+            if not depth > NEAREST_COLOR_M:  # NaN too
                 continue
             uvz[r, c, 0] = fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth + cx
             uvz[r, c, 1] = fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth + cy

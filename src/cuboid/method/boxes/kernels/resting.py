@@ -23,7 +23,7 @@ ROUND_RESIDUAL, ROUND_RADIUS = 0.03, 0.6
 # centimetre in one direction.
 MISSING_M = JUMP_M
 # Length and width are equal within this, metres: for a round footprint the first direction wins, not rounding errors.
-EQUAL_SIDES_M = 1e-9
+SAME_LENGTH_M = 1e-9
 # Shortest side, metres: points that are exactly level, or all in one place, still have a box.
 MIN_M = 1e-3
 
@@ -148,7 +148,7 @@ def turned(low, high, turn, bottom, top, axes, directions, box):
     length, width = high[a] - low[a], high[b] - low[b]
     x, y = (low[a] + high[a]) / 2.0, (low[b] + high[b]) / 2.0
     ux, uy, vx, vy = directions[a, 0], directions[a, 1], directions[b, 0], directions[b, 1]
-    if length < width - EQUAL_SIDES_M:
+    if length < width - SAME_LENGTH_M:
         # A rotation by 90 degrees keeps the axes right-handed: (v, -u).
         length, width, x, y = width, length, y, -x
         ux, uy, vx, vy = vx, vy, -ux, -uy

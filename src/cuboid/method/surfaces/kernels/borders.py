@@ -13,7 +13,7 @@ from cuboid.ground.core.tolerances import JUMP_SIGMAS
 # inner angle that is smaller than 180 degrees by this, radians (20 degrees), and by more than the noise.
 GROOVE_RAD, GROOVE_SIGMAS = 0.35, 2.0
 # The direction of a surface is measured over this distance, metres, and at least this many pixels.
-REACH_M, REACH_PX = 0.012, 3
+REACH_M, DIRECTION_REACH_PX = 0.012, 3
 # Where so many pixels cover more than this, metres, they are too coarse to show a shape.
 MAX_REACH_M = 0.03
 
@@ -61,10 +61,10 @@ def borders(depth, claim, focal, noise, jump, shared, parting, continuing, coars
                 if abs(z0 - z1) > jump + JUMP_SIGMAS * noise * z * z:
                     parting[i, j] += 1
                     continue
-                if REACH_PX * z > MAX_REACH_M * focal:
+                if DIRECTION_REACH_PX * z > MAX_REACH_M * focal:
                     coarse[i, j] += 1
                     continue
-                reach = max(REACH_PX, int(REACH_M * focal / z))
+                reach = max(DIRECTION_REACH_PX, int(REACH_M * focal / z))
                 va, ua, vb, ub = v - reach * dv, u - reach * du, v1 + reach * dv, u1 + reach * du
                 if va < 0 or ua < 0 or vb >= height or ub >= width or claim[va, ua] != a or claim[vb, ub] != b:
                     continue

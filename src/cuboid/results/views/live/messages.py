@@ -36,7 +36,7 @@ from cuboid.results.views.text import ink
 SCRIPTS = (*SHARED, "follow.js", "live.js")
 
 # 1.8 MB per map: a forwarded port in a local network transfers it in a fraction of a second.
-MAX_POINTS = 150_000
+MAX_MAP_POINTS = 150_000
 
 # Width of the picture, which is shown beside the scene and in the pyramid of the camera: 30 kB.
 PICTURE_WIDTH_PX = 480
@@ -106,7 +106,7 @@ def end_message(complete: bool, warnings: Sequence[str] = ()) -> bytes:
     return json.dumps({"ended": True, "complete": complete, "warnings": list(warnings)}).encode("ascii")
 
 
-def map_message(number: int, points: MapPoints, spacing_m: float, max_points: int = MAX_POINTS) -> bytes:
+def map_message(number: int, points: MapPoints, spacing_m: float, max_points: int = MAX_MAP_POINTS) -> bytes:
     """Return a map in the binary format of the page.
 
     Four bytes with the length of a JSON text, the text (padded with spaces to a multiple of 4), then three arrays over

@@ -23,7 +23,7 @@ PORTS = range(PORT, PORT + 20)
 POLL_TIMEOUT_S = 5.0
 
 # The page waits this long for a first moment; without one it loads empty, and reloads when there is one.
-FIRST_S = 1.0
+FIRST_MOMENT_S = 1.0
 
 ASKED = re.compile(r"/(moment|map)/(\d{1,9})")
 # The object with this label has its dimensions in the picture of the moment.
@@ -86,7 +86,7 @@ class LiveServer:
         """Return content type and content for an address; None if there is no content."""
         path, query = path_and_query(address)
         if path == "/":
-            moment = self.view.moment_after(0, FIRST_S)
+            moment = self.view.moment_after(0, FIRST_MOMENT_S)
             page = page_of(self._title, self._intrinsics, moment, self.view.first_pose)
             return "text/html; charset=utf-8", page.encode("utf-8", "backslashreplace")
         request = ASKED.fullmatch(path)

@@ -19,13 +19,13 @@ from cuboid.results.views.pixels import encode_jpeg, shrunk
 from cuboid.results.views.projection import wireframes
 
 # Margin of a picture around the rectangle, as a fraction of its longer side: it shows the surroundings of the object.
-MARGIN = 0.25
+PICTURE_MARGIN = 0.25
 
 # Largest width of pictures: that of a card in the page on a high-resolution screen.
 WIDTH_PX = 480
 
 # JPEG quality, sharp enough for a slide; about 20 kB per picture.
-QUALITY = 82
+SLIDE_QUALITY = 82
 
 # Ratio of width to height of a card's picture; a narrower or lower rectangle is extended around the object.
 ASPECT = 1.5
@@ -138,7 +138,7 @@ def cut_pictures(
             camera = frame.intrinsics_or(intrinsics)
             edges = wireframes([boxes[row.label]], poses[row.frame].T_world_camera, camera)[0].front.reshape(-1, 4)
             shown = (edges - (x0, y0, x0, y0)) * (picture.shape[1] / (x1 - x0))
-            pictures[row.label] = Picture(row.frame, encode_jpeg(picture, QUALITY), picture.shape[1::-1], shown)
+            pictures[row.label] = Picture(row.frame, encode_jpeg(picture, SLIDE_QUALITY), picture.shape[1::-1], shown)
     return pictures, strips
 
 
@@ -186,13 +186,13 @@ def cut_picture(recording: Recording, frame: int, rect_xyxy: Float64Array) -> by
     except CuboidError:
         return None
     x0, y0, x1, y1 = window(color, rect_xyxy)
-    return encode_jpeg(shrunk(color[y0:y1, x0:x1], WIDTH_PX), QUALITY) if x0 < x1 and y0 < y1 else None
+    return encode_jpeg(shrunk(color[y0:y1, x0:x1], WIDTH_PX), SLIDE_QUALITY) if x0 < x1 and y0 < y1 else None
 
 
 def window(color: UInt8Array, rect_xyxy: Float64Array) -> tuple[int, int, int, int]:
     """Return the part of a picture (H, W, 3) around a rectangle, in the aspect ratio of a card: x0, y0, x1, y1."""
     low, high = rect_xyxy[:2], rect_xyxy[2:]
-    half = (high - low) / 2.0 + MARGIN * float((high - low).max())
+    half = (high - low) / 2.0 + PICTURE_MARGIN * float((high - low).max())
     half = np.maximum(half, (half[1] * ASPECT, half[0] / ASPECT))
     limit = np.array(color.shape[1::-1], dtype=np.float64)
     half = np.minimum(half, limit / 2.0)

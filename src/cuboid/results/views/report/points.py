@@ -16,7 +16,7 @@ from cuboid.ground.arrays import Float32Array, Float64Array, UInt8Array
 from cuboid.ground.core.results import MapPoints
 
 # A laptop without a graphics card still rotates this many points smoothly; packed they take about 3 MB.
-MAX_POINTS = 400_000
+MAX_REPORT_POINTS = 400_000
 
 # Points of objects matter most to people: they get up to this fraction of the points of a page.
 OBJECTS_FRACTION = 0.5
@@ -80,11 +80,11 @@ class PackedPoints:
 
 
 def pack_points(points: MapPoints) -> PackedPoints:
-    """Return at most `MAX_POINTS` points of the map in the binary format of the page.
+    """Return at most `MAX_REPORT_POINTS` points of the map in the binary format of the page.
 
     They are selected evenly in the order of the map, points of objects more densely.
     """
-    kept = thinned(points.label, MAX_POINTS)
+    kept = thinned(points.label, MAX_REPORT_POINTS)
     low, step_m, cells = stepped(points.xyz[kept])
     order = np.argsort(morton(cells), kind="stable")
     level = np.round(255.0 * np.clip(points.heat[kept], 0.0, 1.0)).astype(np.uint8)

@@ -30,7 +30,7 @@ TEXT = "/text"
 PICTURE = re.compile(rf"{PICTURES}/(\d{{1,9}})\.jpg")
 
 # Encoding takes 3 ms at 640x480; no blocks are visible.
-QUALITY = 90
+STREAM_QUALITY = 90
 
 
 Rename = Callable[[int, str], TrackedObject]
@@ -144,7 +144,7 @@ class Viewer:
                 frame: Frame = self._recording.read(index)
             except FrameError:
                 return None
-            return encode_jpeg(self._drawers[kind](frame, found), QUALITY)
+            return encode_jpeg(self._drawers[kind](frame, found), STREAM_QUALITY)
 
 
 def make_server(viewer: Viewer, port: int = 0) -> PageServer:
