@@ -118,9 +118,9 @@ class UpVote(Record):
         """Return the direction (3,) that is up according to all evidence so far; None while it is unknown.
 
         A direction becomes up if at least the fraction `ENOUGH_FRACTION` of the readings off flat areas, as a mean over
-        all votes, shows objects that stand in it; up becomes unknown below half of that. Level areas in the images count
-        as just enough evidence for the images' up: the side of a shelf rises from its back as an object rises from a
-        table.
+        all votes, shows objects that stand in it; up becomes unknown below half of that. Level areas in the images
+        count as just enough evidence for the images' up: the side of a shelf rises from its back as an object rises
+        from a table.
         """
         if (norm := float(np.linalg.norm(self.measured))) > 0.0:
             return self._level(self.measured / norm)
