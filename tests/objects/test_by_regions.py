@@ -12,6 +12,7 @@ from cuboid.ground.core.observation import Observation
 from cuboid.ground.core.working import WorkingImage, thin
 from cuboid.method.objects import object_map
 from cuboid.method.objects.by_regions import region_views
+from cuboid.method.proposals.region_maps import ReducedFrame
 from cuboid.method.proposals.types import Proposals
 from cuboid.runs.tracking import posed_tracker
 from cuboid.runs.tracking.posed_tracker import PosedTracker
@@ -55,7 +56,8 @@ class RedRegions:
     def __init__(self, config: TrackerConfig) -> None:
         pass
 
-    def __call__(self, seen: Frame, intrinsics: Intrinsics, by_depth: Proposals | None = None) -> Proposals:
+    def choose(self, reduced: ReducedFrame, by_depth: Proposals | None = None) -> Proposals:
+        seen = reduced.frame
         red = (seen.color[..., 0].astype(int) - seen.color[..., 1]) > 60
         if not red.any():
             return Proposals(np.zeros((0, 4), np.int32), np.zeros(0, np.float32), [])
