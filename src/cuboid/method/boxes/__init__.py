@@ -1,1 +1,1 @@
-"""Stage 6: clusters of hot points become boxes that rest on their supporting plane."""
+"""Clusters of hot points become boxes that rest on their supporting plane (steps 8 and 10 of `docs/method.md`)."""

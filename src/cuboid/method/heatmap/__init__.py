@@ -1,1 +1,1 @@
-"""Stage 4: the heat of a frame's pixels, and the global heatmap in a hashed voxel map."""
+"""The heat of a frame's pixels (steps 4 to 6 of `docs/method.md`), and the global heatmap in a hashed voxel map."""

@@ -1,1 +1,1 @@
-"""Stage 7: matching, labels, and the map of objects."""
+"""Matching, labels, and the map of objects (steps 9 and 10 of `docs/method.md`)."""

@@ -86,8 +86,8 @@ class PoseOffset:
     @property
     def text(self) -> str:
         """The offset with its 95 % interval, in words."""
-        late = "early" if self.offset_s > 0 else "late"
-        return f"{1e3 * abs(self.offset_s):.0f} +- {1e3 * self.error_s:.0f} ms too {late}"
+        side = "early" if self.offset_s > 0 else "late"
+        return f"{1e3 * abs(self.offset_s):.0f} +- {1e3 * self.error_s:.0f} ms too {side}"
 
 
 def pose_offset_of(

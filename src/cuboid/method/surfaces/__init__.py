@@ -1,1 +1,1 @@
-"""Stage 5: supporting planes, and the segments of a frame that stand on them."""
+"""Supporting planes, and the segments of a frame that stand on them (steps 7 and 8 of `docs/method.md`)."""
