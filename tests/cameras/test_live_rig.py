@@ -104,7 +104,7 @@ def test_close_ends_the_iteration_while_frames_wait(opened: Opened) -> None:
 def test_a_camera_that_is_pulled_out_loses_nothing_of_the_others(
     opened: Opened, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: str
 ) -> None:
-    monkeypatch.setattr("cuboid.inputs.cameras.live_rig.SILENCE_S", 0.2)
+    monkeypatch.setattr("cuboid.inputs.cameras.live_rig.CAMERA_SILENCE_S", 0.2)
     told = Told()
     # On a busy machine a live camera drops frames: the silent one has few frames, all of which may wait.
     then, count, paced = (fail, 40, True) if ends == "fails" else (lambda: time.sleep(0.01), 10, False)
