@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from cuboid.ground.core.config import TrackerConfig
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult, Proposal3D, Sighting
 from cuboid.ground.geometry.box import Box
 from cuboid.method.proposals.types import Proposals
-from cuboid.runs.tracking.rolling import Roll, farther_up, upright_turns
-from made_scenes import CAMERA as TABLE_CAMERA
+from cuboid.runs.tracking.rolling import Roll, farther_up
 from made_scenes import frame_of, look_at, upright
 
 CAMERA = Intrinsics(50.0, 60.0, 30.5, 21.0, 64, 40)
@@ -50,24 +46,6 @@ def test_the_farther_side_is_turned_up(turns: int) -> None:
     assert farther_up(seen) == 0
     assert farther_up(np.rot90(seen, -turns)) == (-turns) % 4
     assert farther_up(np.zeros_like(seen)) is None
-
-
-@pytest.mark.parametrize("turns", [0, 1, 2, 3])
-def test_a_support_tells_what_is_up_beside_a_near_wall(turns: int) -> None:
-    """The wall on the right is nearer than all else; two things stand on a table."""
-    wall, table = upright((0.35, -0.3), (0.1, 2.0, 1.2), z=-0.3), upright((0, 0), (1.6, 1.6, 0.05), z=-0.05)
-    things = [upright((-0.2, -0.1), (0.15, 0.12, 0.18), 0.3), upright((0.15, 0.05), (0.1, 0.1, 0.12))]
-    seen = frame_of([table, *things, wall], look_at((0, -0.9, 0.3), (0.1, 0, 0.1)), 0)
-    assert farther_up(seen.depth_m) == 1
-    roll = Roll(TABLE_CAMERA, turns)
-    assert upright_turns(roll.frame(seen), roll.camera, TrackerConfig()) == -turns % 4
-
-
-def test_without_a_support_farther_surfaces_are_up() -> None:
-    wall = frame_of([upright((0, 1), (6, 0.1, 6), z=-3)], look_at((0, -1, 1), (0.5, 1, 0)), 0)
-    assert upright_turns(wall, TABLE_CAMERA, TrackerConfig()) == farther_up(wall.depth_m)
-    nothing = dataclasses.replace(wall, depth_m=np.zeros_like(wall.depth_m))
-    assert upright_turns(nothing, TABLE_CAMERA, TrackerConfig()) is None
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])

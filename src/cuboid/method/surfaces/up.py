@@ -21,11 +21,6 @@ HELD_FRACTION = 0.5
 LEVEL_IN_IMAGES_COS, MIN_LEVEL_M2 = 0.5, 0.2
 # Another direction becomes up if its likelihood is larger by this ratio.
 MIN_LIKELIHOOD_RATIO = 2.0
-# Cameras are mostly held upright: a direction farther from the images' up is less likely by this factor.
-TILTED = 0.5
-# Of two directions with the same evidence, that of the larger areas is up: a support is wider than the face of a thing.
-# The evidence is multiplied by this power of the fraction of the largest area.
-AREA_POWER = 0.25
 # A frame votes when the frames since the last vote have the first weight together, that of one frame from a new
 # viewpoint; once up is sure, the second one: a search for flat areas takes as long as all other steps of the planes.
 VOTE_WEIGHT, SURE_WEIGHT = 1.0, 8.0
@@ -155,14 +150,12 @@ class UpVote(Record):
         return np.asarray(self.seen[int(np.argmax(area)), :3]) if area.any() else None
 
     def _likelihood(self) -> Float64Array:
-        """Return the likelihood of each direction (N,) to be up, from objects on its areas and the camera's rotation.
+        """Return the likelihood of each direction (N,) to be up, from objects on its areas and camera rotation.
 
         A person or a robot turns a camera about the vertical more than about any other axis: up is the direction that
         changes least in the camera. A camera that does not turn gives no such evidence.
         """
-        directions = self.seen[:, :3]
-        held = np.where(directions @ self.image_up > LEVEL_IN_IMAGES_COS, 1.0, TILTED)
-        return support_evidence(self.seen[:, 4], self.seen[:, 3]) * self._constancy(directions) * held
+        return np.asarray(self.seen[:, 4] * self._constancy(self.seen[:, :3]))
 
     def _constancy(self, directions: Float64Array) -> Float64Array:
         """Return how constant each direction (..., 3) stays in the camera while it turns, 0..1; up stays constant."""
@@ -183,8 +176,3 @@ class UpVote(Record):
                 self.seen[k, :3] = mean / np.linalg.norm(mean)
                 return
         self.seen = np.vstack([self.seen, row])
-
-
-def support_evidence(evidence: Float64Array, area_m2: Float64Array) -> Float64Array:
-    """Return the evidence (N,) that objects stand on flat areas (N,), weighed by how wide these are."""
-    return np.asarray(evidence * (area_m2 / area_m2.max(initial=1e-9)) ** AREA_POWER)

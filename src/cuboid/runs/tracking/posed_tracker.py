@@ -61,7 +61,7 @@ from cuboid.runs.tracking.camera_memory import CameraMemory
 from cuboid.runs.tracking.detecting import same_fields
 from cuboid.runs.tracking.measuring import FrameClock
 from cuboid.runs.tracking.preparing import PreparedImages, Preparer
-from cuboid.runs.tracking.rolling import Roll, upright_turns
+from cuboid.runs.tracking.rolling import Roll, farther_up
 from cuboid.runs.tracking.tracked_map import TrackedMap
 
 # Poses in the map are rounded to this many decimals, metres: this removes rounding errors that depend on the world.
@@ -339,7 +339,7 @@ class PosedTracker(TrackedMap):
             if T_world_other[:3, 2] @ T_world_camera[:3, 2] >= math.cos(SAME_VIEW_RAD):
                 up = Roll(other.intrinsics, other.turns).image_up(T_world_other)
         if up is None:
-            return upright_turns(frame, self._camera.intrinsics, self._nominal)
+            return farther_up(frame.depth_m)
         rolls = (Roll(self._camera.intrinsics, turns) for turns in range(4))
         return int(np.argmax([roll.image_up(T_world_camera) @ up for roll in rolls]))
 

@@ -9,7 +9,7 @@ from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.working import WorkingImage, filled, phase_of, thin
 from cuboid.method.proposals.depth import DepthSegmentation
 from cuboid.method.proposals.types import Proposals, ProposalSource
-from cuboid.runs.tracking.rolling import Roll, upright_turns
+from cuboid.runs.tracking.rolling import Roll, farther_up
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class Preparer:
     """
 
     def __init__(self, intrinsics: Intrinsics, config: TrackerConfig, propose: ProposalSource) -> None:
-        self._intrinsics, self._width_px, self._config = intrinsics, config.working_width_px, config
+        self._intrinsics, self._width_px = intrinsics, config.working_width_px
         self._max_depth_m = config.max_depth_m
         self._propose = propose if isinstance(propose, DepthSegmentation) else None
         self._expected: dict[str, _Expected] = {}
@@ -79,7 +79,7 @@ class Preparer:
         """Prepare a frame before the tracker has processed the frames before it; one thread calls this, in order."""
         expected = self._expected.setdefault(frame.camera_name, _Expected())
         if expected.turns is None:
-            expected.turns = upright_turns(frame, frame.intrinsics_or(self._intrinsics), self._config)
+            expected.turns = farther_up(frame.depth_m)
         roll = Roll(frame.intrinsics_or(self._intrinsics), expected.turns or 0)
         number, expected.prepared = expected.prepared, expected.prepared + 1
         images = self.now(frame, roll, expected.first + number)

@@ -1,37 +1,27 @@
 """Rotation of frames by quarter turns, so that results do not depend on how the camera is rolled.
 
-All images of a recording are rotated by the same number of quarter turns. In the first image, up is then the normal of
-the flat area on which things seem to stand; without such an area, farther surfaces lie above nearer ones, as on every
-surface that is seen from above. A recording with rotated images, intrinsics and poses
+All images of a recording are rotated by the same number of quarter turns. In the first image, farther surfaces then lie
+above nearer ones, as on every surface that is seen from above. A recording with rotated images, intrinsics and poses
 then gives identical results.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.ground.arrays import Float32Array, Float64Array
-from cuboid.ground.core.config import TrackerConfig
-from cuboid.ground.core.depth import excess_noise
 from cuboid.ground.core.frame import Frame, Intrinsics
 from cuboid.ground.core.results import FrameResult
 from cuboid.ground.core.tolerances import MIN_READINGS
-from cuboid.ground.core.working import thin
 from cuboid.method.detection.types import Detections
 from cuboid.method.proposals.types import Proposals
-from cuboid.method.surfaces.standing import ENOUGH_FRACTION, find_flat_areas
-from cuboid.method.surfaces.up import support_evidence
 
 # R_camera_turned of a camera whose image is rotated clockwise by a quarter turn.
 QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-
-# A flat area tells what is up in an image if the camera looks at it from at least 15 degrees off its normal.
-MIN_TILT_SIN = math.sin(math.radians(15.0))
 
 
 def farther_up(depth_m: Float32Array) -> int | None:
@@ -52,35 +42,6 @@ def farther_up(depth_m: Float32Array) -> int | None:
     across, down = near @ (len(u) * u - int(u.sum())), near @ (len(v) * v - int(v.sum()))
     # After a clockwise quarter turn, the right side becomes the bottom, and the bottom becomes the left side.
     return int(np.argmax([down, across, -down, -across]))
-
-
-def upright_turns(frame: Frame, intrinsics: Intrinsics, config: TrackerConfig) -> int | None:
-    """Return the number of clockwise quarter turns, 0..3, after which up in the image is most likely up.
-
-    None if there are too few readings.
-
-    Parameters
-    ----------
-    frame : Frame
-        The first one of its camera.
-    intrinsics : Intrinsics
-    config : TrackerConfig
-    """
-    turns = farther_up(frame.depth_m)
-    if turns is None:
-        return None
-    # The areas are found in the image with this rotation: those of a rotated image are the same.
-    roll = Roll(intrinsics, turns)
-    depth = thin(roll.frame(frame), roll.camera, config.working_width_px, 0).depth
-    excess = excess_noise(depth, config.depth_noise_per_m, config.max_depth_m)
-    noise = max(excess, 1.0) * config.depth_noise_per_m
-    areas = find_flat_areas(depth, config.within_range(depth_noise_per_m=noise))
-    evidence = support_evidence(areas.evidence, areas.area_m2)
-    best = int(np.argmax(evidence)) if len(evidence) else -1
-    if best < 0 or areas.evidence[best] < ENOUGH_FRACTION or np.hypot(*areas.normal[best, :2]) < MIN_TILT_SIN:
-        return turns
-    x, y, _ = areas.normal[best]
-    return (turns + int(np.argmax([-y, -x, y, x]))) % 4
 
 
 @dataclass(frozen=True, slots=True)
