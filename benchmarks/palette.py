@@ -55,7 +55,7 @@ HUE_RAD = np.arange(60) * (2 * np.pi / 60)
 
 
 def chosen_colors(count: int) -> list[str]:
-    """Return so many colors: first the Okabe-Ito hues, then repeatedly the candidate that is farthest from all so far.
+    """Return the colors: first the Okabe-Ito hues, then repeatedly the candidate that is farthest from all so far.
 
     The distance of two colors is their smallest distance in Oklab over all `VISIONS`.
     """

@@ -57,7 +57,7 @@ def record(
     detector_every: int = 3,
     **options: Any,
 ) -> tuple[list[TrackedObject], FrameResult]:
-    """Let a recording go into a scene, by default all frames; return its objects and its last result."""
+    """Track a recording into a scene, by default all frames; return its objects and its last result."""
     frames = shown.frames if frames is None else frames
     source = RecordingInfo(f"/{name}", "made", "given", len(frames), CAMERA, {"every": 1})
     with Scene.open(path) as scene:

@@ -47,7 +47,7 @@ def put_dangling_link(path: Path) -> None:
 
 
 Spoil = Callable[[Path], object]
-# What makes it impossible to tell which runs there are.
+# Damage after which nothing tells which runs there are.
 RUNS_SPOILT: dict[str, Spoil] = {
     "noise": lambda store: file_of(store, RUNS).write_bytes(bytes(range(256)) * 99),
     "of another table": lambda store: file_of(store, RUNS).write_bytes(file_of(store, OBJECTS).read_bytes()),

@@ -67,7 +67,7 @@ class PlainWriter:
         self._intrinsics = intrinsics
         self._units = units_per_metre
         self._up_world = up_world
-        # Of each frame: its key, time in seconds, and pose.
+        # The key, the time in seconds and the pose of each frame.
         self._frames: list[tuple[str, float, Float64Array | None]] = []
 
     def __enter__(self) -> Self:

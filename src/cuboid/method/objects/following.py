@@ -76,7 +76,7 @@ AGENT_OUTLIERS = 0.02
 
 
 class Phase(Enum):
-    """What an object does, as far as a `Following` knows."""
+    """Phase of the motion of an object."""
 
     RESTS = "rests"
     # It is followed from frame to frame.
@@ -136,7 +136,7 @@ class _Departure:
 
 @dataclass(slots=True)
 class _Motion:
-    """Where an object that moves was found in the last frames.
+    """The motion of a followed object in the last frames.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ class _Life:
         Of a candidate that meets all other criteria, and of a new object.
     labelled_s : float
         Time at which it got a new label.
-    has_come : bool
+    is_compared : bool
         Whether it is a new object that is compared with waiting ones.
     still_until_s : float
         Time until which readings in its place count as still, in the phase SETTLES.
@@ -199,7 +199,7 @@ class _Life:
     touched_s: float = -np.inf
     arrival: _Arrival | None = None
     labelled_s: float = -np.inf
-    has_come: bool = False
+    is_compared: bool = False
     still_until_s: float = -np.inf
     departure: _Departure | None = None
     motion: _Motion | None = None
@@ -214,8 +214,13 @@ class _Life:
             self.touched_s = -np.inf
         if time_s - self.labelled_s >= NEW_LABEL_S:
             self.labelled_s = -np.inf
-        if not self.has_come and self.entry.state is not State.CANDIDATE:
+        if not self.is_compared and self.entry.state is not State.CANDIDATE:
             self.arrival = None
+
+    @property
+    def is_young(self) -> bool:
+        """Whether it got its label so lately that it was a part of what moves."""
+        return self.labelled_s > -np.inf
 
     @property
     def is_empty(self) -> bool:
@@ -373,7 +378,7 @@ class Following:
         """Follow an object that begins to move; if it has left and is not found, its label waits."""
         life, noise = self._life_of(entry), self._config.depth_noise_per_m
         cluster = Cluster(entry.points, entry.colors, seen.image, seen.T_camera_world, noise)
-        young = _is_young(life)
+        young = life.is_young
         found = None if young else cluster.find(seen, self._levels_of(seen), np.eye(4), FIRST_REACH_M)
         if found is not None and _is_elsewhere(found, cluster.fit_at(seen, np.eye(4)), entry.box):
             life.motion = _Motion(cluster, entry.points, time_s)
@@ -384,7 +389,7 @@ class Following:
     def _let_wait(self, entry: MapObject, time_s: float) -> None:
         """Remove an object that has left its place; its label waits, unless it is too young."""
         life = self._life_of(entry)
-        self._depart(life, Phase.RESTS if _is_young(life) else Phase.WAITS, time_s)
+        self._depart(life, Phase.RESTS if life.is_young else Phase.WAITS, time_s)
 
     def _depart(self, life: _Life, phase: Phase, time_s: float) -> None:
         life.departure = _Departure(color_profile_of(life.entry), life.entry.box, time_s)
@@ -466,15 +471,15 @@ class Following:
         for entry in entries:
             life = self._life_of(entry)
             life.labelled_s = time_s
-            life.has_come = (life.arrival is not None and life.arrival.is_new) or self._is_in_old_place(entry)
-        came = [(life, life.arrival) for life in self._lives.values() if life.has_come and life.arrival]
+            life.is_compared = (life.arrival is not None and life.arrival.is_new) or self._is_in_old_place(entry)
+        came = [(life, life.arrival) for life in self._lives.values() if life.is_compared and life.arrival]
         for life, arrival in sorted(came, key=lambda one: (one[1].complete_s, one[0].entry.number)):
-            entry, life.has_come = life.entry, False
+            entry, life.is_compared = life.entry, False
             if not entry.confirmed or self._recognize(entry):
                 continue
             young = time_s - arrival.complete_s < COMPARED_S
             if young or entry.last_frame < frame or self._in_doubt:
-                life.has_come = True
+                life.is_compared = True
             elif arrival.has_come:
                 self._report("appeared", entry, None, entry.box, entry.score)
 
@@ -588,11 +593,6 @@ def _mark_inside(box: Box, beyond_m: float, seen: Observation, marks: UInt8Array
     rows, columns = rows + top, columns + left
     inside = box.contains(_places(rows, columns, seen), beyond_m)
     marks[rows[inside], columns[inside]] = value
-
-
-def _is_young(life: _Life) -> bool:
-    """Return whether an object got its label so lately that it was a part of what moves."""
-    return life.labelled_s > -np.inf
 
 
 def _is_elsewhere(found: Fit, in_place: Fit | None, box: Box) -> bool:
